@@ -1,0 +1,1 @@
+"""touchbench: which recogniser of touch gestures should I ship?"""

@@ -1,0 +1,228 @@
+"""What the user typed, as a list of cells: one cell is one tracked run. Making the list loads no data."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import inspect
+import itertools
+import json
+import sys
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.errors import InputError
+from bench.registry import load, nearest, parameters
+
+if TYPE_CHECKING:
+    from bench.corpus import Corpus
+
+PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
+DEFAULTS = {"data": "synth", "protocol": "loso", "model": "svm", "seed": "0", "where": ""}
+DEFAULT_FEATURES = "jung54"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A protocol, feature set, model or generated corpus by name, with every parameter it takes."""
+
+    room: str
+    name: str
+    parameters: dict[str, object] = field(default_factory=dict, hash=False)
+
+    def make(self, **handed: object) -> object:
+        """Build it; ``handed`` are what the harness gives besides the parameters."""
+        return load(self.room, self.name)(**self.parameters, **handed)
+
+    def __str__(self) -> str:
+        """The name with those parameters that are not the default: ``svm[C=8.0]``."""
+        usual = parameters(load(self.room, self.name))
+        changed = ", ".join(f"{k}={v}" for k, v in self.parameters.items() if v != usual[k] and k != "seed")
+        return f"{self.name}[{changed}]" if changed else self.name
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One (data, protocol, features, model, parameters, seed) combination."""
+
+    data: str
+    data_parameters: dict[str, object]
+    where: str
+    protocol: Part
+    features: Part | None
+    model: Part
+
+    def system(self) -> str:
+        """Model and feature set as they are named in tables."""
+        return f"{self.model} · {self.features}" if self.features else str(self.model)
+
+    def estimator(self) -> object:
+        """The untrained scikit-learn classifier."""
+        return self.model.make(features=self.features.make()) if self.features else self.model.make()
+
+    def key(self, corpus: Corpus, threads: int) -> str:
+        """What makes two runs the same run: data, selection, parts, parameters, code, library versions, threads."""
+        parts = [p for p in (self.protocol, self.features, self.model) if p]
+        same = {
+            "digest": corpus.digest,
+            "captures": hashlib.sha256(corpus.index.tobytes()).hexdigest(),
+            "parts": [(p.room, p.name, p.parameters, code_digest(load(p.room, p.name))) for p in parts],
+            "harness": code_digest(importlib.import_module("bench.fold")),
+            "versions": versions(),
+            "threads": threads,
+        }
+        return hashlib.sha256(json.dumps(same, sort_keys=True, default=str).encode()).hexdigest()[:20]
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages that results depend on."""
+    found = {"python": ".".join(map(str, sys.version_info[:3]))}
+    for name in ("touchbench", "numpy", "pandas", "scipy", "scikit-learn", "xgboost", "xgboost-cpu", "torch"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # xgboost has two distributions, one of them is installed
+            continue
+    return found
+
+
+def code_digest(part: object) -> str:
+    """Hash of the source of a part and of the modules of its own package and of the rooms that it uses."""
+    top = (part.__name__ if inspect.ismodule(part) else part.__module__).split(".")[0]
+    own = {top, "features", "models", "protocols"}
+    todo, seen = [part if inspect.ismodule(part) else sys.modules[part.__module__]], {}
+    while todo:
+        module = todo.pop()
+        if module.__name__ in seen:
+            continue
+        source = getattr(module, "__file__", None)
+        seen[module.__name__] = Path(source).read_bytes() if source else b""
+        for value in vars(module).values():
+            name = value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
+            if isinstance(name, str) and name.split(".")[0] in own and name in sys.modules:
+                todo.append(sys.modules[name])
+    h = hashlib.sha256()
+    for name in sorted(seen):
+        h.update(name.encode() + seen[name])
+    return h.hexdigest()
+
+
+def parse(arguments: list[str], known: set[str]) -> dict[str, str]:
+    """Split ``key=value`` arguments.
+
+    Args:
+        arguments: what was typed.
+        known: keys that may appear; those of `PARTS` and ``data`` may also be dotted.
+
+    Raises:
+        InputError: an argument without ``=``, a key given twice, or an unknown key.
+    """
+    values: dict[str, str] = {}
+    for argument in arguments:
+        key, equals, value = argument.partition("=")
+        if not equals or not key or not value:
+            raise InputError(f"{argument!r} is not key=value; write for example model=svm")
+        if key in values:
+            raise InputError(f"{key}= is given twice; write {key}={values[key]},{value} for both")
+        if key.split(".")[0] not in known or ("." in key and key.split(".")[0] not in (*PARTS, "data")):
+            raise InputError(f"no key is called {key!r}; {nearest(key, known)}")
+        values[key] = value
+    return values
+
+
+def cells(values: dict[str, str]) -> list[Cell]:
+    """The cross product of every comma-separated value, without repetitions.
+
+    Raises:
+        InputError: an unknown part, parameter or value, or a combination that means nothing.
+    """
+    chosen = {key: _items(key, values.get(key, default)) for key, default in DEFAULTS.items()}
+    feature_names = _items("features", values.get("features", DEFAULT_FEATURES))
+    takes = {m: "features" in inspect.signature(load("models", m)).parameters for m in chosen["model"]}
+    if "features" in values and not any(takes.values()):
+        raise InputError(
+            f"features={values['features']} does nothing: {', '.join(takes)} reads raw frames; leave features= out"
+        )
+    seeds = [_convert("seed", s, 0) for s in chosen["seed"]]
+    found: dict[str, Cell] = {}
+    for data, where, protocol, model, seed in itertools.product(
+        chosen["data"], chosen["where"], chosen["protocol"], chosen["model"], seeds
+    ):
+        for features in feature_names if takes[model] else [None]:
+            for parts in itertools.product(
+                corpus_variants(values, data, chosen["data"]),
+                _variants(values, "protocol", protocol, chosen["protocol"], None),
+                _variants(values, "features", features, feature_names, None) if features else [None],
+                _variants(values, "model", model, chosen["model"], seed),
+            ):
+                cell = Cell(data, parts[0], where, *parts[1:])
+                found.setdefault(repr(cell), cell)
+    return list(found.values())
+
+
+def _items(key: str, value: str) -> list[str]:
+    if key == "where":  # a query may hold commas
+        return [value]
+    items = value.split(",")
+    if not all(items):
+        raise InputError(f"{key}={value}: there is nothing between two commas")
+    return items
+
+
+def _variants(values: dict[str, str], key: str, name: str, siblings: list[str], seed: int | None) -> list[Part]:
+    """One part with every combination of its dotted parameters.
+
+    In a grid of several parts, a parameter is for those that take it.
+    """
+    room = PARTS[key]
+    usual = parameters(load(room, name))
+    given = {k.partition(".")[2]: v for k, v in values.items() if k.startswith(f"{key}.")}
+    known = {p for s in siblings for p in parameters(load(room, s))}
+    for parameter in given:
+        if parameter not in known:
+            raise InputError(f"{key}={name} has no parameter {parameter!r}; {nearest(parameter, known)}")
+    if seed is not None and "seed" in usual:
+        usual = usual | {"seed": seed}
+    taken = {p: text for p, text in given.items() if p in usual}
+    sweep = {p: [_convert(f"{key}.{p}", v, usual[p]) for v in _items(p, text)] for p, text in taken.items()}
+    return [Part(room, name, usual | dict(zip(sweep, c, strict=True))) for c in itertools.product(*sweep.values())]
+
+
+def corpus_variants(values: dict[str, str], data: str, siblings: list[str]) -> list[dict[str, object]]:
+    """Parameters of the generator; an imported corpus has none."""
+    given = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("data.")}
+    if "synth" not in siblings and given:
+        raise InputError(f"data.{next(iter(given))}: only data=synth has parameters; choose captures with where=")
+    if data != "synth":
+        return [{}]
+    from bench.corpora.synth import generate
+
+    usual = parameters(generate)
+    for parameter in given:
+        if parameter not in usual:
+            raise InputError(f"data=synth has no parameter {parameter!r}; {nearest(parameter, usual)}")
+    sweep = {p: [_convert(f"data.{p}", v, usual[p]) for v in _items(p, t)] for p, t in given.items()}
+    return [usual | dict(zip(sweep, c, strict=True)) for c in itertools.product(*sweep.values())]
+
+
+def _convert(key: str, text: str, default: object) -> object:
+    """Text as a value of the type of the default; a default of None takes None or a whole number."""
+    if default is None or text == "None":
+        kind, convert = "a whole number or None", lambda t: None if t == "None" else int(t)
+        if default is not None:
+            raise InputError(f"{key}=None: give a value such as {default!r}")
+    elif isinstance(default, bool):
+        kind, convert = "true or false", {"true": True, "false": False}.__getitem__
+    elif isinstance(default, int):
+        kind, convert = "a whole number", int
+    elif isinstance(default, float):
+        kind, convert = "a number", float
+    elif isinstance(default, tuple):
+        kind, convert = "names joined by +", lambda t: tuple(t.split("+"))
+    else:
+        kind, convert = "text", str
+    try:
+        return convert(text)
+    except (ValueError, KeyError) as e:
+        raise InputError(f"{key}={text}: give {kind}, such as {default}") from e

@@ -1,0 +1,199 @@
+"""The command ``bench``. Whatever is heavy is imported by the command that needs it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from bench.errors import InputError
+from bench.registry import names, nearest
+
+RUN = """\
+bench run [key=value ...]
+
+Runs every combination of the given values; a comma lists several. A dotted key sets a parameter of that part. Each
+combination is one run in MLflow with a child run per fold. A command that was interrupted goes on where it stopped.
+
+  data=       {data}, or an imported corpus (see: bench data); default synth
+  where=      captures to use, a condition on their columns: where="variant == 'rough'"
+  protocol=   {protocols}; default loso
+  model=      {models}; default svm
+  features=   {features}; default jung54, for the models that take features
+  seed=       of the models that have one; default 0
+  jobs=       worker processes; default as many as there are cores
+
+  bench run protocol=loso model=cnn85
+  bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54
+  bench run data=cost model=svm model.C=8,32,128 model.gamma=0.125
+  bench run data=synth data.subjects=12 data.repetitions=2
+"""
+DATA = """\
+bench data                                      what is here, with counts, digest, source and licence
+bench data import cost CoST.csv                 the Corpus of Social Touch as published
+bench data import haart "HAART DataSet.zip"     the HAART release, zip or folder
+bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023
+                                                any long CSV or parquet (subject, gesture, frame, conditions, channels)
+                                                or .npz (frames, offsets, subject, gesture)
+bench data export synth out.csv format=cost subjects=31 repetitions=6
+                                                any corpus with CoST's columns, in the format of CoST.csv
+"""
+REPORT = """\
+bench report [out=report]
+
+Rebuilds the comparison table (markdown and CSV) and the chart of accuracy against time from MLflow alone.
+"""
+UI = """\
+bench ui [port=5000]
+
+Opens MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI, on this machine only.
+"""
+SUMMARY = {
+    "run": "run recognisers under a protocol and track them",
+    "data": "list, import and export corpora",
+    "report": "rebuild the comparison table and chart from MLflow",
+    "ui": "open MLflow's page on the runs",
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; an `InputError` is one line and exit code 2."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    commands = {"run": _run, "data": _data, "report": _report, "ui": _ui}
+    try:
+        if not arguments or arguments[0] in ("-h", "--help", "help"):
+            print("bench: which recogniser of touch gestures should I ship?\n")
+            print("\n".join(f"  bench {name:8}{line}" for name, line in SUMMARY.items()))
+            print("\nbench COMMAND --help tells more of each.")
+            return 0
+        if arguments[0] == "--version":
+            from importlib.metadata import version
+
+            print(f"touchbench {version('touchbench')}")
+            return 0
+        name, *rest = arguments
+        if name not in commands:
+            raise InputError(f"no command is called {name!r}; {nearest(name, commands)}")
+        if {"-h", "--help"} & set(rest):
+            print(_help(name), end="")
+            return 0
+        return commands[name](rest)
+    except InputError as e:
+        print(f"bench: {' '.join(str(e).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("bench: interrupted", file=sys.stderr)
+        return 130
+
+
+def _help(name: str) -> str:
+    text = {"run": RUN, "data": DATA, "report": REPORT, "ui": UI}[name]
+    if name == "run":
+        rooms = {room: ", ".join(names(room)) for room in ("protocols", "models", "features")}
+        text = text.format(data="synth (generated)", **rooms)
+    return text
+
+
+def _run(arguments: list[str]) -> int:
+    from bench.run import run
+
+    return run(arguments)
+
+
+def _data(arguments: list[str]) -> int:
+    match arguments:
+        case []:
+            return _list_corpora()
+        case ["import", kind, source, *options]:
+            return _import(kind, Path(source), options)
+        case ["export", name, target, *options]:
+            return _export(name, Path(target), options)
+    raise InputError(f"bench data {' '.join(arguments)}: not understood; see bench data --help")
+
+
+def _list_corpora() -> int:
+    from rich.console import Console
+    from rich.table import Table
+
+    from bench.corpus import home
+    from bench.store import overview
+
+    found = overview()
+    table = Table(title=f"Corpora in {home()}")
+    for column in "data captures subjects gestures frames grid Hz columns digest source,licence".split():
+        table.add_column(column, overflow="fold")
+    table.add_row("synth", "any", "any", "14", "any", "any", "any", "variant, repetition", "-", "generated on demand")
+    for row in found.to_dict("records"):
+        *cells, source, licence = (str(v) for v in row.values())
+        table.add_row(*cells, f"{source}; {licence}")
+    Console().print(table)
+    return 0
+
+
+def _options(arguments: list[str]) -> dict[str, str]:
+    options = {}
+    for argument in arguments:
+        key, equals, value = argument.partition("=")
+        if not equals or not key or not value:
+            raise InputError(f"{argument!r} is not key=value; see bench data --help")
+        options[key] = value
+    return options
+
+
+def _import(kind: str, source: Path, options: list[str]) -> int:
+    from bench.store import import_corpus
+
+    corpus = import_corpus(kind, source, _options(options))
+    for line in corpus.info["warnings"]:
+        print(f"warning: {line}", file=sys.stderr)
+    print(
+        f"{corpus.name}: {len(corpus)} captures, {len(set(corpus.subjects))} subjects, "
+        f"{len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of {corpus.grid[0]}x{corpus.grid[1]} "
+        f"at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}"
+    )
+    return 0
+
+
+def _export(name: str, target: Path, arguments: list[str]) -> int:
+    options = _options(arguments)
+    if (form := options.pop("format", "cost")) != "cost":
+        raise InputError(f"format={form}: only format=cost can be written")
+    from bench.cells import corpus_variants
+    from bench.corpora.cost import write
+    from bench.store import open_corpus
+
+    variants = corpus_variants({f"data.{k}": v for k, v in options.items()}, name, [name])
+    if len(variants) > 1:
+        raise InputError("bench data export writes one corpus; give one value of each parameter")
+    corpus = open_corpus(name, variants[0])
+    write(corpus, target)
+    kind = "synthetic " if corpus.synthetic else ""
+    print(f"{target}: {len(corpus)} {kind}captures, {len(corpus.frames)} rows, digest {corpus.digest[:16]}")
+    return 0
+
+
+def _report(arguments: list[str]) -> int:
+    options = _options(arguments)
+    out = Path(options.pop("out", "report"))
+    if options:
+        raise InputError(f"no key is called {next(iter(options))!r}; {nearest(next(iter(options)), ['out'])}")
+    from reports.comparison import write_report
+
+    from bench.tracking import connect
+
+    for path in write_report(connect(), out):
+        print(path)
+    return 0
+
+
+def _ui(arguments: list[str]) -> int:
+    options = _options(arguments)
+    port = options.pop("port", "5000")
+    if options or not port.isdecimal():
+        raise InputError(f"bench ui {' '.join(arguments)}: give port= and a number, or nothing")
+    import os
+
+    from bench.tracking import connect, store_uri
+
+    connect()
+    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store_uri(), "--port", port]
+    os.execv(sys.executable, [*command, "--host", "127.0.0.1"])

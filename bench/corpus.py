@@ -1,0 +1,220 @@
+"""The corpus: ragged captures of a pressure grid, memory-mapped, sliced without copying frames.
+
+Everything that features, models and protocols may know of the harness is on this page.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bench.errors import InputError as InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Corpus:
+    """Captures of touch on one sensor grid.
+
+    A slice shares ``frames`` with the corpus it was cut from: a capture is addressed by its start and length, so
+    captures of a slice need not lie next to each other. Indexing with an integer gives the frames of one capture,
+    indexing with an array, a mask or a slice gives a `Corpus`; with ``len`` and ``shape`` that is what scikit-learn
+    needs to use a corpus as ``X``.
+
+    Attributes:
+        frames: uint16 or float32 [total_frames, rows, cols], sensor values 0..full_scale; row 0 is the top.
+        starts: int64 [captures], first frame of each capture in ``frames``.
+        lengths: int64 [captures], number of frames of each capture, at least 1.
+        captures: one row per capture: ``subject``, ``gesture`` (str) and any conditions (variant, cover, split, ...).
+        rate_hz: frames per second.
+        full_scale: the largest value that the sensor can give.
+        name: the name under which the corpus was imported.
+        digest: content hash of the whole corpus, ``""`` for one that was never stored.
+        index: int64 [captures], position of each capture in the whole corpus.
+        info: source, licence, synthetic (bool), warnings (list of str).
+        path: the folder that the frames are mapped from, or None when they are in memory.
+    """
+
+    frames: np.ndarray
+    starts: np.ndarray
+    lengths: np.ndarray
+    captures: pd.DataFrame
+    rate_hz: float
+    full_scale: float = 1023.0
+    name: str = "unnamed"
+    digest: str = ""
+    index: np.ndarray | None = None
+    info: dict = field(default_factory=dict)
+    path: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.index is None:
+            object.__setattr__(self, "index", np.arange(len(self.starts)))
+
+    @classmethod
+    def from_captures(
+        cls, arrays: Iterable[np.ndarray], captures: pd.DataFrame, rate_hz: float, **fields: object
+    ) -> Corpus:
+        """Build an in-memory corpus from one array [frames, rows, cols] per capture."""
+        arrays = list(arrays)
+        lengths = np.array([len(a) for a in arrays], dtype=np.int64)
+        starts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
+        return cls(np.concatenate(arrays), starts, lengths, captures.reset_index(drop=True), rate_hz, **fields)
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    @property
+    def shape(self) -> tuple[int]:
+        """(captures,); scikit-learn indexes whatever has a shape as an array."""
+        return (len(self),)
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """(rows, cols) of the sensor."""
+        return self.frames.shape[1:]
+
+    @property
+    def synthetic(self) -> bool:
+        """Whether the captures were generated; every output made from them must say so."""
+        return bool(self.info.get("synthetic"))
+
+    @property
+    def gestures(self) -> np.ndarray:
+        """Class label of each capture, str [captures]."""
+        return self.captures["gesture"].to_numpy(dtype=object)
+
+    @property
+    def subjects(self) -> np.ndarray:
+        """Subject of each capture, str [captures]."""
+        return self.captures["subject"].to_numpy(dtype=object)
+
+    def __getitem__(self, key: object) -> np.ndarray | Corpus:
+        if isinstance(key, tuple):  # scikit-learn asks for X[indices, ...]
+            key = key[0]
+        if isinstance(key, (int, np.integer)):
+            start = self.starts[key]
+            return self.frames[start : start + self.lengths[key]]
+        if not isinstance(key, slice):
+            key = np.asarray(key)
+        return replace(
+            self,
+            starts=self.starts[key],
+            lengths=self.lengths[key],
+            captures=self.captures.iloc[key].reset_index(drop=True),
+            index=self.index[key],
+        )
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return (self[i] for i in range(len(self)))
+
+    def select(self, where: str) -> Corpus:
+        """Captures whose columns satisfy a pandas query such as ``variant == 'rough'``.
+
+        Raises:
+            InputError: the query cannot be evaluated, or no capture satisfies it.
+        """
+        if "@" in where:
+            raise InputError(f"where={where!r}: only columns can be named, '@' cannot be used")
+        try:
+            mask = self.captures.eval(where, engine="python")
+        except Exception as e:  # pandas raises a dozen types here, all of them mean a bad query
+            columns = ", ".join(self.captures.columns)
+            raise InputError(f"where={where!r}: {e}; the columns of {self.name} are {columns}") from e
+        if not (isinstance(mask, pd.Series) and mask.dtype == bool):
+            raise InputError(f"where={where!r} is not a condition; write one such as \"subject != '3'\"")
+        if not mask.any():
+            raise InputError(f"where={where!r} selects none of the {len(self)} captures of {self.name}")
+        return self[np.flatnonzero(mask)]
+
+    def detached(self) -> Corpus:
+        """A copy in memory that no cache knows, as a robot would hand it over."""
+        return Corpus.from_captures(
+            self, self.captures, self.rate_hz, full_scale=self.full_scale, name=self.name, info=self.info
+        )
+
+    def __reduce__(self) -> tuple:
+        if self.path is None:
+            return super().__reduce__()
+        return _reopen, (self.path, self.digest, self.index)
+
+
+def _reopen(path: Path, digest: str, index: np.ndarray) -> Corpus:
+    """Map a stored corpus again in another process, so that frames never travel."""
+    corpus = open_folder(path)
+    if corpus.digest != digest:
+        raise InputError(f"{path} was replaced by another corpus while it was in use; start the command again")
+    return corpus[index]
+
+
+def content_digest(corpus: Corpus) -> str:
+    """SHA-256 over frames, lengths, captures, rate and scale of a whole corpus."""
+    h = hashlib.sha256()
+    h.update(repr((corpus.frames.shape, corpus.frames.dtype.str, corpus.rate_hz, corpus.full_scale)).encode())
+    h.update(np.ascontiguousarray(corpus.frames).data)
+    h.update(np.ascontiguousarray(corpus.lengths, dtype=np.int64).data)
+    h.update(corpus.captures.to_csv(index=False).encode())
+    return h.hexdigest()
+
+
+def home() -> Path:
+    """The user's data folder: imported corpora and cached features (``TOUCHBENCH_HOME`` overrides)."""
+    if override := os.environ.get("TOUCHBENCH_HOME"):
+        return Path(override)
+    from platformdirs import user_data_path
+
+    return user_data_path("touchbench")
+
+
+def write_folder(corpus: Corpus, folder: Path) -> None:
+    """Store a whole corpus as a folder, written beside its name and renamed; a folder that is there already stays.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        np.save(beside / "frames.npy", np.ascontiguousarray(corpus.frames))
+        np.save(beside / "lengths.npy", np.asarray(corpus.lengths, dtype=np.int64))
+        corpus.captures.to_parquet(beside / "captures.parquet", index=False)
+        meta = {
+            "name": corpus.name,
+            "digest": content_digest(corpus),
+            "rate_hz": corpus.rate_hz,
+            "full_scale": corpus.full_scale,
+            "info": corpus.info,
+        }
+        (beside / "corpus.json").write_text(json.dumps(meta, indent=1))
+        if not folder.exists():  # names are made of content hashes, so the same content is there already
+            beside.rename(folder)
+    except OSError:
+        if not folder.exists():  # else another process was faster by a moment
+            raise
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def open_folder(folder: Path) -> Corpus:
+    """Map a stored corpus.
+
+    Raises:
+        InputError: the folder does not hold a complete corpus.
+    """
+    try:
+        meta = json.loads((folder / "corpus.json").read_text())
+        frames = np.load(folder / "frames.npy", mmap_mode="r")
+        lengths = np.load(folder / "lengths.npy")
+        captures = pd.read_parquet(folder / "captures.parquet")
+    except (OSError, ValueError) as e:
+        raise InputError(f"{folder} is not a complete corpus ({e}); import it again") from e
+    starts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
+    return Corpus(frames.view(np.ndarray), starts, lengths, captures, path=folder, **meta)

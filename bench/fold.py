@@ -1,0 +1,116 @@
+"""One fold, in a worker process: fit, decide, measure. Nothing here talks to the tracker."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+import traceback
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from bench.corpus import Corpus
+from bench.cost import BYTES, parameter_count
+
+if TYPE_CHECKING:
+    from bench.cells import Cell
+
+TIMED_CAPTURES = 20
+WARM_UP = 3
+
+
+@dataclass
+class FoldResult:
+    """What a worker hands back; ``error`` is a traceback, or empty where the fold went well."""
+
+    name: str
+    predictions: pd.DataFrame | None = None
+    metrics: dict[str, float] = field(default_factory=dict)
+    predict_ms: list[float] = field(default_factory=list)
+    decide_ms: list[float] = field(default_factory=list)
+    history: list[dict[str, float]] = field(default_factory=list)
+    error: str = ""
+
+
+def run_fold(cell: Cell, corpus: Corpus, name: str, train: np.ndarray, test: np.ndarray, threads: int) -> FoldResult:
+    """Fit on the training captures, decide on the test captures; an exception becomes the result's ``error``."""
+    try:
+        estimator = cell.estimator()  # imports what it needs, so that its thread pools are there to be limited
+        with threadpool_limits(threads):
+            _torch_threads(threads)
+            wall, cpu = time.perf_counter(), time.process_time()
+            estimator.fit(corpus[train], corpus.gestures[train])
+            wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+            predictions = decisions(estimator, corpus, name, test)
+        with threadpool_limits(1):
+            _torch_threads(1)
+            predict_ms, decide_ms = latency(estimator, corpus[test], int(predictions["frames"].max()))
+    except Exception:  # whatever a system raises is this fold's result, not the end of the run
+        return FoldResult(name, error=traceback.format_exc())
+    metrics = {
+        "fit_seconds": wall,
+        "fit_cpu_seconds": cpu,
+        "peak_rss_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+    }
+    if (parameters := parameter_count(estimator)) is not None:
+        metrics |= {"parameters": parameters, "flash_bytes": parameters * BYTES}
+    return FoldResult(name, predictions, metrics, predict_ms, decide_ms, getattr(estimator, "history_", []))
+
+
+def decisions(estimator: object, corpus: Corpus, fold: str, test: np.ndarray) -> pd.DataFrame:
+    """The predictions table of one fold, described in `bench.scores`.
+
+    A system that decides more than once per capture says so with ``decide``; any other decides once, on all frames. One
+    that has no probabilities gets 1 for its label.
+    """
+    tested = corpus[test]
+    if hasattr(estimator, "decide"):
+        table, proba = estimator.decide(tested)
+    else:
+        table = pd.DataFrame({"capture": np.arange(len(tested)), "start": 0, "frames": tested.lengths})
+        if hasattr(estimator, "predict_proba"):
+            proba = estimator.predict_proba(tested)
+        else:
+            proba = np.asarray(estimator.predict(tested))[:, None] == estimator.classes_
+    position = table["capture"].to_numpy()
+    table = table.assign(fold=fold, capture=tested.index[position], true=tested.gestures[position])
+    about = tested.captures.drop(columns="gesture").iloc[position].reset_index(drop=True)
+    classes = np.unique(corpus.gestures.astype(str))
+    columns = np.zeros((len(table), len(classes)), dtype=np.float32)
+    columns[:, np.searchsorted(classes, estimator.classes_.astype(str))] = proba
+    if not np.isfinite(columns).all():
+        raise ValueError(f"{int((~np.isfinite(columns)).sum())} probabilities are not finite")
+    named = pd.DataFrame(columns, columns=[f"p_{c}" for c in classes])
+    return pd.concat([table[["fold", "capture", "start", "frames", "true"]], about, named], axis=1)
+
+
+def latency(estimator: object, tested: Corpus, frames: int) -> tuple[list[float], list[float]]:
+    """Milliseconds from raw frames to a label, one capture at a time, warm, on one thread.
+
+    Returns:
+        One value per timed capture: for the whole capture, and for no more of it than one decision needs.
+    """
+    chosen = np.unique(np.linspace(0, len(tested) - 1, min(TIMED_CAPTURES, len(tested))).astype(int))
+    whole = [tested[i : i + 1].detached() for i in chosen]
+    first = [
+        Corpus.from_captures([one[0][:frames]], one.captures, one.rate_hz, full_scale=one.full_scale) for one in whole
+    ]
+    for one in (whole * WARM_UP)[:WARM_UP]:
+        estimator.predict(one)
+    return [_milliseconds(estimator, one) for one in whole], [_milliseconds(estimator, one) for one in first]
+
+
+def _milliseconds(estimator: object, one: Corpus) -> float:
+    started = time.perf_counter()
+    estimator.predict(one)
+    return (time.perf_counter() - started) * 1000
+
+
+def _torch_threads(threads: int) -> None:
+    """PyTorch keeps its own count, which threadpoolctl does not reach; only if a system has loaded it."""
+    if torch := sys.modules.get("torch"):
+        torch.set_num_threads(threads)

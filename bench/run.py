@@ -1,0 +1,168 @@
+"""The command ``bench run``: cells from arguments, folds in workers, every fold into MLflow as it finishes."""
+
+from __future__ import annotations
+
+import threading
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from bench.cells import PARTS, Cell, cells, parse
+from bench.corpus import Corpus, InputError
+from bench.runner import Fold, folds_of, run_folds, share_cores
+from bench.store import open_corpus
+
+KEYS = {"data", "where", "seed", "jobs", *PARTS}
+
+console = Console(stderr=True)
+
+
+def run(arguments: list[str]) -> int:
+    """Run every cell that the arguments name; exit code 1 if a fold failed, 130 if interrupted.
+
+    Raises:
+        InputError: something in the arguments or the data cannot be used; nothing was run.
+    """
+    values = parse(arguments, KEYS)
+    asked = cells(values)
+    jobs = _jobs(values)
+    plans = []  # every corpus, split and combination is checked before the first fold starts
+    for cell in asked:
+        corpus = open_corpus(cell.data, cell.data_parameters)
+        if cell.where:
+            corpus = corpus.select(cell.where)
+        folds = folds_of(cell, corpus)
+        plans.append((cell, corpus, folds, *share_cores(jobs, len(folds))))
+    connecting = threading.Thread(target=_import_mlflow)  # takes seconds that the first workers need to start anyway
+    connecting.start()
+    for line in dict.fromkeys(_warnings(plans)):
+        console.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
+    from bench.tracking import connect
+
+    client = connect()
+    table = _result_table()
+    failed: list[str] = []
+    for cell, corpus, folds, workers, threads in plans:
+        try:
+            metrics, errors = _run_cell(client, cell, corpus, folds, workers, threads)
+        except KeyboardInterrupt:
+            console.print(
+                "interrupted; every finished fold is stored and the same command goes on from there", style="bold"
+            )
+            return 130
+        failed += [f"{cell.system()}, {cell.data}, {cell.protocol}: fold {name}" for name in errors]
+        _add_row(table, cell, corpus, metrics, len(folds) - len(errors), len(folds))
+    Console().print(table)
+    if any(corpus.synthetic for _, corpus, *_ in plans):
+        Console().print("* synthetic: generated captures, not people; compare systems on a real corpus")
+    if failed:
+        more = f" and {len(failed) - 3} more" if len(failed) > 3 else ""
+        console.print(
+            f"{len(failed)} failed: {'; '.join(failed[:3])}{more}; the traceback is an artifact of the fold's run",
+            style="bold red",
+            soft_wrap=True,
+        )
+        return 1
+    return 0
+
+
+def _import_mlflow() -> None:
+    import mlflow  # noqa: F401
+
+
+def _jobs(values: dict[str, str]) -> int | None:
+    if "jobs" not in values:
+        return None
+    try:
+        return int(values["jobs"])
+    except ValueError as e:
+        raise InputError(f"jobs={values['jobs']}: give a whole number of worker processes") from e
+
+
+def _warnings(plans: list[tuple]) -> list[str]:
+    """What a user should know before the run, each thing once."""
+    lines = []
+    for cell, corpus, *_ in plans:
+        lines += [f"warning: {cell.data}: {w}" for w in corpus.info.get("warnings", [])]
+        if cell.protocol.make().mixes_subjects:
+            lines.append(f"warning: protocol={cell.protocol} mixes subjects: scores are optimistic for a new person")
+        frames = cell.model.parameters.get("frames")
+        if isinstance(frames, int) and (short := int((corpus.lengths < frames).sum())):
+            lines.append(
+                f"warning: {cell.data}: {short} of {len(corpus)} captures are shorter than the {frames}-frame window "
+                f"of {cell.model.name}; they are padded with zeros"
+            )
+    return lines
+
+
+def _run_cell(
+    client: object, cell: Cell, corpus: Corpus, folds: list[Fold], workers: int, threads: int
+) -> tuple[dict[str, float], list[str]]:
+    """Run the folds that are not stored yet and score the cell; returns its metrics and the failed folds."""
+    from bench.tracking import CellRun, only_one
+
+    key = cell.key(corpus, threads)
+    with only_one(key):
+        run = CellRun(client, cell, corpus, key, cell.protocol.make().label(corpus), threads)
+        missing = [fold for fold in folds if fold.name not in run.done]
+        if not missing:
+            console.print(f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(folds)} folds were stored before")
+        elif cell.features:
+            cell.features.make().fit_transform(corpus[:1])  # fills the feature cache once for all folds
+        errors = []
+        try:
+            with _progress() as bar:
+                task = bar.add_task(f"{cell.system()} | {cell.data} | {cell.protocol}", total=len(folds))
+                bar.advance(task, len(folds) - len(missing))
+                for result in run_folds(cell, corpus, missing, workers, threads):
+                    run.add(result)
+                    bar.advance(task)
+                    if result.error:
+                        errors.append(result.name)
+                        reason = result.error.strip().splitlines()[-1]
+                        bar.console.print(f"fold {result.name} failed: {reason}", style="red", markup=False)
+            return run.close([fold.name for fold in folds]), errors
+        except KeyboardInterrupt:
+            run.interrupt()
+            raise
+
+
+def _progress() -> Progress:
+    return Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("folds"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(elapsed_when_finished=True),
+        console=console,
+    )
+
+
+def _result_table() -> Table:
+    table = Table(title="Accuracy in percent; SD over subjects")
+    for name in ("system", "data", "subset", "protocol"):
+        table.add_column(name)
+    for name in ("captures", "SD", "macro-F1", "windows", "predict ms", "folds"):
+        table.add_column(name, justify="right")
+    return table
+
+
+def _add_row(table: Table, cell: Cell, corpus: Corpus, metrics: dict[str, float], good: int, folds: int) -> None:
+    def percent(name: str) -> str:
+        return f"{100 * metrics[name]:.1f}" if name in metrics else "-"
+
+    table.add_row(
+        cell.system(),
+        cell.data + ("*" if corpus.synthetic else ""),
+        cell.where or "all",
+        str(cell.protocol),
+        percent("accuracy"),
+        percent("subject_accuracy_sd"),
+        percent("macro_f1"),
+        percent("window_accuracy"),
+        f"{metrics['predict_ms_p50']:.2f}" if metrics else "-",
+        f"{good}/{folds}",
+    )

@@ -1,0 +1,101 @@
+"""Runs the folds of a cell in worker processes and hands each result over as soon as it is there."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+
+import numpy as np
+from joblib.externals.loky import get_reusable_executor
+
+from bench.cells import Cell
+from bench.corpus import Corpus, InputError
+from bench.fold import FoldResult, run_fold
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One split of the captures of a corpus, by position."""
+
+    name: str
+    train: np.ndarray
+    test: np.ndarray
+
+
+def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
+    """All folds of a protocol, named after the tested subject where there is just one.
+
+    Raises:
+        InputError: the protocol cannot split this corpus, or a fold tests a class that it does not train.
+    """
+    gestures, subjects = corpus.gestures, corpus.subjects
+    if len(set(gestures)) < 2:
+        raise InputError(f"data={cell.data} where={cell.where!r}: only one gesture is left, nothing to tell apart")
+    found: list[Fold] = []
+    protocol = cell.protocol.make()
+    for train, test in protocol.split(corpus, gestures, subjects):
+        tested = set(subjects[test])
+        name = tested.pop() if len(tested) == 1 and not protocol.mixes_subjects else f"fold{len(found) + 1:02d}"
+        if lacking := sorted(set(gestures[test]) - set(gestures[train])):
+            raise InputError(
+                f"protocol={cell.protocol}: fold {name} tests gesture {lacking[0]} and trains none of it; "
+                f"leave it out with where=\"gesture != '{lacking[0]}'\" or choose another protocol"
+            )
+        found.append(Fold(name, train, test))
+    return found
+
+
+def share_cores(jobs: int | None, folds: int) -> tuple[int, int]:
+    """Worker processes and threads in each, so that their product fits the cores.
+
+    Raises:
+        InputError: ``jobs`` is less than 1.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if jobs is not None and jobs < 1:
+        raise InputError(f"jobs={jobs}: give at least 1, or leave it out for {cores} (the cores of this machine)")
+    jobs = min(jobs or cores, folds)
+    return jobs, max(1, cores // jobs)
+
+
+def run_folds(cell: Cell, corpus: Corpus, folds: list[Fold], jobs: int, threads: int) -> Iterator[FoldResult]:
+    """Results in the order in which folds finish; every fold gives one, a crashed worker a failed one."""
+    executor = _workers(jobs, threads)
+    waiting = {
+        executor.submit(run_fold, cell, corpus, fold.name, fold.train, fold.test, threads): fold for fold in folds
+    }
+    try:
+        for future in as_completed(list(waiting)):
+            try:
+                result = future.result()
+            except BrokenProcessPool:
+                break
+            del waiting[future]
+            yield result
+        # A worker died (out of memory, say) and took the pool with it; which fold it was shows when each runs alone.
+        for fold in list(waiting.values()):
+            try:
+                alone = _workers(1, threads).submit(run_fold, cell, corpus, fold.name, fold.train, fold.test, threads)
+                yield alone.result()
+            except BrokenProcessPool as e:
+                yield FoldResult(fold.name, error=f"The worker process died; out of memory?\n{e}")
+    except (KeyboardInterrupt, GeneratorExit):
+        get_reusable_executor().shutdown(wait=False, kill_workers=True)
+        raise
+
+
+def _workers(jobs: int, threads: int) -> object:
+    """Worker processes that stay for the next cell: importing torch takes seconds."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    return get_reusable_executor(
+        max_workers=jobs, timeout=60, initializer=_ignore_interrupts, env=dict.fromkeys(names, str(threads))
+    )
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl-C reaches the whole process group; only the parent acts on it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,292 @@
+"""Runs in MLflow: a parent run per cell, a child run per fold. Only the main process comes here.
+
+Tags, by which runs are found again: ``touchbench.kind`` (``cell`` or ``fold``), ``touchbench.cell`` (the key of the
+cell), ``touchbench.fold``, and for the tables ``data``, ``synthetic``, ``subset``, ``protocol``, ``protocol_label``,
+``features``, ``model``, ``system``, ``seed``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import urlparse
+
+import pandas as pd
+from filelock import FileLock, Timeout
+
+from bench import scores
+from bench.cells import Cell, versions
+from bench.corpus import Corpus, InputError, home
+from bench.fold import FoldResult
+
+EXPERIMENT = "touchbench"
+
+
+def store_uri() -> str:
+    """Where runs are kept: ``MLFLOW_TRACKING_URI``, or MLflow's SQLite file in the working folder."""
+    return os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{Path.cwd() / 'mlflow.db'}"
+
+
+def connect() -> object:
+    """An `MlflowClient` on the store, which is created if it is not there.
+
+    Raises:
+        InputError: the store cannot be written or reached.
+    """
+    uri = store_uri()
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
+    path = Path(urlparse(uri).path.removeprefix("/")) if uri.startswith("sqlite:///") else None
+    if path is not None:
+        _check_writable(path)
+    import mlflow
+    from mlflow.exceptions import MlflowException
+
+    # Several processes that create the tables at the same moment break the file for good.
+    home().mkdir(parents=True, exist_ok=True)
+    with FileLock(path.with_name(path.name + ".lock") if path else home() / "tracking.lock"):
+        try:
+            mlflow.set_tracking_uri(uri)
+            client = mlflow.MlflowClient(uri)
+            if client.get_experiment_by_name(EXPERIMENT) is None:
+                client.create_experiment(EXPERIMENT)
+        except MlflowException as e:
+            raise InputError(f"MLflow store {uri} cannot be used: {str(e).splitlines()[0]}") from e
+    return client
+
+
+def _check_writable(path: Path) -> None:
+    """SQLite would be tried for minutes before it gave up."""
+    try:
+        if path.exists():
+            with path.open("r+b") as f:
+                head = f.read(16)
+            if head and head != b"SQLite format 3\0":
+                raise InputError(f"{path} is not an MLflow store; move it away or set MLFLOW_TRACKING_URI")
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as e:
+        raise InputError(
+            f"the MLflow store {path} cannot be written ({e}); change the folder or set MLFLOW_TRACKING_URI"
+        ) from e
+
+
+class CellRun:
+    """The parent run of a cell, found again if it was begun before.
+
+    Attributes:
+        run_id: of the parent run.
+        done: finished folds by name, as they were stored.
+    """
+
+    def __init__(self, client: object, cell: Cell, corpus: Corpus, key: str, label: str, threads: int) -> None:
+        self.client = client
+        self.experiment = client.get_experiment_by_name(EXPERIMENT).experiment_id
+        self.rate_hz = corpus.rate_hz
+        found = client.search_runs(
+            [self.experiment], f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = 'cell'", max_results=1
+        )
+        self.run_id = found[0].info.run_id if found else self._create(cell, corpus, key, label, threads)
+        self.finished = bool(found) and found[0].info.status == "FINISHED"
+        self.done: dict[str, FoldResult] = {}
+        for child in self._children() if found else []:
+            if child.info.status == "FINISHED":
+                self.done[child.data.tags["touchbench.fold"]] = self._load(child)
+            else:  # failed, or cut off while it was written: it is run again
+                client.delete_run(child.info.run_id)
+        if not self.finished:
+            client.update_run(self.run_id, status="RUNNING")
+
+    def _create(self, cell: Cell, corpus: Corpus, key: str, label: str, threads: int) -> str:
+        from mlflow.entities import Dataset, DatasetInput, InputTag, Param
+
+        kind = "synthetic " if corpus.synthetic else ""
+        title = f"{cell.system()} | {cell.data} | {cell.protocol}"
+        about = (
+            f"{cell.system()} on {kind}corpus {cell.data} ({len(corpus)} captures, {len(set(corpus.subjects))} subjects"
+            f"{', ' + cell.where if cell.where else ''}), {label}"
+        )
+        tags = {
+            "mlflow.runName": title,
+            "mlflow.note.content": about,
+            "touchbench.kind": "cell",
+            "touchbench.cell": key,
+            "data": cell.data,
+            "synthetic": str(corpus.synthetic).lower(),
+            "subset": cell.where or "all",
+            "protocol": str(cell.protocol),
+            "protocol_label": label,
+            "features": str(cell.features or "raw frames"),
+            "model": str(cell.model),
+            "system": cell.system(),
+            "seed": str(cell.model.parameters.get("seed", "none")),
+        }
+        run = self.client.create_run(self.experiment, run_name=title, tags=tags)
+        params = {"data": cell.data, "where": cell.where or "all", "corpus_digest": corpus.digest}
+        params |= {f"data.{k}": v for k, v in cell.data_parameters.items()}
+        for name, part in (("protocol", cell.protocol), ("features", cell.features), ("model", cell.model)):
+            if part:
+                params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
+        params |= {"threads": threads, "cpu": cpu_model(), "git": git_revision()}
+        params |= {f"version.{k}": v for k, v in versions().items()}
+        self.client.log_batch(run.info.run_id, params=[Param(k, str(v)) for k, v in params.items()])
+        source = json.dumps({"uri": corpus.info.get("source", "")})
+        profile = json.dumps({"num_rows": len(corpus), "num_elements": int(corpus.lengths.sum())})
+        dataset = Dataset(cell.data, corpus.digest[:36], "local", source, profile=profile)
+        evaluated = DatasetInput(dataset, [InputTag("mlflow.data.context", "evaluation")])
+        self.client.log_inputs(run.info.run_id, [evaluated])
+        return run.info.run_id
+
+    def _children(self) -> list:
+        """All child runs, also of a cell with more folds than MLflow gives in one page."""
+        found, token = [], None
+        while token or not found:
+            page = self.client.search_runs(
+                [self.experiment], f"tags.`mlflow.parentRunId` = '{self.run_id}'", max_results=1000, page_token=token
+            )
+            found += page
+            token = page.token
+            if not token:
+                break
+        return found
+
+    def _load(self, child: object) -> FoldResult:
+        folder = Path(self.client.download_artifacts(child.info.run_id, "fold"))
+        timing = json.loads((folder / "timing.json").read_text())
+        metrics = {k: v for k, v in child.data.metrics.items() if k in timing["metrics"]}
+        return FoldResult(
+            child.data.tags["touchbench.fold"],
+            pd.read_parquet(folder / "predictions.parquet"),
+            metrics,
+            timing["predict_ms"],
+            timing["decide_ms"],
+        )
+
+    def add(self, result: FoldResult) -> None:
+        """Store one fold: its run is there, complete, or it is not there."""
+        tags = {
+            "mlflow.parentRunId": self.run_id,
+            "mlflow.runName": result.name,
+            "touchbench.kind": "fold",
+            "touchbench.fold": result.name,
+        }
+        child = self.client.create_run(self.experiment, run_name=result.name, tags=tags).info.run_id
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = Path(temporary) / "fold"
+            folder.mkdir()
+            if result.error:
+                (folder / "traceback.txt").write_text(result.error)
+            else:
+                result.predictions.to_parquet(folder / "predictions.parquet", index=False)
+                timing = {"predict_ms": result.predict_ms, "decide_ms": result.decide_ms}
+                (folder / "timing.json").write_text(json.dumps(timing | {"metrics": list(result.metrics)}))
+                self._log(child, measure(result.predictions, [result], self.rate_hz), result.history)
+            self.client.log_artifacts(child, str(folder), "fold")
+        self.client.set_terminated(child, "FAILED" if result.error else "FINISHED")
+        if not result.error:
+            self.done[result.name] = result
+
+    def close(self, order: list[str]) -> dict[str, float]:
+        """Score the run from its folds in the order of the protocol and end it.
+
+        Returns:
+            The tracked metrics; empty if no fold went well.
+        """
+        results = [self.done[name] for name in order if name in self.done]
+        complete = len(results) == len(order)
+        metrics = {}
+        if results:
+            predictions = pd.concat([r.predictions for r in results], ignore_index=True)
+            metrics = measure(predictions, results, self.rate_hz)
+            self._log(self.run_id, metrics | {"folds": len(results), "folds_failed": len(order) - len(results)}, [])
+            with tempfile.TemporaryDirectory() as folder:
+                _write_tables(predictions, Path(folder))
+                self.client.log_artifacts(self.run_id, folder)
+        self.client.set_terminated(self.run_id, "FINISHED" if complete else "FAILED")
+        return metrics
+
+    def interrupt(self) -> None:
+        """Mark the run as killed; what is stored stays and is found again."""
+        self.client.set_terminated(self.run_id, "KILLED")
+
+    def _log(self, run_id: str, metrics: dict[str, float], history: list[dict[str, float]]) -> None:
+        from mlflow.entities import Metric
+
+        now = int(time.time() * 1000)
+        points = [Metric(k, float(v), now, 0) for k, v in metrics.items()]
+        points += [Metric(k, float(v), now, step) for step, row in enumerate(history, 1) for k, v in row.items()]
+        for i in range(0, len(points), 1000):
+            self.client.log_batch(run_id, metrics=points[i : i + 1000])
+
+
+def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float) -> dict[str, float]:
+    """Scores and costs of some folds: times are means or quantiles over folds, sizes are the largest.
+
+    ``decision_ms`` is the touch that one decision of the system sees (a window, or the whole capture) plus its
+    computing time, ``capture_decision_ms`` the same for the label of a whole capture; both are medians.
+    """
+    found = scores.summary(predictions, rate_hz)
+    table = pd.DataFrame([r.metrics for r in results])
+    found |= {k: float(table[k].mean() if k.endswith("seconds") else table[k].max()) for k in table}
+    predict = pd.Series([ms for r in results for ms in r.predict_ms])
+    decide = pd.Series([ms for r in results for ms in r.decide_ms])
+    found |= {"predict_ms_p50": predict.quantile(0.5), "predict_ms_p95": predict.quantile(0.95)}
+    found["decision_ms"] = found["observed_ms"] + decide.quantile(0.5)
+    found["capture_decision_ms"] = found["capture_ms"] + predict.quantile(0.5)
+    return found
+
+
+def _write_tables(predictions: pd.DataFrame, folder: Path) -> None:
+    classes = scores.classes_of(predictions)
+    labelled = scores.captures(predictions)
+    predictions.to_parquet(folder / "predictions.parquet", index=False)
+    scores.confusion(labelled, classes).to_csv(folder / "confusion.csv")
+    scores.per_subject(labelled).to_csv(folder / "per_subject.csv", index=False)
+    scores.per_class(labelled, classes).to_csv(folder / "per_class.csv", index=False)
+
+
+@contextmanager
+def only_one(key: str) -> Iterator[None]:
+    """Hold a cell against a second process that would run the same folds.
+
+    Raises:
+        InputError: another process has it.
+    """
+    folder = home() / "locks"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with FileLock(folder / f"{key}.lock", timeout=0):
+            yield
+    except Timeout as e:
+        raise InputError("another process is running this very cell; wait for it and repeat the command") from e
+
+
+def cpu_model() -> str:
+    """The processor as the system names it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def git_revision() -> str:
+    """Revision of the checkout that touchbench runs from, with ``+changes`` if it has any; empty without git."""
+    if not shutil.which("git"):
+        return ""
+    here = Path(__file__).parent
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(["git", "-C", here, *arguments], capture_output=True, text=True, check=False)
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    revision = git("rev-parse", "--short=12", "HEAD")
+    return revision + "+changes" if revision and git("status", "--porcelain", "--untracked-files=no") else revision

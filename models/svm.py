@@ -1,0 +1,36 @@
+"""Support vector machine, LIBSVM one against one (Jung et al. 2014, linear; Jung et al. 2017, linear and RBF)."""
+
+import numpy as np
+from scipy.special import softmax
+from sklearn.base import TransformerMixin
+from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import MinMaxScaler
+from sklearn.svm import SVC
+
+
+class RankedSVC(SVC):
+    """An SVC whose probabilities rank the classes as its decision values do.
+
+    They are a softmax of the decision values: their order is right, their size is not calibrated. scikit-learn's own
+    probabilities come from inner folds that mix subjects.
+    """
+
+    def predict_proba(self, X: np.ndarray) -> np.ndarray:
+        """Softmax of the decision values [captures, classes]."""
+        decision = self.decision_function(X)
+        if decision.ndim == 1:
+            decision = np.column_stack([-decision, decision])
+        return softmax(decision, axis=1)
+
+
+def svm(features: TransformerMixin, C: float = 32.0, gamma: float = 0.125, kernel: str = "rbf") -> Pipeline:
+    """Features scaled to 0..1 on the training captures, then an SVM.
+
+    Args:
+        features: transformer from captures to a table.
+        C: penalty; the papers search 2^-5, 2^-3, ..., 2^15.
+        gamma: width of the RBF kernel; Jung et al. 2017 search 2^-15, 2^-13, ..., 2^3. Unused by ``kernel=linear``.
+        kernel: ``rbf`` or ``linear``.
+    """
+    machine = RankedSVC(C=C, gamma=gamma, kernel=kernel, break_ties=True)
+    return Pipeline([("features", features), ("scaler", MinMaxScaler()), ("classifier", machine)])
