@@ -111,21 +111,17 @@ def _data(arguments: list[str]) -> int:
 
 
 def _list_corpora() -> int:
-    from rich.console import Console
-    from rich.table import Table
-
     from bench.corpus import home
     from bench.store import overview
 
-    found = overview()
-    table = Table(title=f"Corpora in {home()}")
-    for column in "data captures subjects gestures frames grid Hz columns digest source,licence".split():
-        table.add_column(column, overflow="fold")
-    table.add_row("synth", "any", "any", "14", "any", "any", "any", "variant, repetition", "-", "generated on demand")
-    for row in found.to_dict("records"):
-        *cells, source, licence = (str(v) for v in row.values())
-        table.add_row(*cells, f"{source}; {licence}")
-    Console().print(table)
+    print(f"Corpora in {home()}\n")
+    print("synth\n  generated on demand, any number of subjects and repetitions; synthetic, says nothing about people")
+    for row in overview():
+        print(
+            f"{row['data']}\n  {row['captures']} captures, {row['subjects']} subjects, {row['gestures']} gestures, "
+            f"{row['frames']} frames of {row['grid']} at {row['rate_hz']:g} Hz\n  columns: {row['columns']}\n"
+            f"  digest:  {row['digest']}\n  source:  {row['source']}\n  licence: {row['licence']}"
+        )
     return 0
 
 

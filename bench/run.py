@@ -53,9 +53,12 @@ def run(arguments: list[str]) -> int:
             return 130
         failed += [f"{cell.system()}, {cell.data}, {cell.protocol}: fold {name}" for name in errors]
         _add_row(table, cell, corpus, metrics, len(folds) - len(errors), len(folds))
-    Console().print(table)
+    out = Console()
+    if not out.is_terminal:  # a file or a log has no width to fit into
+        out.width = 200
+    out.print(table)
     if any(corpus.synthetic for _, corpus, *_ in plans):
-        Console().print("* synthetic: generated captures, not people; compare systems on a real corpus")
+        out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
     if failed:
         more = f" and {len(failed) - 3} more" if len(failed) > 3 else ""
         console.print(

@@ -14,7 +14,6 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import pandas as pd
 from filelock import FileLock, Timeout
 
 from bench.corpus import Corpus, InputError, content_digest, home, open_folder, write_folder
@@ -85,8 +84,8 @@ def imported() -> list[str]:
     return sorted(p.parent.name for p in (home() / "corpora").glob("*/current"))
 
 
-def overview() -> pd.DataFrame:
-    """What is here: one row per imported corpus, and the generated one."""
+def overview() -> list[dict[str, object]]:
+    """What is here: figures of each imported corpus."""
     rows = []
     for name in imported():
         corpus = open_corpus(name, {})
@@ -105,7 +104,7 @@ def overview() -> pd.DataFrame:
                 "licence": corpus.info.get("licence", ""),
             }
         )
-    return pd.DataFrame(rows)
+    return rows
 
 
 def _reader_arguments(kind: str, reader: Callable, options: dict[str, str]) -> dict[str, object]:

@@ -1,0 +1,195 @@
+"""CoST, the Corpus of Social Touch (Jung et al. 2014; doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29)."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv as pacsv
+
+from bench.corpora.text import FrameFile, capture_starts
+from bench.corpus import Corpus, InputError
+
+GESTURES = (
+    "grab", "hit", "massage", "pat", "pinch", "poke", "press", "rub", "scratch", "slap", "squeeze", "stroke", "tap",
+    "tickle",
+)  # fmt: skip
+VARIANTS = ("gentle", "normal", "rough")
+LABELS = ["subject", "variant", "gesture", "frame"]
+CHANNELS = [f"ch{i}" for i in range(1, 65)]
+RATE_HZ = 135.0
+FULL_SCALE = 1023
+
+# Of 31 x 3 x 14 x 6 = 7812 captures seven were removed before publication (Jung et al. 2017, section 3.3).
+PUBLISHED_MD5 = "c6035f76d1e13f81168dd79586dcb742"
+PUBLISHED_CAPTURES = 7805
+PUBLISHED_SUBJECTS = 31
+PUBLISHED_VARIANTS = {"gentle": 2601, "normal": 2602, "rough": 2602}
+PUBLISHED_GESTURES = {g: 558 for g in GESTURES} | dict.fromkeys(("massage", "pat", "rub", "squeeze", "tickle"), 557)
+PUBLISHED_GESTURES["stroke"] = 556
+PUBLISHED_LENGTHS = (10, 1747)
+
+# Which subjects the challenge trained on was not published, but the lengths of their captures identify them: frames of
+# a subject's 12 gentle and normal captures of a gesture, for the 21 training subjects.
+CHALLENGE_FRAMES = {
+    "grab": (957, 5247, 1518, 2679, 2409, 1260, 2217, 2745, 2340, 1194, 2127, 1422, 2250, 1722, 1572, 2445, 1107, 1665,
+             3126, 3180, 1809),
+    "press": (663, 3777, 1197, 2565, 1548, 1224, 3105, 1758, 2610, 1155, 1707, 1524, 2310, 1008, 1170, 2226, 1035, 1536,
+              3726, 2391, 2040),
+    "rub": (1494, 4512, 3918, 3942, 3390, 2316, 4293, 5388, 5541, 1599, 3480, 2097, 5724, 3231, 2226, 4095, 1995, 2082,
+            5646, 2853, 3120),
+    "scratch": (1410, 3594, 4977, 4398, 3366, 2082, 3198, 3087, 4179, 1158, 3165, 1749, 5622, 3960, 2751, 3225, 1836,
+                2604, 3906, 3132, 2445),
+}  # fmt: skip
+TRAINING_SUBJECTS = 21
+
+
+def read(path: Path) -> Corpus:
+    """Read ``CoST.csv``, whole or in part.
+
+    Every figure that differs from the published one is a warning. Where the lengths of captures identify the subjects
+    of the 2015 challenge, the column ``split`` says which captures it used for training and for testing.
+
+    Returns:
+        uint16 frames 8 x 8, row 0 at the top (the file's channels 57 to 64); subject, variant, gesture, repetition.
+
+    Raises:
+        InputError: the file is not in the format, or is broken; the message names the line.
+    """
+    path = Path(path)
+    file = FrameFile(path, path.name)
+    file.require(LABELS + CHANNELS)
+    if len(file.columns) != len(LABELS + CHANNELS):
+        extra = sorted(set(file.columns) - set(LABELS + CHANNELS))
+        raise InputError(f"{path.name}, line 1: column {extra[0]!r} is not one of CoST's; import it as a table instead")
+    labels, values = file.read(LABELS, CHANNELS, FULL_SCALE)
+    _check_codes(labels, "variant", len(VARIANTS), path.name)
+    _check_codes(labels, "gesture", len(GESTURES), path.name)
+    starts = capture_starts(labels[LABELS[:3]], labels["frame"].to_numpy(), 1, path.name)
+    first = labels.iloc[starts]
+    captures = pd.DataFrame(
+        {
+            "subject": first["subject"].astype(str).to_numpy(),
+            "variant": np.asarray(VARIANTS, dtype=object)[first["variant"].to_numpy() - 1],
+            "gesture": np.asarray(GESTURES, dtype=object)[first["gesture"].to_numpy() - 1],
+        }
+    )
+    captures["repetition"] = captures.groupby(["subject", "variant", "gesture"]).cumcount() + 1
+    lengths = np.diff(starts, append=len(labels))
+    warnings = differences(captures, lengths, _md5(path))
+    if training := training_subjects(captures, lengths):
+        split = np.where(captures["subject"].isin(training), "train", "test")
+        captures["split"] = np.where(captures["variant"] == "rough", "", split)
+    else:
+        warnings.append(
+            "the official 21 / 10 challenge split cannot be recovered from the frame counts; protocol=challenge draws "
+            "seeded random 21 / 10 splits instead and says so in every row"
+        )
+    info = {
+        "source": f"{path.name}; 4TU, doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29",
+        "licence": "CC BY-NC-SA 4.0",
+        "synthetic": False,
+        "warnings": warnings,
+    }
+    frames = values.reshape(-1, 8, 8)
+    for block in np.array_split(frames, max(1, len(frames) // 65536)):
+        block[:] = block[:, ::-1].copy()
+    return Corpus(frames, starts, lengths, captures, RATE_HZ, FULL_SCALE, "cost", info=info)
+
+
+def write(corpus: Corpus, path: Path) -> None:
+    """Write captures in the format of ``CoST.csv``; reading it back gives identical frames.
+
+    Raises:
+        InputError: the corpus does not fit the format, or the file cannot be written.
+    """
+    captures = corpus.captures
+    if corpus.grid != (8, 8) or corpus.frames.dtype != np.uint16:
+        raise InputError(f"{corpus.name}: CoST's format holds 8x8 whole-number frames, these are {corpus.grid}")
+    if "variant" not in captures or not captures["variant"].isin(VARIANTS).all():
+        raise InputError(f"{corpus.name}: CoST's format needs a column variant of {', '.join(VARIANTS)}")
+    if unknown := sorted(set(corpus.gestures) - set(GESTURES)):
+        raise InputError(f"{corpus.name}: gesture {unknown[0]!r} has no code in CoST's format")
+    if not all(s.isdecimal() for s in set(corpus.subjects)):
+        raise InputError(f"{corpus.name}: CoST's format needs subjects that are whole numbers")
+    codes = np.stack(
+        [
+            captures["subject"].astype(int),
+            captures["variant"].map(VARIANTS.index).astype(int) + 1,
+            captures["gesture"].map(GESTURES.index).astype(int) + 1,
+        ],
+        axis=1,
+    ).astype(np.uint16)
+    beside = path.with_name(f".{path.name}.part")
+    schema = pa.schema([(name, pa.uint16()) for name in LABELS + CHANNELS])
+    options = pacsv.WriteOptions(include_header=False)
+    try:
+        with open(beside, "wb") as f:
+            f.write(", ".join(LABELS + CHANNELS).encode() + b"\n")
+            for i in range(0, len(corpus), 256):
+                some = corpus[i : i + 256]
+                frame = np.concatenate([np.arange(1, n + 1, dtype=np.uint16) for n in some.lengths])
+                values = np.concatenate(list(some))[:, ::-1].reshape(-1, 64)
+                rows = np.column_stack([np.repeat(codes[i : i + 256], some.lengths, axis=0), frame, values])
+                table = pa.Table.from_arrays([pa.array(np.ascontiguousarray(c)) for c in rows.T], schema=schema)
+                pacsv.write_csv(table, f, options)
+        os.replace(beside, path)
+    except OSError as e:
+        raise InputError(f"{path} cannot be written ({e.strerror}); choose another place") from e
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def differences(captures: pd.DataFrame, lengths: np.ndarray, md5: str) -> list[str]:
+    """What differs from the published corpus, one sentence per figure."""
+    found = []
+
+    def check(what: str, here: object, published: object) -> None:
+        if here != published:
+            found.append(f"{what}: {here} here, {published} published")
+
+    check("captures", len(captures), PUBLISHED_CAPTURES)
+    check("subjects", captures["subject"].nunique(), PUBLISHED_SUBJECTS)
+    for variant, published in PUBLISHED_VARIANTS.items():
+        check(f"captures of variant {variant}", int((captures["variant"] == variant).sum()), published)
+    for gesture, published in PUBLISHED_GESTURES.items():
+        check(f"captures of gesture {gesture}", int((captures["gesture"] == gesture).sum()), published)
+    check("frames of the shortest capture", int(lengths.min()), PUBLISHED_LENGTHS[0])
+    check("frames of the longest capture", int(lengths.max()), PUBLISHED_LENGTHS[1])
+    check("MD5 of the file", md5, PUBLISHED_MD5)
+    return found
+
+
+def training_subjects(captures: pd.DataFrame, lengths: np.ndarray) -> set[str]:
+    """The 21 training subjects of the challenge by the lengths of their captures, or nobody if they do not match.
+
+    Each of the four gestures must single out the same 21 of 31 subjects.
+    """
+    used = captures["variant"].isin(["gentle", "normal"])
+    frames = pd.Series(lengths)[used].groupby([captures["gesture"][used], captures["subject"][used]]).sum()
+    found = []
+    for gesture, sums in CHALLENGE_FRAMES.items():
+        if gesture not in frames.index.get_level_values(0):
+            return set()
+        subjects = frames[gesture]
+        found.append(set(subjects.index[subjects.isin(sums)]))
+    same = all(f == found[0] for f in found) and len(found[0]) == TRAINING_SUBJECTS
+    return found[0] if same and captures["subject"].nunique() == PUBLISHED_SUBJECTS else set()
+
+
+def _check_codes(labels: pd.DataFrame, column: str, highest: int, name: str) -> None:
+    codes = labels[column].to_numpy()
+    wrong = np.flatnonzero((codes < 1) | (codes > highest))
+    if len(wrong):
+        raise InputError(
+            f"{name}, line {wrong[0] + 2}: {column} {codes[wrong[0]]} is not one of 1 to {highest}; correct it"
+        )
+
+
+def _md5(path: Path) -> str:
+    with open(path, "rb") as f:
+        return hashlib.file_digest(f, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()

@@ -1,0 +1,152 @@
+"""Captures of any sensor: a long CSV or parquet file, or arrays in a ``.npz`` file."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bench.corpora.text import FrameFile, capture_starts
+from bench.corpus import Corpus, InputError
+
+LABELS = ["subject", "gesture", "frame"]
+
+
+def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0) -> Corpus:
+    """Read captures of any grid, rate and length.
+
+    A CSV or parquet file has one row per frame: ``subject``, ``gesture``, ``frame`` (from 0 or 1, up by one within a
+    capture), any columns of conditions, and last the channels in row-major order. A ``.npz`` file has ``frames``
+    [total, rows, cols], ``offsets`` [captures + 1], ``subject`` and ``gesture`` [captures], and any other arrays of
+    that length as conditions.
+
+    Args:
+        path: the file.
+        rate_hz: frames per second.
+        grid: ``ROWSxCOLS``; a ``.npz`` file knows its own.
+        full_scale: largest value that the sensor gives.
+
+    Returns:
+        uint16 frames when all values are whole numbers up to 65535, else float32.
+
+    Raises:
+        InputError: the file does not fit; the message names the line, or the array.
+    """
+    path = Path(path)
+    if not rate_hz > 0 or not full_scale > 0:
+        raise InputError(f"rate_hz={rate_hz:g} full_scale={full_scale:g}: both must be above 0")
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; check the path")
+    size = _size(grid) if grid else None
+    if path.suffix == ".npz":
+        frames, starts, lengths, captures = _arrays(path, size, full_scale)
+    else:
+        if size is None:
+            raise InputError(f"{path.name}: give the grid of the sensor, such as grid=8x8")
+        frames, starts, lengths, captures = _rows(path, size, full_scale)
+    captures["subject"] = captures["subject"].astype(str)
+    captures["gesture"] = captures["gesture"].astype(str)
+    info = {"source": path.name, "licence": "the user's own", "synthetic": False, "warnings": []}
+    return Corpus(frames, starts, lengths, captures, float(rate_hz), float(full_scale), "table", info=info)
+
+
+def _size(grid: str) -> tuple[int, int]:
+    if not (match := re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", grid)):
+        raise InputError(f"grid={grid}: give rows and columns, such as grid=8x8")
+    return int(match[1]), int(match[2])
+
+
+def _rows(
+    path: Path, size: tuple[int, int], full_scale: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, pd.DataFrame]:
+    channels = size[0] * size[1]
+    if path.suffix == ".parquet":
+        labels, values = _parquet(path, channels, full_scale)
+    else:
+        file = FrameFile(path, path.name)
+        file.require(LABELS)
+        _check_layout(file.columns, channels, path.name)
+        labels, values = file.read(["frame"], file.columns[-channels:], full_scale, fractions=True)
+    frame = labels.pop("frame").to_numpy()
+    if (origin := int(frame[0])) not in (0, 1):
+        raise InputError(
+            f"{path.name}, line 2: a capture starts at frame {origin} instead of 0 or 1; restore its frames"
+        )
+    starts = capture_starts(labels, frame, origin, path.name)
+    captures = labels.iloc[starts].reset_index(drop=True)
+    for name in captures:  # categories come from the reader, plain columns are what a query wants
+        if isinstance(captures[name].dtype, pd.CategoricalDtype):
+            captures[name] = captures[name].astype(str).str.strip()
+    return values.reshape(-1, *size), starts, np.diff(starts, append=len(frame)), captures
+
+
+def _check_layout(columns: list[str], channels: int, name: str) -> None:
+    if len(columns) < channels + len(LABELS) or set(LABELS) & set(columns[-channels:]):
+        raise InputError(
+            f"{name}, line 1: {len(columns)} columns cannot hold subject, gesture, frame and then {channels} channels; "
+            "check grid= and put the channels last"
+        )
+
+
+def _parquet(path: Path, channels: int, full_scale: float) -> tuple[pd.DataFrame, np.ndarray]:
+    try:
+        table = pd.read_parquet(path)
+    except (OSError, ValueError) as e:
+        raise InputError(f"{path.name}: not a readable parquet file ({e})") from e
+    if missing := [n for n in LABELS if n not in table]:
+        raise InputError(f"{path.name}: no column {', '.join(missing)}; add it")
+    _check_layout(list(table.columns), channels, path.name)
+    if not len(table):
+        raise InputError(f"{path.name}: there are no frames in it")
+    labels, values = table.iloc[:, :-channels].copy(), table.iloc[:, -channels:]
+    if labels.isna().any(axis=None):
+        row, column = np.argwhere(labels.isna().to_numpy())[0]
+        raise InputError(f"{path.name}, row {row + 1}: {labels.columns[column]} is empty; fill the cell")
+    try:
+        labels["frame"] = labels["frame"].astype(np.int64)
+        values = values.to_numpy(dtype=np.float64)
+    except (ValueError, TypeError) as e:
+        raise InputError(f"{path.name}: frame or a channel is not a number ({e}); correct the column") from e
+    return labels, _checked(values, full_scale, path.name, "row")
+
+
+def _arrays(
+    path: Path, size: tuple[int, int] | None, full_scale: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, pd.DataFrame]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as e:
+        raise InputError(f"{path.name}: not a .npz file of plain arrays ({e}); save it without objects") from e
+    if missing := [n for n in ("frames", "offsets", "subject", "gesture") if n not in arrays]:
+        raise InputError(f"{path.name}: no array {', '.join(missing)}; save it with np.savez")
+    frames, offsets = arrays.pop("frames"), arrays.pop("offsets")
+    if frames.ndim != 3 or 0 in frames.shape:
+        raise InputError(f"{path.name}: frames has shape {frames.shape} instead of [total, rows, cols]")
+    if size is not None and frames.shape[1:] != size:
+        raise InputError(f"{path.name}: frames are {frames.shape[1]}x{frames.shape[2]}, grid= says {size[0]}x{size[1]}")
+    whole = offsets.ndim == 1 and len(offsets) > 1 and np.issubdtype(offsets.dtype, np.integer)
+    if not whole or offsets[0] != 0 or offsets[-1] != len(frames) or (np.diff(offsets) < 1).any():
+        raise InputError(f"{path.name}: offsets must rise from 0 to {len(frames)}, one more of them than captures")
+    if wrong := [n for n, a in arrays.items() if a.shape != (len(offsets) - 1,)]:
+        raise InputError(f"{path.name}: {wrong[0]} has shape {arrays[wrong[0]].shape}, captures are {len(offsets) - 1}")
+    if frames.dtype.kind not in "iuf":
+        raise InputError(f"{path.name}: frames are of type {frames.dtype}; save them as numbers")
+    values = _checked(frames.reshape(len(frames), -1), full_scale, path.name, "frame").reshape(frames.shape)
+    return values, offsets[:-1].astype(np.int64), np.diff(offsets).astype(np.int64), pd.DataFrame(arrays)
+
+
+def _checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.ndarray:
+    """Values as they are stored, or an `InputError` for the first one that is not within 0..full_scale."""
+    good = (values >= 0) & (values <= full_scale)
+    if not good.all():
+        row, column = np.argwhere(~good)[0]
+        raise InputError(
+            f"{name}, {unit} {row + 1}: channel {column + 1} is {values[row, column]}, not within 0 and the full scale "
+            f"{full_scale:g}; correct it or give full_scale="
+        )
+    whole = values.max() <= 65535 and (np.issubdtype(values.dtype, np.integer) or (values == np.round(values)).all())
+    return values.astype(np.uint16 if whole else np.float32)

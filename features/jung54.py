@@ -1,0 +1,137 @@
+"""The 54 features of Jung, Poel, Poppe and Heylen 2017 (J Multimodal User Interfaces 11:81-96, section 4.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from bench.corpus import Corpus
+from features.base import FeatureSet
+from features.jung28 import first_columns, first_names, table
+from features.signals import Touch
+
+BINS = 8
+EDGE_DEGREES = 5.0
+SHORTEST_STEP = 1e-6  # taxels
+
+
+class Jung54(FeatureSet):
+    """Features 1-28 of `Jung28`, with another temporal peak count, and 26 more; the numbers are for 8 x 8 taxels.
+
+    ====== ============================ ===========================================================================
+    22     temporal peaks 1             frames whose mean pressure is greater than both neighbours', count
+    29-36  pressure distribution        shares of all values in 8 equal bins from 0 to full scale
+    37-38  spatial peaks                mean and variance over time of their number; a peak is a local maximum above
+                                        0.75 of feature 2
+    39     peak distance                mean distance of peaks from the centre of mass, taxels
+    40     change of peak distance      mean absolute change of the frame's mean peak distance, taxels
+    41-42  row / column derivative      mean absolute change of row / column means, sensor value
+    43     derivative                   mean absolute change of the taxels, sensor value
+    44     variance                     over taxels and time, sensor value squared
+    45-48  direction of movement        shares of steps of the centre of mass towards up-right, up-left, down-left,
+                                        down-right; both sides of the angle by 5 degrees count half
+    49-52  magnitude of movement        mean, SD, sum and range of the length of these steps, taxels
+    53-54  periodicity                  frequency of the largest amplitude of the centre of mass's row / column, Hz
+    ====== ============================ ===========================================================================
+
+    By definition f43 = f3 / taxels, f1 is the mean of the row and of the column pressures, and f29-36 sum to 1.
+
+    Args:
+        area: ``frame`` or ``capture``: whose maximum the half of features 20 and 21 refers to. The paper does not say.
+    """
+
+    def __init__(self, area: str = "frame") -> None:
+        self.area = area
+
+    def extract(self, corpus: Corpus) -> pd.DataFrame:
+        """Compute the features of every capture.
+
+        Raises:
+            ValueError: ``area`` is neither ``frame`` nor ``capture``.
+        """
+        if self.area not in ("frame", "capture"):
+            raise ValueError(f"features.area={self.area}: give frame or capture")
+        return table(corpus, names(*corpus.grid), self._columns)
+
+    def _columns(self, touch: Touch) -> list[np.ndarray]:
+        if self.area == "capture":
+            highest = np.maximum.reduceat(touch.peak, touch.first)
+            touch.area = touch.share_above(highest[touch.capture] * 0.5)
+        columns = first_columns(touch, touch.local_maxima(touch.total))
+        change = columns[2] / touch.taxels
+        return [*columns, *_distribution(touch), *_peaks(touch, columns[1]), *_derivatives(touch), change,
+                _variance(touch), *_movement(touch), touch.dominant_frequency(touch.centre)]  # fmt: skip
+
+
+def names(rows: int, cols: int) -> list[str]:
+    """Names of the features on a grid."""
+    return [
+        *first_names(rows, cols),
+        *(f"f{29 + i}_values_bin{i + 1}" for i in range(BINS)),
+        *("f37_spatial_peaks_mean", "f38_spatial_peaks_variance", "f39_peak_distance", "f40_peak_distance_change"),
+        *("f41_row_derivative", "f42_col_derivative", "f43_derivative", "f44_variance"),
+        *("f45_up_right", "f46_up_left", "f47_down_left", "f48_down_right"),
+        *("f49_step_mean", "f50_step_sd", "f51_step_sum", "f52_step_range", "f53_row_frequency", "f54_col_frequency"),
+    ]
+
+
+def _distribution(touch: Touch) -> list[np.ndarray]:
+    samples = touch.lengths * touch.taxels
+    above = [samples]
+    for i in range(1, BINS):
+        edge = touch.full_scale * i / BINS
+        limit = np.ceil(edge) if np.issubdtype(touch.raw.dtype, np.integer) else edge
+        above.append(touch.sum(np.count_nonzero(touch.raw >= touch.raw.dtype.type(limit), axis=1)))
+    above.append(np.zeros_like(samples))
+    return [(low - high) / samples for low, high in zip(above[:-1], above[1:], strict=True)]
+
+
+def _peaks(touch: Touch, highest: np.ndarray) -> list[np.ndarray]:
+    frame, taxel = touch.spatial_peaks(0.75 * highest)
+    count = np.bincount(frame, minlength=len(touch.total)).astype(np.float64)
+    mean = touch.mean(count)
+    variance = touch.mean((count - mean[touch.capture]) ** 2)
+    at = np.stack(np.divmod(taxel, touch.grid[1]), axis=1) + 1
+    distance = np.hypot(*(at - touch.centre[frame]).T)
+    summed = np.bincount(frame, weights=distance, minlength=len(count))
+    peaks = touch.sum(count)
+    per_frame = summed / np.maximum(count, 1)
+    both = (count > 0) & (np.append(0, count[:-1]) > 0)
+    both[touch.first] = False
+    change = touch.sum(np.abs(touch.step(per_frame)) * both) / np.maximum(touch.sum(both), 1)
+    return [mean, variance, touch.sum(summed) / np.maximum(peaks, 1), change]
+
+
+def _derivatives(touch: Touch) -> list[np.ndarray]:
+    rows, cols = touch.grid
+    return [
+        touch.step_mean(np.abs(touch.step(touch.rows)) @ np.ones(rows)) / (rows * cols),
+        touch.step_mean(np.abs(touch.step(touch.cols)) @ np.ones(cols)) / (rows * cols),
+    ]
+
+
+def _variance(touch: Touch) -> np.ndarray:
+    samples = touch.lengths * touch.taxels
+    mean = touch.sum(touch.total) / samples
+    centred = touch.frames - mean[touch.capture, None].astype(touch.frames.dtype)
+    return touch.sum(np.einsum("ij,ij->i", centred, centred)) / samples
+
+
+def _movement(touch: Touch) -> list[np.ndarray]:
+    down, right = touch.travel.T
+    length = np.hypot(down, right)
+    moving = length > SHORTEST_STEP
+    angle = np.degrees(np.arctan2(-down, right))  # rows are counted downwards
+    shares = np.zeros((len(length), 4))
+    for side in (-EDGE_DEGREES, EDGE_DEGREES):
+        quadrant = ((angle + side) // 90).astype(np.int64) % 4
+        shares[np.arange(len(length)), quadrant] += 0.5 * moving
+    mean = touch.step_mean(length)
+    square = (length - mean[touch.capture]) ** 2
+    square[touch.first] = 0
+    longest = np.maximum.reduceat(length, touch.first)
+    rest = length.copy()
+    rest[touch.first[touch.lengths > 1]] = np.inf  # a first frame is no step
+    shortest = np.minimum.reduceat(rest, touch.first)
+    direction = (touch.sum(shares).T / touch.steps).T
+    return [direction, mean, np.sqrt(touch.step_mean(square)), touch.sum(length), longest - shortest]
