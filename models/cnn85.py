@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import torch
 from torch import nn
 
+from models.taxel_major import taxel_major
 from models.training import Step, Windows, train
 from models.window import WindowNet
 
@@ -51,13 +54,14 @@ class CNN85(WindowNet):
     def learn(self, net: nn.Module, windows: Windows, target: np.ndarray) -> list[dict[str, float]]:
         """Train with the toolbox's optimiser and its search of the learning rate.
 
-        The paper does not say how weights start. The toolbox's examples use a normal of SD 0.01, from which this network
-        did not leave chance on HAART, nor did it from PyTorch's default; from He's normal it did (docs/systems.md).
+        The paper does not say how weights start. The toolbox's examples use a normal of SD 0.01, from which this
+        network did not leave chance on HAART, nor did it from PyTorch's default; from He's normal it did.
         """
         for p in net.parameters():
             nn.init.kaiming_normal_(p) if p.ndim > 1 else nn.init.zeros_(p)
         sgd = SelectiveSGD(net)
-        return train(net, windows, target, sgd, self.epochs, self.batch, self.seed, before_epoch=sgd.search)
+        forward = partial(taxel_major, net)
+        return train(net, windows, target, sgd, self.epochs, self.batch, self.seed, sgd.search, forward)
 
 
 class SelectiveSGD:

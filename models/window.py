@@ -46,7 +46,6 @@ class WindowNet(ClassifierMixin, BaseEstimator):
             net = self.network(*X.grid, len(self.classes_))
             with torch.no_grad():  # gives lazy layers their size before an optimiser asks for parameters
                 net(windows.batch(np.arange(1)))
-            net.to(memory_format=torch.channels_last)
             self.history_ = self.learn(net, windows, codes[windows.capture])
         self.net_ = net
         return self

@@ -46,6 +46,13 @@ class BoostedTrees(ClassifierMixin, BaseEstimator):
         """Class names [captures]."""
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
+    @property
+    def parameters_(self) -> int:
+        """Learnt numbers: feature, threshold and two children of each split, one value per leaf."""
+        table = self.booster_.get_booster().trees_to_dataframe()
+        leaves = int((table["Feature"] == "Leaf").sum())
+        return 4 * (len(table) - leaves) + leaves
+
 
 def xgb(features: TransformerMixin, trees: int = 300, depth: int = 4, rate: float = 0.1, seed: int = 0) -> Pipeline:
     """Boosted trees on the raw features; the parameters are those of `BoostedTrees`."""

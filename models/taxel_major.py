@@ -1,0 +1,133 @@
+"""Small images, fast: convolutions on [rows, cols, batch, channels] as plain matrix products.
+
+A touch frame has 8 x 8 taxels and a network halves that twice, so a library convolution spends up to two fifths of its
+work on zero padding. With the grid as the outer axes, one row of one kernel tap is a contiguous matrix, and taps that
+fall on padding are not computed at all. The network stays an ordinary `nn.Sequential` with its ordinary parameters;
+`taxel_major` only runs it in another order (tests/models/test_taxel_major.py compares outputs and gradients).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+from torch import nn
+
+
+def taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
+    """Run a stack of convolutions, ReLUs and 2 x 2 poolings, then whatever follows `nn.Flatten`.
+
+    Args:
+        net: ``Conv2d`` (stride 1, zero padding), ``ReLU`` and ``MaxPool2d(2, ceil_mode=True)`` up to a ``Flatten``.
+        x: [batch, channels, rows, cols]; fastest when it is laid out as [rows, cols, batch, channels].
+
+    Returns:
+        What ``net(x)`` returns, up to rounding.
+
+    Raises:
+        TypeError: a layer before ``Flatten`` that is none of these.
+    """
+    layers = list(net)
+    end = next(i for i, layer in enumerate(layers) if isinstance(layer, nn.Flatten))
+    grid = x.permute(2, 3, 0, 1).contiguous()
+    i = 0
+    while i < end:
+        layer, following = layers[i], layers[i + 1]
+        if isinstance(layer, nn.ReLU) and isinstance(following, nn.MaxPool2d):
+            grid = pool(grid).relu()  # the two commute, and after pooling there is a quarter to do
+            i += 1
+        elif isinstance(layer, nn.Conv2d):
+            weight = layer.weight.permute(2, 3, 1, 0).contiguous()
+            grid = _Convolution.apply(grid, weight, layer.bias, *layer.padding)
+        elif isinstance(layer, nn.ReLU):
+            grid = grid.relu()
+        elif isinstance(layer, nn.MaxPool2d):
+            grid = pool(grid)
+        else:
+            raise TypeError(f"{type(layer).__name__} has no taxel-major form")
+        i += 1
+    x = grid.permute(2, 3, 0, 1)
+    for layer in layers[end:]:
+        x = layer(x)
+    return x
+
+
+def pool(grid: torch.Tensor) -> torch.Tensor:
+    """Largest of 2 x 2 positions, stride 2, incomplete ones at the end included."""
+    return _Halving.apply(_Halving.apply(grid, 0), 1)
+
+
+class _Halving(torch.autograd.Function):
+    """The larger of each two neighbours along an axis; an odd one at the end stays. Of equals the first is taken."""
+
+    @staticmethod
+    def forward(ctx: object, grid: torch.Tensor, axis: int) -> torch.Tensor:
+        first, second, odd = _neighbours(grid, axis)
+        ctx.save_for_backward(first >= second)
+        ctx.axis, ctx.shape = axis, grid.shape
+        larger = torch.maximum(first, second)
+        return torch.cat([larger, odd], axis) if odd is not None else larger
+
+    @staticmethod
+    def backward(ctx: object, gradient: torch.Tensor) -> tuple:
+        (is_first,) = ctx.saved_tensors
+        for_grid = gradient.new_empty(ctx.shape)
+        first, second, odd = _neighbours(for_grid, ctx.axis)
+        pairs = gradient.narrow(ctx.axis, 0, first.shape[ctx.axis])
+        torch.mul(pairs, is_first, out=first)
+        torch.sub(pairs, first, out=second)
+        if odd is not None:
+            odd.copy_(gradient.narrow(ctx.axis, gradient.shape[ctx.axis] - 1, 1))
+        return for_grid, None
+
+
+def _neighbours(grid: torch.Tensor, axis: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+    size = grid.shape[axis]
+    pairs = grid.narrow(axis, 0, size - size % 2).unflatten(axis, (-1, 2))
+    odd = grid.narrow(axis, size - 1, 1) if size % 2 else None
+    return pairs.select(axis + 1, 0), pairs.select(axis + 1, 1), odd
+
+
+class _Convolution(torch.autograd.Function):
+    """Cross-correlation of [rows, cols, batch, in] with [kernel rows, kernel cols, in, out], stride 1, zero padding."""
+
+    @staticmethod
+    def forward(
+        ctx: object, x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, down: int, right: int
+    ) -> torch.Tensor:
+        rows, cols, batch, channels = x.shape
+        high, wide, _, outputs = weight.shape
+        out = bias.expand(rows + 2 * down - high + 1, cols + 2 * right - wide + 1, batch, outputs).contiguous()
+        for tap, into, source in _rows(x.shape, weight.shape, down, right):
+            out[into].view(-1, outputs).addmm_(x[source].view(-1, channels), weight[tap])
+        ctx.save_for_backward(x, weight)
+        ctx.padding = down, right
+        return out
+
+    @staticmethod
+    def backward(ctx: object, gradient: torch.Tensor) -> tuple:
+        x, weight = ctx.saved_tensors
+        gradient = gradient.contiguous()
+        channels, outputs = x.shape[3], weight.shape[3]
+        for_x = torch.zeros_like(x) if ctx.needs_input_grad[0] else None
+        for_weight = torch.zeros_like(weight)
+        for tap, into, source in _rows(x.shape, weight.shape, *ctx.padding):
+            part = gradient[into].view(-1, outputs)
+            for_weight[tap].addmm_(x[source].view(-1, channels).T, part)
+            if for_x is not None:
+                for_x[source].view(-1, channels).addmm_(part, weight[tap].T)
+        return for_x, for_weight, gradient.sum((0, 1, 2)), None, None
+
+
+def _rows(x: torch.Size, weight: torch.Size, down: int, right: int) -> Iterator[tuple]:
+    """Every kernel tap with the stretch of an output row it adds to and the stretch of an input row it reads."""
+    rows, cols = x[:2]
+    high, wide = weight[:2]
+    for i in range(high):
+        for j in range(wide):
+            first = max(0, right - j)
+            last = min(cols + 2 * right - wide + 1, cols + right - j)
+            if last <= first:
+                continue
+            for row in range(max(0, down - i), min(rows + 2 * down - high + 1, rows + down - i)):
+                yield (i, j), (row, slice(first, last)), (row + i - down, slice(first + j - right, last + j - right))

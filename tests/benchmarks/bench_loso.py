@@ -1,0 +1,37 @@
+"""Time of a full LOSO of one system on a generated corpus of CoST's size, from its first folds.
+
+    python tests/benchmarks/bench_loso.py [model] [folds]
+"""
+
+import sys
+import time
+
+from bench.cells import cells
+from bench.runner import folds_of, run_folds, share_cores
+from bench.store import open_corpus
+
+
+def main(model: str = "cnn85", count: str = "4") -> None:
+    """Print seconds per fold, accuracy, peak memory, and the wall time extrapolated to all folds."""
+    (cell,) = cells({"model": model, "data.subjects": "31", "data.repetitions": "6"})
+    corpus = open_corpus(cell.data, cell.data_parameters)
+    folds = folds_of(cell, corpus)
+    jobs, threads = share_cores(None, len(folds))
+    print(f"{cell.system()}, {len(corpus)} synthetic captures, {jobs} workers x {threads} threads", flush=True)
+    started = time.perf_counter()
+    for result in run_folds(cell, corpus, folds[: int(count)], jobs, threads):
+        rows = result.predictions
+        classes = [c for c in rows if c.startswith("p_")]
+        correct = rows[classes].idxmax(axis=1).str.removeprefix("p_") == rows["true"]
+        print(
+            f"fold {result.name}: fit {result.metrics['fit_seconds']:.0f} s, {len(rows)} decisions, "
+            f"{correct.mean():.1%} of them right, peak {result.metrics['peak_rss_bytes'] / 2**20:.0f} MiB, "
+            f"rates {sorted({h['rate'] for h in result.history})}",
+            flush=True,
+        )
+    wall = time.perf_counter() - started
+    print(f"{count} folds in {wall:.0f} s; {len(folds)} folds extrapolated: {wall * len(folds) / int(count) / 3600:.2f} h")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
