@@ -1,6 +1,6 @@
 """Time of a full LOSO of one system on a generated corpus of CoST's size, from its first folds.
 
-    python tests/benchmarks/bench_loso.py [model] [folds]
+python tests/benchmarks/bench_loso.py [model] [folds]
 """
 
 import sys
@@ -30,7 +30,8 @@ def main(model: str = "cnn85", count: str = "4") -> None:
             flush=True,
         )
     wall = time.perf_counter() - started
-    print(f"{count} folds in {wall:.0f} s; {len(folds)} folds extrapolated: {wall * len(folds) / int(count) / 3600:.2f} h")
+    hours = wall * len(folds) / int(count) / 3600
+    print(f"{count} folds in {wall:.0f} s; all {len(folds)} extrapolated: {hours:.2f} h")
 
 
 if __name__ == "__main__":

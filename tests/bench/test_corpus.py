@@ -1,0 +1,110 @@
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut, cross_validate
+
+from bench.corpus import Corpus, InputError, content_digest, open_folder, write_folder
+from tests.conftest import random_corpus
+
+
+@given(st.lists(st.integers(0, 35), min_size=1, max_size=60))
+def test_a_slice_holds_the_frames_of_its_captures_and_shares_memory(chosen):
+    whole = random_corpus()
+    some = whole[np.array(chosen)]
+    assert len(some) == len(chosen) and some.shape == (len(chosen),)
+    for position, original in enumerate(chosen):
+        expected = whole.frames[whole.starts[original] : whole.starts[original] + whole.lengths[original]]
+        assert np.array_equal(some[position], expected)
+        assert some.gestures[position] == whole.gestures[original]
+    assert np.shares_memory(some.frames, whole.frames)
+    assert some[::2][0] is not None and np.array_equal(some[::-1].index, np.array(chosen)[::-1])
+
+
+def test_masks_and_the_tuple_that_scikit_learn_asks_with(corpus):
+    mask = corpus.subjects == "2"
+    assert np.array_equal(corpus[mask].index, np.flatnonzero(mask))
+    assert np.array_equal(corpus[np.array([3, 1]), ...].index, [3, 1])
+
+
+def test_stored_and_mapped_again(corpus, tmp_path):
+    write_folder(corpus, tmp_path / "c")
+    again = open_folder(tmp_path / "c")
+    assert np.array_equal(again.frames, corpus.frames) and isinstance(again.frames.base, np.memmap)
+    assert again.captures.astype(str).equals(corpus.captures.astype(str))
+    assert again.digest == content_digest(corpus)
+    travelled = pickle.dumps(again[np.array([5, 2])])
+    assert len(travelled) < 2000  # frames do not travel
+    assert np.array_equal(pickle.loads(travelled)[0], corpus[5])
+    in_memory = pickle.loads(pickle.dumps(corpus[3:5]))
+    assert np.array_equal(in_memory[1], corpus[4])
+
+
+def test_a_replaced_corpus_is_not_mistaken_for_the_old_one(corpus, tmp_path):
+    write_folder(corpus, tmp_path / "c")
+    travelled = pickle.dumps(open_folder(tmp_path / "c"))
+    (tmp_path / "c").rename(tmp_path / "old")
+    write_folder(random_corpus(seed=1), tmp_path / "c")
+    with pytest.raises(InputError, match="replaced"):
+        pickle.loads(travelled)
+
+
+def test_any_change_changes_the_digest(corpus):
+    digests = {content_digest(corpus)}
+    frames = corpus.frames.copy()
+    frames[0, 0, 0] += 1
+    changed = [
+        {"frames": frames},
+        {"rate_hz": 50.0},
+        {"full_scale": 4095.0},
+        {"captures": corpus.captures.assign(subject="1")},
+        {"lengths": np.roll(corpus.lengths, 1)},
+    ]
+    for fields in changed:
+        digests.add(content_digest(Corpus(**{**vars(corpus), **fields})))
+    assert len(digests) == 1 + len(changed)
+
+
+def test_an_incomplete_folder_is_refused(tmp_path):
+    with pytest.raises(InputError, match="import it again"):
+        open_folder(tmp_path)
+
+
+def test_select(corpus):
+    some = corpus.select("subject == '2' and repetition > 1")
+    assert list(some.index) == [
+        i
+        for i, (s, r) in enumerate(zip(corpus.subjects, corpus.captures["repetition"], strict=True))
+        if s == "2" and r > 1
+    ]
+    for bad in ("nothing == 1", "subject ==", "subject", "subject == 'x'", "@os.getcwd() == ''"):
+        with pytest.raises(InputError):
+            corpus.select(bad)
+
+
+class Level(ClassifierMixin, BaseEstimator):
+    """Nearest class mean of the overall level, as a user would write it."""
+
+    def __init__(self, power=1.0):
+        self.power = power
+
+    def fit(self, X, y):
+        levels = np.array([x.mean() ** self.power for x in X])
+        self.classes_ = np.unique(y)
+        self.means_ = np.array([levels[y == c].mean() for c in self.classes_])
+        return self
+
+    def predict(self, X):
+        levels = np.array([x.mean() ** self.power for x in X])
+        return self.classes_[np.abs(levels[:, None] - self.means_).argmin(axis=1)]
+
+
+def test_scikit_learn_takes_a_corpus_as_it_takes_an_array(corpus):
+    found = cross_validate(Level(), corpus, corpus.gestures, groups=corpus.subjects, cv=LeaveOneGroupOut())
+    assert len(found["test_score"]) == 4 and found["test_score"].mean() > 0.9
+    search = GridSearchCV(Level(), {"power": [0.5, 1.0]}, cv=LeaveOneGroupOut())
+    search.fit(corpus, corpus.gestures, groups=corpus.subjects)
+    assert search.best_score_ > 0.9

@@ -1,0 +1,68 @@
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.metrics import accuracy_score, f1_score, precision_score, recall_score
+
+from bench import scores
+
+# Two subjects, three captures, classes a and b. Capture 0 has three windows that vote a, a, b but whose mean says b.
+PREDICTIONS = pd.DataFrame(
+    [
+        ("1", 0, 0, 10, "a", "1", 0.6, 0.4),
+        ("1", 0, 10, 10, "a", "1", 0.6, 0.4),
+        ("1", 0, 20, 5, "a", "1", 0.0, 1.0),
+        ("1", 1, 0, 4, "b", "1", 0.3, 0.7),
+        ("2", 2, 0, 10, "a", "2", 0.9, 0.1),
+        ("2", 2, 10, 2, "a", "2", 0.2, 0.8),
+    ],
+    columns=["fold", "capture", "start", "frames", "true", "subject", "p_a", "p_b"],
+)
+
+
+def test_units_by_hand():
+    assert list(scores.windows(PREDICTIONS)["predicted"]) == ["a", "a", "b", "b", "a", "b"]
+    assert list(scores.captures(PREDICTIONS)["predicted"]) == ["b", "b", "a"]
+    # Capture 2 has one vote each; its mean probability is .55 for a.
+    assert list(scores.captures(PREDICTIONS, vote=True)["predicted"]) == ["a", "b", "a"]
+    found = scores.summary(PREDICTIONS, rate_hz=100)
+    assert found["accuracy"] == pytest.approx(2 / 3)
+    assert found["vote_accuracy"] == 1
+    assert found["window_accuracy"] == pytest.approx(4 / 6)
+    assert found["subject_accuracy_mean"] == pytest.approx(0.75)
+    assert found["subject_accuracy_sd"] == pytest.approx(np.std([0.5, 1], ddof=1))
+    assert found["window_macro_precision"] == pytest.approx((3 / 3 + 1 / 3) / 2)
+    assert found["window_macro_recall"] == pytest.approx((3 / 5 + 1) / 2)
+    assert found["observed_ms"] == pytest.approx(75)  # median of 10, 10, 5, 4, 10, 2 frames at 100 Hz
+    assert found["capture_ms"] == pytest.approx(120)  # median of 25, 4, 12 frames
+
+
+def test_scores_equal_scikit_learns():
+    rng = np.random.default_rng(0)
+    proba = rng.dirichlet(np.ones(4), 200)
+    table = pd.DataFrame(proba, columns=[f"p_{c}" for c in "abcd"])
+    table = table.assign(fold="1", capture=np.arange(200), start=0, frames=10, true=rng.choice(list("abc"), 200))
+    table["subject"] = rng.choice(list("xyz"), 200)
+    predicted = np.array(list("abcd"))[proba.argmax(axis=1)]
+    found = scores.summary(table, rate_hz=50)
+    each = {"labels": list("abcd"), "average": "macro", "zero_division": 0}
+    assert found["accuracy"] == pytest.approx(accuracy_score(table["true"], predicted))
+    assert found["macro_f1"] == pytest.approx(f1_score(table["true"], predicted, **each))
+    assert found["macro_precision"] == pytest.approx(precision_score(table["true"], predicted, **each))
+    assert found["macro_recall"] == pytest.approx(recall_score(table["true"], predicted, **each))
+    assert "vote_accuracy" not in found and "window_accuracy" not in found
+    low, high = found["accuracy_low"], found["accuracy_high"]
+    means = scores.per_subject(scores.captures(table))["accuracy"]
+    assert means.min() <= low < found["accuracy"] < high <= means.max()
+
+
+def test_interval_equals_a_loop_over_drawn_subjects():
+    table = scores.captures(PREDICTIONS.assign(capture=range(6), subject=list("112233")))
+    draws = np.random.default_rng(0).integers(0, 3, (2000, 3))
+    hit = (table["true"] == table["predicted"]).to_numpy().reshape(3, 2)
+    expected = np.quantile([hit[d].mean() for d in draws], [0.025, 0.975])
+    assert scores.subject_interval(table) == pytest.approx(tuple(expected))
+
+
+def test_one_subject_has_no_spread():
+    found = scores.summary(PREDICTIONS[PREDICTIONS["subject"] == "1"], rate_hz=100)
+    assert "subject_accuracy_sd" not in found and "accuracy_low" not in found

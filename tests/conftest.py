@@ -1,0 +1,35 @@
+"""What tests share: a data folder of their own, and small ragged corpora."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.corpus import Corpus
+
+
+@pytest.fixture(autouse=True)
+def own_folders(tmp_path, monkeypatch):
+    """No test reads or writes the user's data folder or store."""
+    monkeypatch.setenv("TOUCHBENCH_HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    monkeypatch.chdir(tmp_path)
+
+
+def random_corpus(subjects=4, per_class=3, gestures=("pat", "rub", "tap"), grid=(8, 8), longest=40, seed=0, **fields):
+    """Captures of different lengths and levels, so that classes can be told apart but not perfectly."""
+    rng = np.random.default_rng(seed)
+    arrays, about = [], []
+    for subject in range(1, subjects + 1):
+        for c, gesture in enumerate(gestures):
+            for repetition in range(1, per_class + 1):
+                frames = int(rng.integers(1, longest))
+                arrays.append(rng.poisson(20 + 60 * c + 5 * subject, (frames, *grid)).clip(0, 1023).astype(np.uint16))
+                about.append((str(subject), gesture, repetition))
+    captures = pd.DataFrame(about, columns=["subject", "gesture", "repetition"])
+    return Corpus.from_captures(arrays, captures, 100.0, name="random", **fields)
+
+
+@pytest.fixture
+def corpus():
+    """4 subjects, 3 gestures, 36 captures of 1 to 39 frames on 8 x 8."""
+    return random_corpus()
