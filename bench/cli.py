@@ -172,9 +172,8 @@ def _report(arguments: list[str]) -> int:
     out = Path(options.pop("out", "report"))
     if options:
         raise InputError(f"no key is called {next(iter(options))!r}; {nearest(next(iter(options)), ['out'])}")
-    from reports.comparison import write_report
-
     from bench.tracking import connect
+    from reports.comparison import write_report
 
     for path in write_report(connect(), out):
         print(path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -64,6 +65,7 @@ def run(arguments: list[str]) -> int:
         console.print(
             f"{len(failed)} failed: {'; '.join(failed[:3])}{more}; the traceback is an artifact of the fold's run",
             style="bold red",
+            markup=False,
             soft_wrap=True,
         )
         return 1
@@ -110,7 +112,8 @@ def _run_cell(
         run = CellRun(client, cell, corpus, key, cell.protocol.make().label(corpus), threads)
         missing = [fold for fold in folds if fold.name not in run.done]
         if not missing:
-            console.print(f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(folds)} folds were stored before")
+            said = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(folds)} folds were stored before"
+            console.print(said, markup=False, soft_wrap=True)
         elif cell.features:
             cell.features.make().fit_transform(corpus[:1])  # fills the feature cache once for all folds
         errors = []
@@ -158,10 +161,10 @@ def _add_row(table: Table, cell: Cell, corpus: Corpus, metrics: dict[str, float]
         return f"{100 * metrics[name]:.1f}" if name in metrics else "-"
 
     table.add_row(
-        cell.system(),
+        escape(cell.system()),  # rich would take svm[C=8.0] for markup
         cell.data + ("*" if corpus.synthetic else ""),
-        cell.where or "all",
-        str(cell.protocol),
+        escape(cell.where or "all"),
+        escape(str(cell.protocol)),
         percent("accuracy"),
         percent("subject_accuracy_sd"),
         percent("macro_f1"),

@@ -1,5 +1,9 @@
 """What tests share: a data folder of their own, and small ragged corpora."""
 
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on two threads than on one
+
 import numpy as np
 import pandas as pd
 import pytest

@@ -169,8 +169,8 @@ def training_subjects(captures: pd.DataFrame, lengths: np.ndarray) -> set[str]:
 
     Each of the four gestures must single out the same 21 of 31 subjects.
     """
-    used = captures["variant"].isin(["gentle", "normal"])
-    frames = pd.Series(lengths)[used].groupby([captures["gesture"][used], captures["subject"][used]]).sum()
+    used = captures.assign(frames=lengths)[captures["variant"].isin(["gentle", "normal"])]
+    frames = used.groupby(["gesture", "subject"])["frames"].sum()
     found = []
     for gesture, sums in CHALLENGE_FRAMES.items():
         if gesture not in frames.index.get_level_values(0):

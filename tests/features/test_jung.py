@@ -95,10 +95,10 @@ def naive(frames, rate, full_scale, area="frame"):
     return out, crossings(mean_s + np.std(s))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from([(8, 8), (3, 5), (1, 4), (5, 1)]), st.sampled_from(["frame", "capture"]))
 def test_features_equal_a_loop_over_the_definitions(seed, grid, area):
-    corpus = random_corpus(subjects=1, per_class=1, grid=grid, longest=30, seed=seed)
+    corpus = random_corpus(subjects=1, per_class=1, grid=grid, longest=16, seed=seed)
     table54, table28 = Jung54(area).transform(corpus), Jung28().transform(corpus)
     assert table54.shape == (3, 54 - 16 + sum(grid)) and table28.shape == (3, 28 - 16 + sum(grid))
     for i, frames in enumerate(corpus):
@@ -110,7 +110,7 @@ def test_features_equal_a_loop_over_the_definitions(seed, grid, area):
             np.testing.assert_allclose(table28.iloc[i], first, rtol=1e-6, atol=1e-6)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.integers(0, 1000))
 def test_float_captures(seed):
     corpus = random_corpus(subjects=1, per_class=1, grid=(4, 4), longest=20, seed=seed)

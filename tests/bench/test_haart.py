@@ -1,0 +1,91 @@
+import zipfile
+
+import numpy as np
+import pytest
+
+from bench.corpora import haart
+from bench.corpora.haart import CELLS, read
+from bench.corpus import InputError
+
+
+def training(captures, frames=432):
+    rows = [f'ParticipantNo, "Substrate", "Cover", "Gesture",{",".join(CELLS)}']
+    for i, (who, gesture) in enumerate(captures):
+        rows += [f"{who},curve,fur,{gesture}," + ",".join([str(i), str(t), *["5"] * 62]) for t in range(frames)]
+    return "\n".join(rows) + "\n"
+
+
+def test_part(captures, frames=432):
+    rows = [f"ParticipantID,Substrate,Cover,Gesture,Sequence,{','.join(CELLS)}"]
+    for i, (who, gesture) in enumerate(captures):
+        rows += [f"{who},foam,none,{gesture},{t}," + ",".join([str(i), *["7"] * 62, "9"]) for t in range(1, frames + 1)]
+    return "\n".join(rows) + "\n"
+
+
+test_part.__test__ = False
+
+
+@pytest.fixture
+def release(tmp_path):
+    folder = tmp_path / "HAART DataSet"
+    folder.mkdir()
+    (folder / "training.csv").write_text(training([("P4", "constant"), ("P4", "pat"), ("P10", "pat")]))
+    (folder / "testWITHLABELS.csv").write_text(test_part([("T9", "rub"), ("T1", "pat")]))
+    return folder
+
+
+def test_folder_parent_and_zip_give_the_same(release, tmp_path):
+    corpus = read(release)
+    assert corpus.captures.to_dict("list") == {
+        "subject": ["4", "4", "10", "9", "1"],
+        "gesture": ["constant", "pat", "pat", "rub", "pat"],
+        "substrate": ["curve"] * 3 + ["foam"] * 2,
+        "cover": ["fur"] * 3 + ["none"] * 2,
+        "split": ["train"] * 3 + ["test"] * 2,
+    }
+    assert corpus.rate_hz == 54 and list(corpus.lengths) == [432] * 5
+    assert corpus[1][5].ravel()[:3].tolist() == [1, 5, 5]
+    # Sequence is no cell, and the last cell is not lost.
+    assert corpus[4][10].ravel()[[0, 1, 63]].tolist() == [1, 7, 9]
+    assert corpus.info["warnings"] == [
+        "train captures: 3 here, 578 published",
+        "test captures: 2 here, 251 published",
+        "subjects: 4 here, 10 published",
+    ]
+    with zipfile.ZipFile(tmp_path / "release.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in release.iterdir():
+            archive.write(file, f"HAART DataSet/{file.name}")
+    for source in (tmp_path, tmp_path / "release.zip"):
+        assert np.array_equal(read(source).frames, corpus.frames)
+
+
+def test_broken_releases(release, tmp_path, monkeypatch):
+    def refused(message, source=release):
+        with pytest.raises(InputError, match=message) as error:
+            read(source)
+        assert "\n" not in str(error.value)
+
+    whole = (release / "training.csv").read_text().splitlines()
+    (release / "training.csv").write_text("\n".join(whole[:-1]))
+    refused(r"training.csv, line 866: the capture that starts here has 431 frames instead of 432")
+    (release / "training.csv").write_text("\n".join(whole[:400] + whole[401:]))
+    refused(r"training.csv, line 433: the capture that starts in line 2 has 431 frames")
+    (release / "training.csv").write_text("\n".join(whole))
+    tested = (release / "testWITHLABELS.csv").read_text().splitlines()
+    (release / "testWITHLABELS.csv").write_text("\n".join(tested[:10] + tested[11:]))
+    refused(r"testWITHLABELS.csv, line 11: frame 11 follows frame 9")
+    (release / "testWITHLABELS.csv").write_text("\n".join([*tested[:5], tested[5].replace(",7,", ",2000,", 1)]))
+    refused(r"testWITHLABELS.csv, line 6: cell2 is 2000, above the full scale 1023")
+    (release / "testWITHLABELS.csv").unlink()
+    refused("testWITHLABELS.csv is missing")
+    (tmp_path / "bad.zip").write_bytes(b"PK\x03\x04 not really")
+    refused("not a readable zip file", tmp_path / "bad.zip")
+    with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive:
+        archive.writestr("readme.txt", "hello")
+    refused("training.csv is missing", tmp_path / "other.zip")
+    refused("no such file or folder", tmp_path / "nowhere.zip")
+    with zipfile.ZipFile(tmp_path / "large.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("training.csv", "0" * 5000)
+        archive.writestr("testWITHLABELS.csv", "0")
+    monkeypatch.setattr(haart, "LARGEST_MEMBER", 4096)
+    refused("larger than", tmp_path / "large.zip")

@@ -1,0 +1,260 @@
+"""Whole runs: what is tracked, what a second command does, and what happens when something goes wrong."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from filelock import FileLock
+from joblib.externals.loky import get_reusable_executor
+
+from bench import registry, run
+from bench.cli import main
+from bench.corpus import home
+from bench.fold import decisions
+from bench.runner import folds_of, share_cores
+from bench.tracking import connect
+from tests.bench.wayward import Wayward
+from tests.conftest import random_corpus
+
+SMALL = ["data.subjects=4", "data.variants=normal", "jobs=2"]
+
+
+@pytest.fixture
+def wayward(tmp_path, monkeypatch):
+    """A system of an installed package, known by its entry point only, to this process and to new workers."""
+    info = tmp_path / "site" / "wayward-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: wayward\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[touchbench.models]\nwayward = tests.bench.wayward:Wayward\n")
+    monkeypatch.syspath_prepend(info.parent)
+    registry.names.cache_clear()
+    get_reusable_executor().shutdown(kill_workers=True)
+    yield
+    registry.names.cache_clear()
+    get_reusable_executor().shutdown(kill_workers=True)
+
+
+def runs(kind):
+    client = connect()
+    experiment = client.get_experiment_by_name("touchbench").experiment_id
+    return client, client.search_runs([experiment], f"tags.`touchbench.kind` = '{kind}'", order_by=["start_time ASC"])
+
+
+def predictions(client, run_):
+    return pd.read_parquet(client.download_artifacts(run_.info.run_id, "predictions.parquet"))
+
+
+def test_a_run_is_tracked_whole(capsys):
+    assert main(["run", "model=svm,cnn85", "model.epochs=2", *SMALL]) == 0
+    out = capsys.readouterr().out
+    assert "svm · jung54" in out and "cnn85[epochs=2]" in out and "synthetic" in out
+    client, parents = runs("cell")
+    assert len(parents) == 2
+    svm, cnn = parents
+    assert svm.info.status == "FINISHED" and svm.data.tags["synthetic"] == "true"
+    assert svm.data.params["model.C"] == "512.0" and svm.data.params["features"] == "jung54"
+    assert {"corpus_digest", "threads", "cpu", "version.scikit-learn", "protocol"} <= set(svm.data.params)
+    names = {"accuracy", "subject_accuracy_mean", "subject_accuracy_sd", "macro_f1", "macro_recall", "macro_precision",
+             "fit_seconds", "predict_ms_p50", "predict_ms_p95", "decision_ms", "parameters", "flash_bytes",
+             "peak_rss_bytes"}  # fmt: skip
+    assert names <= set(svm.data.metrics) and names | {"window_accuracy", "vote_accuracy"} <= set(cnn.data.metrics)
+    assert cnn.inputs.dataset_inputs[0].dataset.name == "synth"
+    table = predictions(client, svm)
+    assert len(table) == 4 * 14 and list(table["fold"].unique()) == ["1", "2", "3", "4"]
+    assert (table["fold"] == table["subject"]).all() and {"variant", "true", "p_grab", "frames"} <= set(table)
+    right = table.filter(like="p_").idxmax(axis=1).str[2:] == table["true"]
+    assert svm.data.metrics["accuracy"] == pytest.approx(right.mean())
+    _, folds = runs("fold")
+    assert len(folds) == 8
+    child = next(f for f in folds if f.data.tags["mlflow.parentRunId"] == cnn.info.run_id)
+    assert [m.step for m in client.get_metric_history(child.info.run_id, "loss")] == [1, 2]
+    kept = {a.path for a in client.list_artifacts(svm.info.run_id)}
+    assert kept == {"predictions.parquet", "confusion.csv", "per_subject.csv", "per_class.csv"}
+
+    assert main(["run", "model=svm", *SMALL]) == 0  # the same again computes nothing
+    assert "stored before" in capsys.readouterr().err and len(runs("cell")[1]) == 2
+
+    assert main(["report"]) == 0
+    text = Path("report/comparison.md").read_text()
+    assert text.count("synth (synthetic)") == 4 and "say nothing about people" in text
+    table = pd.read_csv("report/comparison.csv")
+    assert list(table["unit"]) and set(table["unit"]) == {
+        "capture",
+        "capture, mean probability",
+        "capture vote",
+        "window",
+    }
+    assert table["published"].isna().all()
+    assert Path("report/accuracy_time.png").stat().st_size > 10_000 and Path("report/accuracy_time.svg").exists()
+
+
+def test_an_interrupted_run_goes_on_and_ends_the_same_bit_for_bit(tmp_path, monkeypatch):
+    command = ["run", "model=rf", "model.trees=20", *SMALL]
+    with monkeypatch.context() as patch:
+        original, seen = run.run_folds, []
+
+        def interrupted(*arguments):
+            for result in original(*arguments):
+                seen.append(result.name)
+                yield result
+                if len(seen) == 2:
+                    raise KeyboardInterrupt
+
+        patch.setattr(run, "run_folds", interrupted)
+        assert main(command) == 130
+    client, (parent,) = runs("cell")
+    assert parent.info.status == "KILLED" and len(runs("fold")[1]) == 2
+    computed = []
+    original = run.run_folds
+    monkeypatch.setattr(
+        run, "run_folds", lambda c, x, folds, *r: computed.extend(f.name for f in folds) or original(c, x, folds, *r)
+    )
+    assert main(command) == 0
+    assert sorted(computed + seen) == ["1", "2", "3", "4"]
+    client, (parent,) = runs("cell")
+    assert parent.info.status == "FINISHED" and parent.data.metrics["folds"] == 4
+    resumed = predictions(client, parent)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")
+    assert main(command) == 0
+    client, (parent,) = runs("cell")
+    assert resumed.equals(predictions(client, parent))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_control_c_keeps_the_finished_folds(tmp_path):
+    command = [sys.executable, "-c", "import sys; from bench.cli import main; sys.exit(main())"]
+    command += ["run", "model=rf", "model.trees=1500", "data.subjects=12", "jobs=1"]
+    process = subprocess.Popen(
+        command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    connect()
+    deadline = time.time() + 90
+    while time.time() < deadline and len(runs("fold")[1]) < 2:
+        time.sleep(0.3)
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=30)
+    assert process.returncode == 130 and "goes on from there" in error and "Traceback" not in error
+    finished = [f for f in runs("fold")[1] if f.info.status == "FINISHED"]
+    assert 2 <= len(finished) < 12
+
+
+@pytest.mark.parametrize(("how", "told"), [("fail", "cannot learn without 3"), ("nan", "not finite"), ("die", "died")])
+def test_a_fold_that_fails_is_recorded_and_the_others_go_on(how, told, wayward, capsys):
+    command = ["run", "model=wayward", f"model.{how}=3", *SMALL]
+    assert main(command) == 1
+    captured = capsys.readouterr()
+    assert "1 failed" in captured.err.splitlines()[-1] and "fold 3" in captured.err.splitlines()[-1]
+    assert "3/4" in captured.out
+    client, (parent,) = runs("cell")
+    assert parent.info.status == "FAILED" and parent.data.metrics["folds_failed"] == 1
+    assert parent.data.metrics["accuracy"] == pytest.approx(1 / 14)
+    folds = {f.data.tags["touchbench.fold"]: f for f in runs("fold")[1]}
+    assert {n: f.info.status for n, f in folds.items()} == {
+        "1": "FINISHED", "2": "FINISHED", "3": "FAILED", "4": "FINISHED"}  # fmt: skip
+    trace = Path(client.download_artifacts(folds["3"].info.run_id, "fold/traceback.txt")).read_text()
+    assert told in trace
+    assert main(command) == 1  # a failed fold is tried again, the others are not
+    assert len(runs("fold")[1]) == 4 and len(runs("cell")[1]) == 1
+
+
+def test_the_same_cell_twice_at_once_is_refused(monkeypatch, capsys):
+    from bench import tracking
+
+    monkeypatch.setattr("bench.cells.Cell.key", lambda *_: "one")
+    (home() / "locks").mkdir(parents=True)
+    with FileLock(home() / "locks" / "one.lock"):
+        assert main(["run", *SMALL]) == 2
+    assert "another process is running this very cell" in capsys.readouterr().err
+    assert tracking.store_uri().startswith("sqlite:///")
+
+
+def test_stores_created_by_several_processes_at_once_are_whole(tmp_path):
+    code = "from bench.tracking import connect; print(connect().get_experiment_by_name('touchbench').experiment_id)"
+    started = [
+        subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
+    said = [p.communicate(timeout=120)[0].split()[-1] for p in started]
+    assert len(set(said)) == 1 and all(p.returncode == 0 for p in started)
+
+
+def test_a_corpus_is_imported_exported_and_selected(tmp_path, capsys):
+    assert main(["data", "export", "synth", "out.csv", "format=cost", "subjects=2", "seed=3"]) == 0
+    assert "synthetic captures" in capsys.readouterr().out
+    assert main(["data", "import", "cost", "out.csv", "name=mine"]) == 0
+    captured = capsys.readouterr()
+    assert "mine: 84 captures, 2 subjects, 14 gestures" in captured.out and "7805 published" in captured.err
+    before = (home() / "corpora" / "mine" / "current").read_text()
+    Path("broken.csv").write_text(Path("out.csv").read_text()[:-5] + "x\n")
+    assert main(["data", "import", "cost", "broken.csv", "name=mine"]) == 2
+    assert "line" in capsys.readouterr().err
+    assert (home() / "corpora" / "mine" / "current").read_text() == before
+    with FileLock(home() / "corpora" / ".mine.lock"):
+        assert main(["data", "import", "cost", "out.csv", "name=mine"]) == 2
+    assert "another import of name=mine is under way" in capsys.readouterr().err
+    assert main(["data"]) == 0
+    listed = capsys.readouterr().out
+    assert "mine" in listed and before in listed and "CC BY-NC-SA" in listed
+    assert main(["run", "data=mine", "where=variant == 'rough'", "model=bayes"]) == 0
+    client, (parent,) = runs("cell")
+    assert parent.data.tags["subset"] == "variant == 'rough'"
+    table = predictions(client, parent)
+    assert set(table["variant"]) == {"rough"} and len(table) == 28
+
+
+def test_an_import_replaces_the_old_corpus_and_an_open_one_stays_readable(tmp_path):
+    from bench.store import import_corpus, open_corpus
+
+    for seed in (1, 2):
+        main(["data", "export", "synth", f"{seed}.csv", "subjects=1", f"seed={seed}"])
+    import_corpus("cost", Path("1.csv"), {"name": "a"})
+    first = open_corpus("a", {})
+    values = first.frames.copy()
+    import_corpus("cost", Path("2.csv"), {"name": "a"})
+    assert np.array_equal(first.frames, values) and open_corpus("a", {}).digest != first.digest
+    assert len([p for p in (home() / "corpora" / "a").iterdir() if p.is_dir()]) == 1
+
+
+def test_opening_an_imported_corpus_is_quick():
+    from bench.store import open_corpus
+
+    open_corpus("synth", {"subjects": 8})
+    times = []
+    for _ in range(5):
+        started = time.perf_counter()
+        open_corpus("synth", {"subjects": 8})
+        times.append(time.perf_counter() - started)
+    assert min(times) < 0.05
+
+
+def test_cores_are_shared_out():
+    cores = len(os.sched_getaffinity(0))
+    assert share_cores(None, 100) == (cores, 1) and share_cores(None, 1) == (1, cores)
+    assert share_cores(1, 100) == (1, cores)
+    for jobs in (1, 2, 3):
+        workers, threads = share_cores(jobs, 10)
+        assert workers * threads <= max(cores, workers)
+
+
+def test_a_system_without_probabilities_gets_one_for_its_label(corpus):
+    class Labels(Wayward):
+        predict_proba = property()
+
+    model = Labels().fit(corpus, corpus.gestures)
+    table = decisions(model, corpus, "x", np.array([3, 1]))
+    assert list(table["capture"]) == [3, 1] and (table["p_pat"] == 1).all() and (table["p_rub"] == 0).all()
+
+
+def test_folds_are_named_after_their_subject():
+    from bench.cells import cells
+
+    (cell,) = cells({})
+    assert [f.name for f in folds_of(cell, random_corpus(subjects=3))] == ["1", "2", "3"]
+    (cell,) = cells({"protocol": "kfold", "protocol.folds": "3"})
+    assert [f.name for f in folds_of(cell, random_corpus(subjects=3))] == ["fold01", "fold02", "fold03"]
