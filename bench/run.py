@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from contextlib import closing
 
 from rich.console import Console
 from rich.markup import escape
@@ -49,7 +50,9 @@ def run(arguments: list[str]) -> int:
             metrics, errors = _run_cell(client, cell, corpus, folds, workers, threads)
         except KeyboardInterrupt:
             console.print(
-                "interrupted; every finished fold is stored and the same command goes on from there", style="bold"
+                "interrupted; every finished fold is stored and the same command goes on from there",
+                style="bold",
+                soft_wrap=True,
             )
             return 130
         failed += [f"{cell.system()}, {cell.data}, {cell.protocol}: fold {name}" for name in errors]
@@ -118,10 +121,10 @@ def _run_cell(
             cell.features.make().fit_transform(corpus[:1])  # fills the feature cache once for all folds
         errors = []
         try:
-            with _progress() as bar:
+            with closing(run_folds(cell, corpus, missing, workers, threads)) as results, _progress() as bar:
                 task = bar.add_task(f"{cell.system()} | {cell.data} | {cell.protocol}", total=len(folds))
                 bar.advance(task, len(folds) - len(missing))
-                for result in run_folds(cell, corpus, missing, workers, threads):
+                for result in results:
                     run.add(result)
                     bar.advance(task)
                     if result.error:

@@ -65,26 +65,31 @@ def share_cores(jobs: int | None, folds: int) -> tuple[int, int]:
 def run_folds(cell: Cell, corpus: Corpus, folds: list[Fold], jobs: int, threads: int) -> Iterator[FoldResult]:
     """Results in the order in which folds finish; every fold gives one, a crashed worker a failed one."""
     executor = _workers(jobs, threads)
-    waiting = {
-        executor.submit(run_fold, cell, corpus, fold.name, fold.train, fold.test, threads): fold for fold in folds
-    }
+    waiting, running = list(folds), {}
     try:
-        for future in as_completed(list(waiting)):
-            try:
-                result = future.result()
-            except BrokenProcessPool:
-                break
-            del waiting[future]
-            yield result
+        try:
+            while waiting or running:
+                # One more than can run, so that no worker waits while a result is tracked; all of them at once is what
+                # loky stumbles over when it is killed.
+                while waiting and len(running) <= jobs:
+                    fold = waiting[0]
+                    task = executor.submit(run_fold, cell, corpus, fold.name, fold.train, fold.test, threads)
+                    running[task] = waiting.pop(0)
+                done = next(as_completed(running))
+                result = done.result()
+                del running[done]
+                yield result
+        except BrokenProcessPool:
+            pass
         # A worker died (out of memory, say) and took the pool with it; which fold it was shows when each runs alone.
-        for fold in list(waiting.values()):
+        for fold in [*running.values(), *waiting]:
             try:
-                alone = _workers(1, threads).submit(run_fold, cell, corpus, fold.name, fold.train, fold.test, threads)
-                yield alone.result()
+                executor = _workers(1, threads)
+                yield executor.submit(run_fold, cell, corpus, fold.name, fold.train, fold.test, threads).result()
             except BrokenProcessPool as e:
                 yield FoldResult(fold.name, error=f"The worker process died; out of memory?\n{e}")
     except (KeyboardInterrupt, GeneratorExit):
-        get_reusable_executor().shutdown(wait=False, kill_workers=True)
+        executor.shutdown(wait=True, kill_workers=True)  # else the folds that wait would be run before the process ends
         raise
 
 
