@@ -8,6 +8,7 @@ cell), ``touchbench.fold``, and for the tables ``data``, ``synthetic``, ``subset
 from __future__ import annotations
 
 import json
+import logging
 import os
 import platform
 import shutil
@@ -53,6 +54,7 @@ def connect() -> object:
     # Several processes that create the tables at the same moment break the file for good.
     home().mkdir(parents=True, exist_ok=True)
     with FileLock(path.with_name(path.name + ".lock") if path else home() / "tracking.lock"):
+        logging.getLogger("mlflow.store.db").setLevel(logging.WARNING)  # creating its tables is no news
         try:
             mlflow.set_tracking_uri(uri)
             client = mlflow.MlflowClient(uri)

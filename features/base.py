@@ -10,7 +10,6 @@ import tempfile
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 
@@ -98,9 +97,3 @@ def _keep(table: pd.DataFrame, path: Path) -> None:
         os.replace(beside, path)
     except OSError:
         return
-
-
-def blocks(corpus: Corpus, frames: int = 16384) -> list[np.ndarray]:
-    """Capture positions in runs of at most about this many frames, so that intermediates stay in the cache."""
-    group = np.cumsum(corpus.lengths) // frames
-    return np.split(np.arange(len(corpus)), np.flatnonzero(np.diff(group)) + 1)

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from bench.corpus import Corpus
-from features.base import FeatureSet, blocks
-from features.signals import Touch
+from features.base import FeatureSet
+from features.signals import Touch, table
 
 
 class Jung28(FeatureSet):
@@ -43,12 +43,6 @@ def _columns(touch: Touch) -> list[np.ndarray]:
     mean = touch.mean(touch.total)
     spread = np.sqrt(touch.mean((touch.total - mean[touch.capture]) ** 2))
     return first_columns(touch, touch.upward_crossings(touch.total, mean + spread))
-
-
-def table(corpus: Corpus, names: list[str], columns: object) -> pd.DataFrame:
-    """Run ``columns(touch)`` over blocks of captures and name what it gives."""
-    parts = [np.column_stack(columns(Touch(corpus[slice(b[0], b[-1] + 1)]))) for b in blocks(corpus)]
-    return pd.DataFrame(np.concatenate(parts), columns=names)
 
 
 def first_names(rows: int, cols: int) -> list[str]:

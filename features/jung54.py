@@ -7,8 +7,8 @@ import pandas as pd
 
 from bench.corpus import Corpus
 from features.base import FeatureSet
-from features.jung28 import first_columns, first_names, table
-from features.signals import Touch
+from features.jung28 import first_columns, first_names
+from features.signals import Touch, table
 
 BINS = 8
 EDGE_DEGREES = 5.0

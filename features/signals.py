@@ -6,9 +6,11 @@ reduce them to [captures]. Steps (differences between consecutive frames) are 0 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 from scipy.fft import rfft
 
 from bench.corpus import Corpus
@@ -188,3 +190,15 @@ class Touch:
             moving = np.ptp(piece, axis=0) > 1e-9
             found[i] = np.where(moving, (bin_ + 1) * self.rate_hz / length, 0)
         return found
+
+
+def blocks(corpus: Corpus, frames: int = 16384) -> list[np.ndarray]:
+    """Capture positions in runs of at most about this many frames, so that intermediates stay in the cache."""
+    group = np.cumsum(corpus.lengths) // frames
+    return np.split(np.arange(len(corpus)), np.flatnonzero(np.diff(group)) + 1)
+
+
+def table(corpus: Corpus, names: list[str], columns: Callable[[Touch], list[np.ndarray]]) -> pd.DataFrame:
+    """Run ``columns(touch)`` over blocks of captures and name what it gives."""
+    parts = [np.column_stack(columns(Touch(corpus[slice(b[0], b[-1] + 1)]))) for b in blocks(corpus)]
+    return pd.DataFrame(np.concatenate(parts), columns=names)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from bench.corpora.synth import generate
 from bench.corpus import open_folder, write_folder
-from features import base
+from features import base, signals
 from features.jung28 import Jung28
 from features.jung54 import Jung54
 from tests.conftest import random_corpus
@@ -165,7 +165,7 @@ def test_a_slice_has_the_rows_of_the_whole(corpus, monkeypatch):
     whole = Jung54().transform(corpus)
     chosen = np.array([7, 3, 20, 3])
     assert Jung54().transform(corpus[chosen]).equals(whole.iloc[chosen].reset_index(drop=True))
-    monkeypatch.setattr("features.jung28.blocks", lambda c: base.blocks(c, frames=50))
+    monkeypatch.setattr(signals, "blocks", lambda c, blocks=signals.blocks: blocks(c, frames=50))
     assert Jung54().transform(corpus).equals(whole)
 
 
