@@ -46,6 +46,8 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
                 f"leave it out with where=\"gesture != '{lacking[0]}'\" or choose another protocol"
             )
         found.append(Fold(name, train, test))
+    if len({fold.name for fold in found}) < len(found):  # random splits may test the same subject twice
+        found = [Fold(f"fold{i:02d}", fold.train, fold.test) for i, fold in enumerate(found, 1)]
     return found
 
 

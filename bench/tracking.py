@@ -52,8 +52,7 @@ def connect() -> object:
     from mlflow.exceptions import MlflowException
 
     # Several processes that create the tables at the same moment break the file for good.
-    home().mkdir(parents=True, exist_ok=True)
-    with FileLock(path.with_name(path.name + ".lock") if path else home() / "tracking.lock"):
+    with FileLock(path.with_name(path.name + ".lock") if path else lock_folder() / "tracking.lock"):
         logging.getLogger("mlflow.store.db").setLevel(logging.WARNING)  # creating its tables is no news
         try:
             mlflow.set_tracking_uri(uri)
@@ -262,13 +261,25 @@ def only_one(key: str) -> Iterator[None]:
     Raises:
         InputError: another process has it.
     """
-    folder = home() / "locks"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with FileLock(folder / f"{key}.lock", timeout=0):
+        with FileLock(lock_folder() / f"{key}.lock", timeout=0):
             yield
     except Timeout as e:
         raise InputError("another process is running this very cell; wait for it and repeat the command") from e
+
+
+def lock_folder() -> Path:
+    """Where locks lie.
+
+    Raises:
+        InputError: the data folder cannot be written.
+    """
+    folder = home() / "locks"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise InputError(f"{folder} cannot be written ({e}); set TOUCHBENCH_HOME to a folder that can") from e
+    return folder
 
 
 def cpu_model() -> str:

@@ -72,7 +72,7 @@ VARIANT_DURATION = {"gentle": 0.98, "normal": 0.97, "rough": 1.05}
 
 
 def generate(
-    subjects: int = 8,
+    subjects: int = 10,
     repetitions: int = 1,
     variants: tuple[str, ...] = VARIANTS,
     rows: int = 8,

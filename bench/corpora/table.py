@@ -13,6 +13,7 @@ from bench.corpora.text import FrameFile, capture_starts
 from bench.corpus import Corpus, InputError
 
 LABELS = ["subject", "gesture", "frame"]
+RESERVED = {"fold", "capture", "start", "frames", "true", "predicted"}  # columns of the predictions table
 
 
 def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0) -> Corpus:
@@ -47,6 +48,8 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
         if size is None:
             raise InputError(f"{path.name}: give the grid of the sensor, such as grid=8x8")
         frames, starts, lengths, captures = _rows(path, size, full_scale)
+    if taken := [n for n in captures if n in RESERVED or n.startswith("p_")]:
+        raise InputError(f"{path.name}: a condition cannot be called {taken[0]}, which predictions need; rename it")
     captures["subject"] = captures["subject"].astype(str)
     captures["gesture"] = captures["gesture"].astype(str)
     info = {"source": path.name, "licence": "the user's own", "synthetic": False, "warnings": []}

@@ -71,7 +71,7 @@ def test_dotted_keys_set_parameters_by_the_type_of_their_default():
         (["where=variant == 'loud'"], "selects none of the"),
         (["where=loudness > 3"], "the columns of synth are subject, variant"),
         (["where=gesture == 'pat'"], "only one gesture is left"),
-        (["protocol=groupkfold", "protocol.folds=9"], "protocol.folds=9: synth has 8 subjects here"),
+        (["protocol=groupkfold", "protocol.folds=11"], "protocol.folds=11: synth has 10 subjects here"),
         (
             ["where=subject == '1' or gesture != 'pat'", "protocol=loso"],
             "fold 1 tests gesture pat and trains none of it",

@@ -251,6 +251,25 @@ def test_a_system_without_probabilities_gets_one_for_its_label(corpus):
     assert list(table["capture"]) == [3, 1] and (table["p_pat"] == 1).all() and (table["p_rub"] == 0).all()
 
 
+def test_a_data_folder_that_cannot_be_written_is_one_line(tmp_path, monkeypatch, capsys):
+    assert main(["data", "export", "synth", "a.csv", "subjects=2"]) == 0
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("TOUCHBENCH_HOME", str(tmp_path / "file"))
+    capsys.readouterr()
+    for command in (["run", "data.subjects=2"], ["data", "import", "cost", "a.csv"]):
+        assert main(command) == 2
+        error = capsys.readouterr().err
+        assert "cannot be written" in error and "TOUCHBENCH_HOME" in error and error.count("\n") == 1
+
+
+def test_random_splits_that_test_the_same_subject_are_different_folds():
+    from bench.cells import cells
+
+    (cell,) = cells({"protocol": "challenge"})
+    names = [f.name for f in folds_of(cell, random_corpus(subjects=2))]
+    assert names == [f"fold{i:02d}" for i in range(1, 6)]
+
+
 def test_folds_are_named_after_their_subject():
     from bench.cells import cells
 

@@ -96,6 +96,8 @@ def test_broken_tables(tmp_path):
     refused("line 3: x1 is -8, below 0", good.replace("7,8,", "7,-8,"))
     refused("line 2: a capture starts at frame 7", good.replace("arm,0,", "arm,7,"))
     refused("line 4: a capture starts at frame 7", good.replace("leg,0,", "leg,7,"))
+    refused("cannot be called p_hand", good.replace("place", "p_hand"))
+    refused("cannot be called fold", good.replace("place", "fold"))
     refused("line 3: place is empty", good.replace("arm,1,", ",1,"))
     rows().assign(x3=[1, None, 2]).to_parquet(tmp_path / "p.parquet")
     with pytest.raises(InputError, match="row 2: channel 4 is nan"):
