@@ -12,7 +12,7 @@ from rich.table import Table
 
 from bench.cells import PARTS, Cell, cells, parse
 from bench.corpus import Corpus, InputError
-from bench.runner import Fold, folds_of, run_folds, share_cores
+from bench.runner import Fold, folds_of, run_folds, share_cores, usable_cores
 from bench.store import open_corpus
 
 KEYS = {"data", "where", "seed", "jobs", *PARTS}
@@ -38,6 +38,8 @@ def run(arguments: list[str]) -> int:
         plans.append((cell, corpus, folds, *share_cores(jobs, len(folds))))
     connecting = threading.Thread(target=_import_mlflow)  # takes seconds that the first workers need to start anyway
     connecting.start()
+    if jobs and jobs > usable_cores():
+        console.print(f"warning: jobs={jobs}: this machine has {usable_cores()} cores, more workers would only wait")
     for line in dict.fromkeys(_warnings(plans)):
         console.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
     from bench.tracking import connect

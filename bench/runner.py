@@ -51,16 +51,21 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
     return found
 
 
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def share_cores(jobs: int | None, folds: int) -> tuple[int, int]:
     """Worker processes and threads in each, so that their product fits the cores.
 
     Raises:
         InputError: ``jobs`` is less than 1.
     """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = usable_cores()
     if jobs is not None and jobs < 1:
         raise InputError(f"jobs={jobs}: give at least 1, or leave it out for {cores} (the cores of this machine)")
-    jobs = min(jobs or cores, folds)
+    jobs = min(jobs or cores, folds, cores)
     return jobs, max(1, cores // jobs)
 
 
