@@ -10,11 +10,11 @@ import json
 import sys
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
 from bench.registry import load, nearest, parameters
+from bench.source import source_digest
 
 if TYPE_CHECKING:
     from bench.corpus import Corpus
@@ -68,8 +68,8 @@ class Cell:
         same = {
             "digest": corpus.digest,
             "captures": hashlib.sha256(corpus.index.tobytes()).hexdigest(),
-            "parts": [(p.room, p.name, p.parameters, code_digest(load(p.room, p.name))) for p in parts],
-            "harness": code_digest(importlib.import_module("bench.fold")),
+            "parts": [(p.room, p.name, p.parameters, source_digest(load(p.room, p.name))) for p in parts],
+            "harness": source_digest(importlib.import_module("bench.fold")),
             "versions": versions(),
             "threads": threads,
         }
@@ -85,27 +85,6 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:  # xgboost has two distributions, one of them is installed
             continue
     return found
-
-
-def code_digest(part: object) -> str:
-    """Hash of the source of a part and of the modules of its own package and of the rooms that it uses."""
-    top = (part.__name__ if inspect.ismodule(part) else part.__module__).split(".")[0]
-    own = {top, "features", "models", "protocols"}
-    todo, seen = [part if inspect.ismodule(part) else sys.modules[part.__module__]], {}
-    while todo:
-        module = todo.pop()
-        if module.__name__ in seen:
-            continue
-        source = getattr(module, "__file__", None)
-        seen[module.__name__] = Path(source).read_bytes() if source else b""
-        for value in vars(module).values():
-            name = value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
-            if isinstance(name, str) and name.split(".")[0] in own and name in sys.modules:
-                todo.append(sys.modules[name])
-    h = hashlib.sha256()
-    for name in sorted(seen):
-        h.update(name.encode() + seen[name])
-    return h.hexdigest()
 
 
 def parse(arguments: list[str], known: set[str]) -> dict[str, str]:

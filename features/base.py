@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 import os
-import sys
 import tempfile
 from functools import lru_cache
 from pathlib import Path
@@ -14,6 +12,7 @@ import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 
 from bench.corpus import Corpus, home, open_folder
+from bench.source import source_digest
 
 
 class FeatureSet(TransformerMixin, BaseEstimator):
@@ -51,35 +50,6 @@ class FeatureSet(TransformerMixin, BaseEstimator):
 
     def __sklearn_is_fitted__(self) -> bool:
         return True
-
-
-def source_digest(feature_set: type) -> str:
-    """Hash of the modules that define a feature set: its own, its base classes' and those they take names from."""
-    h = hashlib.sha256()
-    for path in sorted(_sources(feature_set.__module__)):
-        h.update(_content(path, Path(path).stat().st_mtime_ns))
-    return h.hexdigest()
-
-
-def _sources(name: str, seen: set[str] | None = None) -> set[str]:
-    """Files of a module and of the modules of its package that it uses."""
-    seen = set() if seen is None else seen
-    module = sys.modules[name]
-    path = inspect.getsourcefile(module)
-    if path in seen:
-        return seen
-    seen.add(path)
-    package = name.split(".")[0]
-    for value in vars(module).values():
-        other = getattr(value, "__name__" if inspect.ismodule(value) else "__module__", None)
-        if isinstance(other, str) and other.split(".")[0] in {package, "features"} and other in sys.modules:
-            _sources(other, seen)
-    return seen
-
-
-@lru_cache(maxsize=64)
-def _content(path: str, changed: int) -> bytes:
-    return Path(path).read_bytes()
 
 
 @lru_cache(maxsize=4)

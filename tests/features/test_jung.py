@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench import source
 from bench.corpora.synth import generate
 from bench.corpus import open_folder, write_folder
-from features import base, signals
+from features import signals
 from features.jung28 import Jung28
 from features.jung54 import Jung54
 from tests.conftest import random_corpus
@@ -182,7 +183,7 @@ def test_features_are_computed_once_per_corpus(corpus, tmp_path, monkeypatch):
 def test_a_change_of_code_never_meets_stale_values(monkeypatch):
     before = Jung54().cache_key("a")
     assert before == Jung54().cache_key("a")
-    monkeypatch.setattr(base, "_content", lambda path, changed: b"changed" if path.endswith("signals.py") else b"")
+    monkeypatch.setattr(source, "content", lambda path, changed: b"changed" if path.endswith("signals.py") else b"")
     assert Jung54().cache_key("a") != before
 
 
