@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from contextlib import closing
 
 from rich.console import Console
@@ -12,7 +11,7 @@ from rich.table import Table
 
 from bench.cells import PARTS, Cell, cells, parse
 from bench.corpus import Corpus, InputError
-from bench.runner import Fold, folds_of, run_folds, share_cores, usable_cores
+from bench.runner import Fold, folds_of, run_folds, share_cores, start_workers, usable_cores
 from bench.store import open_corpus
 
 KEYS = {"data", "where", "seed", "jobs", *PARTS}
@@ -36,8 +35,7 @@ def run(arguments: list[str]) -> int:
             corpus = corpus.select(cell.where)
         folds = folds_of(cell, corpus)
         plans.append((cell, corpus, folds, *share_cores(jobs, len(folds))))
-    connecting = threading.Thread(target=_import_mlflow)  # takes seconds that the first workers need to start anyway
-    connecting.start()
+    start_workers(*plans[0][3:])  # takes as long as opening the store
     if jobs and jobs > usable_cores():
         console.print(f"warning: jobs={jobs}: this machine has {usable_cores()} cores, more workers would only wait")
     for line in dict.fromkeys(_warnings(plans)):
@@ -75,10 +73,6 @@ def run(arguments: list[str]) -> int:
         )
         return 1
     return 0
-
-
-def _import_mlflow() -> None:
-    import mlflow  # noqa: F401
 
 
 def _jobs(values: dict[str, str]) -> int | None:

@@ -100,6 +100,13 @@ def run_folds(cell: Cell, corpus: Corpus, folds: list[Fold], jobs: int, threads:
         raise
 
 
+def start_workers(jobs: int, threads: int) -> None:
+    """Let worker processes start and import what they need while the caller does something else."""
+    executor = _workers(jobs, threads)
+    for _ in range(jobs):
+        executor.submit(usable_cores)
+
+
 def _workers(jobs: int, threads: int) -> object:
     """Worker processes that stay for the next cell: importing torch takes seconds."""
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

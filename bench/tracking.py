@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlparse
 
+import numpy as np
 import pandas as pd
 from filelock import FileLock, Timeout
 
@@ -85,6 +86,7 @@ class CellRun:
 
     Attributes:
         run_id: of the parent run.
+        finished: whether an earlier command finished it.
         done: finished folds by name, as they were stored.
     """
 
@@ -189,7 +191,7 @@ class CellRun:
                 result.predictions.to_parquet(folder / "predictions.parquet", index=False)
                 timing = {"predict_ms": result.predict_ms, "decide_ms": result.decide_ms}
                 (folder / "timing.json").write_text(json.dumps(timing | {"metrics": list(result.metrics)}))
-                self._log(child, measure(result.predictions, [result], self.rate_hz), result.history)
+                self._log(child, scores.accuracies(result.predictions) | costs([result]), result.history)
             self.client.log_artifacts(child, str(folder), "fold")
         self.client.set_terminated(child, "FAILED" if result.error else "FINISHED")
         if not result.error:
@@ -207,6 +209,8 @@ class CellRun:
         if results:
             predictions = pd.concat([r.predictions for r in results], ignore_index=True)
             metrics = measure(predictions, results, self.rate_hz)
+            if self.finished:  # nothing was run, nothing is written
+                return metrics
             self._log(self.run_id, metrics | {"folds": len(results), "folds_failed": len(order) - len(results)}, [])
             with tempfile.TemporaryDirectory() as folder:
                 _write_tables(predictions, Path(folder))
@@ -229,20 +233,25 @@ class CellRun:
 
 
 def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float) -> dict[str, float]:
-    """Scores and costs of some folds: times are means or quantiles over folds, sizes are the largest.
+    """Scores and costs of a run.
 
     ``decision_ms`` is the touch that one decision of the system sees (a window, or the whole capture) plus its
     computing time, ``capture_decision_ms`` the same for the label of a whole capture; both are medians.
     """
-    found = scores.summary(predictions, rate_hz)
-    table = pd.DataFrame([r.metrics for r in results])
-    found |= {k: float(table[k].mean() if k.endswith("seconds") else table[k].max()) for k in table}
-    predict = pd.Series([ms for r in results for ms in r.predict_ms])
-    decide = pd.Series([ms for r in results for ms in r.decide_ms])
-    found |= {"predict_ms_p50": predict.quantile(0.5), "predict_ms_p95": predict.quantile(0.95)}
-    found["decision_ms"] = found["observed_ms"] + decide.quantile(0.5)
-    found["capture_decision_ms"] = found["capture_ms"] + predict.quantile(0.5)
+    found = scores.summary(predictions, rate_hz) | costs(results)
+    found["decision_ms"] = found["observed_ms"] + found["decide_ms_p50"]
+    found["capture_decision_ms"] = found["capture_ms"] + found["predict_ms_p50"]
     return found
+
+
+def costs(results: list[FoldResult]) -> dict[str, float]:
+    """Seconds are means over folds, milliseconds quantiles over their timed captures, sizes the largest."""
+    metrics = {k: [r.metrics[k] for r in results if k in r.metrics] for k in results[0].metrics}
+    found = {k: float(np.mean(v) if k.endswith("seconds") else max(v)) for k, v in metrics.items()}
+    predict = np.concatenate([r.predict_ms for r in results])
+    decide = np.concatenate([r.decide_ms for r in results])
+    found |= {"predict_ms_p50": np.quantile(predict, 0.5), "predict_ms_p95": np.quantile(predict, 0.95)}
+    return found | {"decide_ms_p50": np.quantile(decide, 0.5)}
 
 
 def _write_tables(predictions: pd.DataFrame, folder: Path) -> None:

@@ -1,44 +1,56 @@
-"""What tracking adds to a 31-fold svm run on a generated corpus of CoST's size: the same folds without it and with it.
+"""What tracking adds to a 31-fold svm run on a generated corpus of CoST's size.
 
-python tests/benchmarks/bench_tracking.py
+The same folds, each time in new processes: without tracking, and by ``bench run`` with a new store.
+
+    python tests/benchmarks/bench_tracking.py [rounds]
 """
 
-import os
+import subprocess
+import sys
 import tempfile
 import time
 
-from bench.cells import cells
+import numpy as np
+
+from bench.store import open_corpus
+
+SIZE = ["data.subjects=31", "data.repetitions=6"]
+UNTRACKED = """
+from bench.cells import cells, parse
+from bench.run import KEYS
 from bench.runner import folds_of, run_folds, share_cores
 from bench.store import open_corpus
-from bench.tracking import CellRun, connect
+import sys
+(cell,) = cells(parse(sys.argv[1:], KEYS))
+corpus = open_corpus(cell.data, cell.data_parameters)
+folds = folds_of(cell, corpus)
+cell.features.make().fit_transform(corpus[:1])
+assert len(list(run_folds(cell, corpus, folds, *share_cores(None, len(folds))))) == 31
+"""
+TRACKED = "import sys; from bench.cli import main; sys.exit(main(['run', *sys.argv[1:]]))"
 
 
-def main() -> None:
-    """Print seconds without tracking, with it, and the difference beside what is allowed."""
-    (cell,) = cells({"model": "svm", "data.subjects": "31", "data.repetitions": "6"})
-    corpus = open_corpus(cell.data, cell.data_parameters)
-    folds = folds_of(cell, corpus)
-    share = share_cores(None, len(folds))
-    cell.features.make().fit_transform(corpus[:1])
-    list(run_folds(cell, corpus, folds[: share[0]], *share))  # starts the workers
-
-    started = time.perf_counter()
-    results = list(run_folds(cell, corpus, folds, *share))
-    without = time.perf_counter() - started
-
+def seconds(code: str) -> float:
+    """Wall time of one whole process in an empty folder."""
     with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)
         started = time.perf_counter()
-        run = CellRun(connect(), cell, corpus, "benchmark", "LOSO", share[1])  # imports MLflow and creates the store
-        opened = time.perf_counter() - started
-        for result in run_folds(cell, corpus, folds, *share):
-            run.add(result)
-        run.close([fold.name for fold in folds])
-        tracked = time.perf_counter() - started
-    print(f"{len(results)} folds, {len(corpus)} synthetic captures")
-    print(f"without tracking {without:.1f} s; with it {tracked:.1f} s, of which import and new store {opened:.1f} s")
+        subprocess.run([sys.executable, "-c", code, *SIZE], check=True, cwd=folder, capture_output=True)
+        return time.perf_counter() - started
+
+
+def main(rounds: int = 3) -> None:
+    """Print both in turn, and what tracking added beside what is allowed."""
+    from bench.cells import cells
+
+    (cell,) = cells({"data.subjects": "31", "data.repetitions": "6"})
+    cell.features.make().fit_transform(open_corpus(cell.data, cell.data_parameters)[:1])  # both find them cached
+    pairs = []
+    for _ in range(rounds):
+        pairs.append((seconds(UNTRACKED), seconds(TRACKED)))
+        print("without tracking {:.1f} s, with it {:.1f} s".format(*pairs[-1]), flush=True)
+    without, tracked = np.median(pairs, axis=0)
     print(f"added {tracked - without:.1f} s; 5 % of the run and 3 s are {0.05 * without + 3:.1f} s")
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(int, sys.argv[1:]))
