@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import closing, suppress
 
 from rich.console import Console
 from rich.markup import escape
@@ -30,6 +30,9 @@ def run(arguments: list[str]) -> int:
     jobs = _jobs(values)
     plans = []  # every corpus, split and combination is checked before the first fold starts
     for cell in asked:
+        for part in (cell.estimator(), cell.features and cell.features.make()):
+            if hasattr(part, "check"):
+                part.check()
         corpus = open_corpus(cell.data, cell.data_parameters)
         if cell.where:
             corpus = corpus.select(cell.where)
@@ -114,7 +117,7 @@ def _run_cell(
             said = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(folds)} folds were stored before"
             console.print(said, markup=False, soft_wrap=True)
         elif cell.features:
-            cell.features.make().fit_transform(corpus[:1])  # fills the feature cache once for all folds
+            _fill_cache(cell, corpus)
         errors = []
         try:
             with closing(run_folds(cell, corpus, missing, workers, threads)) as results, _progress() as bar:
@@ -131,6 +134,12 @@ def _run_cell(
         except KeyboardInterrupt:
             run.interrupt()
             raise
+
+
+def _fill_cache(cell: Cell, corpus: Corpus) -> None:
+    """Compute features once for all folds; a set that fails here fails in every fold and is recorded there."""
+    with suppress(Exception):
+        cell.features.make().fit_transform(corpus[:1])
 
 
 def _progress() -> Progress:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench.corpus import Corpus
+from bench.corpus import Corpus, InputError
 from features.base import FeatureSet
 from features.jung28 import first_columns, first_names
 from features.signals import Touch, table
@@ -43,14 +43,18 @@ class Jung54(FeatureSet):
     def __init__(self, area: str = "frame") -> None:
         self.area = area
 
-    def extract(self, corpus: Corpus) -> pd.DataFrame:
-        """Compute the features of every capture.
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
 
         Raises:
-            ValueError: ``area`` is neither ``frame`` nor ``capture``.
+            InputError: ``area`` is neither ``frame`` nor ``capture``.
         """
         if self.area not in ("frame", "capture"):
-            raise ValueError(f"features.area={self.area}: give frame or capture")
+            raise InputError(f"features.area={self.area}: give frame or capture")
+
+    def extract(self, corpus: Corpus) -> pd.DataFrame:
+        """Compute the features of every capture."""
+        self.check()
         return table(corpus, names(*corpus.grid), self._columns)
 
     def _columns(self, touch: Touch) -> list[np.ndarray]:

@@ -9,6 +9,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
+from bench.corpus import InputError
+
 
 class GaussianBayes(ClassifierMixin, BaseEstimator):
     """Maximum posterior under a multivariate normal per class, priors as in the training captures.
@@ -69,5 +71,10 @@ def bayes(features: TransformerMixin, ridge: float = 1e-2) -> Pipeline:
     Args:
         features: transformer from captures to a table.
         ridge: added to the diagonal of every class covariance.
+
+    Raises:
+        InputError: the ridge is not above 0.
     """
+    if not ridge > 0:
+        raise InputError(f"model.ridge={ridge:g}: give a value above 0, such as 0.01")
     return Pipeline([("features", features), ("scaler", StandardScaler()), ("classifier", GaussianBayes(ridge))])

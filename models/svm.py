@@ -7,6 +7,8 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MinMaxScaler
 from sklearn.svm import SVC
 
+from bench.corpus import InputError
+
 
 class RankedSVC(SVC):
     """An SVC whose probabilities rank the classes as its decision values do.
@@ -34,6 +36,13 @@ def svm(features: TransformerMixin, C: float = 512.0, gamma: float = 0.125, kern
         C: penalty; the papers search 2^-5, 2^-3, ..., 2^15.
         gamma: width of the RBF kernel; Jung et al. 2017 search 2^-15, 2^-13, ..., 2^3. Unused by ``kernel=linear``.
         kernel: ``rbf`` or ``linear``.
+
+    Raises:
+        InputError: another kernel, or a penalty or width that is not above 0.
     """
+    if kernel not in ("rbf", "linear"):
+        raise InputError(f"model.kernel={kernel}: give rbf or linear")
+    if not C > 0 or not gamma > 0:
+        raise InputError(f"model.C={C:g} model.gamma={gamma:g}: both must be above 0")
     machine = RankedSVC(C=C, gamma=gamma, kernel=kernel, break_ties=True)
     return Pipeline([("features", features), ("scaler", MinMaxScaler()), ("classifier", machine)])

@@ -9,7 +9,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.validation import check_is_fitted
 from torch import nn
 
-from bench.corpus import Corpus
+from bench.corpus import Corpus, InputError
 from models.training import Windows, probabilities
 
 
@@ -17,7 +17,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
     """Cuts captures into windows, decides on each, and labels a capture by the mean of its probabilities.
 
     A system gives ``network(rows, cols, classes)`` and ``learn(net, windows, target)``, and has ``frames``, ``hop``
-    (None: windows do not overlap), ``batch`` and ``seed`` among its parameters.
+    (None: windows do not overlap), ``epochs``, ``batch`` and ``seed`` among its parameters.
 
     Attributes:
         classes_: class names.
@@ -37,8 +37,20 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         """The windows that captures are cut into."""
         return Windows(corpus, self.frames, self.hop or self.frames)
 
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: a count below 1.
+        """
+        for name in ("frames", "hop", "epochs", "batch"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise InputError(f"model.{name}={value}: give at least 1")
+
     def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
         """Train on captures and their class names."""
+        self.check()
         self.classes_, codes = np.unique(y, return_inverse=True)
         windows = self.windows(X)
         with torch.random.fork_rng(devices=[]):

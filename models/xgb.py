@@ -5,6 +5,8 @@ import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
+from bench.corpus import InputError
+
 
 class BoostedTrees(ClassifierMixin, BaseEstimator):
     """`xgboost.XGBClassifier` with class names, which it does not take itself.
@@ -55,5 +57,11 @@ class BoostedTrees(ClassifierMixin, BaseEstimator):
 
 
 def xgb(features: TransformerMixin, trees: int = 300, depth: int = 4, rate: float = 0.1, seed: int = 0) -> Pipeline:
-    """Boosted trees on the raw features; the parameters are those of `BoostedTrees`."""
+    """Boosted trees on the raw features; the parameters are those of `BoostedTrees`.
+
+    Raises:
+        InputError: a count below 1, or a rate that is not above 0.
+    """
+    if trees < 1 or depth < 1 or not rate > 0:
+        raise InputError(f"model.trees={trees} model.depth={depth} model.rate={rate:g}: all must be above 0")
     return Pipeline([("features", features), ("classifier", BoostedTrees(trees, depth, rate, seed))])
