@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pandas as pd
 
 from bench.corpus import Corpus
-from features.base import FeatureSet
+from features.base import FeatureSet, one_of
 from features.signals import Touch, table
 
 
@@ -28,48 +30,76 @@ class Jung28(FeatureSet):
     28     duration                     frames
     ====== ============================ ===========================================================================
 
-    The text of 2014 is not at hand and defines another feature 22 than the text of 2017; mean + 1 SD is our reading.
     Row and column features follow the grid.
+
+    Args:
+        area: ``frame`` or ``capture``: whose maximum the half of features 20 and 21 refers to. The paper does not say.
+        peaks: ``crossings`` or ``maxima``: feature 22 as above, or the frames whose mean pressure is greater than both
+            neighbours', as in 2017. The text of 2014 had another count than that of 2017; mean + 1 SD is our reading.
     """
+
+    def __init__(self, area: str = "frame", peaks: str = "crossings") -> None:
+        self.area = area
+        self.peaks = peaks
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: ``area`` or ``peaks`` is none of its values.
+        """
+        one_of("area", self.area, ("frame", "capture"))
+        one_of("peaks", self.peaks, ("crossings", "maxima"))
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the features of every capture."""
-        names = [*first_names(*corpus.grid)]
-        names[names.index("f22_peaks")] = "f22_peaks_mean_plus_sd"
-        return table(corpus, names, _columns)
+        self.check()
+        return table(corpus, _names(*corpus.grid, self.peaks), self._columns)
+
+    def _columns(self, touch: Touch) -> list[np.ndarray]:
+        if self.peaks == "maxima":
+            return first_columns(touch, self.area, touch.local_maxima(touch.total))
+        mean = touch.mean(touch.total)
+        spread = np.sqrt(touch.mean((touch.total - mean[touch.capture]) ** 2))
+        return first_columns(touch, self.area, touch.upward_crossings(touch.total, mean + spread))
 
 
-def _columns(touch: Touch) -> list[np.ndarray]:
-    mean = touch.mean(touch.total)
-    spread = np.sqrt(touch.mean((touch.total - mean[touch.capture]) ** 2))
-    return first_columns(touch, touch.upward_crossings(touch.total, mean + spread))
+@cache
+def _names(rows: int, cols: int, peaks: str) -> pd.Index:
+    named = first_names(rows, cols, "displacement")
+    if peaks == "crossings":
+        named[named.index("f22_peaks")] = "f22_peaks_mean_plus_sd"
+    return pd.Index(named)
 
 
-def first_names(rows: int, cols: int) -> list[str]:
-    """Names of features 1-28 on a grid."""
+def first_names(rows: int, cols: int, moved: str) -> list[str]:
+    """Names of features 1-28 on a grid; ``moved`` is what 24-27 are called."""
     side = [f"f04_row{i}_pressure" for i in range(1, rows + 1)] + [f"f12_col{i}_pressure" for i in range(1, cols + 1)]
     return [
         *("f01_mean_pressure", "f02_max_pressure", "f03_pressure_variability"),
         *side,
         *("f20_contact_area", "f21_peak_contact_area", "f22_peaks", "f23_mean_crossings"),
-        *("f24_row_travel_mean", "f25_row_travel_sum", "f26_col_travel_mean", "f27_col_travel_sum", "f28_duration"),
+        *(f"f24_row_{moved}_mean", f"f25_row_{moved}_sum", f"f26_col_{moved}_mean", f"f27_col_{moved}_sum"),
+        "f28_duration",
     ]
 
 
-def first_columns(touch: Touch, peaks: np.ndarray) -> list[np.ndarray]:
+def first_columns(touch: Touch, area: str, peaks: np.ndarray) -> list[np.ndarray]:
     """Features 1-28, with feature 22 given, as arrays [captures] or [captures, n]."""
     rows, cols = touch.grid
+    highest = np.maximum.reduceat(touch.peak, touch.first)
+    covered = touch.area if area == "frame" else touch.share_above(highest[touch.capture] * 0.5)
     travel = np.abs(touch.travel)
     mean_total = touch.mean(touch.total)
     distance = touch.sum(travel)
     return [
         mean_total / touch.taxels,
-        np.maximum.reduceat(touch.peak, touch.first),
+        highest,
         touch.step_mean(touch.change),
         touch.mean(touch.rows) / cols,
         touch.mean(touch.cols) / rows,
-        touch.mean(touch.area),
-        touch.at_highest(touch.area),
+        touch.mean(covered),
+        touch.at_highest(covered),
         peaks,
         touch.upward_crossings(touch.total, mean_total),
         distance[:, 0] / touch.steps,

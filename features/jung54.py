@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pandas as pd
 
-from bench.corpus import Corpus, InputError
-from features.base import FeatureSet
+from bench.corpus import Corpus
+from features.base import FeatureSet, one_of
 from features.jung28 import first_columns, first_names
-from features.signals import Touch, table
+from features.signals import Touch, table, weighted
 
 BINS = 8
 EDGE_DEGREES = 5.0
@@ -49,8 +51,7 @@ class Jung54(FeatureSet):
         Raises:
             InputError: ``area`` is neither ``frame`` nor ``capture``.
         """
-        if self.area not in ("frame", "capture"):
-            raise InputError(f"features.area={self.area}: give frame or capture")
+        one_of("area", self.area, ("frame", "capture"))
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the features of every capture."""
@@ -58,25 +59,24 @@ class Jung54(FeatureSet):
         return table(corpus, names(*corpus.grid), self._columns)
 
     def _columns(self, touch: Touch) -> list[np.ndarray]:
-        if self.area == "capture":
-            highest = np.maximum.reduceat(touch.peak, touch.first)
-            touch.area = touch.share_above(highest[touch.capture] * 0.5)
-        columns = first_columns(touch, touch.local_maxima(touch.total))
+        columns = first_columns(touch, self.area, touch.local_maxima(touch.total))
         change = columns[2] / touch.taxels
         return [*columns, *_distribution(touch), *_peaks(touch, columns[1]), *_derivatives(touch), change,
                 _variance(touch), *_movement(touch), touch.dominant_frequency(touch.centre)]  # fmt: skip
 
 
-def names(rows: int, cols: int) -> list[str]:
+@cache
+def names(rows: int, cols: int) -> pd.Index:
     """Names of the features on a grid."""
-    return [
-        *first_names(rows, cols),
+    named = [
+        *first_names(rows, cols, "travel"),
         *(f"f{29 + i}_values_bin{i + 1}" for i in range(BINS)),
         *("f37_spatial_peaks_mean", "f38_spatial_peaks_variance", "f39_peak_distance", "f40_peak_distance_change"),
         *("f41_row_derivative", "f42_col_derivative", "f43_derivative", "f44_variance"),
         *("f45_up_right", "f46_up_left", "f47_down_left", "f48_down_right"),
         *("f49_step_mean", "f50_step_sd", "f51_step_sum", "f52_step_range", "f53_row_frequency", "f54_col_frequency"),
     ]
+    return pd.Index(named)
 
 
 def _distribution(touch: Touch) -> list[np.ndarray]:
@@ -84,19 +84,19 @@ def _distribution(touch: Touch) -> list[np.ndarray]:
     above = [samples]
     for i in range(1, BINS):
         edge = touch.full_scale * i / BINS
-        limit = np.ceil(edge) if np.issubdtype(touch.raw.dtype, np.integer) else edge
-        above.append(touch.sum(np.count_nonzero(touch.raw >= touch.raw.dtype.type(limit), axis=1)))
+        limit = touch.values.dtype.type(np.ceil(edge) if touch.integer else edge)
+        above.append(touch.sum(np.count_nonzero(touch.values >= limit, axis=1)))
     above.append(np.zeros_like(samples))
     return [(low - high) / samples for low, high in zip(above[:-1], above[1:], strict=True)]
 
 
 def _peaks(touch: Touch, highest: np.ndarray) -> list[np.ndarray]:
-    frame, taxel = touch.spatial_peaks(0.75 * highest)
+    frame, row, col = touch.spatial_peaks(0.75 * highest[touch.capture])
     count = np.bincount(frame, minlength=len(touch.total)).astype(np.float64)
     mean = touch.mean(count)
     variance = touch.mean((count - mean[touch.capture]) ** 2)
-    at = np.stack(np.divmod(taxel, touch.grid[1]), axis=1) + 1
-    distance = np.hypot(*(at - touch.centre[frame]).T)
+    middle = touch.centre[frame]
+    distance = np.hypot(row + 1 - middle[:, 0], col + 1 - middle[:, 1])
     summed = np.bincount(frame, weights=distance, minlength=len(count))
     peaks = touch.sum(count)
     per_frame = summed / np.maximum(count, 1)
@@ -109,16 +109,18 @@ def _peaks(touch: Touch, highest: np.ndarray) -> list[np.ndarray]:
 def _derivatives(touch: Touch) -> list[np.ndarray]:
     rows, cols = touch.grid
     return [
-        touch.step_mean(np.abs(touch.step(touch.rows)) @ np.ones(rows)) / (rows * cols),
-        touch.step_mean(np.abs(touch.step(touch.cols)) @ np.ones(cols)) / (rows * cols),
+        touch.step_mean(weighted(np.abs(touch.step(touch.rows)))) / (rows * cols),
+        touch.step_mean(weighted(np.abs(touch.step(touch.cols)))) / (rows * cols),
     ]
 
 
 def _variance(touch: Touch) -> np.ndarray:
     samples = touch.lengths * touch.taxels
     mean = touch.sum(touch.total) / samples
-    centred = touch.frames - mean[touch.capture, None].astype(touch.frames.dtype)
-    return touch.sum(np.einsum("ij,ij->i", centred, centred)) / samples
+    near = mean.astype(touch.frames.dtype)
+    centred = touch.frames - near[touch.capture, None]
+    # float32 misses the mean by a little, which matters where the values hardly vary
+    return touch.sum(np.einsum("ij,ij->i", centred, centred)) / samples - (mean - near) ** 2
 
 
 def _movement(touch: Touch) -> list[np.ndarray]:

@@ -1,13 +1,16 @@
 """Signals of ragged captures that feature sets share: one value per frame, then one per capture.
 
-A `Touch` holds a run of captures as one array of frames. Per-frame signals are float64 [frames]; ``per_capture_*``
-reduce them to [captures]. Steps (differences between consecutive frames) are 0 in the first frame of a capture.
+A `Touch` holds a run of captures as one array of frames. Its properties are signals, float64 [frames] or [frames, n];
+its methods reduce signals to [captures]. Steps (differences between consecutive frames) are 0 in the first frame of a
+capture. What a capture gets does not depend, to the last bit, on the captures that it is computed with: a count such
+as that of temporal peaks would turn a rounding error into a whole peak.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cache, cached_property
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -20,7 +23,9 @@ class Touch:
     """Frames of some captures of a corpus, and what can be read off each frame.
 
     Attributes:
-        frames: float32 (integer corpora, whose sums it holds exactly) or float64 [frames, taxels].
+        frames: float32 (integer corpora, while it holds sums over the taxels exactly) or float64 [frames, taxels].
+        integer: whether sensor values are whole numbers.
+        values: what thresholds are compared with [frames, taxels]: the integers as they are, else ``frames``.
         lengths: int64 [captures].
         first: int64 [captures], position of each capture's first frame.
     """
@@ -36,8 +41,11 @@ class Touch:
             raw = corpus.frames[begin:end]
         else:
             raw = np.concatenate([corpus[i] for i in range(len(corpus))])
-        self.raw = raw.reshape(len(raw), -1)
-        self.frames = self.raw.astype(np.float32 if np.issubdtype(raw.dtype, np.integer) else np.float64)
+        raw = raw.reshape(len(raw), -1)
+        self.integer = raw.dtype.kind in "iu"
+        exact = self.integer and corpus.full_scale * raw.shape[1] <= 2**24
+        self.frames = raw.astype(np.float32 if exact else np.float64)
+        self.values = raw if self.integer else self.frames
 
     @property
     def taxels(self) -> int:
@@ -76,12 +84,11 @@ class Touch:
 
     @cached_property
     def _sums(self) -> np.ndarray:
-        """Sums of each row and column of each frame [frames, rows + cols], by one matrix product."""
-        rows, cols = self.grid
-        member = np.concatenate(
-            [np.kron(np.eye(rows), np.ones((1, cols))), np.kron(np.ones((1, rows)), np.eye(cols))]
-        ).T
-        return (self.frames @ np.ascontiguousarray(member, dtype=self.frames.dtype)).astype(np.float64)
+        """Sums of each row and column of each frame [frames, rows + cols]."""
+        if self.integer:  # exact, so that the order in which a matrix product adds does not matter
+            return (self.frames @ _membership(*self.grid, self.frames.dtype)).astype(np.float64)
+        frames = self.frames.reshape(-1, *self.grid)
+        return np.concatenate([frames.sum(axis=2), frames.sum(axis=1)], axis=1)
 
     @property
     def rows(self) -> np.ndarray:
@@ -96,26 +103,27 @@ class Touch:
     @cached_property
     def total(self) -> np.ndarray:
         """Sum over the taxels of each frame."""
-        return self.rows @ np.ones(self.grid[0])
+        return weighted(self.rows)
 
     @cached_property
     def peak(self) -> np.ndarray:
         """Largest value of each frame."""
-        return self.frames.max(axis=1)
+        return self.values.max(axis=1).astype(np.float64)
 
     @cached_property
     def change(self) -> np.ndarray:
         """Sum over the taxels of the absolute step."""
         step = self.step(self.frames)
         np.abs(step, out=step)
-        return (step @ np.ones(self.taxels, dtype=step.dtype)).astype(np.float64)
+        return weighted(step).astype(np.float64)
 
     @cached_property
     def centre(self) -> np.ndarray:
         """Centre of mass [frames, 2], row and column counted from 1; the middle where nothing is pressed."""
         pressed = self.total > 0
         middle = (np.array(self.grid) + 1) / 2
-        moment = np.stack([side @ np.arange(1, side.shape[1] + 1) for side in (self.rows, self.cols)], axis=1)
+        sides = (self.rows, self.cols)
+        moment = np.stack([weighted(side, np.arange(1.0, side.shape[1] + 1)) for side in sides], axis=1)
         return np.where(pressed[:, None], moment / np.where(pressed, self.total, 1)[:, None], middle)
 
     @cached_property
@@ -128,32 +136,37 @@ class Touch:
         """Share of taxels above half of the frame's largest value."""
         return self.share_above(self.peak * 0.5)
 
-    def share_above(self, threshold: np.ndarray | float) -> np.ndarray:
-        """Share of the taxels of each frame above a value (a number, or one per frame)."""
-        limit = threshold[:, None].astype(self.frames.dtype) if isinstance(threshold, np.ndarray) else threshold
-        return np.count_nonzero(self.frames > limit, axis=1) / self.taxels
+    def share_above(self, threshold: np.ndarray) -> np.ndarray:
+        """Share of the taxels of each frame above a threshold per frame."""
+        return np.count_nonzero(self.values > self.limit(threshold)[:, None], axis=1) / self.taxels
 
-    def spatial_peaks(self, threshold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Local maxima above a threshold per capture.
+    def limit(self, threshold: np.ndarray) -> np.ndarray:
+        """Thresholds (not negative) in the type of ``values``: a whole number exceeds t if it exceeds floor(t)."""
+        return np.floor(threshold).astype(self.values.dtype) if self.integer else threshold
+
+    def spatial_peaks(self, threshold: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Local maxima above a threshold per frame.
 
         A taxel is a maximum if it is greater than those of its 8 neighbours that come before it in reading order and
         not less than those after it, so that a plateau counts by its first taxel.
 
         Returns:
-            Frame and taxel of every peak.
+            Frame, row and column (from 0) of every peak.
         """
         rows, cols = self.grid
-        frame, taxel = np.nonzero(self.frames > threshold[self.capture, None].astype(self.frames.dtype))
-        value = self.frames[frame, taxel]
-        row, col = np.divmod(taxel, cols)
-        keep = np.ones(len(frame), dtype=bool)
-        for down, right in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
-            r, c = row + down, col + right
-            inside = np.flatnonzero((r >= 0) & (r < rows) & (c >= 0) & (c < cols))
-            other = self.frames[frame[inside], r[inside] * cols + c[inside]]
-            before = down < 0 or (down == 0 and right < 0)
-            keep[inside] &= value[inside] > other if before else value[inside] >= other
-        return frame[keep], taxel[keep]
+        wide = cols + 1
+        # With a border of zeros to the right and below, a neighbour is a fixed distance away in one flat array, across
+        # rows and frames. Nothing at 0 is above a threshold, so the border is no peak and hides none.
+        bordered = np.zeros((len(self.values), rows + 1, wide), dtype=self.values.dtype)
+        bordered[:, :rows, :cols] = self.values.reshape(-1, rows, cols)
+        keep = (bordered > self.limit(threshold)[:, None, None]).ravel()
+        flat = bordered.ravel()
+        for distance in (1, wide - 1, wide, wide + 1):
+            wins = flat[:-distance] >= flat[distance:]
+            keep[:-distance] &= wins
+            keep[distance:] &= ~wins
+        frame, place = np.divmod(np.flatnonzero(keep), (rows + 1) * wide)
+        return frame, *np.divmod(place, wide)
 
     def at_highest(self, signal: np.ndarray) -> np.ndarray:
         """Value of a signal in the first frame with the highest total of each capture."""
@@ -179,26 +192,45 @@ class Touch:
         return self.sum(crossing)
 
     def dominant_frequency(self, signals: np.ndarray) -> np.ndarray:
-        """Frequency in Hz of the largest amplitude of each signal [frames, n] without its mean; 0 if it is constant."""
-        found = np.zeros((len(self.lengths), signals.shape[1]))
+        """Frequency in Hz of the largest amplitude of each signal [frames, n] without its mean; 0 if it is constant.
+
+        Of equal amplitudes, as a single impulse has them, the lowest frequency counts; rounding must not choose.
+        """
+        centred = signals - self.mean(signals)[self.capture]
+        moved = np.maximum.reduceat(signals, self.first) - np.minimum.reduceat(signals, self.first)
+        bins = np.zeros((len(self.lengths), signals.shape[1]))
         for i, (first, length) in enumerate(zip(self.first.tolist(), self.lengths.tolist(), strict=True)):
-            if length < 2:
-                continue
-            piece = signals[first : first + length]
-            amplitude = np.abs(rfft(piece - piece.mean(axis=0), axis=0))[1:]
-            bin_ = amplitude.argmax(axis=0)
-            moving = np.ptp(piece, axis=0) > 1e-9
-            found[i] = np.where(moving, (bin_ + 1) * self.rate_hz / length, 0)
-        return found
+            if length > 1:
+                amplitude = np.abs(rfft(centred[first : first + length], axis=0)[1:])
+                bins[i] = (amplitude >= amplitude.max(axis=0) * (1 - 1e-9)).argmax(axis=0) + 1
+        return np.where(moved > 1e-9, bins * self.rate_hz / self.lengths[:, None], 0)
 
 
-def blocks(corpus: Corpus, frames: int = 16384) -> list[np.ndarray]:
-    """Capture positions in runs of at most about this many frames, so that intermediates stay in the cache."""
-    group = np.cumsum(corpus.lengths) // frames
-    return np.split(np.arange(len(corpus)), np.flatnonzero(np.diff(group)) + 1)
+def weighted(signal: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
+    """Sum over the columns of a signal [frames, n], each times its weight; frame by frame in the same order."""
+    if weights is None:
+        weights = np.ones(signal.shape[1], dtype=signal.dtype)
+    return np.einsum("ij,j->i", signal, weights)
 
 
-def table(corpus: Corpus, names: list[str], columns: Callable[[Touch], list[np.ndarray]]) -> pd.DataFrame:
+@cache
+def _membership(rows: int, cols: int, dtype: np.dtype) -> np.ndarray:
+    """Which rows and columns each taxel belongs to, 0 or 1 [taxels, rows + cols]."""
+    sides = [np.kron(np.eye(rows), np.ones((cols, 1))), np.kron(np.ones((rows, 1)), np.eye(cols))]
+    return np.concatenate(sides, axis=1).astype(dtype)
+
+
+def blocks(corpus: Corpus, values: int = 2**20) -> list[slice]:
+    """Runs of captures of at most about this many sensor values, so that intermediates stay small.
+
+    A block is never less than one capture.
+    """
+    group = np.cumsum(corpus.lengths) // max(values // (corpus.grid[0] * corpus.grid[1]), 1)
+    edges = [0, *(np.flatnonzero(np.diff(group)) + 1).tolist(), len(corpus)]
+    return [slice(a, b) for a, b in pairwise(edges) if a < b]
+
+
+def table(corpus: Corpus, names: pd.Index, columns: Callable[[Touch], list[np.ndarray]]) -> pd.DataFrame:
     """Run ``columns(touch)`` over blocks of captures and name what it gives."""
-    parts = [np.column_stack(columns(Touch(corpus[slice(b[0], b[-1] + 1)]))) for b in blocks(corpus)]
-    return pd.DataFrame(np.concatenate(parts), columns=names)
+    parts = [np.column_stack(columns(Touch(corpus[block]))) for block in blocks(corpus)]
+    return pd.DataFrame(np.concatenate([np.empty((0, len(names))), *parts]), columns=names)
