@@ -194,7 +194,7 @@ def _convert(key: str, text: str, default: object) -> object:
     elif isinstance(default, bool):
         kind, convert = "true or false", {"true": True, "false": False}.__getitem__
     elif isinstance(default, int):
-        kind, convert = "a whole number", int
+        kind, convert = "a whole number" + (" from 0 on" if key.endswith("seed") else ""), int
     elif isinstance(default, float):
         kind, convert = "a number", float
     elif isinstance(default, tuple):
@@ -202,6 +202,9 @@ def _convert(key: str, text: str, default: object) -> object:
     else:
         kind, convert = "text", str
     try:
-        return convert(text)
+        value = convert(text)
+        if key.endswith("seed") and value < 0:
+            raise ValueError(key)
+        return value
     except (ValueError, KeyError) as e:
         raise InputError(f"{key}={text}: give {kind}, such as {default}") from e

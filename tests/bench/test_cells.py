@@ -84,6 +84,9 @@ def test_dotted_keys_set_parameters_by_the_type_of_their_default():
         (["model=xgb", "model.rate=0"], "model.rate=0"),
         (["model=bayes", "model.ridge=0"], "model.ridge=0"),
         (["features.area=hand"], "features.area=hand: give frame or capture"),
+        (["model=rf", "seed=-1"], "seed=-1: give a whole number from 0 on"),
+        (["protocol=challenge", "protocol.seed=-1"], "protocol.seed=-1: give a whole number from 0 on"),
+        (["data.seed=-1"], "data.seed=-1: give a whole number from 0 on"),
         (["data.subjects=0"], "data.subjects=0: give at least 1"),
     ],
 )
