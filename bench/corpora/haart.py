@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import lzma
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,11 @@ RATE_HZ = 54.0
 FULL_SCALE = 1023
 LARGEST_MEMBER = 512 << 20  # bytes
 PUBLISHED = {"train": 578, "test": 251}
+GESTURES = ("constant", "notouch", "pat", "rub", "scratch", "stroke", "tickle")
+PUBLISHED_GESTURES = {
+    "train": dict.fromkeys(GESTURES, 83) | {"constant": 82, "rub": 81},
+    "test": dict.fromkeys(GESTURES, 36) | {"constant": 35},
+}
 PUBLISHED_SUBJECTS = 10
 
 
@@ -36,22 +43,33 @@ def read(path: Path) -> Corpus:
     parts = [_part(sources[TRAINING], TRAINING, "train"), _part(sources[TEST], TEST, "test")]
     frames = np.concatenate([values for _, values in parts]).reshape(-1, 8, 8)
     captures = pd.concat([rows for rows, _ in parts], ignore_index=True)
-    warnings = [
-        f"{split} captures: {here} here, {published} published"
-        for split, published in PUBLISHED.items()
-        if (here := int((captures["split"] == split).sum())) != published
-    ]
-    if (subjects := captures["subject"].nunique()) != PUBLISHED_SUBJECTS:
-        warnings.append(f"subjects: {subjects} here, {PUBLISHED_SUBJECTS} published")
     info = {
         "source": f"{path.name}; UBC SPIN lab, Human-Animal Affective Robot Touch",
         "licence": "none stated by its authors",
         "synthetic": False,
-        "warnings": warnings,
+        "warnings": differences(captures),
     }
     starts = np.arange(len(captures), dtype=np.int64) * FRAMES
     lengths = np.full(len(captures), FRAMES, dtype=np.int64)
     return Corpus(frames, starts, lengths, captures, RATE_HZ, FULL_SCALE, "haart", info=info)
+
+
+def differences(captures: pd.DataFrame) -> list[str]:
+    """What differs from the published release, one sentence per figure."""
+    found = []
+
+    def check(what: str, here: int, published: int) -> None:
+        if here != published:
+            found.append(f"{what}: {here} here, {published} published")
+
+    for split, published in PUBLISHED.items():
+        part = captures[captures["split"] == split]
+        check(f"{split} captures", len(part), published)
+        for gesture in GESTURES:
+            here = int((part["gesture"] == gesture).sum())
+            check(f"{split} captures of gesture {gesture}", here, PUBLISHED_GESTURES[split][gesture])
+    check("subjects", captures["subject"].nunique(), PUBLISHED_SUBJECTS)
+    return found
 
 
 def _files(folder: Path) -> dict[str, Path]:
@@ -70,7 +88,8 @@ def _members(path: Path) -> dict[str, bytes]:
             for member in archive.infolist():
                 found.setdefault(member.filename.rsplit("/", 1)[-1].lower(), member)
             return {name: _bytes(archive, _need(found, name, path.name)) for name in (TRAINING, TEST)}
-    except (zipfile.BadZipFile, EOFError, NotImplementedError, OSError) as e:
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, OSError) as e:
+        # RuntimeError: a member is encrypted, or (NotImplementedError) packed in a way that Python does not know
         raise InputError(f"{path.name}: not a readable zip file ({e}); get it again") from e
 
 
@@ -84,7 +103,10 @@ def _bytes(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
     with archive.open(member) as f:
         content = f.read(LARGEST_MEMBER + 1)  # what the header says of its size may be wrong
     if len(content) > LARGEST_MEMBER:
-        raise InputError(f"{member.filename}: larger than {LARGEST_MEMBER >> 20} MiB; this is not the HAART release")
+        raise InputError(
+            f"{Path(archive.filename).name}: {member.filename} is larger than {LARGEST_MEMBER >> 20} MiB; "
+            "this is not the HAART release"
+        )
     return content
 
 
@@ -108,6 +130,8 @@ def _part(source: Path | bytes, name: str, split: str) -> tuple[pd.DataFrame, np
             "get the file again"
         )
     first = labels.iloc[starts].reset_index(drop=True)
+    _check_labels(first[participant], r"[PT]?[1-9]\d*", "a participant such as P4", starts, name)
+    _check_labels(first["Gesture"], "|".join(GESTURES), f"one of {', '.join(GESTURES)}", starts, name)
     captures = pd.DataFrame(
         {
             "subject": first[participant].str.lstrip("PT"),
@@ -118,6 +142,13 @@ def _part(source: Path | bytes, name: str, split: str) -> tuple[pd.DataFrame, np
         }
     )
     return captures, values
+
+
+def _check_labels(labels: pd.Series, pattern: str, wanted: str, starts: np.ndarray, name: str) -> None:
+    wrong = np.flatnonzero(~labels.str.fullmatch(pattern).to_numpy(dtype=bool))
+    if len(wrong):
+        i = wrong[0]
+        raise InputError(f"{name}, line {starts[i] + 2}: {labels.name} is {labels.iloc[i]!r}, not {wanted}; correct it")
 
 
 def _blocks(labels: pd.DataFrame, name: str) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -37,10 +38,10 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
         InputError: the file does not fit; the message names the line, or the array.
     """
     path = Path(path)
-    if not rate_hz > 0 or not full_scale > 0:
-        raise InputError(f"rate_hz={rate_hz:g} full_scale={full_scale:g}: both must be above 0")
+    if not (0 < rate_hz < np.inf and 0 < full_scale < np.inf):
+        raise InputError(f"rate_hz={rate_hz:g} full_scale={full_scale:g}: give numbers above 0")
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file; check the path")
+        raise InputError(f"{path}: {'a folder' if path.is_dir() else 'there is no such file'}; give the path of a file")
     size = _size(grid) if grid else None
     if path.suffix == ".npz":
         frames, starts, lengths, captures = _arrays(path, size, full_scale)
@@ -98,7 +99,10 @@ def _parquet(path: Path, channels: int, full_scale: float) -> tuple[pd.DataFrame
     try:
         table = pd.read_parquet(path)
     except (OSError, ValueError) as e:
-        raise InputError(f"{path.name}: not a readable parquet file ({e})") from e
+        raise InputError(f"{path.name}: not a readable parquet file ({e}); save it again") from e
+    table.columns = [str(name).strip() for name in table.columns]
+    if len(twice := table.columns[table.columns.duplicated()]):
+        raise InputError(f"{path.name}: column {twice[0]!r} stands twice; rename one")
     if missing := [n for n in LABELS if n not in table]:
         raise InputError(f"{path.name}: no column {', '.join(missing)}; add it")
     _check_layout(list(table.columns), channels, path.name)
@@ -108,11 +112,15 @@ def _parquet(path: Path, channels: int, full_scale: float) -> tuple[pd.DataFrame
     if labels.isna().any(axis=None):
         row, column = np.argwhere(labels.isna().to_numpy())[0]
         raise InputError(f"{path.name}, row {row + 1}: {labels.columns[column]} is empty; fill the cell")
-    try:
-        labels["frame"] = labels["frame"].astype(np.int64)
-        values = values.to_numpy(dtype=np.float64)
-    except (ValueError, TypeError) as e:
-        raise InputError(f"{path.name}: frame or a channel is not a number ({e}); correct the column") from e
+    if taken := [n for n in labels if not pd.api.types.is_scalar(labels[n].iloc[0])]:
+        raise InputError(f"{path.name}: {taken[0]} holds lists or arrays; give one value per frame")
+    if words := [n for n in ["frame", *values] if not pd.api.types.is_numeric_dtype(table[n])]:
+        raise InputError(f"{path.name}: {words[0]} is not a column of numbers; correct the column")
+    frame = labels["frame"].to_numpy(dtype=np.float64)
+    if len(wrong := np.flatnonzero(frame != np.round(frame))):
+        raise InputError(f"{path.name}, row {wrong[0] + 1}: frame is {frame[wrong[0]]}, not a whole number; correct it")
+    labels["frame"] = frame.astype(np.int64)
+    values = values.to_numpy(dtype=np.float64)
     return labels, _checked(values, full_scale, path.name, "row")
 
 
@@ -122,8 +130,11 @@ def _arrays(
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as e:
+    except (OSError, ValueError, TypeError, RuntimeError, zipfile.BadZipFile, zlib.error, EOFError) as e:
+        # TypeError: a single array, as np.save writes it; RuntimeError: an encrypted member
         raise InputError(f"{path.name}: not a .npz file of plain arrays ({e}); save it without objects") from e
+    if other := [n for n, a in arrays.items() if not isinstance(a, np.ndarray)]:
+        raise InputError(f"{path.name}: {other[0]} is not an array; save the file with np.savez")
     if missing := [n for n in ("frames", "offsets", "subject", "gesture") if n not in arrays]:
         raise InputError(f"{path.name}: no array {', '.join(missing)}; save it with np.savez")
     frames, offsets = arrays.pop("frames"), arrays.pop("offsets")
@@ -132,14 +143,27 @@ def _arrays(
     if size is not None and frames.shape[1:] != size:
         raise InputError(f"{path.name}: frames are {frames.shape[1]}x{frames.shape[2]}, grid= says {size[0]}x{size[1]}")
     whole = offsets.ndim == 1 and len(offsets) > 1 and np.issubdtype(offsets.dtype, np.integer)
+    offsets = offsets.astype(np.int64) if whole else offsets  # unsigned differences would wrap
     if not whole or offsets[0] != 0 or offsets[-1] != len(frames) or (np.diff(offsets) < 1).any():
         raise InputError(f"{path.name}: offsets must rise from 0 to {len(frames)}, one more of them than captures")
     if wrong := [n for n, a in arrays.items() if a.shape != (len(offsets) - 1,)]:
         raise InputError(f"{path.name}: {wrong[0]} has shape {arrays[wrong[0]].shape}, captures are {len(offsets) - 1}")
+    for name, array in arrays.items():
+        kinds, wanted = ("USiu", "text or whole numbers") if name in LABELS else ("USiufb", "text or numbers")
+        if array.dtype.kind not in kinds:
+            raise InputError(f"{path.name}: {name} is of type {array.dtype}; save it as {wanted}")
+        if array.dtype.kind in "US" and (array == array.dtype.type()).any():
+            empty = np.flatnonzero(array == array.dtype.type())[0]
+            raise InputError(f"{path.name}, capture {empty + 1}: {name} is empty; fill it")
+        if array.dtype.kind == "S":
+            try:
+                arrays[name] = np.char.decode(array, "utf-8")
+            except UnicodeDecodeError as e:
+                raise InputError(f"{path.name}: {name} is not text in UTF-8; save it as text") from e
     if frames.dtype.kind not in "iuf":
         raise InputError(f"{path.name}: frames are of type {frames.dtype}; save them as numbers")
     values = _checked(frames.reshape(len(frames), -1), full_scale, path.name, "frame").reshape(frames.shape)
-    return values, offsets[:-1].astype(np.int64), np.diff(offsets).astype(np.int64), pd.DataFrame(arrays)
+    return values, offsets[:-1], np.diff(offsets), pd.DataFrame(arrays)
 
 
 def _checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.ndarray:
@@ -151,5 +175,5 @@ def _checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.
             f"{name}, {unit} {row + 1}: channel {column + 1} is {values[row, column]}, not within 0 and the full scale "
             f"{full_scale:g}; correct it or give full_scale="
         )
-    whole = values.max() <= 65535 and (np.issubdtype(values.dtype, np.integer) or (values == np.round(values)).all())
-    return values.astype(np.uint16 if whole else np.float32)
+    whole = np.issubdtype(values.dtype, np.integer) or (values == np.round(values)).all()
+    return values.astype(np.uint16 if whole and float(values.max()) <= 65535 else np.float32)

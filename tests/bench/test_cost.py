@@ -143,11 +143,70 @@ def lengths_of_the_challenge():
 def test_the_training_subjects_of_the_challenge_are_recovered():
     captures, lengths = lengths_of_the_challenge()
     assert cost.training_subjects(captures, lengths) == {str(i) for i in range(1, 22)}
+    shared = (captures["subject"] == "31") & (captures["gesture"] == "rub") & (captures["variant"] != "rough")
+    lengths[shared] = cost.CHALLENGE_FRAMES["rub"][0] - 900, 900  # a test subject has one known sum by chance
+    assert cost.training_subjects(captures, lengths) == {str(i) for i in range(1, 22)}
     lengths[0] += 1  # one subject no longer matches in one gesture
     assert cost.training_subjects(captures, lengths) == set()
     assert (
         cost.training_subjects(captures[captures["gesture"] != "rub"], lengths[captures["gesture"] != "rub"]) == set()
     )
+
+
+def test_split_marks_gentle_and_normal_captures_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(cost, "CHALLENGE_FRAMES", {"pat": (5,), "rub": (7,)})
+    monkeypatch.setattr(cost, "PUBLISHED_SUBJECTS", 2)
+    lines = []
+    for subject, variant, gesture, frames in [
+        (1, 1, 4, 2), (1, 2, 4, 3), (1, 1, 8, 7), (1, 3, 8, 1), (2, 1, 4, 5), (2, 2, 8, 6)
+    ]:  # fmt: skip
+        lines += [line(subject, variant, gesture, f) for f in range(1, frames + 1)]
+    corpus = read(file(tmp_path, *lines))
+    assert corpus.captures["split"].tolist() == ["train", "train", "train", "", "test", "test"]
+    assert not any("split" in w for w in corpus.info["warnings"])
+
+
+def test_carried_sums_are_of_21_subjects_and_tell_them_apart():
+    assert {len(sums) for sums in cost.CHALLENGE_FRAMES.values()} == {21}
+    assert {len(set(sums)) for sums in cost.CHALLENGE_FRAMES.values()} == {21}
+
+
+def one_capture(subject="1", frames=3, value=5):
+    captures = pd.DataFrame({"subject": [subject], "variant": ["rough"], "gesture": ["tap"]})
+    return Corpus.from_captures([np.full((frames, 8, 8), value, np.uint16)], captures, 135.0)
+
+
+@pytest.mark.parametrize("subject, frames", [("70000", 3), ("0", 1), ("1", 65537)])
+def test_large_subject_numbers_and_long_captures_are_written_as_they_are(tmp_path, subject, frames):
+    write(one_capture(subject, frames), tmp_path / "out.csv")
+    again = read(tmp_path / "out.csv")
+    assert again.captures["subject"].tolist() == [subject] and list(again.lengths) == [frames]
+
+
+def test_write_refuses_what_would_not_read_back_the_same(tmp_path):
+    for corpus, message in [
+        (one_capture("007"), "not '007'"),
+        (one_capture("P4"), "not 'P4'"),
+        (one_capture("-1"), "not '-1'"),
+        (one_capture(value=1024), "up to 1023, the highest here is 1024"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            write(corpus, tmp_path / "out.csv")
+    decimals = Corpus(**{**vars(one_capture()), "frames": np.zeros((3, 8, 8), np.float32)})
+    with pytest.raises(InputError, match="8x8 frames of whole numbers, these are 8x8 of float32"):
+        write(decimals, tmp_path / "out.csv")
+    assert not any(tmp_path.iterdir())
+
+
+def test_an_unreadable_file_is_named(tmp_path, monkeypatch):
+    path = file(tmp_path, line())
+
+    def denied(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("builtins.open", denied)
+    with pytest.raises(InputError, match=r"CoST.csv: cannot be read \(Permission denied\)"):
+        read(path)
 
 
 def test_write_refuses_what_the_format_cannot_hold(corpus, tmp_path):

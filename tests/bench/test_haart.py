@@ -47,16 +47,55 @@ def test_folder_parent_and_zip_give_the_same(release, tmp_path):
     assert corpus[1][5].ravel()[:3].tolist() == [1, 5, 5]
     # Sequence is no cell, and the last cell is not lost.
     assert corpus[4][10].ravel()[[0, 1, 63]].tolist() == [1, 7, 9]
-    assert corpus.info["warnings"] == [
-        "train captures: 3 here, 578 published",
-        "test captures: 2 here, 251 published",
-        "subjects: 4 here, 10 published",
-    ]
+    warnings = corpus.info["warnings"]
+    assert len(warnings) == 2 + 14 + 1
+    assert "train captures: 3 here, 578 published" in warnings
+    assert "train captures of gesture pat: 2 here, 83 published" in warnings
+    assert "test captures of gesture constant: 0 here, 35 published" in warnings
+    assert "subjects: 4 here, 10 published" in warnings
     with zipfile.ZipFile(tmp_path / "release.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         for file in release.iterdir():
             archive.write(file, f"HAART DataSet/{file.name}")
     for source in (tmp_path, tmp_path / "release.zip"):
         assert np.array_equal(read(source).frames, corpus.frames)
+
+
+def test_published_counts_add_up():
+    assert {split: sum(counts.values()) for split, counts in haart.PUBLISHED_GESTURES.items()} == haart.PUBLISHED
+
+
+def test_unknown_labels_are_named(release):
+    good = (release / "training.csv").read_text()
+    for old, new, message in [
+        ("constant", "wave", "training.csv, line 2: Gesture is 'wave', not one of constant, notouch"),
+        ("P10", "X10", "training.csv, line 866: ParticipantNo is 'X10', not a participant such as P4"),
+    ]:
+        (release / "training.csv").write_text(good.replace(old, new))
+        with pytest.raises(InputError, match=message):
+            read(release)
+
+
+@pytest.mark.parametrize("packing", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+@pytest.mark.parametrize("damage", ["content", "encrypted", "cut"])
+def test_damaged_zip_files(release, tmp_path, packing, damage):
+    path = tmp_path / "release.zip"
+    with zipfile.ZipFile(path, "w", packing) as archive:
+        for file in sorted(release.iterdir()):
+            archive.write(file, f"HAART DataSet/{file.name}")
+    content = bytearray(path.read_bytes())
+    if damage == "content":
+        content[200:400] = bytes(200)
+    elif damage == "cut":
+        del content[len(content) // 2 :]
+    else:
+        for signature, flag in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+            at = -1
+            while (at := content.find(signature, at + 1)) >= 0:
+                content[at + flag] |= 1
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"release.zip: not a readable zip file \(") as error:
+        read(path)
+    assert "\n" not in str(error.value)
 
 
 def test_broken_releases(release, tmp_path, monkeypatch):
@@ -88,4 +127,4 @@ def test_broken_releases(release, tmp_path, monkeypatch):
         archive.writestr("training.csv", "0" * 5000)
         archive.writestr("testWITHLABELS.csv", "0")
     monkeypatch.setattr(haart, "LARGEST_MEMBER", 4096)
-    refused("larger than", tmp_path / "large.zip")
+    refused("large.zip: training.csv is larger than", tmp_path / "large.zip")

@@ -1,6 +1,10 @@
+import zipfile
+
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from bench.corpora.table import read
 from bench.corpus import InputError
@@ -60,6 +64,12 @@ def test_broken_npz(tmp_path):
         ({"frames": np.full((6, 2, 2), -1)}, "frame 1: channel 1 is -1"),
         ({"frames": np.full((6, 2, 2), np.nan)}, "channel 1 is nan"),
         ({"gesture": np.array(["a", {}], dtype=object)}, "plain arrays"),
+        ({"offsets": np.array([0, 7, 6], dtype=np.uint64)}, "offsets must rise"),
+        ({"subject": np.array([1.5, np.nan])}, "subject is of type float64; save it as text or whole numbers"),
+        ({"subject": ["1", ""]}, "capture 2: subject is empty"),
+        ({"day": np.array([1j, 2])}, "day is of type complex128"),
+        ({"frames": np.full((6, 2, 2), np.inf)}, "channel 1 is inf"),
+        ({"frames": np.full((6, 2, 2), 1024)}, "channel 1 is 1024"),
     ]:
         np.savez(tmp_path / "b.npz", **(good | change))
         with pytest.raises(InputError, match=message):
@@ -71,6 +81,86 @@ def test_broken_npz(tmp_path):
     (tmp_path / "c.npz").write_bytes(b"PK\x03\x04")
     with pytest.raises(InputError, match="plain arrays"):
         read(tmp_path / "c.npz", rate_hz=10.0)
+
+
+def test_files_that_are_not_npz(tmp_path):
+    path = tmp_path / "d.npz"
+
+    def refused(message):
+        with pytest.raises(InputError, match=message) as error:
+            read(path, rate_hz=10.0)
+        assert "\n" not in str(error.value)
+
+    path.write_bytes(b"")
+    refused("plain arrays")
+    np.save(tmp_path / "one.npy", np.zeros(3))
+    (tmp_path / "one.npy").rename(path)
+    refused("plain arrays")
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("frames.txt", "hello")
+    refused("frames.txt is not an array")
+    np.savez_compressed(path, frames=np.random.default_rng(0).random((600, 2, 2)))
+    content = bytearray(path.read_bytes())
+    content[120:400] = bytes(280)
+    path.write_bytes(content)
+    refused("plain arrays")
+    path.unlink()
+    path.mkdir()
+    refused("a folder")
+
+
+def test_npz_labels_of_bytes_are_text(tmp_path):
+    np.savez(tmp_path / "a.npz", frames=np.zeros((2, 1, 1)), offsets=[0, 2], subject=[b"ann"], gesture=["pat"])
+    assert read(tmp_path / "a.npz", rate_hz=10.0).captures.iloc[0].tolist() == ["ann", "pat"]
+
+
+def test_broken_parquet(tmp_path):
+    path = tmp_path / "p.parquet"
+    for change, message in [
+        ({"frame": [0, 1.5, 0]}, "row 2: frame is 1.5, not a whole number"),
+        ({"frame": ["a", "b", "c"]}, "frame is not a column of numbers"),
+        ({"x2": ["a", "b", "c"]}, "x2 is not a column of numbers"),
+        ({"x2": [1, -1, 1]}, "row 2: channel 3 is -1"),
+        ({"place": [[1], [2], [3]]}, "place holds lists"),
+        ({"place": ["arm", None, "leg"]}, "row 2: place is empty"),
+        ({" place": ["arm", "arm", "leg"]}, "column 'place' stands twice"),
+    ]:
+        table = rows().assign(**change)
+        labels = [c for c in table if c[0] != "x"]
+        table[labels + [c for c in table if c not in labels]].to_parquet(path)
+        with pytest.raises(InputError, match=message):
+            read(path, rate_hz=54.0, grid="2x3")
+    path.write_bytes(b"PAR1")
+    with pytest.raises(InputError, match="not a readable parquet file"):
+        read(path, rate_hz=54.0, grid="2x3")
+
+
+def test_spaces_in_the_header_of_parquet(tmp_path):
+    rows().rename(columns=lambda name: f" {name}").to_parquet(tmp_path / "p.parquet")
+    assert list(read(tmp_path / "p.parquet", rate_hz=54.0, grid="2x3").captures) == ["subject", "gesture", "place"]
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.integers(1, 9), min_size=1, max_size=12), st.integers(0, 2**32), st.sampled_from([0, 1]))
+def test_ragged_captures_are_the_same_from_every_kind_of_file(tmp_path, lengths, seed, origin):
+    rng = np.random.default_rng(seed)
+    frames = rng.integers(0, 1024, (sum(lengths), 2, 3))
+    labels = {
+        "subject": [f"s{i % 3}" for i in range(len(lengths))],
+        "gesture": rng.choice(["pat", "rub"], len(lengths)),
+        "place": rng.choice(["arm", "leg"], len(lengths)),
+    }
+    table = pd.DataFrame({name: np.repeat(values, lengths) for name, values in labels.items()})
+    table["frame"] = np.concatenate([np.arange(origin, origin + n) for n in lengths])
+    table = pd.concat([table, pd.DataFrame(frames.reshape(-1, 6)).add_prefix("x")], axis=1)
+    table.to_csv(tmp_path / "a.csv", index=False)
+    table.to_parquet(tmp_path / "a.parquet")
+    np.savez(tmp_path / "a.npz", frames=frames, offsets=np.cumsum([0, *lengths]), **labels)
+    for kind in ("csv", "parquet", "npz"):
+        corpus = read(tmp_path / f"a.{kind}", rate_hz=54.0, grid="2x3")
+        assert np.array_equal(corpus.frames, frames) and corpus.frames.dtype == np.uint16
+        assert list(corpus.lengths) == lengths
+        assert corpus.captures.to_dict("list") == {name: list(values) for name, values in labels.items()}
 
 
 def test_broken_tables(tmp_path):
@@ -96,6 +186,9 @@ def test_broken_tables(tmp_path):
     refused("line 3: x1 is -8, below 0", good.replace("7,8,", "7,-8,"))
     refused("line 2: a capture starts at frame 7", good.replace("arm,0,", "arm,7,"))
     refused("line 4: a capture starts at frame 7", good.replace("leg,0,", "leg,7,"))
+    refused("line 3: a capture starts at frame 1", good.replace("arm,1,", "leg,1,"))  # another place, no restart
+    refused("line 3: frame is '1.5', not a whole number", good.replace("arm,1,", "arm,1.5,"))
+    refused("rate_hz=inf", good, rate_hz=float("inf"))
     refused("cannot be called p_hand", good.replace("place", "p_hand"))
     refused("cannot be called fold", good.replace("place", "fold"))
     refused("line 3: place is empty", good.replace("arm,1,", ",1,"))
