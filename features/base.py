@@ -19,12 +19,17 @@ from bench.source import source_digest
 
 
 class FeatureSet(TransformerMixin, BaseEstimator):
-    """Turns a `Corpus` into a DataFrame [captures, n_features] with named columns; nothing is learnt.
+    """Turns a `Corpus` into a DataFrame [captures, n_features] with named columns.
 
-    A feature set gives ``extract(corpus)``. For a stored corpus the table of all its captures is kept in the data
-    folder, under the digest of the corpus, the parameters and the source code that the values depend on, so folds and
-    models share it and a change of code or data never meets stale values. A corpus in memory is computed each time.
+    A feature set gives ``extract(corpus)``, which learns nothing. One that also learns says so with ``learns`` and has
+    its own ``fit`` and ``transform``; what it computes without learning it takes from `transform` of this class.
+
+    For a stored corpus the table of all its captures is kept in the data folder, under the digest of the corpus, the
+    parameters and the source code that the values depend on, so folds and models share it and a change of code or data
+    never meets stale values. A corpus in memory is computed each time.
     """
+
+    learns = False
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the features of every capture."""

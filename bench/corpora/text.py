@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
+import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
@@ -34,8 +36,9 @@ class FrameFile:
         self.source = source
         self.label = label
         try:
-            with self._open() as f:
-                header = f.readline()
+            with io.BytesIO(source) if isinstance(source, bytes) else open(source, "rb") as f:
+                head = f.read(1 << 20).splitlines()
+            header = head[0].decode("utf-8-sig") if head else ""
         except UnicodeDecodeError as e:
             raise InputError(f"{label}: not a text file in UTF-8; give the CSV file itself") from e
         except OSError as e:
@@ -47,15 +50,19 @@ class FrameFile:
             raise InputError(f"{label}, line 1: column {min(twice)!r} stands twice; rename one")
 
     def _open(self) -> TextIO:
+        options = {"encoding": "utf-8-sig", "errors": "replace", "newline": ""}
         if isinstance(self.source, bytes):
-            return io.TextIOWrapper(io.BytesIO(self.source), encoding="utf-8-sig", newline="")
-        return open(self.source, encoding="utf-8-sig", newline="")
+            return io.TextIOWrapper(io.BytesIO(self.source), **options)
+        return open(self.source, **options)
 
     def require(self, names: list[str]) -> None:
         """Raise an `InputError` that names the columns that are missing."""
         if missing := [n for n in names if n not in self.columns]:
-            have = ", ".join(self.columns[:6])
-            raise InputError(f"{self.label}, line 1: no column {', '.join(missing)}; the file begins with {have}, ...")
+            more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+            raise InputError(
+                f"{self.label}, line 1: no column {', '.join(missing[:3])}{more}; the line begins with "
+                f"{', '.join(self.columns)[:60]!r}"
+            )
 
     def read(
         self, whole: list[str], channels: list[str], full_scale: float, fractions: bool = False
@@ -103,13 +110,14 @@ class FrameFile:
             source,
             read_options=pacsv.ReadOptions(column_names=self.columns, skip_rows=1, block_size=8 << 20),
             parse_options=pacsv.ParseOptions(ignore_empty_lines=False),
-            convert_options=pacsv.ConvertOptions(column_types=types, strings_can_be_null=True),
+            convert_options=pacsv.ConvertOptions(column_types=types, strings_can_be_null=True, null_values=[""]),
         )
 
     def _explain(self, whole: list[str], channels: list[str], full_scale: float, fractions: bool) -> None:
         """Find the first line that does not fit and say what is wrong with it; always raises."""
         whole_columns = [(self.columns.index(n), n) for n in whole]
         channel_columns = [(self.columns.index(n), n) for n in channels]
+        line = 1
         for line, cells in self._lines():
             where = f"{self.label}, line {line}"
             if len(cells) != len(self.columns):
@@ -118,35 +126,43 @@ class FrameFile:
                     "here, get it again or delete the line"
                 )
             for i, name in whole_columns:
-                if not cells[i].strip().lstrip("-").isdecimal():
+                if not re.fullmatch(r"-?[0-9]{1,18}", cells[i].strip()):
                     raise InputError(f"{where}: {name} is {cells[i]!r}, not a whole number; correct the cell")
             for i, name in channel_columns:
                 _check_value(where, name, cells[i].strip(), full_scale, fractions)
             for name, cell in zip(self.columns, cells, strict=True):
                 if not cell.strip():
                     raise InputError(f"{where}: {name} is empty; fill the cell")
+        if line == 1:
+            raise InputError(f"{self.label}: a header and no frames; give a file with one line per frame")
         raise InputError(f"{self.label}: the file cannot be read as CSV; check its quotes and line ends")
 
     def _lines(self) -> Iterator[tuple[int, list[str]]]:
         with self._open() as f:
             reader = csv.reader(f)
             next(reader)
+            line = reader.line_num + 1  # where a record begins; an open quote makes it end lines later
             try:
                 for cells in reader:
-                    yield reader.line_num, cells
-            except (csv.Error, UnicodeDecodeError) as e:
-                raise InputError(
-                    f"{self.label}, line {reader.line_num + 1}: not CSV text ({e}); get the file again"
-                ) from e
+                    if any("\ufffd" in cell for cell in cells):  # what decoding puts for bytes that are not UTF-8
+                        raise InputError(f"{self.label}, line {line}: not text in UTF-8; get the file again")
+                    yield line, cells
+                    line = reader.line_num + 1
+            except csv.Error as e:
+                raise InputError(f"{self.label}, line {line}: not CSV text ({e}); get the file again") from e
 
 
 def _check_value(where: str, name: str, cell: str, full_scale: float, fractions: bool) -> None:
     try:
-        value = float(cell) if fractions else int(cell)
+        if not re.fullmatch(r"-?[0-9]+" if not fractions else r"[^_]+", cell):
+            raise ValueError(cell)
+        value = float(cell)
+        if math.isnan(value):
+            raise ValueError(cell)
     except ValueError as e:
         kind = "a number" if fractions else "a whole number"
         raise InputError(f"{where}: {name} is {cell!r}, not {kind}; correct the cell") from e
-    if value < 0:
+    if value < 0 or (cell.startswith("-") and not fractions):
         raise InputError(f"{where}: {name} is {cell}, below 0; correct the cell")
     if not value <= full_scale:
         raise InputError(

@@ -97,6 +97,10 @@ BROKEN = {
     "unknown gesture": ([*good, line(gesture=15)], "line 5: gesture 15 is not one of 1 to 14"),
     "unknown variant": ([*good, line(variant=0)], "line 5: variant 0 is not one of 1 to 3"),
     "no subject": ([*good, line(subject="?")], "line 5: subject is '?', not a whole number"),
+    "plus sign": ([*good, line(frame=4, values=["+1", *range(63)])], "line 5: ch1 is '+1', not a whole number"),
+    "underscore": ([*good, line(frame=4, values=["1_0", *range(63)])], "line 5: ch1 is '1_0', not a whole number"),
+    "two signs": ([*good, line(subject="--5")], "line 5: subject is '--5', not a whole number"),
+    "open quote": ([*good, '"' + line(frame=4), line(frame=5)], "line 5: 1 fields instead of 68"),
     "no frames": ([], "a header and no frames"),
 }  # fmt: skip
 
@@ -110,12 +114,26 @@ def test_a_broken_file_is_refused_with_its_line(tmp_path, case):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("lines", [1, 5, 3000])
+def test_bytes_that_are_not_text_are_found_in_their_line(tmp_path, lines):
+    path = file(tmp_path, *(line(frame=f) for f in range(1, lines + 1)))
+    path.write_bytes(path.read_bytes() + b"1,1,1,\xe9" + b",5" * 64 + b"\n" + line(frame=lines + 2).encode() + b"\n")
+    with pytest.raises(InputError, match=f"CoST.csv, line {lines + 2}: not text in UTF-8"):
+        read(path)
+
+
+def test_a_header_without_a_line_end_has_no_frames(tmp_path):
+    (tmp_path / "CoST.csv").write_text(HEADER)
+    with pytest.raises(InputError, match="a header and no frames"):
+        read(tmp_path / "CoST.csv")
+
+
 def test_files_that_are_not_cost(tmp_path):
     for name, content, message in [
         ("empty.csv", b"", "empty"),
         ("binary.csv", b"\x89PNG\xff\xfe" * 20, "not a text file"),
         ("other.csv", b"a,b\n1,2\n", "line 1: no column subject"),
-        ("short.csv", b"subject, variant, gesture, frame, ch1\n", "no column ch2"),
+        ("short.csv", b"subject, variant, gesture, frame, ch1\n", "no column ch2, ch3, ch4 and 60 more"),
         ("twice.csv", b"subject,subject\n", "stands twice"),
         ("more.csv", (HEADER + ", extra\n").encode(), "line 1: column 'extra'"),
     ]:

@@ -83,6 +83,12 @@ def test_broken_npz(tmp_path):
         read(tmp_path / "c.npz", rate_hz=10.0)
 
 
+def test_words_for_nothing_are_labels_like_others(tmp_path):
+    (tmp_path / "my.csv").write_text("subject,gesture,frame,place,a\nnull,pat,0,NA,1\nnan,pat,0,n/a,2\n")
+    captures = read(tmp_path / "my.csv", rate_hz=10.0, grid="1x1").captures
+    assert captures["subject"].tolist() == ["null", "nan"] and captures["place"].tolist() == ["NA", "n/a"]
+
+
 def test_files_that_are_not_npz(tmp_path):
     path = tmp_path / "d.npz"
 
@@ -182,6 +188,7 @@ def test_broken_tables(tmp_path):
     refused("no column gesture", good.replace("gesture", "label"))
     refused("line 3: x1 is 101, above the full scale 100", good.replace("7,8,", "7,101,"))
     refused("line 3: x1 is 'inf'|line 3: x1 is inf", good.replace("7,8,", "7,inf,"))
+    refused("line 3: x1 is 'nan', not a number", good.replace("7,8,", "7,nan,"))
     refused("line 3: x1 is 'abc', not a number", good.replace("7,8,", "7,abc,"))
     refused("line 3: x1 is -8, below 0", good.replace("7,8,", "7,-8,"))
     refused("line 2: a capture starts at frame 7", good.replace("arm,0,", "arm,7,"))
