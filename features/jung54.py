@@ -61,8 +61,9 @@ class Jung54(FeatureSet):
     def _columns(self, touch: Touch) -> list[np.ndarray]:
         columns = first_columns(touch, self.area, touch.local_maxima(touch.total))
         change = columns[2] / touch.taxels
-        return [*columns, *_distribution(touch), *_peaks(touch, columns[1]), *_derivatives(touch), change,
-                _variance(touch), *_movement(touch), touch.dominant_frequency(touch.centre)]  # fmt: skip
+        peaks = spatial_peaks(touch, columns[1])[:-1]
+        return [*columns, *touch.distribution(BINS), *peaks, *derivatives(touch), change, _variance(touch),
+                *_movement(touch), touch.dominant_frequency(touch.centre)]  # fmt: skip
 
 
 @cache
@@ -79,18 +80,8 @@ def names(rows: int, cols: int) -> pd.Index:
     return pd.Index(named)
 
 
-def _distribution(touch: Touch) -> list[np.ndarray]:
-    samples = touch.lengths * touch.taxels
-    above = [samples]
-    for i in range(1, BINS):
-        edge = touch.full_scale * i / BINS
-        limit = touch.values.dtype.type(np.ceil(edge) if touch.integer else edge)
-        above.append(touch.sum(np.count_nonzero(touch.values >= limit, axis=1)))
-    above.append(np.zeros_like(samples))
-    return [(low - high) / samples for low, high in zip(above[:-1], above[1:], strict=True)]
-
-
-def _peaks(touch: Touch, highest: np.ndarray) -> list[np.ndarray]:
+def spatial_peaks(touch: Touch, highest: np.ndarray) -> list[np.ndarray]:
+    """Features 37-40, and the mean absolute change over time of the number of peaks."""
     frame, row, col = touch.spatial_peaks(0.75 * highest[touch.capture])
     count = np.bincount(frame, minlength=len(touch.total)).astype(np.float64)
     mean = touch.mean(count)
@@ -103,10 +94,12 @@ def _peaks(touch: Touch, highest: np.ndarray) -> list[np.ndarray]:
     both = (count > 0) & (np.append(0, count[:-1]) > 0)
     both[touch.first] = False
     change = touch.sum(np.abs(touch.step(per_frame)) * both) / np.maximum(touch.sum(both), 1)
-    return [mean, variance, touch.sum(summed) / np.maximum(peaks, 1), change]
+    count_change = touch.step_mean(np.abs(touch.step(count)))
+    return [mean, variance, touch.sum(summed) / np.maximum(peaks, 1), change, count_change]
 
 
-def _derivatives(touch: Touch) -> list[np.ndarray]:
+def derivatives(touch: Touch) -> list[np.ndarray]:
+    """Features 41 and 42."""
     rows, cols = touch.grid
     return [
         touch.step_mean(weighted(np.abs(touch.step(touch.rows)))) / (rows * cols),

@@ -140,6 +140,17 @@ class Touch:
         """Share of the taxels of each frame above a threshold per frame."""
         return np.count_nonzero(self.values > self.limit(threshold)[:, None], axis=1) / self.taxels
 
+    def distribution(self, bins: int) -> list[np.ndarray]:
+        """Share of a capture's values in each of equal bins from 0 to full scale, one array [captures] per bin."""
+        samples = self.lengths * self.taxels
+        above = [samples]
+        for i in range(1, bins):
+            edge = self.full_scale * i / bins
+            limit = self.values.dtype.type(np.ceil(edge) if self.integer else edge)
+            above.append(self.sum(np.count_nonzero(self.values >= limit, axis=1)))
+        above.append(np.zeros_like(samples))
+        return [(low - high) / samples for low, high in zip(above[:-1], above[1:], strict=True)]
+
     def limit(self, threshold: np.ndarray) -> np.ndarray:
         """Thresholds (not negative) in the type of ``values``: a whole number exceeds t if it exceeds floor(t)."""
         return np.floor(threshold).astype(self.values.dtype) if self.integer else threshold

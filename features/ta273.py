@@ -1,0 +1,176 @@
+"""The 273 features of Ta, Johal, Portaz, Castelli and Vaufreydaz 2015 (ICMI challenge)."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pandas as pd
+from scipy.fft import dct, rfft
+
+from bench.corpus import Corpus
+from features.base import FeatureSet, one_of
+from features.signals import Touch, blocks, table
+
+BINS = 16
+LEVELS = 16
+POINTS = 128
+COEFFICIENTS = 20
+
+
+class Ta273(FeatureSet):
+    """40 global features, 3 for each taxel and 41 of the sequence of mean pressure; the numbers are for 8 x 8 taxels.
+
+    Published are these three groups with their sizes, and what each is about: frames, mean and maximum pressure and
+    variation around certain values; mean, variation and time above a threshold of a channel; Fourier and cosine
+    transform of the sequence. The single features are our reading.
+
+    ======== ==========================================================================================================
+    1-8      frames; mean, maximum, median and SD of all values, mean absolute change of the taxels (sensor value);
+             temporal peaks and crossings of its mean by the mean pressure (counts)
+    9-24     shares of all values in 16 equal bins from 0 to full scale
+    25-40    crossings, per second, of 16 levels by the mean pressure
+    41-232   of each taxel: mean and SD over time (sensor value), and the share of frames in which it is more than 10 %
+             of full scale above its lowest value
+    233-272  the mean pressure at 128 equally spaced moments: magnitudes 1-20 of its Fourier transform, divided by 128,
+             then the first 20 coefficients of its orthonormal cosine transform (DCT-II), sensor value
+    273      frequency of the largest amplitude of the mean pressure, Hz
+    ======== ==========================================================================================================
+
+    Args:
+        levels: where the 16 levels lie: ``training``, equally spaced from the 1st to the 99th percentile of the mean
+            pressure of all training frames (the set then learns these two numbers), or ``fixed``, equally spaced
+            between 0 and full scale.
+    """
+
+    learns = True
+
+    def __init__(self, levels: str = "training") -> None:
+        self.levels = levels
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: ``levels`` is none of its values.
+        """
+        one_of("levels", self.levels, ("training", "fixed"))
+
+    def fit(self, X: Corpus, y: object = None) -> Ta273:
+        """Place the levels that the mean pressure crosses."""
+        self.check()
+        if self.levels == "fixed":
+            self.levels_ = X.full_scale * np.arange(1, LEVELS + 1) / (LEVELS + 1)
+        else:
+            self.levels_ = np.linspace(*np.quantile(mean_pressure(X), [0.01, 0.99]), LEVELS)
+        self.names_ = _names(*X.grid)
+        return self
+
+    def transform(self, X: Corpus) -> pd.DataFrame:
+        """Features of each capture [captures, n_features]."""
+        crossings = crossings_per_second(mean_pressure(X), X.lengths, self.levels_, X.rate_hz)
+        crossed = pd.DataFrame(crossings, columns=[f"level{i}_crossings" for i in range(1, LEVELS + 1)])
+        return pd.concat([super().transform(X), crossed], axis=1)[self.names_]
+
+    def extract(self, corpus: Corpus) -> pd.DataFrame:
+        """Everything but the crossings of levels."""
+        return table(corpus, _unlearnt(*corpus.grid), _columns)
+
+
+def mean_pressure(corpus: Corpus) -> np.ndarray:
+    """Mean over the taxels of every frame, captures one after another, float64 [frames]."""
+    parts = [Touch(corpus[block]).total for block in blocks(corpus)]
+    return np.concatenate([np.empty(0), *parts]) / (corpus.grid[0] * corpus.grid[1])
+
+
+def crossings_per_second(signal: np.ndarray, lengths: np.ndarray, levels: np.ndarray, rate_hz: float) -> np.ndarray:
+    """How often a signal passes each level, up or down, per second [captures, levels].
+
+    Args:
+        signal: float64 [frames], captures one after another.
+        lengths: frames of each capture.
+        levels: in ascending order.
+        rate_hz: frames per second.
+    """
+    # Between two frames every level from the lower to the higher of their places is crossed once.
+    place = np.searchsorted(levels, signal)
+    low, high = np.minimum(place[1:], place[:-1]), np.maximum(place[1:], place[:-1])
+    capture = np.repeat(np.arange(len(lengths)), lengths)
+    inside = (capture[1:] == capture[:-1]) & (low < high)
+    size = (len(lengths), len(levels) + 1)
+    count = np.zeros(size)
+    for place, sign in ((low, 1), (high, -1)):
+        cell = capture[1:][inside] * size[1] + place[inside]
+        count += sign * np.bincount(cell, minlength=size[0] * size[1]).reshape(size)
+    return count.cumsum(axis=1)[:, :-1] * (rate_hz / lengths)[:, None]
+
+
+def _columns(touch: Touch) -> list[np.ndarray]:
+    pressure = touch.total / touch.taxels
+    mean = touch.mean(pressure)
+    crossed = np.zeros(len(pressure), dtype=bool)
+    above = pressure > mean[touch.capture]
+    crossed[1:] = above[1:] != above[:-1]
+    crossed[touch.first] = False
+    taxel_mean = touch.mean(touch.frames)
+    near = taxel_mean.astype(touch.frames.dtype)
+    square = touch.frames - near[touch.capture]
+    np.square(square, out=square)
+    # float32 misses the mean by a little, which matters where the values hardly vary
+    taxel_variance = np.maximum(touch.mean(square) - (taxel_mean - near) ** 2, 0)
+    # the spread of all values is that within the taxels and that between them
+    variance = taxel_variance.mean(axis=1) + taxel_mean.var(axis=1)
+    lowest = np.minimum.reduceat(touch.values, touch.first, axis=0)
+    pressed = touch.values - lowest[touch.capture] > touch.limit(np.float64(0.1 * touch.full_scale))
+    ends = zip(touch.first, touch.first + touch.lengths, strict=True)
+    resampled = _resample(touch, pressure)
+    return [
+        touch.lengths,
+        mean,
+        np.maximum.reduceat(touch.peak, touch.first),
+        np.array([np.median(touch.values[a:b]) for a, b in ends], dtype=np.float64),
+        np.sqrt(variance),
+        touch.step_mean(touch.change) / touch.taxels,
+        touch.local_maxima(touch.total),
+        touch.sum(crossed),
+        *touch.distribution(BINS),
+        taxel_mean,
+        np.sqrt(taxel_variance),
+        (np.add.reduceat(pressed, touch.first, axis=0, dtype=np.int64).T / touch.lengths).T,
+        np.abs(rfft(resampled, axis=1)[:, 1 : COEFFICIENTS + 1]) / POINTS,
+        dct(resampled, axis=1, norm="ortho")[:, :COEFFICIENTS],
+        touch.dominant_frequency(pressure[:, None]),
+    ]
+
+
+def _resample(touch: Touch, signal: np.ndarray) -> np.ndarray:
+    """A signal at equally spaced moments of each capture, from its first to its last frame [captures, POINTS]."""
+    at = np.linspace(0, 1, POINTS) * (touch.lengths - 1)[:, None]
+    before = np.minimum(at.astype(np.int64), np.maximum(touch.lengths - 2, 0)[:, None])
+    rest = at - before
+    first = touch.first[:, None] + before
+    after = np.minimum(first + 1, (touch.first + touch.lengths - 1)[:, None])
+    return signal[first] * (1 - rest) + signal[after] * rest
+
+
+@cache
+def _names(rows: int, cols: int) -> pd.Index:
+    named = _unlearnt(rows, cols).tolist()
+    place = 8 + BINS
+    return pd.Index([*named[:place], *(f"level{i}_crossings" for i in range(1, LEVELS + 1)), *named[place:]])
+
+
+@cache
+def _unlearnt(rows: int, cols: int) -> pd.Index:
+    taxels = [f"r{r}c{c}" for r in range(1, rows + 1) for c in range(1, cols + 1)]
+    return pd.Index(
+        [
+            *("frames", "mean_pressure", "max_pressure", "median_pressure", "pressure_sd", "derivative"),
+            *("temporal_peaks", "mean_crossings"),
+            *(f"values_bin{i + 1}" for i in range(BINS)),
+            *(f"{taxel}_{what}" for what in ("mean", "sd", "pressed") for taxel in taxels),
+            *(f"fft{i}" for i in range(1, COEFFICIENTS + 1)),
+            *(f"dct{i}" for i in range(COEFFICIENTS)),
+            "frequency",
+        ]
+    )

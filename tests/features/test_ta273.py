@@ -1,0 +1,130 @@
+"""The 273 features against loops over their definitions, and what is learnt from training captures."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.corpus import InputError
+from features.jung54 import Jung54
+from features.ta273 import Ta273, crossings_per_second
+from features.wingerden45 import Wingerden45
+from tests.conftest import random_corpus
+from tests.features.test_jung import GRIDS, LEVELS, corpus_of, ragged
+
+
+def naive(frames, rate, full_scale, levels):
+    """The features of one capture, written from their definitions."""
+    T, R, C = frames.shape
+    P = frames.astype(float)
+    m = [float(P[t].mean()) for t in range(T)]
+    middle = sum(m) / T
+    out = [T, P.mean(), P.max(), np.median(P), P.std(), np.mean(np.abs(P[1:] - P[:-1])) if T > 1 else 0]
+    out += [sum(m[t - 1] < m[t] > m[t + 1] for t in range(1, T - 1))]
+    out += [sum((m[t] > middle) != (m[t - 1] > middle) for t in range(1, T))]
+    out += list(np.histogram(P, bins=16, range=(0, full_scale))[0] / P.size)
+    out += [sum((m[t] > level) != (m[t - 1] > level) for t in range(1, T)) * rate / T for level in levels]
+    taxels = [P[:, r, c] for r in range(R) for c in range(C)]
+    out += [x.mean() for x in taxels] + [x.std() for x in taxels]
+    out += [np.mean(x > x.min() + 0.1 * full_scale) for x in taxels]
+    x = np.interp(np.linspace(0, T - 1, 128), np.arange(T), m)
+    n = np.arange(128)
+    out += [abs(sum(x * np.exp(-2j * np.pi * k * n / 128))) / 128 for k in range(1, 21)]
+    scale = [np.sqrt(1 / 128)] + [np.sqrt(2 / 128)] * 19
+    out += [scale[k] * sum(x * np.cos(np.pi * k * (2 * n + 1) / 256)) for k in range(20)]
+    best, where = 0, 0
+    for k in range(1, T // 2 + 1):
+        wave = abs(sum((m[t] - middle) * np.exp(-2j * np.pi * k * t / T) for t in range(T)))
+        if wave > best * (1 + 1e-9):
+            best, where = wave, k
+    return out + [where * rate / T if np.ptp(m) > 1e-9 else 0]
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(0, 10_000), st.sampled_from(GRIDS), st.sampled_from([*LEVELS]), st.sampled_from(["training", "fixed"])
+)
+def test_features_equal_a_loop_over_the_definitions(seed, grid, scale, where):
+    low, high, full_scale = LEVELS[scale]
+    corpus = corpus_of(ragged(seed, grid, low, high), full_scale=full_scale)
+    table = Ta273(where).fit(corpus[:2]).transform(corpus)
+    seen = np.concatenate([corpus[i].mean(axis=(1, 2)) for i in range(2)])
+    levels = np.linspace(np.quantile(seen, 0.01), np.quantile(seen, 0.99), 16)
+    if where == "fixed":
+        levels = full_scale * np.arange(1, 17) / 17
+    assert table.shape == (3, 8 + 16 + 16 + 3 * grid[0] * grid[1] + 41)
+    for i, frames in enumerate(corpus):
+        np.testing.assert_allclose(table.iloc[i], naive(frames, 100.0, full_scale, levels), rtol=1e-5, atol=1e-6)
+
+
+def test_counts():
+    corpus = random_corpus()
+    assert Ta273().fit(corpus).transform(corpus).shape == (36, 273)
+    assert len(Ta273().fit(corpus).get_feature_names_out()) == len(set(Ta273().fit(corpus).names_)) == 273
+    assert Wingerden45().fit(corpus).transform(corpus).shape == (36, 45)
+
+
+def test_crossings_by_hand():
+    signal = np.array([0.0, 2.0, 1.0, 5.0, 0.0, 9.0])  # two captures of 4 and 2 frames; none between them is counted
+    found = crossings_per_second(signal, np.array([4, 2]), np.array([0.5, 1.5, 7.0]), rate_hz=8.0)
+    np.testing.assert_allclose(found, [[2, 6, 0], [4, 4, 4]])
+
+
+def test_levels_are_learnt_from_the_training_captures_alone(corpus):
+    train = np.flatnonzero(corpus.subjects != "2")
+    changed = corpus.frames.copy()
+    for i in np.flatnonzero(corpus.subjects == "2"):
+        changed[corpus.starts[i] : corpus.starts[i] + corpus.lengths[i]] = 1000
+    other = type(corpus)(**{**vars(corpus), "frames": changed})
+    learned = [Ta273().fit(c[train]).levels_ for c in (corpus, other)]
+    assert np.array_equal(*learned)
+    assert not np.array_equal(learned[0], Ta273().fit(other).levels_)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 50])
+@pytest.mark.parametrize("value", [0, 7, 1023])
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+@pytest.mark.parametrize("features", [Ta273, Wingerden45])
+def test_constant_captures_are_finite(features, frames, value, kind):
+    corpus = corpus_of([np.full((frames, 8, 8), value, dtype=kind)] * 2)
+    assert np.isfinite(features().fit(corpus).transform(corpus).to_numpy()).all()
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 1000), st.sampled_from(GRIDS))
+def test_rounding_does_not_depend_on_the_other_captures(seed, grid):
+    corpus = corpus_of(ragged(seed, grid, 0, 1023))
+    for features in (Ta273().fit(corpus), Wingerden45()):
+        whole = features.transform(corpus)
+        for i in range(len(corpus)):
+            np.testing.assert_allclose(
+                features.transform(corpus[i : i + 1]).iloc[0], whole.iloc[i], rtol=1e-12, atol=1e-12
+            )
+
+
+def test_a_level_that_is_none():
+    with pytest.raises(InputError, match="features.levels=all: give training or fixed"):
+        Ta273("all").check()
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from(GRIDS))
+def test_wingerden_is_2014_with_features_29_to_43_of_2017_and_two_more(seed, grid):
+    corpus = corpus_of(ragged(seed, grid, 0, 1023))
+    table, later = Wingerden45().transform(corpus), Jung54().transform(corpus)
+    shared = [c for c in later if 29 <= int(c[1:3]) <= 43 or c.startswith(("f01", "f12", "f20", "f28"))]
+    np.testing.assert_allclose(table[shared], later[shared])
+    for i, frames in enumerate(corpus):
+        P, T = frames.astype(float), len(frames)
+        change = [np.abs(P[t] - P[t - 1]).mean() for t in range(1, T)]
+        level, peaks = 0.75 * P.max(), []
+        for t in range(T):
+            edge = np.pad(P[t], 1)
+            count = 0
+            for r, c in np.ndindex(*grid):
+                here, around = P[t, r, c], edge[r : r + 3, c : c + 3].ravel()
+                count += here > level and (here > around[:4]).all() and (here >= around[5:]).all()
+            peaks.append(count)
+        assert table["f44_change_variance"][i] == pytest.approx(np.var(change) if change else 0, rel=1e-5, abs=1e-9)
+        expected = np.mean(np.abs(np.diff(peaks))) if T > 1 else 0
+        assert table["f45_spatial_peaks_change"][i] == pytest.approx(expected)
