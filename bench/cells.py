@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bench.corpus import Corpus
 
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
-DEFAULTS = {"data": "synth", "protocol": "loso", "model": "svm", "seed": "0", "where": ""}
+DEFAULTS = {"data": "synth", "protocol": "loso", "model": "svm", "seed": "0", "where": "", "target": "gesture"}
 DEFAULT_FEATURES = "jung54"
 
 
@@ -50,17 +50,38 @@ class Cell:
     data: str
     data_parameters: dict[str, object]
     where: str
+    target: str
     protocol: Part
     features: Part | None
     model: Part
+    tuning: dict[str, object] | None = None
 
     def system(self) -> str:
         """Model and feature set as they are named in tables."""
-        return f"{self.model} · {self.features}" if self.features else str(self.model)
+        model = f"tuned {self.model}" if self.tuning else str(self.model)
+        return f"{model} · {self.features}" if self.features else model
 
     def estimator(self) -> object:
         """The untrained scikit-learn classifier."""
+        if self.tuning:
+            from models.tuning import Search
+
+            name = self.model.name
+            features = {self.features.name: self.features.make()} if self.features else None
+            how = {k: v for k, v in self.tuning.items() if k != "space"}
+            seed = self.model.parameters.get("seed", 0)
+            return Search({name: load("models", name)}, {name: self.tuning["space"]}, features, seed=seed, **how)
         return self.model.make(features=self.features.make()) if self.features else self.model.make()
+
+    def feature_sets(self) -> dict[str, object]:
+        """The feature sets that the system uses, by name; none for one that reads raw frames."""
+        if self.features:
+            return {str(self.features): self.features.make()}
+        estimator = self.estimator()
+        if "features" in getattr(estimator, "named_steps", {}):
+            fixed = estimator.named_steps["features"]
+            return {type(fixed).__name__.lower(): fixed}
+        return dict(getattr(estimator, "features", None) or {})
 
     def key(self, corpus: Corpus, threads: int) -> str:
         """What makes two runs the same run: data, selection, parts, parameters, code, library versions, threads."""
@@ -68,6 +89,8 @@ class Cell:
         same = {
             "digest": corpus.digest,
             "captures": hashlib.sha256(corpus.index.tobytes()).hexdigest(),
+            "target": self.target,
+            "tuning": repr(self.tuning),
             "parts": [(p.room, p.name, p.parameters, source_digest(load(p.room, p.name))) for p in parts],
             "harness": source_digest(importlib.import_module("bench.fold")),
             "versions": versions(),
@@ -79,7 +102,7 @@ class Cell:
 def versions() -> dict[str, str]:
     """Versions of the packages that results depend on."""
     found = {"python": ".".join(map(str, sys.version_info[:3]))}
-    for name in ("touchbench", "numpy", "pandas", "scipy", "scikit-learn", "xgboost", "xgboost-cpu", "torch"):
+    for name in ("touchbench", "numpy", "pandas", "scipy", "scikit-learn", "optuna", "xgboost", "xgboost-cpu", "torch"):
         try:
             found[name] = version(name)
         except PackageNotFoundError:  # xgboost has two distributions, one of them is installed
@@ -116,17 +139,17 @@ def cells(values: dict[str, str]) -> list[Cell]:
     Raises:
         InputError: an unknown part, parameter or value, or a combination that means nothing.
     """
-    chosen = {key: _items(key, values.get(key, default)) for key, default in DEFAULTS.items()}
-    feature_names = _items("features", values.get("features", DEFAULT_FEATURES))
+    chosen = {key: items(key, values.get(key, default)) for key, default in DEFAULTS.items()}
+    feature_names = items("features", values.get("features", DEFAULT_FEATURES))
     takes = {m: "features" in inspect.signature(load("models", m)).parameters for m in chosen["model"]}
     if "features" in values and not any(takes.values()):
         raise InputError(
             f"features={values['features']} does nothing: {', '.join(takes)} reads raw frames; leave features= out"
         )
-    seeds = [_convert("seed", s, 0) for s in chosen["seed"]]
+    seeds = [convert("seed", s, 0) for s in chosen["seed"]]
     found: dict[str, Cell] = {}
-    for data, where, protocol, model, seed in itertools.product(
-        chosen["data"], chosen["where"], chosen["protocol"], chosen["model"], seeds
+    for data, where, target, protocol, model, seed in itertools.product(
+        *(chosen[key] for key in ("data", "where", "target", "protocol", "model")), seeds
     ):
         for features in feature_names if takes[model] else [None]:
             for parts in itertools.product(
@@ -135,12 +158,17 @@ def cells(values: dict[str, str]) -> list[Cell]:
                 _variants(values, "features", features, feature_names, None) if features else [None],
                 _variants(values, "model", model, chosen["model"], seed),
             ):
-                cell = Cell(data, parts[0], where, *parts[1:])
+                cell = Cell(data, parts[0], where, target, *parts[1:])
                 found.setdefault(repr(cell), cell)
     return list(found.values())
 
 
-def _items(key: str, value: str) -> list[str]:
+def items(key: str, value: str) -> list[str]:
+    """The values between commas.
+
+    Raises:
+        InputError: there is nothing between two of them.
+    """
     if key == "where":  # a query may hold commas
         return [value]
     items = value.split(",")
@@ -164,7 +192,7 @@ def _variants(values: dict[str, str], key: str, name: str, siblings: list[str], 
     if seed is not None and "seed" in usual:
         usual = usual | {"seed": seed}
     taken = {p: text for p, text in given.items() if p in usual}
-    sweep = {p: [_convert(f"{key}.{p}", v, usual[p]) for v in _items(p, text)] for p, text in taken.items()}
+    sweep = {p: [convert(f"{key}.{p}", v, usual[p]) for v in items(p, text)] for p, text in taken.items()}
     return [Part(room, name, usual | dict(zip(sweep, c, strict=True))) for c in itertools.product(*sweep.values())]
 
 
@@ -181,12 +209,16 @@ def corpus_variants(values: dict[str, str], data: str, siblings: list[str]) -> l
     for parameter in given:
         if parameter not in usual:
             raise InputError(f"data=synth has no parameter {parameter!r}; {nearest(parameter, usual)}")
-    sweep = {p: [_convert(f"data.{p}", v, usual[p]) for v in _items(p, t)] for p, t in given.items()}
+    sweep = {p: [convert(f"data.{p}", v, usual[p]) for v in items(p, t)] for p, t in given.items()}
     return [usual | dict(zip(sweep, c, strict=True)) for c in itertools.product(*sweep.values())]
 
 
-def _convert(key: str, text: str, default: object) -> object:
-    """Text as a value of the type of the default; a default of None takes None or a whole number."""
+def convert(key: str, text: str, default: object) -> object:
+    """Text as a value of the type of the default; a default of None takes None or a whole number.
+
+    Raises:
+        InputError: the text is no such value.
+    """
     if default is None or text == "None":
         kind, convert = "a whole number or None", lambda t: None if t == "None" else int(t)
         if default is not None:

@@ -16,9 +16,12 @@ combination is one run in MLflow with a child run per fold. A command that was i
 
   data=       {data}, or an imported corpus (see: bench data); default synth
   where=      captures to use, a condition on their columns: where="variant == 'rough'"
+  target=     columns to tell apart, such as variant or gesture+variant; default gesture
   protocol=   {protocols}; default loso
   model=      {models}; default svm
-  features=   {features}; default jung54, for the models that take features
+              (a name with a year is a published system as a whole, see: bench systems)
+  features=   {features};
+              default jung54, for the models that take features
   seed=       of the models that have one; default 0
   jobs=       worker processes; default as many as there are cores
 
@@ -26,6 +29,33 @@ combination is one run in MLflow with a child run per fold. A command that was i
   bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54
   bench run data=cost model=svm model.C=8,32,128 model.gamma=0.125
   bench run data=synth data.subjects=12 data.repetitions=2
+"""
+TUNE = """\
+bench tune [key=value ...]
+
+Like bench run, with the parameters of each model searched on inner folds of whole subjects inside every training part.
+What was chosen in each fold is printed and stored, with every combination that was tried and the front of accuracy
+against prediction time. An interrupted search goes on where it stopped.
+
+  model.X=    values to try, such as model.C=8,32,128; without a list, the ranges that the model declares
+  trials=     combinations to try in each fold; default 50, or all of a grid of lists
+  budget=     seconds after which no new combination is begun in a fold
+  inner=      groups of training subjects that judge, or loso; default 3
+  objective=  accuracy, or accuracy+time: the fastest within one standard error of the best; default accuracy
+  data= where= target= protocol= model= features= seed= jobs=   as for bench run
+
+  bench tune data=haart protocol=loso model=svm features=jung54 trials=50
+  bench tune data=haart protocol=challenge model=rf,xgb features=ta273 objective=accuracy+time
+"""
+SYSTEMS = """\
+bench systems
+
+Every published number with the command that repeats it here, or why there is none.
+"""
+EXTRACT = """\
+bench extract data=NAME features=NAME out=FILE [where=CONDITION]
+
+Writes the features of every capture, with its subject, gesture and conditions, as .parquet or .csv.
 """
 DATA = """\
 bench data                                      what is here, with counts, digest, source and licence
@@ -49,6 +79,9 @@ Opens MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI, 
 """
 SUMMARY = {
     "run": "run recognisers under a protocol and track them",
+    "tune": "search the parameters of recognisers inside each training part",
+    "systems": "list every published number and the command that repeats it",
+    "extract": "write a table of features",
     "data": "list, import and export corpora",
     "report": "rebuild the comparison table and chart from MLflow",
     "ui": "open MLflow's page on the runs",
@@ -58,7 +91,8 @@ SUMMARY = {
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; an `InputError` is one line and exit code 2."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    commands = {"run": _run, "data": _data, "report": _report, "ui": _ui}
+    commands = {"run": _run, "tune": _tune, "systems": _systems, "extract": _extract, "data": _data}
+    commands |= {"report": _report, "ui": _ui}
     try:
         if not arguments or arguments[0] in ("-h", "--help", "help"):
             print("bench: which recogniser of touch gestures should I ship?\n")
@@ -86,7 +120,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _help(name: str) -> str:
-    text = {"run": RUN, "data": DATA, "report": REPORT, "ui": UI}[name]
+    texts = {"run": RUN, "tune": TUNE, "systems": SYSTEMS, "extract": EXTRACT, "data": DATA, "report": REPORT, "ui": UI}
+    text = texts[name]
     if name == "run":
         rooms = {room: ", ".join(names(room)) for room in ("protocols", "models", "features")}
         text = text.format(data="synth (generated)", **rooms)
@@ -97,6 +132,26 @@ def _run(arguments: list[str]) -> int:
     from bench.run import run
 
     return run(arguments)
+
+
+def _tune(arguments: list[str]) -> int:
+    from bench.tune import tune
+
+    return tune(arguments)
+
+
+def _systems(arguments: list[str]) -> int:
+    if arguments:
+        raise InputError(f"bench systems takes no arguments, here is {arguments[0]!r}")
+    from bench.systems import systems
+
+    return systems()
+
+
+def _extract(arguments: list[str]) -> int:
+    from bench.extract import extract
+
+    return extract(arguments)
 
 
 def _data(arguments: list[str]) -> int:

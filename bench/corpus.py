@@ -41,6 +41,7 @@ class Corpus:
         index: int64 [captures], position of each capture in the whole corpus.
         info: source, licence, synthetic (bool), warnings (list of str).
         path: the folder that the frames are mapped from, or None when they are in memory.
+        target: the columns of ``captures`` that make up the class, joined by ``+``.
     """
 
     frames: np.ndarray
@@ -54,6 +55,7 @@ class Corpus:
     index: np.ndarray | None = None
     info: dict = field(default_factory=dict)
     path: Path | None = None
+    target: str = "gesture"
 
     def __post_init__(self) -> None:
         if self.index is None:
@@ -90,7 +92,8 @@ class Corpus:
     @property
     def gestures(self) -> np.ndarray:
         """Class label of each capture, str [captures]."""
-        return self.captures["gesture"].to_numpy(dtype=object)
+        first, *rest = (self.captures[c].astype(str) for c in self.target.split("+"))
+        return (first.str.cat(rest, sep=" ") if rest else first).to_numpy(dtype=object)
 
     @property
     def subjects(self) -> np.ndarray:
@@ -135,24 +138,37 @@ class Corpus:
             raise InputError(f"where={where!r} selects none of the {len(self)} captures of {self.name}")
         return self[np.flatnonzero(mask)]
 
+    def with_target(self, target: str) -> Corpus:
+        """The same captures, told apart by other columns: ``variant``, or ``gesture+variant``.
+
+        Raises:
+            InputError: a column is not there, or says nothing of some capture.
+        """
+        for column in target.split("+"):
+            if column not in self.captures or self.captures[column].isna().any():
+                whole = [c for c in self.captures if self.captures[c].notna().all()]
+                raise InputError(
+                    f"target={target}: {self.name} has no full column {column!r}; known: {', '.join(whole)}"
+                )
+        return replace(self, target=target)
+
     def detached(self) -> Corpus:
         """A copy in memory that no cache knows, as a robot would hand it over."""
-        return Corpus.from_captures(
-            self, self.captures, self.rate_hz, full_scale=self.full_scale, name=self.name, info=self.info
-        )
+        same = {name: getattr(self, name) for name in ("full_scale", "name", "info", "target")}
+        return Corpus.from_captures(self, self.captures, self.rate_hz, **same)
 
     def __reduce__(self) -> tuple:
         if self.path is None:
             return super().__reduce__()
-        return _reopen, (self.path, self.digest, self.index)
+        return _reopen, (self.path, self.digest, self.index, self.target)
 
 
-def _reopen(path: Path, digest: str, index: np.ndarray) -> Corpus:
+def _reopen(path: Path, digest: str, index: np.ndarray, target: str) -> Corpus:
     """Map a stored corpus again in another process, so that frames never travel."""
     corpus = open_folder(path)
     if corpus.digest != digest:
         raise InputError(f"{path} was replaced by another corpus while it was in use; start the command again")
-    return corpus[index]
+    return replace(corpus[index], target=target)
 
 
 def content_digest(corpus: Corpus) -> str:

@@ -25,7 +25,10 @@ WARM_UP = 3
 
 @dataclass
 class FoldResult:
-    """What a worker hands back; ``error`` is a traceback, or empty where the fold went well."""
+    """What a worker hands back; ``error`` is a traceback, or empty where the fold went well.
+
+    A system that searches its parameters also tells what it has ``chosen`` and the ``trials`` it made.
+    """
 
     name: str
     predictions: pd.DataFrame | None = None
@@ -33,6 +36,8 @@ class FoldResult:
     predict_ms: list[float] = field(default_factory=list)
     decide_ms: list[float] = field(default_factory=list)
     history: list[dict[str, float]] = field(default_factory=list)
+    chosen: dict[str, object] = field(default_factory=dict)
+    trials: pd.DataFrame | None = None
     error: str = ""
 
 
@@ -51,6 +56,8 @@ def run_fold(cell: Cell, corpus: Corpus, name: str, train: np.ndarray, test: np.
             predict_ms, decide_ms = latency(estimator, corpus[test], int(predictions["frames"].max()))
     except Exception:  # whatever a system raises is this fold's result, not the end of the run
         return FoldResult(name, error=traceback.format_exc())
+    # the last fit alone: what came before it was a search, part of which may have been stored
+    wall, cpu = getattr(estimator, "fit_seconds_", (wall, cpu))
     metrics = {
         "fit_seconds": wall,
         "fit_cpu_seconds": cpu,
@@ -58,7 +65,10 @@ def run_fold(cell: Cell, corpus: Corpus, name: str, train: np.ndarray, test: np.
     }
     if (parameters := parameter_count(estimator)) is not None:
         metrics |= {"parameters": parameters, "flash_bytes": parameters * BYTES}
-    return FoldResult(name, predictions, metrics, predict_ms, decide_ms, getattr(estimator, "history_", []))
+    if hasattr(estimator, "search_seconds_"):
+        metrics["search_seconds"] = estimator.search_seconds_
+    learnt = {k: getattr(estimator, f"{k}_") for k in ("history", "chosen", "trials") if hasattr(estimator, f"{k}_")}
+    return FoldResult(name, predictions, metrics, predict_ms, decide_ms, **learnt)
 
 
 def decisions(estimator: object, corpus: Corpus, fold: str, test: np.ndarray) -> pd.DataFrame:
@@ -78,7 +88,8 @@ def decisions(estimator: object, corpus: Corpus, fold: str, test: np.ndarray) ->
             proba = np.asarray(estimator.predict(tested))[:, None] == estimator.classes_
     position = table["capture"].to_numpy()
     table = table.assign(fold=fold, capture=tested.index[position], true=tested.gestures[position])
-    about = tested.captures.drop(columns="gesture").iloc[position].reset_index(drop=True)
+    about = tested.captures.drop(columns=tested.target if tested.target == "gesture" else [])
+    about = about.iloc[position].reset_index(drop=True)
     classes = np.unique(corpus.gestures.astype(str))
     columns = np.zeros((len(table), len(classes)), dtype=np.float32)
     columns[:, np.searchsorted(classes, estimator.classes_.astype(str))] = proba

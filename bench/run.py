@@ -14,7 +14,7 @@ from bench.corpus import Corpus, InputError
 from bench.runner import Fold, folds_of, run_folds, share_cores, start_workers, usable_cores
 from bench.store import open_corpus
 
-KEYS = {"data", "where", "seed", "jobs", *PARTS}
+KEYS = {"data", "where", "target", "seed", "jobs", *PARTS}
 
 console = Console(stderr=True)
 
@@ -26,8 +26,15 @@ def run(arguments: list[str]) -> int:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
     values = parse(arguments, KEYS)
-    asked = cells(values)
-    jobs = _jobs(values)
+    return execute(cells(values), jobs_of(values))
+
+
+def execute(asked: list[Cell], jobs: int | None) -> int:
+    """Run cells; the exit code is that of `run`.
+
+    Raises:
+        InputError: something in the cells or the data cannot be used; nothing was run.
+    """
     plans = []  # every corpus, split and combination is checked before the first fold starts
     for cell in asked:
         for part in (cell.estimator(), cell.features and cell.features.make()):
@@ -36,6 +43,8 @@ def run(arguments: list[str]) -> int:
         corpus = open_corpus(cell.data, cell.data_parameters)
         if cell.where:
             corpus = corpus.select(cell.where)
+        if cell.target != "gesture":
+            corpus = corpus.with_target(cell.target)
         folds = folds_of(cell, corpus)
         plans.append((cell, corpus, folds, *share_cores(jobs, len(folds))))
     start_workers(*plans[0][3:])  # takes as long as opening the store
@@ -48,9 +57,10 @@ def run(arguments: list[str]) -> int:
     client = connect()
     table = _result_table()
     failed: list[str] = []
+    choices = []
     for cell, corpus, folds, workers, threads in plans:
         try:
-            metrics, errors = _run_cell(client, cell, corpus, folds, workers, threads)
+            metrics, errors, chosen = _run_cell(client, cell, corpus, folds, workers, threads)
         except KeyboardInterrupt:
             console.print(
                 "interrupted; every finished fold is stored and the same command goes on from there",
@@ -60,10 +70,13 @@ def run(arguments: list[str]) -> int:
             return 130
         failed += [f"{cell.system()}, {cell.data}, {cell.protocol}: fold {name}" for name in errors]
         _add_row(table, cell, corpus, metrics, len(folds) - len(errors), len(folds))
+        if chosen:
+            choices.append(_choice_table(cell, chosen))
     out = Console()
     if not out.is_terminal:  # a file or a log has no width to fit into
         out.width = 200
-    out.print(table)
+    for each in (*choices, table):
+        out.print(each)
     if any(corpus.synthetic for _, corpus, *_ in plans):
         out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
     if failed:
@@ -78,7 +91,8 @@ def run(arguments: list[str]) -> int:
     return 0
 
 
-def _jobs(values: dict[str, str]) -> int | None:
+def jobs_of(values: dict[str, str]) -> int | None:
+    """Worker processes that were asked for."""
     if "jobs" not in values:
         return None
     try:
@@ -105,8 +119,12 @@ def _warnings(plans: list[tuple]) -> list[str]:
 
 def _run_cell(
     client: object, cell: Cell, corpus: Corpus, folds: list[Fold], workers: int, threads: int
-) -> tuple[dict[str, float], list[str]]:
-    """Run the folds that are not stored yet and score the cell; returns its metrics and the failed folds."""
+) -> tuple[dict[str, float], list[str], dict[str, dict]]:
+    """Run the folds that are not stored yet and score the cell.
+
+    Returns:
+        Its metrics, the failed folds, and what was chosen in each fold by a system that searches its parameters.
+    """
     from bench.tracking import CellRun, only_one
 
     key = cell.key(corpus, threads)
@@ -116,7 +134,7 @@ def _run_cell(
         if not missing:
             said = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(folds)} folds were stored before"
             console.print(said, markup=False, soft_wrap=True)
-        elif cell.features:
+        else:
             _fill_cache(cell, corpus)
         errors = []
         try:
@@ -130,7 +148,9 @@ def _run_cell(
                         errors.append(result.name)
                         reason = result.error.strip().splitlines()[-1]
                         bar.console.print(f"fold {result.name} failed: {reason}", style="red", markup=False)
-            return run.close([fold.name for fold in folds]), errors
+            names = [fold.name for fold in folds]
+            chosen = {name: run.done[name].chosen for name in names if name in run.done and run.done[name].chosen}
+            return run.close(names), errors, chosen
         except KeyboardInterrupt:
             run.interrupt()
             raise
@@ -138,8 +158,12 @@ def _run_cell(
 
 def _fill_cache(cell: Cell, corpus: Corpus) -> None:
     """Compute features once for all folds; a set that fails here fails in every fold and is recorded there."""
-    with suppress(Exception):
-        cell.features.make().fit_transform(corpus[:1])
+    from features.base import FeatureSet
+
+    for features in cell.feature_sets().values():
+        if isinstance(features, FeatureSet):
+            with suppress(Exception):
+                FeatureSet.transform(features, corpus[:1])  # what needs no learning, of the whole corpus
 
 
 def _progress() -> Progress:
@@ -164,6 +188,18 @@ def _result_table() -> Table:
     return table
 
 
+def _choice_table(cell: Cell, chosen: dict[str, dict]) -> Table:
+    """What a search has chosen in the training part of each fold."""
+    table = Table(title=escape(f"Chosen in each training part: {cell.system()}, {cell.data}, {cell.protocol}"))
+    names = list(dict.fromkeys(name for row in chosen.values() for name in row))
+    for name in ("fold", *names):
+        table.add_column(escape(name))
+    for fold, row in chosen.items():
+        cells = [row.get(name, "") for name in names]
+        table.add_row(fold, *(f"{c:.4g}" if isinstance(c, float) else escape(str(c)) for c in cells))
+    return table
+
+
 def _add_row(table: Table, cell: Cell, corpus: Corpus, metrics: dict[str, float], good: int, folds: int) -> None:
     def percent(name: str) -> str:
         return f"{100 * metrics[name]:.1f}" if name in metrics else "-"
@@ -171,7 +207,7 @@ def _add_row(table: Table, cell: Cell, corpus: Corpus, metrics: dict[str, float]
     table.add_row(
         escape(cell.system()),  # rich would take svm[C=8.0] for markup
         cell.data + ("*" if corpus.synthetic else ""),
-        escape(cell.where or "all"),
+        escape((cell.where or "all") + (f", {cell.target}" if cell.target != "gesture" else "")),
         escape(str(cell.protocol)),
         percent("accuracy"),
         percent("subject_accuracy_sd"),

@@ -127,17 +127,24 @@ class CellRun:
             "subset": cell.where or "all",
             "protocol": str(cell.protocol),
             "protocol_label": label,
-            "features": str(cell.features or "raw frames"),
+            "target": cell.target,
+            "features": ", ".join(cell.feature_sets()) or "raw frames",
             "model": str(cell.model),
             "system": cell.system(),
             "seed": str(cell.model.parameters.get("seed", "none")),
         }
         run = self.client.create_run(self.experiment, run_name=title, tags=tags)
-        params = {"data": cell.data, "where": cell.where or "all", "corpus_digest": corpus.digest}
+        params = {
+            "data": cell.data,
+            "where": cell.where or "all",
+            "target": cell.target,
+            "corpus_digest": corpus.digest,
+        }
         params |= {f"data.{k}": v for k, v in cell.data_parameters.items()}
         for name, part in (("protocol", cell.protocol), ("features", cell.features), ("model", cell.model)):
             if part:
                 params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
+        params |= {f"tuning.{k}": v for k, v in (cell.tuning or {}).items()}
         params |= {"threads": threads, "cpu": cpu_model(), "git": git_revision()}
         params |= {f"version.{k}": v for k, v in versions().items()}
         self.client.log_batch(run.info.run_id, params=[Param(k, str(v)) for k, v in params.items()])
@@ -171,10 +178,14 @@ class CellRun:
             metrics,
             timing["predict_ms"],
             timing["decide_ms"],
+            chosen=timing["chosen"],
+            trials=pd.read_csv(folder / "trials.csv") if timing["chosen"] else None,
         )
 
     def add(self, result: FoldResult) -> None:
         """Store one fold: its run is there, complete, or it is not there."""
+        from mlflow.entities import Param
+
         tags = {
             "mlflow.parentRunId": self.run_id,
             "mlflow.runName": result.name,
@@ -189,9 +200,13 @@ class CellRun:
                 (folder / "traceback.txt").write_text(result.error)
             else:
                 result.predictions.to_parquet(folder / "predictions.parquet", index=False)
-                timing = {"predict_ms": result.predict_ms, "decide_ms": result.decide_ms}
+                timing = {"predict_ms": result.predict_ms, "decide_ms": result.decide_ms, "chosen": result.chosen}
                 (folder / "timing.json").write_text(json.dumps(timing | {"metrics": list(result.metrics)}))
                 self._log(child, scores.accuracies(result.predictions) | costs([result]), result.history)
+            if result.chosen:
+                result.trials.to_csv(folder / "trials.csv", index=False)
+                chosen = [Param(f"chosen.{k}", str(v)) for k, v in result.chosen.items()]
+                self.client.log_batch(child, params=chosen)
             self.client.log_artifacts(child, str(folder), "fold")
         self.client.set_terminated(child, "FAILED" if result.error else "FINISHED")
         if not result.error:
@@ -214,6 +229,8 @@ class CellRun:
             self._log(self.run_id, metrics | {"folds": len(results), "folds_failed": len(order) - len(results)}, [])
             with tempfile.TemporaryDirectory() as folder:
                 _write_tables(predictions, Path(folder))
+                if any(r.chosen for r in results):
+                    _write_choices(results, Path(folder))
                 self.client.log_artifacts(self.run_id, folder)
         self.client.set_terminated(self.run_id, "FINISHED" if complete else "FAILED")
         return metrics
@@ -261,6 +278,13 @@ def _write_tables(predictions: pd.DataFrame, folder: Path) -> None:
     scores.confusion(labelled, classes).to_csv(folder / "confusion.csv")
     scores.per_subject(labelled).to_csv(folder / "per_subject.csv", index=False)
     scores.per_class(labelled, classes).to_csv(folder / "per_class.csv", index=False)
+
+
+def _write_choices(results: list[FoldResult], folder: Path) -> None:
+    """What a search chose in each fold, and every combination it tried there with the front of accuracy and time."""
+    pd.DataFrame([{"fold": r.name} | r.chosen for r in results]).to_csv(folder / "chosen.csv", index=False)
+    trials = pd.concat([r.trials.assign(fold=r.name) for r in results], ignore_index=True)
+    trials.to_csv(folder / "trials.csv", index=False)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
 from bench.corpus import InputError
+from models.tuning import Range
 
 
 class GaussianBayes(ClassifierMixin, BaseEstimator):
@@ -78,3 +79,6 @@ def bayes(features: TransformerMixin, ridge: float = 1e-2) -> Pipeline:
     if not ridge > 0:
         raise InputError(f"model.ridge={ridge:g}: give a value above 0, such as 0.01")
     return Pipeline([("features", features), ("scaler", StandardScaler()), ("classifier", GaussianBayes(ridge))])
+
+
+bayes.space = {"ridge": Range(1e-6, 1.0, log=True)}

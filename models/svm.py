@@ -4,10 +4,11 @@ import numpy as np
 from scipy.special import softmax
 from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
-from sklearn.preprocessing import MinMaxScaler
+from sklearn.preprocessing import MinMaxScaler, StandardScaler
 from sklearn.svm import SVC
 
 from bench.corpus import InputError
+from models.tuning import Range
 
 
 class RankedSVC(SVC):
@@ -25,8 +26,10 @@ class RankedSVC(SVC):
         return softmax(decision, axis=1)
 
 
-def svm(features: TransformerMixin, C: float = 512.0, gamma: float = 0.125, kernel: str = "rbf") -> Pipeline:
-    """Features scaled to 0..1 on the training captures, then an SVM.
+def svm(
+    features: TransformerMixin, C: float = 512.0, gamma: float = 0.125, kernel: str = "rbf", scaling: str = "range"
+) -> Pipeline:
+    """Scaled features, then an SVM.
 
     The defaults are a point of the published grid that was chosen on generated captures, so that no person who is
     tested had a say in it.
@@ -36,13 +39,20 @@ def svm(features: TransformerMixin, C: float = 512.0, gamma: float = 0.125, kern
         C: penalty; the papers search 2^-5, 2^-3, ..., 2^15.
         gamma: width of the RBF kernel; Jung et al. 2017 search 2^-15, 2^-13, ..., 2^3. Unused by ``kernel=linear``.
         kernel: ``rbf`` or ``linear``.
+        scaling: ``range`` to 0..1, or ``z`` to mean 0 and SD 1, of the training captures.
 
     Raises:
-        InputError: another kernel, or a penalty or width that is not above 0.
+        InputError: another kernel or scaling, or a penalty or width that is not above 0.
     """
     if kernel not in ("rbf", "linear"):
         raise InputError(f"model.kernel={kernel}: give rbf or linear")
+    if scaling not in ("range", "z"):
+        raise InputError(f"model.scaling={scaling}: give range or z")
     if not C > 0 or not gamma > 0:
         raise InputError(f"model.C={C:g} model.gamma={gamma:g}: both must be above 0")
     machine = RankedSVC(C=C, gamma=gamma, kernel=kernel, break_ties=True)
-    return Pipeline([("features", features), ("scaler", MinMaxScaler()), ("classifier", machine)])
+    scaler = MinMaxScaler() if scaling == "range" else StandardScaler()
+    return Pipeline([("features", features), ("scaler", scaler), ("classifier", machine)])
+
+
+svm.space = {"C": Range(2.0**-5, 2.0**15, log=True), "gamma": Range(2.0**-15, 2.0**3, log=True)}

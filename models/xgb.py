@@ -6,6 +6,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.corpus import InputError
+from models.tuning import Range
 
 
 class BoostedTrees(ClassifierMixin, BaseEstimator):
@@ -65,3 +66,6 @@ def xgb(features: TransformerMixin, trees: int = 300, depth: int = 4, rate: floa
     if trees < 1 or depth < 1 or not rate > 0:
         raise InputError(f"model.trees={trees} model.depth={depth} model.rate={rate:g}: all must be above 0")
     return Pipeline([("features", features), ("classifier", BoostedTrees(trees, depth, rate, seed))])
+
+
+xgb.space = {"trees": Range(100, 600), "depth": Range(1, 6), "rate": Range(0.02, 0.3, log=True)}

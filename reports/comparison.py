@@ -68,7 +68,7 @@ def tracked(client: object) -> pd.DataFrame:
             break
     if not rows:
         raise InputError("no scored run is tracked here; make one first, for example: bench run model=svm")
-    same = ["data", "corpus_digest", "subset", "protocol", "protocol_label", "system", "seed"]
+    same = ["data", "corpus_digest", "subset", "target", "protocol", "protocol_label", "system", "seed"]
     return pd.DataFrame(rows).sort_values("started").drop_duplicates(same, keep="last")
 
 
@@ -88,7 +88,7 @@ def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
                 {
                     "system": run["system"],
                     "data": run["data"] + (" (synthetic)" if run["synthetic"] == "true" else ""),
-                    "subset": run["subset"],
+                    "subset": run["subset"] + (f", {run['target']}" if run["target"] != "gesture" else ""),
                     "protocol": run["protocol_label"],
                     "unit": "capture, mean probability" if unit == "capture" and run.get("windows", 0) > 0 else unit,
                     "seed": run["seed"],
@@ -125,6 +125,7 @@ def _published(run: dict, unit: str, papers: pd.DataFrame) -> str:
     same = papers[
         (papers["data"] == run["data"])
         & (papers["subset_key"] == run["subset"])
+        & (papers["target_key"] == run["target"])
         & (papers["protocol_key"] == run["protocol"])
         & (papers["system"] == run["system"])
         & papers["unit_key"].isin(units[unit])

@@ -1,0 +1,45 @@
+"""The command ``bench extract``: one table of features with what is known of each capture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from bench.cells import cells, parse
+from bench.errors import InputError
+from bench.store import open_corpus
+
+KEYS = {"data", "where", "features", "out"}
+
+
+def extract(arguments: list[str]) -> int:
+    """Write the features of all captures as parquet or CSV.
+
+    Raises:
+        InputError: something in the arguments cannot be used, or the file cannot be written.
+    """
+    values = parse(arguments, KEYS)
+    if "out" not in values or Path(values["out"]).suffix not in (".parquet", ".csv"):
+        raise InputError(f"out={values.get('out', '')}: give a file name that ends in .parquet or .csv")
+    out = Path(values.pop("out"))
+    asked = cells(values | {"model": "svm"})
+    if len(asked) > 1:
+        raise InputError("bench extract writes one table; give one value of each key")
+    corpus = open_corpus(asked[0].data, asked[0].data_parameters)
+    if asked[0].where:
+        corpus = corpus.select(asked[0].where)
+    features = asked[0].features.make()
+    if hasattr(features, "check"):
+        features.check()
+    table = features.fit(corpus, corpus.gestures).transform(corpus)
+    whole = pd.concat([corpus.captures, table], axis=1)
+    try:
+        whole.to_parquet(out, index=False) if out.suffix == ".parquet" else whole.to_csv(out, index=False)
+    except OSError as e:
+        raise InputError(f"{out} cannot be written ({e.strerror}); choose another out=") from e
+    kind = "synthetic " if corpus.synthetic else ""
+    print(f"{out}: {len(table)} {kind}captures, {table.shape[1]} features")
+    if getattr(features, "learns", False):
+        print("these features are fitted to all of these captures: whoever is tested on them has been seen")
+    return 0

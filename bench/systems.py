@@ -1,0 +1,45 @@
+"""The command ``bench systems``: every published number and the command that repeats it here."""
+
+from __future__ import annotations
+
+import shlex
+
+import pandas as pd
+
+from bench.registry import names
+from reports.comparison import published
+
+UNREAD = {"abstract-only", "unknown", "not-a-target", "confirmed-code-output"}
+
+
+def systems() -> int:
+    """Print id, published accuracy and command of every row of ``published.csv``, paper by paper."""
+    rows = published()
+    rows = rows.assign(command=[command(row) for row in rows.itertuples()])
+    width = rows["id"].str.len().max()
+    for reference, part in rows.groupby("reference", sort=False):
+        print(f"\n{reference}")
+        for row in part.itertuples():
+            print(f"  {row.id:{width}}  {_number(row):11}  {row.command}")
+    print("\nNumbers are percent, ± SD over subjects. Which data, subset and unit they mean: reports/published.csv")
+    return 0
+
+
+def command(row: object) -> str:
+    """The command that repeats one published number, or why there is none."""
+    if row.system not in names("models"):
+        return "- its text gives too little to build it" if row.confidence in UNREAD else "- not here yet"
+    if row.protocol_key == "other":
+        return f"- protocol not published; the system is model={row.system}"
+    parts = ["bench run", f"data={row.data}"]
+    if row.subset_key != "all":
+        parts.append("where=" + shlex.quote(row.subset_key))
+    if row.target_key != "gesture":
+        parts.append(f"target={row.target_key}")
+    return " ".join([*parts, f"protocol={row.protocol_key}", f"model={row.system}"])
+
+
+def _number(row: object) -> str:
+    if pd.isna(row.accuracy):
+        return "-"
+    return f"{row.accuracy:g}" + ("" if pd.isna(row.sd) else f" ± {row.sd:g}")

@@ -1,0 +1,33 @@
+"""The search over everything: feature sets, classifiers and their parameters, inside each training part."""
+
+from __future__ import annotations
+
+from features.balli import Balli
+from features.gaus import Gaus
+from features.jung54 import Jung54
+from features.ta273 import Ta273
+from models.rf import et, rf
+from models.softmax import softmax
+from models.svm import svm
+from models.tuning import Search
+from models.xgb import xgb
+
+MODELS = {"svm": svm, "softmax": softmax, "rf": rf, "et": et, "xgb": xgb}
+
+
+def auto(
+    budget: float = 300.0, trials: int | None = None, inner: str = "3", objective: str = "accuracy", seed: int = 0
+) -> Search:
+    """The best of the classifiers on the best of the feature sets.
+
+    Args:
+        budget: seconds of search in each fold. How far it gets depends on the machine; for a run that can be repeated
+            give ``trials`` and a budget that is not reached.
+        trials: combinations to try; None for as many as the budget allows.
+        inner: groups of training subjects that judge, or ``loso``.
+        objective: ``accuracy``, or ``accuracy+time`` (see `Search`).
+        seed: of the search and of the classifiers.
+    """
+    features = {"jung54": Jung54(), "ta273": Ta273(), "balli": Balli(None), "gaus": Gaus()}
+    spaces = {name: model.space for name, model in MODELS.items()}
+    return Search(MODELS, spaces, features, inner, trials, budget, objective, seed)

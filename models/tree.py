@@ -1,0 +1,63 @@
+"""One decision tree, pruned (Jung et al. 2017, section 4.2)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.pipeline import Pipeline
+from sklearn.tree import DecisionTreeClassifier
+
+from bench.corpus import InputError
+
+
+class PrunedTree(ClassifierMixin, BaseEstimator):
+    """CART with Gini impurity, grown in full and cut back some steps of its cost-complexity sequence.
+
+    Args:
+        level: steps of the sequence, as MATLAB counts them; 0 leaves the full tree, a level beyond the last step the
+            root alone.
+        seed: of the order in which equal splits are tried.
+    """
+
+    def __init__(self, level: int = 10, seed: int = 0) -> None:
+        self.level = level
+        self.seed = seed
+
+    def fit(self, X: pd.DataFrame, y: np.ndarray) -> PrunedTree:
+        """Grow and prune on features [captures, n_features] and class names [captures]."""
+        X = np.asarray(X)
+        full = DecisionTreeClassifier(random_state=self.seed)
+        alphas = full.cost_complexity_pruning_path(X, y).ccp_alphas
+        alpha = alphas[min(self.level, len(alphas) - 1)]
+        self.tree_ = DecisionTreeClassifier(random_state=self.seed, ccp_alpha=max(alpha, 0)).fit(X, y)
+        self.classes_ = self.tree_.classes_
+        return self
+
+    def predict_proba(self, X: pd.DataFrame) -> np.ndarray:
+        """Shares of the classes in the leaf [captures, classes]."""
+        return self.tree_.predict_proba(np.asarray(X))
+
+    def predict(self, X: pd.DataFrame) -> np.ndarray:
+        """Class names [captures]."""
+        return self.tree_.predict(np.asarray(X))
+
+    @property
+    def parameters_(self) -> int:
+        """Learnt numbers: feature, threshold and two children of each split, a class share per class of each leaf."""
+        leaves = self.tree_.get_n_leaves()
+        return 4 * (self.tree_.tree_.node_count - leaves) + leaves * len(self.classes_)
+
+
+def tree(features: TransformerMixin, level: int = 10, seed: int = 0) -> Pipeline:
+    """`PrunedTree` on the raw features.
+
+    Raises:
+        InputError: a level below 0.
+    """
+    if level < 0:
+        raise InputError(f"model.level={level}: give a number from 0 on")
+    return Pipeline([("features", features), ("classifier", PrunedTree(level, seed))])
+
+
+tree.space = {"level": [5, 10, 15, 20, 25, 30]}

@@ -1,0 +1,407 @@
+"""Parameters chosen inside the training part: a nested search over inner folds of whole subjects, with Optuna."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+import pandas as pd
+from filelock import FileLock
+from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin, clone
+from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
+from sklearn.utils.metaestimators import available_if
+from sklearn.utils.validation import check_is_fitted
+
+from bench.corpus import Corpus, InputError, home
+from bench.source import source_digest
+
+WORSE = 0.1  # p-value of a signed-rank test over subjects below which a combination is not followed further
+TIMED = 3  # single captures whose prediction is timed
+
+
+@dataclass(frozen=True)
+class Range:
+    """Values from low to high, whole numbers if both are; ``log`` spreads them over orders of magnitude."""
+
+    low: float
+    high: float
+    log: bool = False
+
+
+Space = dict[str, "Range | Sequence"]
+
+
+class Search(ClassifierMixin, BaseEstimator):
+    """The recogniser with the best parameters, judged by subjects that were left out of its training part.
+
+    A combination is scored by the mean accuracy of the left-out training subjects. After each inner fold it is given
+    up if a Wilcoxon signed-rank test over the subjects seen so far finds it worse than the best one (p < 0.1). The best
+    one, of equal ones the one that takes the earliest values of each list, is then fitted to the whole training part.
+
+    The study of a stored corpus is kept in the data folder under everything that it depends on; a search that was
+    interrupted goes on where it stopped and chooses as if it had not been.
+
+    Args:
+        models: factories by name; called with one value of each parameter of its space and, if they take them, with
+            ``features`` and ``seed``.
+        spaces: for each model the values of each parameter: a list, or a `Range`.
+        features: feature sets to choose from by name; empty for models that read raw frames.
+        inner: number of groups into which the training subjects are dealt, or ``loso``.
+        trials: combinations to try; None for all of them, which needs lists only. Fewer than all are drawn by a
+            tree-structured Parzen estimator.
+        budget: seconds after which no new combination is begun.
+        objective: ``accuracy``; or ``accuracy+time``, which searches for both, gives nothing up, and takes the fastest
+            combination whose accuracy is not below the best by more than a standard error of the paired difference.
+        seed: of the search, and of models that take one.
+
+    Attributes:
+        best_: the fitted recogniser.
+        chosen_: model, features and parameters of it.
+        trials_: one row per combination: its values, state, accuracy, predict_ms and whether it is on the front of
+            accuracy against time.
+        fit_seconds_: wall and CPU seconds of the last fit, ``search_seconds_`` those of all combinations.
+    """
+
+    def __init__(
+        self,
+        models: dict[str, Callable],
+        spaces: dict[str, Space],
+        features: dict[str, TransformerMixin] | None = None,
+        inner: str = "3",
+        trials: int | None = None,
+        budget: float = float("inf"),
+        objective: str = "accuracy",
+        seed: int = 0,
+    ) -> None:
+        self.models = models
+        self.spaces = spaces
+        self.features = features
+        self.inner = inner
+        self.trials = trials
+        self.budget = budget
+        self.objective = objective
+        self.seed = seed
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: one of them.
+        """
+        if self.inner != "loso" and not (self.inner.isdecimal() and int(self.inner) >= 2):
+            raise InputError(f"model.inner={self.inner}: give a number of subject groups from 2 on, or loso")
+        if self.trials is not None and self.trials < 1:
+            raise InputError(f"model.trials={self.trials}: give at least 1")
+        if not self.budget > 0:
+            raise InputError(f"model.budget={self.budget:g}: give a number of seconds above 0")
+        if self.objective not in ("accuracy", "accuracy+time"):
+            raise InputError(f"model.objective={self.objective}: give accuracy or accuracy+time")
+        if self.trials is None and self.budget == float("inf") and not self._grid():
+            raise InputError("this search has no end: give a number of trials, or a budget in seconds")
+        for part in (self.features or {}).values():
+            if hasattr(part, "check"):
+                part.check()
+
+    def fit(self, X: Corpus, y: np.ndarray) -> Search:
+        """Search on the captures and their class names, then fit the best recogniser to all of them.
+
+        Raises:
+            InputError: fewer than two subjects.
+        """
+        self.check()
+        subjects = X.subjects.astype(str)
+        folds = inner_folds(subjects, self.inner)
+        tables = _Tables(self.features or {}, X, y, folds)
+        with _study(self, X, y) as study:
+            finished = _finished(study)
+            ends = time.monotonic() + self.budget - _seconds(finished)
+            while len(finished) < self._size() and (time.monotonic() < ends or not finished):
+                self._try(study, len(finished), tables, y, subjects)
+                finished = _finished(study)
+        names = [str(s) for s in np.unique(subjects)]
+        self.trials_ = self._table(finished)
+        best = finished[self._best(finished, names)]
+        self.chosen_ = dict(best.params)
+        self.search_seconds_ = _seconds(finished)
+        wall, cpu = time.perf_counter(), time.process_time()
+        features = clone(self.features[best.params["features"]]) if self.features else None
+        self.best_ = self._make(best.params, features).fit(X, y)
+        self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
+        self.classes_ = self.best_.classes_
+        return self
+
+    def predict(self, X: Corpus) -> np.ndarray:
+        """Class name of each capture."""
+        check_is_fitted(self, "best_")
+        return self.best_.predict(X)
+
+    def predict_proba(self, X: Corpus) -> np.ndarray:
+        """Class probabilities [captures, classes]."""
+        check_is_fitted(self, "best_")
+        return self.best_.predict_proba(X)
+
+    @available_if(lambda self: hasattr(self.best_, "decide"))
+    def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
+        """Decisions of a recogniser that makes several per capture."""
+        return self.best_.decide(X)
+
+    def _grid(self) -> dict[str, list] | None:
+        """Values of each parameter where there is one model and all of them are lists."""
+        spaces = list(self.spaces.values())
+        if len(spaces) > 1 or any(isinstance(v, Range) for v in spaces[0].values()):
+            return None
+        model = next(iter(self.models))
+        grid = {"model": [model]} | ({"features": list(self.features)} if self.features else {})
+        return grid | {f"{model}.{k}": list(v) for k, v in spaces[0].items()}
+
+    def _size(self) -> float:
+        """Number of combinations to try."""
+        every = float(np.prod([len(v) for v in grid.values()])) if (grid := self._grid()) else float("inf")
+        return every if self.trials is None else min(self.trials, every)
+
+    def _whole_grid(self) -> bool:
+        grid = self._grid()
+        return grid is not None and self._size() == float(np.prod([len(v) for v in grid.values()]))
+
+    def _try(self, study: object, number: int, tables: _Tables, y: np.ndarray, subjects: np.ndarray) -> None:
+        """Score one combination, or the one that was cut off.
+
+        What is tried depends on the seed and the finished trials alone, so that a resumed search is the same.
+        """
+        import optuna
+        from optuna.trial import TrialState
+
+        unfinished = study.get_trials(deepcopy=False, states=(TrialState.RUNNING, TrialState.WAITING))
+        if unfinished and unfinished[0].state == TrialState.RUNNING:
+            trial = optuna.Trial(study, unfinished[0]._trial_id)
+        else:
+            seed = int(np.random.SeedSequence([self.seed, number]).generate_state(1)[0])
+            study.sampler = optuna.samplers.TPESampler(seed=seed)
+            if self._whole_grid() and not unfinished:  # Optuna's own grid sampler cannot go on after an interruption
+                study.enqueue_trial(self._combination(number))
+            trial = study.ask()
+        chosen = self._suggest(trial)
+        name = chosen.get("features")
+        accuracy: dict[str, float] = {}
+        for fold, (train, test) in enumerate(tables.folds):
+            model = self._make(chosen, "passthrough" if name else None)
+            model.fit(tables.train(name, fold), y[train])
+            hit = model.predict(tables.test(name, fold)) == y[test]
+            for subject in np.unique(subjects[test]):
+                accuracy[str(subject)] = float(hit[subjects[test] == subject].mean())
+            if self.objective == "accuracy":
+                for step in range(len(accuracy) - len(np.unique(subjects[test])), len(accuracy)):
+                    trial.report(list(accuracy.values())[step], step)
+                if fold + 1 < len(tables.folds) and trial.should_prune():
+                    study.tell(trial, state=TrialState.PRUNED)
+                    return
+        spent = tables.milliseconds(name) + _milliseconds(model, tables.test(name, fold))
+        trial.set_user_attr("predict_ms", spent)
+        trial.set_user_attr("subjects", accuracy)
+        mean = float(np.mean(list(accuracy.values())))
+        study.tell(trial, mean if self.objective == "accuracy" else [mean, spent])
+
+    def _combination(self, number: int) -> dict[str, object]:
+        """One point of the grid, in an order that the seed shuffles: a good one early makes giving up quicker."""
+        grid = self._grid()
+        sizes = [len(values) for values in grid.values()]
+        place = np.unravel_index(np.random.default_rng(self.seed).permutation(np.prod(sizes))[number], sizes)
+        return {name: values[i] for (name, values), i in zip(grid.items(), place, strict=True)}
+
+    def _suggest(self, trial: object) -> dict[str, object]:
+        chosen = {"model": trial.suggest_categorical("model", list(self.models))}
+        if self.features:
+            chosen["features"] = trial.suggest_categorical("features", list(self.features))
+        for name, values in self.spaces[chosen["model"]].items():
+            key = f"{chosen['model']}.{name}"
+            if not isinstance(values, Range):
+                chosen[key] = trial.suggest_categorical(key, list(values))
+            elif isinstance(values.low, int) and isinstance(values.high, int):
+                chosen[key] = trial.suggest_int(key, values.low, values.high, log=values.log)
+            else:
+                chosen[key] = trial.suggest_float(key, values.low, values.high, log=values.log)
+        return chosen
+
+    def _make(self, chosen: dict[str, object], features: object) -> ClassifierMixin:
+        name = chosen["model"]
+        factory = self.models[name]
+        takes = inspect.signature(factory).parameters
+        handed = {"features": features} if "features" in takes else {}
+        handed |= {"seed": self.seed} if "seed" in takes else {}
+        return factory(**handed, **{k.partition(".")[2]: v for k, v in chosen.items() if k.startswith(f"{name}.")})
+
+    def _table(self, finished: list) -> pd.DataFrame:
+        rows = []
+        for trial in finished:
+            subjects = trial.user_attrs.get("subjects")
+            seen = list(subjects.values()) if subjects else list(trial.intermediate_values.values())
+            rows.append(
+                trial.params
+                | {"state": trial.state.name.lower(), "accuracy": float(np.mean(seen)), "subjects": len(seen)}
+                | {"predict_ms": trial.user_attrs.get("predict_ms", np.nan)}
+                | {"seconds": trial.duration.total_seconds()}
+            )
+        table = pd.DataFrame(rows)
+        return table.assign(front=front(table["accuracy"].to_numpy(), table["predict_ms"].to_numpy()))
+
+    def _best(self, finished: list, subjects: list[str]) -> int:
+        """Position of the trial to take; nothing is left to the order in which trials were made."""
+        complete = [i for i, t in enumerate(finished) if "subjects" in t.user_attrs]
+        scores = {i: np.array([finished[i].user_attrs["subjects"][s] for s in subjects]) for i in complete}
+        ranked = sorted(complete, key=lambda i: (-round(scores[i].mean(), 9), self._place(finished[i].params)))
+        if self.objective == "accuracy":
+            return ranked[0]
+        lost = {i: scores[ranked[0]] - scores[i] for i in ranked}
+        error = {i: d.std(ddof=1) / np.sqrt(len(d)) for i, d in lost.items()}
+        near = [i for i in ranked if lost[i].mean() <= error[i]]
+        return min(near, key=lambda i: (finished[i].user_attrs["predict_ms"], ranked.index(i)))
+
+    def _place(self, params: dict[str, object]) -> tuple:
+        """Where a combination stands if every list is read from its first value."""
+        place = [list(self.models).index(params["model"])]
+        place += [list(self.features).index(params["features"])] if self.features else []
+        for name, values in self.spaces[params["model"]].items():
+            value = params[f"{params['model']}.{name}"]
+            place.append(value if isinstance(values, Range) else list(values).index(value))
+        return tuple(place)
+
+
+def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
+    """(train, test) positions of inner folds; nobody is on both sides.
+
+    Raises:
+        InputError: fewer than two subjects, which leaves nobody to judge by.
+    """
+    count = len(np.unique(subjects))
+    if count < 2:
+        raise InputError(f"parameters are chosen by leaving training subjects out, and there is {count}; train on more")
+    splitter = (
+        LeaveOneGroupOut() if inner == "loso" else GroupKFold(min(int(inner), count), shuffle=True, random_state=0)
+    )
+    return list(splitter.split(subjects, groups=subjects))
+
+
+def front(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """Which points no other one beats in both: at least as accurate and as cheap, and better in one; bool [points].
+
+    A point without a cost (nan) is on no front.
+    """
+    better = (accuracy[:, None] >= accuracy) & (cost[:, None] <= cost)
+    strictly = (accuracy[:, None] > accuracy) | (cost[:, None] < cost)
+    return np.isfinite(cost) & ~(better & strictly).any(axis=0)
+
+
+class _Tables:
+    """What models are fitted to and judged by in each inner fold: tables of features, or captures."""
+
+    def __init__(self, features: dict[str, TransformerMixin], X: Corpus, y: np.ndarray, folds: list) -> None:
+        self.features = {name: clone(part) for name, part in features.items()}
+        self.X = X
+        self.y = y
+        self.folds = folds
+        self.whole: dict[str, pd.DataFrame] = {}
+        self.learnt: dict[tuple[str, int], tuple[pd.DataFrame, pd.DataFrame]] = {}
+        self.spent: dict[str, float] = {}
+
+    def train(self, name: str | None, fold: int) -> Corpus | pd.DataFrame:
+        return self._part(name, fold, 0)
+
+    def test(self, name: str | None, fold: int) -> Corpus | pd.DataFrame:
+        return self._part(name, fold, 1)
+
+    def _part(self, name: str | None, fold: int, side: int) -> Corpus | pd.DataFrame:
+        part = self.folds[fold][side]
+        if not name:
+            return self.X[part]
+        features = self.features[name]
+        if not getattr(features, "learns", True):
+            if name not in self.whole:
+                self.whole[name] = features.fit(self.X, self.y).transform(self.X)
+            return self.whole[name].iloc[part]
+        if (name, fold) not in self.learnt:
+            train, test = self.folds[fold]
+            fitted = features.fit(self.X[train], self.y[train])
+            self.learnt[name, fold] = fitted.transform(self.X[train]), fitted.transform(self.X[test])
+        return self.learnt[name, fold][side]
+
+    def milliseconds(self, name: str | None) -> float:
+        """Time to compute the features of one capture."""
+        if not name:
+            return 0.0
+        if name not in self.spent:
+            self._part(name, 0, 0)  # fits it
+            chosen = np.linspace(0, len(self.X) - 1, TIMED).astype(int)
+            times = []
+            for one in [self.X[i : i + 1].detached() for i in chosen]:
+                started = time.perf_counter()
+                self.features[name].transform(one)
+                times.append((time.perf_counter() - started) * 1000)
+            self.spent[name] = float(np.median(times))
+        return self.spent[name]
+
+
+def _milliseconds(model: ClassifierMixin, judged: Corpus | pd.DataFrame) -> float:
+    """Time to label one capture or one row of features."""
+    times = []
+    for i in range(TIMED):
+        one = judged.iloc[[i % len(judged)]] if isinstance(judged, pd.DataFrame) else judged[[i % len(judged)]]
+        started = time.perf_counter()
+        model.predict(one)
+        times.append((time.perf_counter() - started) * 1000)
+    return float(np.median(times))
+
+
+def _finished(study: object) -> list:
+    return [t for t in study.get_trials(deepcopy=False) if t.state.is_finished()]
+
+
+def _seconds(finished: list) -> float:
+    return sum(t.duration.total_seconds() for t in finished)
+
+
+@contextmanager
+def _study(search: Search, X: Corpus, y: np.ndarray) -> Iterator[object]:
+    """The study of this search on these captures; stored, and held against other processes, if the corpus is."""
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    directions = ["maximize"] if search.objective == "accuracy" else ["maximize", "minimize"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        pruner = optuna.pruners.WilcoxonPruner(p_threshold=WORSE)
+        if not X.digest:
+            yield optuna.create_study(directions=directions, pruner=pruner)
+            return
+        from optuna.storages import JournalStorage
+        from optuna.storages.journal import JournalFileBackend
+
+        path = home() / "studies" / f"{_key(search, X, y)}.journal"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(path.with_suffix(".lock")):
+            storage = JournalStorage(JournalFileBackend(str(path)))
+            yield optuna.create_study(
+                storage=storage, study_name="search", directions=directions, pruner=pruner, load_if_exists=True
+            )
+
+
+def _key(search: Search, X: Corpus, y: np.ndarray) -> str:
+    """Hash of the captures, the labels, what is searched and all code that scores depend on."""
+    used = [*search.models.values(), *(type(f) for f in (search.features or {}).values()), Search]
+    parts = {
+        "captures": [X.digest, hashlib.sha256(X.index.tobytes()).hexdigest()],
+        "labels": hashlib.sha256("\n".join(map(str, y)).encode()).hexdigest(),
+        "spaces": repr(search.spaces),
+        "features": {k: sorted(map(repr, f.get_params().items())) for k, f in (search.features or {}).items()},
+        "search": [search.inner, search.objective, search.seed, search._whole_grid()],
+        "code": [source_digest(part) for part in used],
+        "versions": [version(name) for name in ("numpy", "scipy", "scikit-learn", "optuna")],
+    }
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:32]
