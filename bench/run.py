@@ -157,13 +157,11 @@ def _run_cell(
 
 
 def _fill_cache(cell: Cell, corpus: Corpus) -> None:
-    """Compute features once for all folds; a set that fails here fails in every fold and is recorded there."""
-    from features.base import FeatureSet
-
+    """Compute once for all folds what needs no learning; a set that fails here fails in every fold, recorded there."""
+    one = corpus[:1]
     for features in cell.feature_sets().values():
-        if isinstance(features, FeatureSet):
-            with suppress(Exception):
-                FeatureSet.transform(features, corpus[:1])  # what needs no learning, of the whole corpus
+        with suppress(Exception):
+            features.fit_transform(one, one.gestures)
 
 
 def _progress() -> Progress:

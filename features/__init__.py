@@ -4,6 +4,7 @@ FEATURES = {
     "jung28": "features.jung28:Jung28",
     "jung54": "features.jung54:Jung54",
     "wingerden45": "features.wingerden45:Wingerden45",
+    "balli": "features.balli:Balli",
     "gaus": "features.gaus:Gaus",
     "ta273": "features.ta273:Ta273",
 }

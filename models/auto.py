@@ -28,6 +28,6 @@ def auto(
         objective: ``accuracy``, or ``accuracy+time`` (see `Search`).
         seed: of the search and of the classifiers.
     """
-    features = {"jung54": Jung54(), "ta273": Ta273(), "balli": Balli(None), "gaus": Gaus()}
+    features = {"jung54": Jung54(), "ta273": Ta273(), "balli": Balli(0), "gaus": Gaus()}
     spaces = {name: model.space for name, model in MODELS.items()}
     return Search(MODELS, spaces, features, inner, trials, budget, objective, seed)
