@@ -1,0 +1,233 @@
+"""The nested search: against a plain loop over grid and folds, interrupted and resumed, and blind to test subjects."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
+from sklearn.preprocessing import MinMaxScaler
+from sklearn.svm import SVC
+
+from bench.corpus import InputError, home, open_folder, write_folder
+from bench.cost import parameter_count
+from features.jung28 import Jung28
+from features.ta273 import Ta273
+from models import tuning
+from models.auto import auto
+from models.cnn85 import CNN85
+from models.jung2014 import jung2014_svm
+from models.rf import et, rf
+from models.svm import svm
+from models.tuning import Range, Search, front, inner_folds
+from tests.conftest import random_corpus
+
+GRID = {"C": [0.125, 8.0, 512.0], "gamma": [0.01, 1.0]}
+
+
+def noisy(subjects=5, **kwargs):
+    """Captures whose classes overlap, so that parameters matter."""
+    corpus = random_corpus(subjects=subjects, per_class=4, **kwargs)
+    rng = np.random.default_rng(1)
+    noise = rng.integers(0, 120, len(corpus)).repeat(corpus.lengths)[:, None, None]
+    return type(corpus)(**{**vars(corpus), "frames": (corpus.frames + noise).astype(np.uint16)})
+
+
+def stored(corpus, tmp_path):
+    write_folder(corpus, tmp_path / "corpus")
+    return open_folder(tmp_path / "corpus")
+
+
+def by_hand(corpus, folds):
+    """Mean accuracy of the left-out subjects for every combination, with scikit-learn alone."""
+    X, y, subjects = Jung28().transform(corpus).to_numpy(), corpus.gestures, corpus.subjects
+    scores = {}
+    for C in GRID["C"]:
+        for gamma in GRID["gamma"]:
+            found = {}
+            for train, test in folds:
+                scaler = MinMaxScaler().fit(X[train])
+                machine = SVC(C=C, gamma=gamma, break_ties=True).fit(scaler.transform(X[train]), y[train])
+                hit = machine.predict(scaler.transform(X[test])) == y[test]
+                found |= {s: hit[subjects[test] == s].mean() for s in set(subjects[test])}
+            scores[C, gamma] = np.mean(list(found.values()))
+    return scores
+
+
+@pytest.mark.parametrize("inner", ["2", "3", "loso"])
+def test_a_grid_is_searched_as_a_plain_loop_would(inner):
+    corpus = noisy()
+    subjects = corpus.subjects.astype(str)
+    splitter = LeaveOneGroupOut() if inner == "loso" else GroupKFold(int(inner), shuffle=True, random_state=0)
+    expected = by_hand(corpus, list(splitter.split(subjects, groups=subjects)))
+    search = Search({"svm": svm}, {"svm": GRID}, {"jung28": Jung28()}, inner).fit(corpus, corpus.gestures)
+    best = max(expected.values())
+    assert len(search.trials_) == 6
+    assert (search.chosen_["svm.C"], search.chosen_["svm.gamma"]) == min(k for k, v in expected.items() if v == best)
+    whole = search.trials_[search.trials_["state"] == "complete"]
+    for row in whole.itertuples():
+        params = search.trials_.loc[row.Index]
+        assert row.accuracy == pytest.approx(expected[params["svm.C"], params["svm.gamma"]])
+    again = svm(Jung28(), C=search.chosen_["svm.C"], gamma=search.chosen_["svm.gamma"]).fit(corpus, corpus.gestures)
+    assert np.array_equal(search.predict_proba(corpus), again.predict_proba(corpus))
+    assert parameter_count(search) == parameter_count(again) > 0
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.integers(0, 6), min_size=2, max_size=40), st.sampled_from(["2", "3", "7", "loso"]))
+def test_inner_folds_keep_subjects_apart_and_test_everybody_once(who, inner):
+    subjects = np.array(who).astype(str)
+    if len(set(who)) == 1:
+        with pytest.raises(InputError, match="there is 1; train on more"):
+            inner_folds(subjects, inner)
+        return
+    folds = inner_folds(subjects, inner)
+    for train, test in folds:
+        assert not set(subjects[train]) & set(subjects[test])
+        assert sorted([*train, *test]) == list(range(len(who)))
+    assert sorted(np.concatenate([test for _, test in folds])) == list(range(len(who)))
+    assert len(folds) == (len(set(who)) if inner == "loso" else min(int(inner), len(set(who))))
+
+
+def test_bad_combinations_are_given_up_and_never_chosen():
+    corpus = noisy(subjects=12)
+    grid = {"C": [2.0**-20, 2.0**-19, 2.0**-18, 8.0], "gamma": [2.0**-20, 1.0]}
+    search = Search({"svm": svm}, {"svm": grid}, {"jung28": Jung28()}, "3").fit(corpus, corpus.gestures)
+    cut = search.trials_[search.trials_["state"] == "pruned"]
+    assert len(cut) > 0 and (cut["subjects"] < 12).all() and not cut["front"].any()
+    assert search.chosen_["svm.C"] == 8.0 and search.chosen_["svm.gamma"] == 1.0
+
+
+@pytest.mark.parametrize("after", [1, 3])
+@pytest.mark.parametrize("space", [GRID, {"C": Range(0.01, 1e3, log=True), "gamma": [0.1, 1.0]}])
+def test_an_interrupted_search_goes_on_and_chooses_the_same(tmp_path, monkeypatch, space, after):
+    corpus = stored(noisy(), tmp_path)
+    search = lambda: Search({"svm": svm}, {"svm": space}, {"jung28": Jung28()}, "2", trials=6)  # noqa: E731
+    straight = search().fit(corpus[corpus.subjects != "5"], corpus.gestures[corpus.subjects != "5"])
+    (home() / "studies").rename(home() / "gone")
+    made = 0
+    real = tuning.Search._make
+
+    def make(self, *args):
+        nonlocal made
+        made += 1
+        if made == 2 * after + 2:  # in the middle of a combination
+            raise KeyboardInterrupt
+        return real(self, *args)
+
+    monkeypatch.setattr(tuning.Search, "_make", make)
+    with pytest.raises(KeyboardInterrupt):
+        search().fit(corpus[corpus.subjects != "5"], corpus.gestures[corpus.subjects != "5"])
+    before = made
+    resumed = search().fit(corpus[corpus.subjects != "5"], corpus.gestures[corpus.subjects != "5"])
+    told = ["svm.C", "svm.gamma", "state", "accuracy", "subjects"]
+    pd.testing.assert_frame_equal(resumed.trials_[told], straight.trials_[told])
+    assert resumed.chosen_ == straight.chosen_
+    done = made - before
+    made = -1000
+    search().fit(corpus[corpus.subjects != "5"], corpus.gestures[corpus.subjects != "5"])
+    assert made == -999 and done < 14  # all stored: only the last fit is made
+
+
+def test_a_study_belongs_to_captures_labels_and_space(tmp_path):
+    corpus = stored(noisy(), tmp_path)
+    search = Search({"svm": svm}, {"svm": GRID}, {"jung28": Jung28()}, "2")
+    other = Search({"svm": svm}, {"svm": GRID | {"C": [8.0]}}, {"jung28": Jung28()}, "2")
+    keys = {
+        tuning._key(search, corpus, corpus.gestures),
+        tuning._key(search, corpus[1:], corpus.gestures[1:]),
+        tuning._key(search, corpus, corpus.gestures[::-1]),
+        tuning._key(other, corpus, corpus.gestures),
+        tuning._key(Search({"svm": svm}, {"svm": GRID}, {"ta273": Ta273()}, "2"), corpus, corpus.gestures),
+        tuning._key(Search({"svm": svm}, {"svm": GRID}, {"jung28": Jung28()}, "3"), corpus, corpus.gestures),
+    }
+    assert len(keys) == 6
+
+
+def test_a_budget_ends_the_search():
+    corpus = noisy()
+    search = auto(budget=1e-9)
+    search.features = {"jung28": Jung28()}
+    assert len(search.fit(corpus, corpus.gestures).trials_) == 1
+    with pytest.raises(InputError, match="this search has no end"):
+        auto(budget=float("inf")).check()
+
+
+def test_the_fastest_of_those_that_are_as_good_is_taken():
+    corpus = random_corpus(subjects=5, per_class=4)  # easy: one tree is as good as 200
+    models = {"few": lambda features, seed=0: rf(features, trees=2, seed=seed), "many": rf}
+    spaces = {"few": {}, "many": {"trees": [200]}}
+    search = Search(models, spaces, {"jung28": Jung28()}, "2", trials=6, objective="accuracy+time")
+    search.fit(corpus, corpus.gestures)
+    assert set(search.trials_["model"]) == {"few", "many"}
+    assert search.chosen_["model"] == "few"
+    assert (search.trials_["state"] == "complete").all() and search.trials_["predict_ms"].notna().all()
+
+
+def test_the_front_by_hand():
+    accuracy = np.array([0.9, 0.8, 0.8, 0.7, 0.95, 0.9])
+    cost = np.array([3.0, 1.0, 2.0, 1.0, np.nan, 3.0])
+    assert front(accuracy, cost).tolist() == [True, True, False, False, False, True]
+
+
+def test_raw_frames_are_searched_too():
+    corpus = random_corpus(subjects=4, per_class=2, longest=12)
+    space = {"frames": [5, 8], "epochs": [2], "batch": [8]}
+    search = Search({"cnn85": CNN85}, {"cnn85": space}, inner="2").fit(corpus, corpus.gestures)
+    assert search.chosen_["cnn85.frames"] in (5, 8) and search.best_.frames == search.chosen_["cnn85.frames"]
+    table, proba = search.decide(corpus)
+    assert len(table) == len(proba) >= len(corpus)
+
+
+SEARCHES = {
+    "grid": lambda: Search({"svm": svm}, {"svm": GRID}, {"jung28": Jung28()}, "2"),
+    "learnt features": lambda: Search({"svm": svm}, {"svm": GRID}, {"ta273": Ta273()}, "2"),
+    "two sets, two models": lambda: Search(
+        {"svm": svm, "et": et}, {"svm": svm.space, "et": {"trees": [20]}}, {"a": Jung28(), "b": Ta273()}, "2", trials=4
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SEARCHES)
+def test_test_subjects_change_nothing_that_is_chosen_or_learned(name):
+    corpus = noisy(subjects=4)
+    train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
+    changed = corpus.frames.copy()
+    for start, length in zip(corpus.starts[test], corpus.lengths[test], strict=True):
+        changed[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, 8, 8))
+    other = type(corpus)(**{**vars(corpus), "frames": changed})
+    probe = random_corpus(seed=9)
+    found = [SEARCHES[name]().fit(c[train], c.gestures[train]) for c in (corpus, other)]
+    assert found[0].chosen_ == found[1].chosen_
+    assert np.array_equal(*(search.predict_proba(probe) for search in found))
+
+
+@pytest.mark.parametrize("name", SEARCHES)
+def test_permuted_labels_give_chance(name):
+    corpus = random_corpus(subjects=5, per_class=8)
+    labels = np.random.default_rng(0).permutation(corpus.gestures)
+    hits = []
+    for train, test in LeaveOneGroupOut().split(labels, groups=corpus.subjects):
+        hits.extend(SEARCHES[name]().fit(corpus[train], labels[train]).predict(corpus[test]) == labels[test])
+    assert abs(np.mean(hits) - 1 / 3) < 4 * np.sqrt(2 / 9 / len(corpus))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"inner": "1"}, "model.inner=1: give a number of subject groups"),
+        ({"inner": "all"}, "model.inner=all: give"),
+        ({"trials": 0}, "model.trials=0: give at least 1"),
+        ({"budget": 0.0}, "model.budget=0: give"),
+        ({"objective": "time"}, "model.objective=time: give accuracy"),
+    ],
+)
+def test_searches_that_cannot_be(wrong, message):
+    with pytest.raises(InputError, match=message):
+        auto(**wrong).check()
+
+
+def test_jung2014_searches_a_linear_machine():
+    corpus = noisy(subjects=4)
+    chosen = jung2014_svm("2").fit(corpus, corpus.gestures)
+    assert chosen.best_[-1].kernel == "linear" and len(chosen.trials_) == 11
