@@ -155,7 +155,7 @@ def cells(values: dict[str, str]) -> list[Cell]:
             for parts in itertools.product(
                 corpus_variants(values, data, chosen["data"]),
                 _variants(values, "protocol", protocol, chosen["protocol"], None),
-                _variants(values, "features", features, feature_names, None) if features else [None],
+                _variants(values, "features", features, feature_names, seed) if features else [None],
                 _variants(values, "model", model, chosen["model"], seed),
             ):
                 cell = Cell(data, parts[0], where, target, *parts[1:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -110,10 +111,15 @@ def main(arguments: list[str] | None = None) -> int:
         if {"-h", "--help"} & set(rest):
             print(_help(name), end="")
             return 0
-        return commands[name](rest)
+        code = commands[name](rest)
+        sys.stdout.flush()
+        return code
     except InputError as e:
         print(f"bench: {' '.join(str(e).split())}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # whoever read the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except KeyboardInterrupt:
         print("bench: interrupted", file=sys.stderr)
         return 130
@@ -240,8 +246,6 @@ def _ui(arguments: list[str]) -> int:
     port = options.pop("port", "5000")
     if options or not port.isdecimal():
         raise InputError(f"bench ui {' '.join(arguments)}: give port= and a number, or nothing")
-    import os
-
     from bench.tracking import connect, store_uri
 
     connect()

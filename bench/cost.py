@@ -10,12 +10,19 @@ BYTES = 4  # every learnt number as a 32-bit value
 def parameter_count(estimator: ClassifierMixin) -> int | None:
     """Learnt numbers that a device must hold to run the classifier, None where the kind is not known.
 
-    A system may say it itself with ``parameters_``, as networks do. An SVM counts its support vectors, their
+    A classifier may say it itself with ``parameters_``, as networks do; a feature set that learns many numbers does,
+    and they are added. An SVM counts its support vectors, their
     coefficients and its intercepts; a forest four numbers per split (feature, threshold, two children) and the class
     shares of its leaves. A search is as large as what it has chosen.
     """
     chosen = getattr(estimator, "best_", estimator)
-    last = chosen[-1] if hasattr(chosen, "steps") else chosen
+    if hasattr(chosen, "steps"):
+        features, last = getattr(chosen[0], "parameters_", 0), _classifier_parameters(chosen[-1])
+        return None if last is None else features + last
+    return _classifier_parameters(chosen)
+
+
+def _classifier_parameters(last: ClassifierMixin) -> int | None:
     if hasattr(last, "parameters_"):
         return int(last.parameters_)
     if hasattr(last, "support_vectors_"):

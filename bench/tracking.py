@@ -45,6 +45,7 @@ def connect() -> object:
     """
     uri = store_uri()
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
     os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
     path = Path(urlparse(uri).path.removeprefix("/")) if uri.startswith("sqlite:///") else None
     if path is not None:

@@ -6,5 +6,6 @@ FEATURES = {
     "wingerden45": "features.wingerden45:Wingerden45",
     "balli": "features.balli:Balli",
     "gaus": "features.gaus:Gaus",
+    "hughes36": "features.hughes36:Hughes36",
     "ta273": "features.ta273:Ta273",
 }

@@ -13,6 +13,8 @@ from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
 from bench.corpus import InputError
 
+BATCH = 32
+
 
 class EarlyStoppedNet(ClassifierMixin, BaseEstimator):
     """Tanh layers and a softmax, trained by Adam until a part of the training captures stops getting better.
@@ -40,16 +42,16 @@ class EarlyStoppedNet(ClassifierMixin, BaseEstimator):
         """Train on features [captures, n_features] and class names [captures]."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)  # 1000 epochs is the paper's limit, not a fault
-            runs = [self._run(self.seed * self.runs + i).fit(X, y) for i in range(self.runs)]
+            runs = [self._run(self.seed * self.runs + i, len(X)).fit(X, y) for i in range(self.runs)]
         self.net_ = max(runs, key=lambda net: net.best_validation_score_)
         self.classes_ = self.net_.classes_
         return self
 
-    def _run(self, seed: int) -> MLPClassifier:
+    def _run(self, seed: int, captures: int) -> MLPClassifier:
         return MLPClassifier(
             self.layers,
             activation="tanh",
-            batch_size=32,
+            batch_size=min(BATCH, int(captures * (1 - self.held))),
             max_iter=1000,
             early_stopping=True,
             validation_fraction=self.held,

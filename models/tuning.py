@@ -180,14 +180,17 @@ class Search(ClassifierMixin, BaseEstimator):
         from optuna.trial import TrialState
 
         unfinished = study.get_trials(deepcopy=False, states=(TrialState.RUNNING, TrialState.WAITING))
+        seed = int(np.random.SeedSequence([self.seed, number]).generate_state(1)[0])
+        study.sampler = optuna.samplers.TPESampler(seed=seed)
+        reported: set[int] = set()
         if unfinished and unfinished[0].state == TrialState.RUNNING:
+            reported = set(unfinished[0].intermediate_values)
             trial = optuna.Trial(study, unfinished[0]._trial_id)
         else:
-            seed = int(np.random.SeedSequence([self.seed, number]).generate_state(1)[0])
-            study.sampler = optuna.samplers.TPESampler(seed=seed)
             if self._whole_grid() and not unfinished:  # Optuna's own grid sampler cannot go on after an interruption
                 study.enqueue_trial(self._combination(number))
             trial = study.ask()
+        started = time.perf_counter()
         chosen = self._suggest(trial)
         name = chosen.get("features")
         accuracy: dict[str, float] = {}
@@ -199,13 +202,16 @@ class Search(ClassifierMixin, BaseEstimator):
                 accuracy[str(subject)] = float(hit[subjects[test] == subject].mean())
             if self.objective == "accuracy":
                 for step in range(len(accuracy) - len(np.unique(subjects[test])), len(accuracy)):
-                    trial.report(list(accuracy.values())[step], step)
+                    if step not in reported:
+                        trial.report(list(accuracy.values())[step], step)
                 if fold + 1 < len(tables.folds) and trial.should_prune():
+                    trial.set_user_attr("seconds", time.perf_counter() - started)
                     study.tell(trial, state=TrialState.PRUNED)
                     return
         spent = tables.milliseconds(name) + _milliseconds(model, tables.test(name, fold))
         trial.set_user_attr("predict_ms", spent)
         trial.set_user_attr("subjects", accuracy)
+        trial.set_user_attr("seconds", time.perf_counter() - started)
         mean = float(np.mean(list(accuracy.values())))
         study.tell(trial, mean if self.objective == "accuracy" else [mean, spent])
 
@@ -247,7 +253,7 @@ class Search(ClassifierMixin, BaseEstimator):
                 trial.params
                 | {"state": trial.state.name.lower(), "accuracy": float(np.mean(seen)), "subjects": len(seen)}
                 | {"predict_ms": trial.user_attrs.get("predict_ms", np.nan)}
-                | {"seconds": trial.duration.total_seconds()}
+                | {"seconds": trial.user_attrs["seconds"]}
             )
         table = pd.DataFrame(rows)
         return table.assign(front=front(table["accuracy"].to_numpy(), table["predict_ms"].to_numpy()))
@@ -364,7 +370,8 @@ def _finished(study: object) -> list:
 
 
 def _seconds(finished: list) -> float:
-    return sum(t.duration.total_seconds() for t in finished)
+    """Seconds that combinations took; Optuna's own would count the time in which a search lay interrupted."""
+    return sum(t.user_attrs["seconds"] for t in finished)
 
 
 @contextmanager

@@ -6,13 +6,26 @@ from scipy.stats import multivariate_normal
 from sklearn.base import clone
 from sklearn.model_selection import LeaveOneGroupOut, cross_val_score
 from sklearn.svm import SVC
+from sklearn.tree import DecisionTreeClassifier
 
 from bench.cost import parameter_count
+from features.gaus import Gaus
+from features.hughes36 import Hughes36
 from features.jung28 import Jung28
+from features.ta273 import Ta273
+from features.wingerden45 import Wingerden45
+from models.balli2015 import balli2015_rf
 from models.bayes import GaussianBayes, bayes
+from models.boost import boost
 from models.cnn85 import CNN85
-from models.rf import rf
+from models.jung2014 import jung2014_bayes
+from models.jung2017 import jung2017_bayes, jung2017_nn, jung2017_svm_rbf, jung2017_tree
+from models.mlp import EarlyStoppedNet, mlp
+from models.rf import et, rf
+from models.softmax import softmax
 from models.svm import RankedSVC, svm
+from models.tree import PrunedTree, tree
+from models.wingerden2014 import wingerden2014_mlp
 from models.xgb import xgb
 from tests.conftest import random_corpus
 
@@ -21,6 +34,17 @@ SYSTEMS = {
     "svm": lambda: svm(Jung28()),
     "rf": lambda: rf(Jung28(), trees=20),
     "xgb": lambda: xgb(Jung28(), trees=10),
+    "tree": lambda: tree(Jung28(), level=3),
+    "mlp": lambda: mlp(Wingerden45(), layers="8", runs=2),
+    "softmax": lambda: softmax(Jung28()),
+    "et": lambda: et(Jung28(), trees=20),
+    "boost": lambda: boost(Jung28(), rounds=10, depth=3),
+    "jung2014_bayes": jung2014_bayes,
+    "balli2015_rf": lambda: balli2015_rf(selected=5),
+    "rf on gaus": lambda: rf(Gaus(), trees=20),
+    "rf on ta273": lambda: rf(Ta273(), trees=20),
+    "softmax on hughes36": lambda: softmax(Hughes36(states=2, iterations=3, epochs=2)),
+    "jung2017_bayes": jung2017_bayes,
     "cnn85": lambda: CNN85(frames=10, epochs=15, batch=16),
 }
 
@@ -103,3 +127,37 @@ def test_parameter_counts_by_hand():
     n = machine.support_vectors_.shape[0]
     assert parameter_count(machine) == n * 3 + 2 * n + 3
     assert parameter_count(object()) is None
+
+
+def test_a_level_is_a_step_of_the_pruning_sequence():
+    X, y = points(n=90)
+    full = DecisionTreeClassifier(random_state=0).fit(X, y)
+    leaves = [PrunedTree(level).fit(X, y).tree_.get_n_leaves() for level in range(60)]
+    assert leaves[0] == full.get_n_leaves() and leaves[-1] == 1
+    assert all(a >= b for a, b in zip(leaves[:-1], leaves[1:], strict=True))
+    # the definition: the k-th weakest link leaves the smallest tree that is best for its penalty
+    alphas = full.cost_complexity_pruning_path(X, y).ccp_alphas
+    for level in (1, 3):
+        expected = DecisionTreeClassifier(random_state=0, ccp_alpha=alphas[level]).fit(X, y)
+        assert np.array_equal(PrunedTree(level).fit(X, y).predict(X), expected.predict(X))
+
+
+def test_the_best_run_on_the_held_captures_is_kept():
+    X, y = points(n=120)
+    net = EarlyStoppedNet((4,), runs=4, seed=3).fit(X, y)
+    runs = [EarlyStoppedNet((4,), runs=1, seed=seed).fit(X, y) for seed in range(12, 16)]
+    best = max(runs, key=lambda run: run.net_.best_validation_score_)
+    assert np.array_equal(net.predict_proba(X), best.predict_proba(X))
+    assert net.parameters_ == 3 * 4 + 4 + 4 * 3 + 3
+
+
+def test_networks_and_grids_are_the_published_ones():
+    assert jung2017_nn().named_steps["classifier"].layers == (54, 27)
+    assert wingerden2014_mlp().named_steps["classifier"].layers == (46,)
+    grid = jung2017_svm_rbf().spaces["svm"]
+    assert len(grid["C"]) == 11 and len(grid["gamma"]) == 10
+    assert (min(grid["C"]), max(grid["C"]), min(grid["gamma"]), max(grid["gamma"])) == (2**-5, 2**15, 2**-15, 2**3)
+    assert jung2017_tree().spaces["tree"]["level"] == [5, 10, 15, 20, 25, 30]
+    corpus = random_corpus(gestures=tuple("abcdefghijklmn"), per_class=1)
+    net = jung2017_nn().fit(corpus, corpus.gestures)
+    assert net.named_steps["classifier"].parameters_ == 54 * 54 + 54 + 54 * 27 + 27 + 27 * 14 + 14

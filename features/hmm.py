@@ -1,0 +1,230 @@
+"""Gaussian hidden Markov models of ragged sequences, one per class, all fitted in the same passes over time.
+
+Frames of all sequences lie in one array [frames, values], sequence after sequence. A recursion over time visits them
+in another order, that of `Steps`: first the first frame of every sequence, longest sequence first, then all second
+frames, and so on. The sequences that still run at one time are then the first ones, and nothing is padded.
+
+In arrays of states the states come first, so that the arithmetic of one time step runs along the sequences.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from sklearn.cluster import KMeans
+
+PROBABILITY_FLOOR = 1e-6
+VARIANCE_FLOOR = 1e-3
+FRAMES_TO_START = 20_000
+SMALLEST_SHARE = 1e-3  # frames; a state with less keeps its mean and variance
+
+
+class Steps:
+    """The order in which recursions over time visit the frames of ragged sequences.
+
+    Attributes:
+        sequence: int64 [sequences], the sequences from the longest to the shortest.
+        spans: begin and end of each time step in that order.
+        frame: int64 [frames], the frame at each place of that order.
+        place: int64 [frames], the place of each frame in it.
+    """
+
+    def __init__(self, lengths: np.ndarray) -> None:
+        self.sequence = np.argsort(-lengths, kind="stable")
+        first = (np.cumsum(lengths) - lengths)[self.sequence]
+        running = len(lengths) - np.searchsorted(np.sort(lengths), np.arange(lengths.max()), side="right")
+        edges = np.concatenate([[0], np.cumsum(running)])
+        self.spans = list(pairwise(edges.tolist()))
+        time = np.repeat(np.arange(len(running)), running)
+        self.frame = first[np.arange(edges[-1]) - edges[time]] + time
+        self.place = np.empty_like(self.frame)
+        self.place[self.frame] = np.arange(edges[-1])
+
+
+def forward(
+    emission: np.ndarray, start: np.ndarray, transition: np.ndarray, steps: Steps
+) -> tuple[np.ndarray, np.ndarray]:
+    """Probabilities of the states given the past, scaled in every frame.
+
+    Args:
+        emission: density of each frame in each state, up to a factor per frame [states, frames], in order of steps.
+        start: probability of the first state [states, sequences], in order of ``steps.sequence`` as all of these.
+        transition: from state, to state [states, states, sequences].
+        steps: the order.
+
+    Returns:
+        Probability of each state given the frames up to its own [states, frames], and the density of each frame given
+        those before it [frames], both in order of steps.
+    """
+    state = np.empty_like(emission)
+    scale = np.empty(emission.shape[1])
+    expected, before = start, 0
+    for begin, end in steps.spans:
+        if begin:
+            running = end - begin
+            now = state[:, None, before : before + running]
+            expected = (now * transition[:, :, :running]).sum(axis=0)
+        joint = expected * emission[:, begin:end]
+        scale[begin:end] = joint.sum(axis=0)
+        np.divide(joint, scale[begin:end], out=state[:, begin:end])
+        before = begin
+    return state, scale
+
+
+def backward(emission: np.ndarray, scale: np.ndarray, transition: np.ndarray, steps: Steps) -> np.ndarray:
+    """Density of the frames after each, given its state, relative to that given the past [states, frames].
+
+    Args:
+        emission: as in `forward`.
+        scale: what `forward` returned.
+        transition: as in `forward`.
+        steps: the order.
+    """
+    future = np.ones_like(emission)
+    for (begin, _), (later, end) in zip(steps.spans[-2::-1], steps.spans[:0:-1], strict=True):
+        running = end - later
+        ahead = emission[:, later:end] * future[:, later:end] / scale[later:end]
+        future[:, begin : begin + running] = (transition[:, :, :running] * ahead).sum(axis=1)
+    return future
+
+
+class GaussianHMMs:
+    """One hidden Markov model per class: any state may follow any other, diagonal covariances.
+
+    Fitted by expectation maximisation from k-means of the frames of each class, uniform probabilities of the first
+    state and, at first, states that last for 10 frames on average. Values should be standardised; variances are at
+    least 1e-3 and probabilities at least about 1e-6, so no sequence is impossible.
+
+    Args:
+        states: number of states.
+        iterations: EM iterations.
+        seed: of k-means.
+
+    Attributes:
+        start_: probability of the first state [classes, states].
+        transition_: from state, to state [classes, states, states].
+        mean_: [classes, states, values].
+        variance_: [classes, states, values].
+        history_: log-likelihood of each class's sequences before each iteration [iterations, classes].
+    """
+
+    def __init__(self, states: int = 5, iterations: int = 20, seed: int = 0) -> None:
+        self.states = states
+        self.iterations = iterations
+        self.seed = seed
+
+    def fit(self, frames: np.ndarray, lengths: np.ndarray, classes: np.ndarray) -> GaussianHMMs:
+        """Fit every class's model to its sequences.
+
+        Args:
+            frames: float64 [frames, values].
+            lengths: int64 [sequences], at least 1 each.
+            classes: int64 [sequences], from 0; none may be left out.
+        """
+        by_class = np.argsort(classes, kind="stable")
+        first = (np.cumsum(lengths) - lengths)[by_class]
+        lengths, classes = lengths[by_class], classes[by_class]
+        begin = np.cumsum(lengths) - lengths
+        values = frames[np.repeat(first - begin, lengths) + np.arange(len(frames))]
+        edges = np.searchsorted(np.repeat(classes, lengths), np.arange(classes.max() + 2))
+        parts = [slice(a, b) for a, b in pairwise(edges.tolist())]
+        self._begin([values[part] for part in parts])
+        both = np.concatenate([values, values**2], axis=1)
+        del values
+
+        steps = Steps(lengths)
+        owner = classes[steps.sequence]
+        self.history_ = np.empty((self.iterations, len(parts)))
+        for iteration in range(self.iterations):
+            emission = np.empty((self.states, len(both)))
+            for i, part in enumerate(parts):
+                emission[:, part] = self._log_densities(both[part], i)
+            best = _relative(emission)
+            emission = emission[:, steps.frame]
+            transition = self.transition_[owner].transpose(1, 2, 0).copy()
+            state, scale = forward(emission, self.start_[owner].T.copy(), transition, steps)
+            likelihood = np.add.reduceat(best + np.log(scale)[steps.place], begin)
+            self.history_[iteration] = np.bincount(classes, weights=likelihood)
+
+            future = backward(emission, scale, transition, steps)
+            emission *= future
+            emission /= scale  # the evidence for each state from its frame on
+            ahead = emission[:, steps.place]
+            ahead[:, begin] = 0  # no transition leads to a first frame
+            share = state * future
+            state, share = state[:, steps.place], share[:, steps.place]
+            for i, part in enumerate(parts):
+                inner = slice(part.start, part.stop - 1), slice(part.start + 1, part.stop)
+                moves = self.transition_[i] * (state[:, inner[0]] @ ahead[:, inner[1]].T)
+                self._maximise(i, share[:, part], share[:, begin[classes == i]], moves, both[part])
+        return self
+
+    def log_likelihood(self, frames: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+        """Log-likelihood of every sequence under every class's model [sequences, classes].
+
+        Works on everything at once; hand over blocks of sequences where classes x states x frames is large.
+        """
+        classes = len(self.start_)
+        both = np.concatenate([frames, frames**2], axis=1)
+        emission = np.concatenate([self._log_densities(both, i) for i in range(classes)], axis=1)
+        best = _relative(emission)
+        steps = Steps(np.tile(lengths, classes))
+        owner = steps.sequence // len(lengths)
+        transition = self.transition_[owner].transpose(1, 2, 0).copy()
+        _, scale = forward(emission[:, steps.frame], self.start_[owner].T.copy(), transition, steps)
+        begin = np.cumsum(lengths) - lengths
+        per_frame = (best + np.log(scale)[steps.place]).reshape(classes, -1)
+        return np.add.reduceat(per_frame, begin, axis=1).T
+
+    def _begin(self, parts: list[np.ndarray]) -> None:
+        classes, values = len(parts), parts[0].shape[1]
+        self.start_ = np.full((classes, self.states), 1 / self.states)
+        stay = 0.9 if self.states > 1 else 1.0
+        leave = (1 - stay) / max(self.states - 1, 1)
+        self.transition_ = np.tile(np.eye(self.states) * (stay - leave) + leave, (classes, 1, 1))
+        self.mean_ = np.empty((classes, self.states, values))
+        self.variance_ = np.empty((classes, self.states, values))
+        for i, frames in enumerate(parts):
+            some = frames[:: -(-len(frames) // FRAMES_TO_START)]
+            self.mean_[i] = some.mean(axis=0)  # of states that k-means does not fill, as there are too few frames
+            self.variance_[i] = some.var(axis=0)
+            clusters = min(self.states, len(np.unique(some, axis=0)))
+            label = KMeans(clusters, n_init=1, random_state=self.seed).fit(some).labels_
+            for k in range(clusters):
+                self.mean_[i, k] = some[label == k].mean(axis=0)
+                self.variance_[i, k] = some[label == k].var(axis=0)
+        np.maximum(self.variance_, VARIANCE_FLOOR, out=self.variance_)
+
+    def _log_densities(self, both: np.ndarray, i: int) -> np.ndarray:
+        """Log-densities in the states of one model [states, frames] of values and their squares, side by side."""
+        precision = 1 / self.variance_[i]
+        weights = np.concatenate([precision * self.mean_[i], -0.5 * precision], axis=1)
+        constant = np.log(2 * np.pi * self.variance_[i]) + precision * self.mean_[i] ** 2
+        density = weights @ both.T
+        density -= 0.5 * constant.sum(axis=1)[:, None]
+        return density
+
+    def _maximise(self, i: int, share: np.ndarray, first: np.ndarray, moves: np.ndarray, both: np.ndarray) -> None:
+        occupied = share.sum(axis=1)
+        known = occupied > SMALLEST_SHARE
+        mean, square = np.split(share[known] @ both / occupied[known, None], 2, axis=1)
+        self.mean_[i, known] = mean
+        self.variance_[i, known] = np.maximum(square - mean**2, VARIANCE_FLOOR)
+        self.start_[i] = _floored(first.sum(axis=1))
+        left = moves.sum(axis=1) > SMALLEST_SHARE
+        self.transition_[i, left] = _floored(moves[left])
+
+
+def _relative(logs: np.ndarray) -> np.ndarray:
+    """Turn logs [states, frames] into numbers of which the largest per frame is 1, in place; return its log."""
+    best = logs.max(axis=0)
+    logs -= best
+    np.exp(logs, out=logs)
+    return best
+
+
+def _floored(counts: np.ndarray) -> np.ndarray:
+    """Shares along the last axis, none of them 0."""
+    shares = np.maximum(counts / counts.sum(axis=-1, keepdims=True), PROBABILITY_FLOOR)
+    return shares / shares.sum(axis=-1, keepdims=True)

@@ -1,0 +1,258 @@
+"""Likelihoods and gesture-level features of Hughes, Farrow, Profita and Correll 2015 (ICMI, pp. 367-374)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+from scipy.fft import rfft
+from scipy.special import expit
+from sklearn.utils.validation import check_is_fitted
+
+from bench.corpus import Corpus, InputError
+from features.base import FeatureSet
+from features.hmm import GaussianHMMs
+from features.signals import Touch, blocks, table
+
+HIDDEN = (200, 100, 50, 25, 10)
+FRAMES_TO_ENCODE = 100_000
+FRAMES_TO_SCORE = 2**16
+BATCH = 512
+RATE = 4e-3
+ORDERS = [(p, q) for p in range(4) for q in range(4 - p)]
+BAND_HZ = (0.625, 5.0)
+SHORTEST_FFT = 64
+FLOOR = 1e-4  # of full scale, inside logarithms
+FARTHEST = 1e3  # standard deviations
+LEAST_LIKELY = -100.0  # per frame
+LEVEL = pd.Index(
+    [
+        *("g1_log_level", "g2_temporal_sd", "g3_log_temporal_sd", "g4_frequency", "g5_log_amplitude"),
+        *("g6_row_of_maximum", "g7_col_of_maximum", "g8_duration"),
+    ]
+)
+
+
+class Hughes36(FeatureSet):
+    """Log-likelihoods under hidden Markov models of every gesture, and 8 features of the whole capture.
+
+    With C gestures there are 2 C + 8 columns: 36 for the 14 of CoST.
+
+    ============ ======================================================================================================
+    hmm_moments  C log-likelihoods per frame; the models see the moments of each frame, sum of p(r,c) r^i c^j with
+                 i + j <= 3, rows and columns counted from 1, sensor values as shares of full scale
+    hmm_code     C log-likelihoods per frame; the models see the 10 units in the middle of an autoencoder
+    g1           log of the mean over time of the summed pressure above each taxel's least value in the capture
+    g2, g3       SD over time of the mean pressure, sensor value, and its log
+    g4, g5       frequency (Hz) with the largest amplitude of the summed pressure between 0.625 and 5 Hz, and the log
+                 of that amplitude; the spectrum is that of the capture, padded to at least 64 frames
+    g6, g7       mean over time of the row / column of the frame's first maximum, counted from 1
+    g8           frames; left out if the captures that it is fitted to are all equally long, as in HAART
+    ============ ======================================================================================================
+
+    What the paper leaves open: 5 states, any of which may follow any other, diagonal covariances, 20 iterations from
+    k-means of the frames; observations standardised on the training frames. The autoencoder sees frames less the mean
+    frame, divided by one SD, and learns with Adam in batches of 512 from Xavier weights. The spectrum is that at the
+    corpus's own rate; the authors took CoST's 135 frames per second for 152. Its amplitude is that of a sine, in sensor
+    values of the sum. Logs have 1e-4 of full scale added to what is inside. Where the sum is constant or the band holds
+    no frequency, g4 and the amplitude are 0. Likelihoods are at least -100 per frame, so that a capture unlike all
+    others does not decide the scale of a column.
+
+    Args:
+        states: number of states of each model.
+        iterations: EM iterations of each model.
+        epochs: passes of the autoencoder over at most 100 000 training frames.
+        seed: of k-means, of the choice of these frames, of the autoencoder's weights and batches.
+
+    Attributes:
+        classes_: gestures, as ``y`` names them.
+        encoder_: weights and biases of the layers up to the code; the first also standardises.
+        models_: the `GaussianHMMs` on moments and on the code.
+        standard_: mean and SD over the training frames of moments and code.
+    """
+
+    learns = True
+
+    def __init__(self, states: int = 5, iterations: int = 20, epochs: int = 20, seed: int = 0) -> None:
+        self.states = states
+        self.iterations = iterations
+        self.epochs = epochs
+        self.seed = seed
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: a count below 1.
+        """
+        for name in ("states", "iterations", "epochs"):
+            if getattr(self, name) < 1:
+                raise InputError(f"features.{name}={getattr(self, name)}: give at least 1")
+
+    def fit(self, X: Corpus, y: np.ndarray) -> Hughes36:
+        """Learn the autoencoder and the models from captures and their class names."""
+        self.check()
+        self.classes_, codes = np.unique(np.asarray(y), return_inverse=True)
+        self.encoder_ = _encoder(_some_frames(X, FRAMES_TO_ENCODE, self.seed), self.epochs, self.seed)
+        self.models_, self.standard_ = [], []
+        for observe in self._observers():
+            frames = np.concatenate([observe(X[block]) for block in blocks(X)])
+            mean, sd = frames.mean(axis=0), frames.std(axis=0)
+            sd[sd <= 1e-9 * np.abs(mean)] = 1  # a constant up to rounding
+            self.standard_.append((mean, sd))
+            frames = _standardised(frames, mean, sd)
+            self.models_.append(GaussianHMMs(self.states, self.iterations, self.seed).fit(frames, X.lengths, codes))
+        ragged = len(np.unique(X.lengths)) > 1
+        self.level_ = LEVEL if ragged else LEVEL[:-1]
+        likelihoods = [f"hmm_{kind}_{gesture}" for kind in ("moments", "code") for gesture in self.classes_]
+        self.names_ = pd.Index([*likelihoods, *self.level_])
+        return self
+
+    def transform(self, X: Corpus) -> pd.DataFrame:
+        """Features of each capture [captures, 2 classes + 8 or 7]."""
+        check_is_fitted(self, "names_")
+        classes = len(self.classes_)
+        columns = np.empty((len(X), 2 * classes))
+        for i, observe in enumerate(self._observers()):
+            for block in blocks(X, FRAMES_TO_SCORE * X.grid[0] * X.grid[1]):
+                part = X[block]
+                frames = _standardised(observe(part), *self.standard_[i])
+                likelihood = self.models_[i].log_likelihood(frames, part.lengths) / part.lengths[:, None]
+                columns[block, i * classes : (i + 1) * classes] = np.maximum(likelihood, LEAST_LIKELY)
+        likelihoods = pd.DataFrame(columns, columns=self.names_[: 2 * classes])
+        return pd.concat([likelihoods, super().transform(X)[self.level_]], axis=1)
+
+    def extract(self, corpus: Corpus) -> pd.DataFrame:
+        """Compute the gesture-level features of every capture, the duration included."""
+        return table(corpus, LEVEL, _level)
+
+    @property
+    def parameters_(self) -> int:
+        """Learnt numbers: the encoder, the hidden Markov models, means and SDs of what they see."""
+        models = sum(a.size for m in self.models_ for a in (m.start_, m.transition_, m.mean_, m.variance_))
+        encoder = sum(a.size for layer in self.encoder_ for a in layer)
+        return models + encoder + sum(a.size for pair in self.standard_ for a in pair)
+
+    def __sklearn_is_fitted__(self) -> bool:
+        return hasattr(self, "names_")
+
+    def _observers(self) -> list[Callable[[Corpus], np.ndarray]]:
+        return [moments, lambda corpus: _code(_values(corpus), self.encoder_)]
+
+
+def moments(corpus: Corpus) -> np.ndarray:
+    """Raw geometric moments of every frame [frames, 10], in the order of ``ORDERS``."""
+    row, col = np.indices(corpus.grid).reshape(2, -1) + 1.0
+    return _values(corpus) @ np.stack([row**p * col**q for p, q in ORDERS], axis=1)
+
+
+def _values(corpus: Corpus) -> np.ndarray:
+    """Frames as shares of full scale, float64 [frames, taxels]."""
+    frames = np.concatenate(list(corpus), dtype=np.float64)
+    frames /= corpus.full_scale
+    return frames.reshape(len(frames), -1)
+
+
+def _some_frames(corpus: Corpus, most: int, seed: int) -> np.ndarray:
+    """Frames at equal distances through all captures, as shares of full scale, float32 [at most ``most``, taxels]."""
+    total = int(corpus.lengths.sum())
+    count = min(total, most)
+    place = (np.arange(count) + np.random.default_rng(seed).random()) * total // count
+    end = np.cumsum(corpus.lengths)
+    capture = np.searchsorted(end, place, side="right")
+    within = place - (end - corpus.lengths)[capture]
+    frames = corpus.frames[corpus.starts[capture] + within.astype(np.int64)].reshape(count, -1)
+    return frames.astype(np.float32) / np.float32(corpus.full_scale)
+
+
+def _encoder(frames: np.ndarray, epochs: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Train the autoencoder to reconstruct frames and return the layers up to its code."""
+    import torch
+    from torch import nn
+
+    mean = frames.mean(axis=0, dtype=np.float64)
+    sd = np.sqrt(frames.var(axis=0, dtype=np.float64).mean())  # one, or the noise of untouched taxels would count
+    sd = sd if sd > FLOOR else 1.0
+    frames = torch.from_numpy(((frames - mean) / sd).astype(np.float32))
+    sizes = [frames.shape[1], *HIDDEN, *HIDDEN[-2::-1], frames.shape[1]]
+    code = len(HIDDEN) - 1
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        linear = [nn.Linear(a, b) for a, b in pairwise(sizes)]
+        layers = []
+        for i, layer in enumerate(linear):
+            last = i in (code, len(linear) - 1)
+            nn.init.xavier_uniform_(layer.weight, gain=1.0 if last else 4.0)  # a sigmoid is flat: at most 1/4
+            layers += [layer] if last else [layer, nn.Sigmoid()]
+        net = nn.Sequential(*layers)
+        batch = min(BATCH, len(frames))
+        batches = len(frames) // batch
+        adam = torch.optim.Adam(net.parameters(), lr=RATE)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(adam, RATE, total_steps=epochs * batches + 1)
+        for _ in range(epochs):
+            for rows in torch.randperm(len(frames))[: batches * batch].view(batches, batch):
+                x = frames[rows]
+                adam.zero_grad()
+                loss = nn.functional.mse_loss(net(x), x)
+                loss.backward()
+                adam.step()
+                schedule.step()
+    learnt = [(layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy()) for layer in linear]
+    weight, bias = learnt[0]
+    learnt[0] = weight / sd, bias - weight @ mean / sd
+    return learnt[: code + 1]
+
+
+def _code(values: np.ndarray, encoder: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """The code of frames [frames, 10]."""
+    *hidden, (weight, bias) = encoder
+    for w, b in hidden:
+        values = values @ w.T
+        values += b
+        expit(values, out=values)
+    return values @ weight.T + bias
+
+
+def _standardised(frames: np.ndarray, mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
+    frames = frames - mean
+    frames /= sd
+    return np.clip(frames, -FARTHEST, FARTHEST, out=frames)
+
+
+def _level(touch: Touch) -> list[np.ndarray]:
+    floor = FLOOR * touch.full_scale
+    least = np.minimum.reduceat(touch.values, touch.first, axis=0).sum(axis=1, dtype=np.float64)
+    mean = touch.mean(touch.total)
+    sd = np.sqrt(touch.mean((touch.total - mean[touch.capture]) ** 2)) / touch.taxels
+    frequency, amplitude = _dominant(touch)
+    row, col = np.divmod(touch.values.argmax(axis=1), touch.grid[1])
+    return [
+        np.log(np.maximum(mean - least, 0) + floor),
+        sd,
+        np.log(sd + floor),
+        frequency,
+        np.log(amplitude + floor),
+        touch.mean(row + 1.0),
+        touch.mean(col + 1.0),
+        touch.lengths,
+    ]
+
+
+def _dominant(touch: Touch) -> tuple[np.ndarray, np.ndarray]:
+    """Frequency with the largest amplitude of the total in the band, and that amplitude; 0 where there is none."""
+    frequency, amplitude = np.zeros((2, len(touch.lengths)))
+    centred = touch.total - touch.mean(touch.total)[touch.capture]
+    moved = np.maximum.reduceat(touch.total, touch.first) - np.minimum.reduceat(touch.total, touch.first)
+    for i in np.flatnonzero(moved > 1e-9 * touch.full_scale):
+        length = int(touch.lengths[i])
+        points = max(length, SHORTEST_FFT)
+        bins = np.arange(points // 2 + 1) * touch.rate_hz / points
+        inside = np.flatnonzero((bins >= BAND_HZ[0]) & (bins <= BAND_HZ[1]))
+        if len(inside):
+            size = np.abs(rfft(centred[touch.first[i] : touch.first[i] + length], points)[inside])
+            best = (size >= size.max() * (1 - 1e-9)).argmax()  # of equal ones the first; rounding must not choose
+            frequency[i] = bins[inside[best]]
+            amplitude[i] = 2 * size[best] / length
+    return frequency, amplitude

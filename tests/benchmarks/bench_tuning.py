@@ -1,0 +1,80 @@
+"""How cheap may the inner protocol be: what each picks for jung2017_svm_rbf, how good it is, and how long it takes.
+
+Every outer fold of LOSO is searched over the published grid of 110 points with each inner protocol, with and without
+giving up what is worse. A pick is judged by the test subject; the row ``best fixed`` is the one point that is best over
+all test subjects, which no honest search can know.
+
+    OMP_NUM_THREADS=1 python tests/benchmarks/bench_tuning.py haart
+    OMP_NUM_THREADS=1 python tests/benchmarks/bench_tuning.py synth
+"""
+
+import sys
+from collections import Counter
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+
+from bench.store import open_corpus
+from features.jung54 import Jung54
+from models import tuning
+from models.jung2014 import PENALTIES
+from models.jung2017 import WIDTHS, jung2017_svm_rbf
+from models.svm import svm
+from protocols.subjects import LOSO
+
+INNER = ("2", "3", "5", "loso")
+
+
+def one(corpus: object, inner: str, worse: float, train: np.ndarray, test: np.ndarray) -> dict:
+    """Search in one outer fold."""
+    tuning.WORSE = worse
+    search = jung2017_svm_rbf(inner)
+    X = corpus[train]
+    search.fit(X, X.gestures)
+    hit = search.predict(corpus[test]) == corpus.gestures[test]
+    states = search.trials_["state"].value_counts()
+    return {
+        "inner": inner,
+        "given up at p": worse,
+        "accuracy": hit.mean(),
+        "seconds": search.search_seconds_,
+        "given up": states.get("pruned", 0),
+        "pick": (search.chosen_["svm.C"], search.chosen_["svm.gamma"]),
+    }
+
+
+def fixed(table: pd.DataFrame, corpus: object, C: float, gamma: float, folds: list) -> float:
+    """Mean accuracy of the test subjects with one point for all folds."""
+    hits = []
+    for train, test in folds:
+        model = svm("passthrough", C, gamma).fit(table.iloc[train], corpus.gestures[train])
+        hits.append((model.predict(table.iloc[test]) == corpus.gestures[test]).mean())
+    return float(np.mean(hits))
+
+
+def main(name: str) -> None:
+    """Print one line per inner protocol."""
+    small = {"subjects": 12, "repetitions": 2} if name == "synth" else {}
+    corpus = open_corpus(name, small).detached()
+    folds = list(LOSO().split(corpus))
+    print(f"{name}: {len(corpus)} captures, {len(folds)} subjects, LOSO, {len(PENALTIES) * len(WIDTHS)} points")
+    jobs = [(inner, worse, *fold) for inner in INNER for worse in (tuning.WORSE, 0.0) for fold in folds]
+    rows = pd.DataFrame(Parallel(2)(delayed(one)(corpus, *job) for job in jobs))
+    for (inner, worse), part in rows.groupby(["inner", "given up at p"], sort=False):
+        picks = Counter(part["pick"]).most_common(1)[0]
+        print(
+            f"inner={inner:4}  giving up {'on ' if worse else 'off'}  accuracy {100 * part['accuracy'].mean():.1f} "
+            f"± {100 * part['accuracy'].std():.1f}  {part['seconds'].mean():6.1f} s a fold  given up "
+            f"{part['given up'].mean():.0f}  most often picked C 2^{np.log2(picks[0][0]):.0f} gamma "
+            f"2^{np.log2(picks[0][1]):.0f} ({picks[1]} folds)"
+        )
+    table = Jung54().fit_transform(corpus)
+    points = [(C, gamma) for C in PENALTIES for gamma in WIDTHS]
+    found = Parallel(2)(delayed(fixed)(table, corpus, *point, folds) for point in points)
+    C, gamma = points[int(np.argmax(found))]
+    print(f"best fixed point C 2^{np.log2(C):.0f} gamma 2^{np.log2(gamma):.0f}: {100 * max(found):.1f}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

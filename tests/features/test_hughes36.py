@@ -1,0 +1,412 @@
+"""Likelihoods against sums over all state paths, gesture-level features against loops, and what may be learnt."""
+
+import itertools
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.special import logsumexp
+from scipy.stats import norm
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+from sklearn.linear_model import LinearRegression
+
+from bench import source
+from bench.corpora.synth import generate
+from bench.corpus import Corpus, InputError, open_folder, write_folder
+from features import hughes36
+from features.hmm import GaussianHMMs
+from features.hughes36 import Hughes36, moments
+from tests.conftest import random_corpus
+
+GRIDS = [(8, 8), (3, 5), (1, 4), (5, 1), (1, 1)]
+
+
+def quick(**parameters):
+    return Hughes36(**{"states": 2, "iterations": 2, "epochs": 1, **parameters})
+
+
+def corpus_of(arrays, gestures=None, rate=100.0, full_scale=1023.0):
+    about = pd.DataFrame({"subject": ["1"] * len(arrays), "gesture": gestures or ["pat"] * len(arrays)})
+    return Corpus.from_captures(arrays, about, rate, full_scale=full_scale)
+
+
+def random_models(rng, classes=2, states=3, values=2):
+    models = GaussianHMMs(states, 1)
+    models.start_ = rng.dirichlet(np.ones(states), classes)
+    models.transition_ = rng.dirichlet(np.ones(states), (classes, states))
+    models.mean_ = rng.normal(size=(classes, states, values))
+    models.variance_ = rng.uniform(0.1, 2, (classes, states, values))
+    return models
+
+
+def paths(models, c, frames):
+    """Every path of states through one sequence with its log-probability and that of the frames together."""
+    states = len(models.start_[c])
+    density = norm.logpdf(frames[:, None], models.mean_[c], np.sqrt(models.variance_[c])).sum(axis=2)
+    for path in itertools.product(range(states), repeat=len(frames)):
+        log = np.log(models.start_[c, path[0]]) + sum(density[t, s] for t, s in enumerate(path))
+        yield path, log + sum(np.log(models.transition_[c, a, b]) for a, b in itertools.pairwise(path))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.lists(st.integers(1, 5), min_size=1, max_size=4), st.integers(1, 3))
+def test_likelihood_is_the_sum_over_all_paths(seed, lengths, states):
+    rng = np.random.default_rng(seed)
+    models = random_models(rng, states=states)
+    sequences = [rng.normal(size=(n, 2)) for n in lengths]
+    found = models.log_likelihood(np.concatenate(sequences), np.array(lengths))
+    expected = [[logsumexp([log for _, log in paths(models, c, s)]) for c in range(2)] for s in sequences]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000), st.lists(st.integers(1, 40), min_size=1, max_size=6), st.sampled_from([0.1, 1, 30]))
+def test_likelihood_equals_a_loop_over_frames_in_logs(seed, lengths, far):
+    rng = np.random.default_rng(seed)
+    models = random_models(rng, classes=3, states=4)
+    sequences = [far * rng.normal(size=(n, 2)) for n in lengths]
+    found = models.log_likelihood(np.concatenate(sequences), np.array(lengths))
+    for i, frames in enumerate(sequences):
+        for c in range(3):
+            density = norm.logpdf(frames[:, None], models.mean_[c], np.sqrt(models.variance_[c])).sum(axis=2)
+            log = np.log(models.start_[c]) + density[0]
+            for t in range(1, len(frames)):
+                log = logsumexp(log[:, None] + np.log(models.transition_[c]), axis=0) + density[t]
+            assert found[i, c] == pytest.approx(logsumexp(log), rel=1e-9)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000))
+def test_an_iteration_equals_expectations_over_all_paths(seed):
+    rng = np.random.default_rng(seed)
+    begin = random_models(rng, states=2)
+    lengths = np.array([3, 1, 5, 2, 4, 5, 2])
+    classes = np.array([1, 0, 1, 0, 0, 1, 1])
+    frames = rng.normal(size=(lengths.sum(), 2))
+    models = GaussianHMMs(2, 1)
+    models._begin = lambda parts: vars(models).update({k: v.copy() for k, v in vars(begin).items() if k[-1] == "_"})
+    models.fit(frames, lengths, classes)
+    sequences = np.split(frames, np.cumsum(lengths)[:-1])
+    for c in range(2):
+        start, moves, weight, first, second = np.zeros(2), np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2)), 0
+        total = 0
+        for own in (sequences[i] for i in np.flatnonzero(classes == c)):
+            every = list(paths(begin, c, own))
+            likelihood = logsumexp([log for _, log in every])
+            total += likelihood
+            for path, log in every:
+                share = np.exp(log - likelihood)
+                start[path[0]] += share
+                for a, b in itertools.pairwise(path):
+                    moves[a, b] += share
+                for t, s in enumerate(path):
+                    weight[s] += share
+                    first[s] += share * own[t]
+                    second = second + share * np.outer(np.arange(2) == s, own[t] ** 2)
+        assume(weight.min() > 0.01 and moves.sum(axis=1).min() > 0.01)
+        mean = first / weight[:, None]
+        assert models.history_[0, c] == pytest.approx(total)
+        np.testing.assert_allclose(models.start_[c], start / start.sum(), atol=2e-6)
+        np.testing.assert_allclose(models.transition_[c], moves / moves.sum(axis=1, keepdims=True), atol=2e-6)
+        np.testing.assert_allclose(models.mean_[c], mean, atol=1e-9)
+        np.testing.assert_allclose(
+            models.variance_[c], np.maximum(second / weight[:, None] - mean**2, 1e-3), rtol=1e-7, atol=1e-9
+        )
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 5))
+def test_iterations_never_lower_the_likelihood(seed, states):
+    rng = np.random.default_rng(seed)
+    lengths = rng.integers(1, 40, 20)
+    frames = rng.normal(size=(lengths.sum(), 3)).cumsum(axis=0)
+    frames /= frames.std(axis=0)
+    classes = np.arange(20) % 3
+    models = GaussianHMMs(states, 15, seed).fit(frames, lengths, classes)
+    after = models.log_likelihood(frames, lengths)[np.arange(20), classes]
+    history = np.vstack([models.history_, np.bincount(classes, weights=after)])
+    assert (np.diff(history, axis=0) > -2e-3).all()  # floors cost a little
+    assert states == 1 or (history[-1] > history[0]).all()
+
+
+def test_two_states_are_recovered_for_each_class():
+    rng = np.random.default_rng(0)
+    mean, stay = np.array([[-1.0, 1.0], [1.5, 0.0]]), np.array([0.95, 0.8])
+    lengths, classes = rng.integers(1, 200, 60), np.arange(60) % 2
+    frames = []
+    for length, c in zip(lengths, classes, strict=True):
+        state = np.cumsum(rng.random(length) > stay[c]) % 2
+        frames.append(mean[c][state][:, None] + 0.1 * rng.normal(size=(length, 1)))
+    models = GaussianHMMs(2, 20).fit(np.concatenate(frames), lengths, classes)
+    np.testing.assert_allclose(np.sort(models.mean_[:, :, 0]), np.sort(mean), atol=0.02)
+    np.testing.assert_allclose(np.sqrt(models.variance_), 0.1, atol=0.01)
+    for c in range(2):
+        np.testing.assert_allclose(np.diag(models.transition_[c]), stay[c], atol=0.03)
+    assert (models.log_likelihood(np.concatenate(frames), lengths).argmax(axis=1) == classes).all()
+
+
+def naive(frames, rate, full_scale):
+    """Gesture-level features of one capture, frame by frame and taxel by taxel."""
+    T, R, C = frames.shape
+    P = frames.astype(float)
+    floor = 1e-4 * full_scale
+    total = [sum(P[t, r, c] for r in range(R) for c in range(C)) for t in range(T)]
+    least = [min(P[t, r, c] for t in range(T)) for r in range(R) for c in range(C)]
+    level = sum(sum(P[t].ravel()[i] - least[i] for i in range(R * C)) for t in range(T)) / T
+    mean = sum(total) / T
+    spread = (sum((s - mean) ** 2 for s in total) / T) ** 0.5 / (R * C)
+    points = max(T, 64)
+    best, where = 0.0, 0.0
+    for k in range(1, points // 2 + 1):
+        if 0.625 <= k * rate / points <= 5:
+            wave = sum((total[t] - mean) * np.exp(-2j * np.pi * k * t / points) for t in range(T))
+            if abs(wave) > best * (1 + 1e-9) and np.ptp(total) > 1e-9 * full_scale:
+                best, where = abs(wave), k * rate / points
+    row, col = [], []
+    for t in range(T):
+        r, c = max(((r, c) for r in range(R) for c in range(C)), key=lambda at: (P[t][at], -at[0], -at[1]))
+        row.append(r + 1)
+        col.append(c + 1)
+    at = [sum(row) / T, sum(col) / T]
+    return [np.log(level + floor), spread, np.log(spread + floor), where, np.log(2 * best / T + floor), *at, T]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(0, 10_000),
+    st.sampled_from(GRIDS),
+    st.sampled_from([3.0, 54.0, 100.0, 135.0]),
+    st.sampled_from([(0, 1023), (0, 2), (1022, 1023), (0, 0)]),
+    st.booleans(),
+)
+def test_gesture_level_features_equal_loops(seed, grid, rate, levels, real):
+    rng = np.random.default_rng(seed)
+    full_scale = 1.0 if real else 1023.0
+    arrays = [rng.integers(levels[0], levels[1] + 1, (rng.integers(1, 100), *grid)) for _ in range(3)]
+    arrays = [(a / 1023).astype(np.float32) if real else a.astype(np.uint16) for a in arrays]
+    table = quick().extract(corpus_of(arrays, rate=rate, full_scale=full_scale))
+    for i, frames in enumerate(arrays):
+        np.testing.assert_allclose(table.iloc[i], naive(frames, rate, full_scale), rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize(("rate", "length"), [(54.0, 432), (135.0, 270), (200.0, 1000)])
+def test_a_wave_has_its_frequency_and_amplitude(rate, length):
+    time = np.arange(length) / rate
+    frames = np.full((length, 2, 2), 0.5, np.float32)
+    frames[:, 0, 1] += 0.2 * np.sin(2 * np.pi * 3 * time) + 0.3 * np.sin(2 * np.pi * 8 * time)  # 8 Hz is too fast
+    row = quick().extract(corpus_of([frames], rate=rate, full_scale=1.0)).iloc[0]
+    assert row["g4_frequency"] == pytest.approx(3)
+    assert np.exp(row["g5_log_amplitude"]) == pytest.approx(0.2 + 1e-4, rel=1e-4)
+
+
+def test_without_a_frequency_in_the_band_it_is_0():
+    rng = np.random.default_rng(0)
+    arrays = [rng.integers(0, 1000, (n, 8, 8)).astype(np.uint16) for n in (1, 2, 30, 64)]
+    for rate, found in ((1.0, False), (1.5, True), (300.0, True), (400.0, False)):  # half of 1 Hz; 400 / 64 Hz
+        table = quick().extract(corpus_of(arrays, rate=rate))
+        assert (table["g4_frequency"][1:] > 0).eq(found).all() and table["g4_frequency"][0] == 0
+        assert table["g5_log_amplitude"][1:].ne(np.log(0.1023)).eq(found).all()
+
+
+def test_moments_by_hand():
+    frames = np.zeros((2, 3, 4), np.uint16)
+    frames[0, 1, 2] = 1023  # row 2, column 3
+    frames[1, 0, 0], frames[1, 2, 1] = 1023, 2046  # weight 1 at (1, 1), 2 at (3, 2)
+    found = moments(corpus_of([frames]))
+    np.testing.assert_allclose(found[0], [1, 3, 9, 27, 2, 6, 18, 4, 12, 8])
+    np.testing.assert_allclose(found[1], [3, 5, 9, 17, 7, 13, 25, 19, 37, 55])
+
+
+def test_the_code_is_that_of_a_network_with_sigmoids():
+    rng = np.random.default_rng(0)
+    frames = rng.random((50, 6)).astype(np.float32)
+    encoder = hughes36._encoder(frames, 1, 0)
+    assert [w.shape for w, _ in encoder] == [(200, 6), (100, 200), (50, 100), (25, 50), (10, 25)]
+    for frame, code in zip(frames.astype(float)[:5], hughes36._code(frames.astype(float), encoder)[:5], strict=True):
+        layer = frame
+        for weight, bias in encoder[:-1]:
+            layer = 1 / (1 + np.exp(-(weight @ layer + bias)))
+        np.testing.assert_allclose(code, encoder[-1][0] @ layer + encoder[-1][1], rtol=1e-9)
+
+
+def test_the_autoencoder_keeps_what_frames_differ_in():
+    rng = np.random.default_rng(0)
+    causes, patterns = rng.normal(size=(5000, 4)), rng.normal(size=(4, 64))
+    frames = 50 + 10 * (causes @ patterns + rng.normal(size=(5000, 64)))  # four fifths of the variance have four causes
+
+    def kept(epochs):
+        code = hughes36._code(frames, hughes36._encoder(frames[:4000].astype(np.float32), epochs, 0))
+        return LinearRegression().fit(code[:4000], frames[:4000]).score(code[4000:], frames[4000:])
+
+    assert kept(20) > max(0.65, kept(1) + 0.1)
+
+
+def test_frames_to_encode_are_spread_over_all_captures():
+    arrays = [np.full((n, 1, 1), i, np.uint16) for i, n in enumerate([1000, 10, 490, 2500])]
+    corpus = corpus_of(arrays, full_scale=1.0)[np.array([3, 0, 2])]
+    found = hughes36._some_frames(corpus, 399, 0).ravel().astype(int)
+    np.testing.assert_allclose(np.bincount(found), [100, 0, 49, 250], atol=1)
+    assert len(hughes36._some_frames(corpus, 10**6, 0)) == 3990
+    frames = corpus_of([np.arange(100, dtype=np.uint16).reshape(-1, 1, 1)], full_scale=1.0)
+    assert (hughes36._some_frames(frames, 100, 3).ravel() == np.arange(100)).all()
+
+
+def test_counts_of_columns():
+    gestures = [f"gesture{i:02d}" for i in range(14)]
+    ragged = random_corpus(subjects=1, gestures=gestures, longest=12)
+    features = quick().fit(ragged, ragged.gestures)
+    assert features.transform(ragged).shape[1] == 36
+    assert list(features.get_feature_names_out()[[0, 13, 14, 27]]) == [
+        *("hmm_moments_gesture00", "hmm_moments_gesture13", "hmm_code_gesture00", "hmm_code_gesture13")
+    ]
+    assert features.transform(ragged[:1]).shape[1] == 36  # what it is fitted to decides
+    equal = corpus_of([a[np.zeros(5, dtype=int)] for a in ragged], list(ragged.gestures))
+    assert quick().fit_transform(equal, equal.gestures).shape[1] == 35
+    assert quick().fit(equal, equal.gestures).transform(ragged).shape[1] == 35
+    two = ragged[np.flatnonzero(np.isin(ragged.gestures, gestures[:2]))]
+    table = quick().fit_transform(two, two.gestures)
+    assert table.shape == (6, 2 * 2 + 8) and table["g8_duration"].tolist() == two.lengths.tolist()
+
+
+@pytest.mark.parametrize("grid", [(8, 8), (1, 4), (1, 1)])
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+def test_everything_is_finite(grid, kind):
+    rng = np.random.default_rng(0)
+    top = 65535
+    constant = [np.full((n, *grid), v, kind) for n in (1, 2, 50) for v in (0, 7, top)]
+    noisy = [rng.integers(0, top + 1, (n, *grid)).astype(kind) for n in (1, 3, 70)]
+    still = [np.zeros((n, *grid), kind) for n in (1, 4)]
+    everything = corpus_of([*constant, *noisy], full_scale=65535.0)
+    for arrays, gestures in (
+        ([*constant, *noisy], ["a", "b"] * 6),
+        (still, ["a", "b"]),  # nothing was ever pressed
+        (constant[:1], ["a"]),
+        ([*noisy, constant[2]], ["a", "a", "a", "b"]),  # one capture of one frame
+    ):
+        features = quick(states=3).fit(corpus_of(arrays, gestures, full_scale=65535.0), np.array(gestures))
+        table = features.transform(everything)
+        assert np.isfinite(table).all(axis=None)
+        assert table.filter(like="hmm_").min(axis=None) >= -100
+
+
+def learnt(features):
+    models = [v for m in features.models_ for k, v in sorted(vars(m).items()) if k.endswith("_")]
+    return [
+        *models,
+        *(a for layer in features.encoder_ for a in layer),
+        *(a for pair in features.standard_ for a in pair),
+    ]
+
+
+def test_only_the_training_captures_are_learnt_from(corpus):
+    part = np.arange(0, len(corpus), 2)
+    before = quick().fit(corpus[part], corpus.gestures[part])
+    arrays = [a if i in part else a[::-1] * 0 + 1023 for i, a in enumerate(corpus)]
+    other = Corpus.from_captures(arrays, corpus.captures, corpus.rate_hz)
+    after = quick().fit(other[part], corpus.gestures[part])
+    assert all(np.array_equal(a, b) for a, b in zip(learnt(before), learnt(after), strict=True))
+    detached = corpus[part].detached()
+    assert all(
+        np.array_equal(a, b)
+        for a, b in zip(learnt(before), learnt(quick().fit(detached, detached.gestures)), strict=True)
+    )
+    whole = quick().fit(corpus, corpus.gestures)
+    assert not any(np.array_equal(a, b) for a, b in zip(learnt(before)[-4:], learnt(whole)[-4:], strict=True))
+
+
+def test_models_follow_the_labels_that_are_passed(corpus):
+    own = quick().fit(corpus, corpus.gestures)
+    shuffled = np.random.default_rng(0).permutation(corpus.gestures)
+    other = quick().fit(corpus, shuffled)
+    for a, b in zip(own.models_, other.models_, strict=True):
+        assert not np.allclose(a.mean_, b.mean_)
+    assert all(np.array_equal(a, b) for a, b in zip(learnt(own)[-14:], learnt(other)[-14:], strict=True))
+    renamed = quick().fit(corpus, np.where(corpus.gestures == "rub", "x", corpus.gestures))
+    assert list(renamed.classes_) == ["pat", "tap", "x"] and "hmm_code_x" in renamed.get_feature_names_out()
+    np.testing.assert_allclose(renamed.models_[0].mean_, own.models_[0].mean_[[0, 2, 1]])
+
+
+def test_a_capture_is_likeliest_under_the_model_of_its_class():
+    corpus = generate(subjects=3)
+    table = quick(states=3, iterations=5).fit_transform(corpus, corpus.gestures)
+    for kind in ("moments", "code"):
+        found = table.filter(like=f"hmm_{kind}_")
+        right = found.columns[found.to_numpy().argmax(axis=1)].str.removeprefix(f"hmm_{kind}_") == corpus.gestures
+        assert right.mean() > 3 / len(set(corpus.gestures))
+
+
+def test_likelihoods_are_per_frame_of_what_training_frames_standardise(corpus):
+    train, test = corpus[:20], corpus[20:]
+    features = quick(states=3).fit(train, train.gestures)
+    table = features.transform(test)
+    for kind, models, observe in (
+        ("moments", features.models_[0], moments),
+        ("code", features.models_[1], lambda c: hughes36._code(hughes36._values(c), features.encoder_)),
+    ):
+        seen = observe(train)
+        for i in range(len(test)):
+            frames = (observe(test[i : i + 1]) - seen.mean(axis=0)) / seen.std(axis=0)
+            expected = models.log_likelihood(frames, test.lengths[i : i + 1])[0] / test.lengths[i]
+            np.testing.assert_allclose(table.filter(like=f"hmm_{kind}_").iloc[i], expected.clip(-100), rtol=1e-6)
+
+
+def test_a_slice_has_the_rows_of_the_whole(corpus, monkeypatch):
+    features = quick(states=3).fit(corpus, corpus.gestures)
+    whole = features.transform(corpus)
+    assert list(whole.columns) == list(features.get_feature_names_out())
+    chosen = np.array([7, 3, 20, 3])
+    pd.testing.assert_frame_equal(
+        features.transform(corpus[chosen]), whole.iloc[chosen].reset_index(drop=True), rtol=1e-9, atol=1e-9
+    )
+    assert features.transform(corpus[np.array([], dtype=int)]).shape == (0, 14)
+    monkeypatch.setattr(hughes36, "FRAMES_TO_SCORE", 50)
+    pd.testing.assert_frame_equal(features.transform(corpus), whole, rtol=1e-9, atol=1e-9)
+
+
+def test_a_stored_corpus_gives_what_one_in_memory_gives(corpus, tmp_path, monkeypatch):
+    write_folder(corpus, tmp_path / "c")
+    stored = open_folder(tmp_path / "c")
+    part = np.array([0, 4, 8, 9, 13, 17])
+    here, there = (quick().fit(c[part], corpus.gestures[part]) for c in (corpus, stored))
+    pd.testing.assert_frame_equal(there.transform(stored[5:9]), here.transform(corpus[5:9]), rtol=1e-9)
+    monkeypatch.setattr(Hughes36, "extract", lambda *_: pytest.fail("computed again"))
+    assert len(there.transform(stored)) == len(corpus)
+
+
+def test_the_seed_decides_and_other_random_numbers_stay(corpus):
+    import torch
+
+    torch.manual_seed(3)
+    expected = torch.rand(1)
+    torch.manual_seed(3)
+    first = quick().fit(corpus, corpus.gestures)
+    assert torch.rand(1) == expected
+    again, other = (quick(seed=s).fit(corpus, corpus.gestures) for s in (0, 1))
+    assert all(np.array_equal(a, b) for a, b in zip(learnt(first), learnt(again), strict=True))
+    assert not np.array_equal(first.encoder_[0][0], other.encoder_[0][0])
+
+
+def test_parameters_clones_and_what_is_not_fitted(corpus):
+    for name in ("states", "iterations", "epochs"):
+        wrong = Hughes36(**{name: 0})
+        with pytest.raises(InputError, match=f"features.{name}=0: give at least 1"):
+            wrong.check()
+        with pytest.raises(InputError):
+            wrong.fit(corpus, corpus.gestures)
+    Hughes36(1, 1, 1).check()
+    for ask in (lambda f: f.transform(corpus), lambda f: f.get_feature_names_out()):
+        with pytest.raises(NotFittedError):
+            ask(quick())
+    assert Hughes36.learns and clone(quick(seed=4)).get_params() == quick(seed=4).get_params()
+    assert len(quick(states=1).fit(corpus, corpus.gestures).models_[0].transition_[0]) == 1
+
+
+def test_importing_the_module_imports_no_torch():
+    code = "import sys, features.hughes36; sys.exit('torch' in sys.modules)"
+    root = str(source.Path(source.__file__).parents[1])
+    assert subprocess.run([sys.executable, "-c", code], cwd=root, check=False).returncode == 0
