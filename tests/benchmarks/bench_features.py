@@ -1,13 +1,19 @@
-"""Feature extraction on one thread: corpora of CoST's size in time and memory, and one capture of 200 frames.
+"""Feature extraction on one thread: corpora of CoST's size in time and memory, one capture, and general libraries.
 
 The generated corpus is what the sensor sees; in the random one a quarter of the values may be a spatial peak, which is
-as slow as it gets.
+as slow as it gets. What a set learns is fitted to the corpus first and not timed, hughes36 to one tenth of it.
 
     OMP_NUM_THREADS=1 python tests/benchmarks/bench_features.py
+    OMP_NUM_THREADS=1 python tests/benchmarks/bench_features.py libraries
+
+The second one needs tsfresh and tsfel, which touchbench does not. They are given the 64 taxels of some of the captures
+as 64 series each, and are compared by the time per feature value, in turn with ta273 and gaus on the same captures.
 """
 
 import resource
+import sys
 import time
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -15,8 +21,15 @@ from threadpoolctl import threadpool_limits
 
 from bench.corpora.synth import generate
 from bench.corpus import Corpus
+from features.balli import Balli
+from features.gaus import Gaus
+from features.hughes36 import Hughes36
 from features.jung28 import Jung28
 from features.jung54 import Jung54
+from features.ta273 import Ta273
+from features.wingerden45 import Wingerden45
+
+SETS = (Jung28(), Jung54(), Wingerden45(), Ta273(), Balli(0), Gaus(), Hughes36())
 
 
 def random_corpus(captures: int = 7805, frames: int = 1_500_000) -> Corpus:
@@ -34,7 +47,14 @@ def peak_mib() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
 
 
-def main() -> None:
+def seconds_of(call: object, *arguments: object) -> float:
+    """Wall seconds of one call."""
+    started = time.perf_counter()
+    call(*arguments)
+    return time.perf_counter() - started
+
+
+def ours() -> None:
     """Print seconds and added memory per corpus, and milliseconds per capture, of each set."""
     makers = {"random": random_corpus, "generated": lambda: generate(subjects=31, repetitions=6)}
     for name, make in makers.items():  # random first: the peak of generating would hide what is added
@@ -42,21 +62,58 @@ def main() -> None:
         long = int(np.flatnonzero(corpus.lengths >= 200)[0])
         one = Corpus.from_captures([corpus[long][:200]], corpus.captures[:1], corpus.rate_hz)
         print(f"{name}: {len(corpus)} captures, {len(corpus.frames)} frames, {corpus.frames.nbytes / 2**20:.0f} MiB")
-        for features in (Jung28(), Jung54()):
-            before, started = peak_mib(), time.perf_counter()
-            features.transform(corpus)
-            seconds, added = time.perf_counter() - started, peak_mib() - before
-            times = []
-            for _ in range(300):
-                started = time.perf_counter()
-                features.transform(one)
-                times.append(time.perf_counter() - started)
+        for features in SETS:
+            part = corpus[::10] if isinstance(features, Hughes36) else corpus
+            features.fit(part, part.gestures)
+            before = peak_mib()
+            seconds = seconds_of(features.transform, corpus)
+            added = peak_mib() - before
+            alone = np.median([seconds_of(features.transform, one) for _ in range(100)])
             print(
                 f"  {type(features).__name__}: {seconds:.2f} s, peak memory +{added:.0f} MiB; "
-                f"one capture {1000 * np.median(times):.2f} ms (median)"
+                f"one capture {1000 * alone:.2f} ms (median)",
+                flush=True,
             )
 
 
+def libraries(captures: int = 6, rounds: int = 3) -> None:
+    """Print milliseconds per feature value of general libraries and of ours, and the ratio, on the same captures."""
+    import tsfel
+    from tsfresh import extract_features
+    from tsfresh.feature_extraction import EfficientFCParameters
+
+    corpus = generate(subjects=1, repetitions=1)[:captures].detached()
+    frames = corpus.frames.reshape(-1, 64).astype(float)
+    capture = np.repeat(np.arange(len(corpus)), corpus.lengths)
+    wide = pd.DataFrame(frames, columns=[f"taxel{i}" for i in range(64)]).assign(id=capture)
+    long = wide.melt("id")
+    settings = tsfel.get_features_by_domain()
+    calls = {
+        "tsfresh (efficient)": lambda: extract_features(
+            long, column_id="id", column_kind="variable", column_value="value", n_jobs=0, disable_progressbar=True,
+            default_fc_parameters=EfficientFCParameters(),
+        ),
+        "tsfel": lambda: pd.concat(
+            [tsfel.time_series_features_extractor(settings, part.drop(columns="id").reset_index(drop=True),
+                                                  fs=corpus.rate_hz, verbose=0) for _, part in wide.groupby("id")]
+        ),
+        "ta273": lambda: Ta273().fit(corpus).transform(corpus),
+        "gaus": lambda: Gaus().transform(corpus),
+    }  # fmt: skip
+    spent = {name: [] for name in calls}
+    for _ in range(rounds):
+        for name, call in calls.items():
+            started = time.perf_counter()
+            table = call()
+            spent[name].append(1000 * (time.perf_counter() - started) / table.size)
+    median = {name: float(np.median(times)) for name, times in spent.items()}
+    print(f"{len(corpus)} generated captures of 64 taxels, {len(corpus.frames)} frames; milliseconds per feature value")
+    for name, each in median.items():
+        ratios = ", ".join(f"{each / median[own]:.0f} x {own}" for own in ("ta273", "gaus"))
+        print(f"  {name}: {each:.5f}" + ("" if name in ("ta273", "gaus") else f" ({ratios})"))
+
+
 if __name__ == "__main__":
+    warnings.simplefilter("ignore")
     with threadpool_limits(1):
-        main()
+        libraries() if sys.argv[1:] == ["libraries"] else ours()
