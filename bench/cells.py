@@ -7,14 +7,12 @@ import importlib
 import inspect
 import itertools
 import json
-import sys
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
 from bench.registry import load, nearest, parameters
-from bench.source import source_digest
+from bench.source import source_digest, versions
 
 if TYPE_CHECKING:
     from bench.corpus import Corpus
@@ -58,7 +56,7 @@ class Cell:
 
     def system(self) -> str:
         """Model and feature set as they are named in tables."""
-        model = f"tuned {self.model}" if self.tuning else str(self.model)
+        model = f"tuned {self.model.name}[{_described(self.tuning)}]" if self.tuning else str(self.model)
         return f"{model} · {self.features}" if self.features else model
 
     def estimator(self) -> object:
@@ -69,8 +67,7 @@ class Cell:
             name = self.model.name
             features = {self.features.name: self.features.make()} if self.features else None
             how = {k: v for k, v in self.tuning.items() if k != "space"}
-            seed = self.model.parameters.get("seed", 0)
-            return Search({name: load("models", name)}, {name: self.tuning["space"]}, features, seed=seed, **how)
+            return Search({name: load("models", name)}, {name: self.tuning["space"]}, features, **how)
         return self.model.make(features=self.features.make()) if self.features else self.model.make()
 
     def feature_sets(self) -> dict[str, object]:
@@ -91,6 +88,7 @@ class Cell:
             "captures": hashlib.sha256(corpus.index.tobytes()).hexdigest(),
             "target": self.target,
             "tuning": repr(self.tuning),
+            "search": source_digest(importlib.import_module("models.tuning")) if self.tuning else "",
             "parts": [(p.room, p.name, p.parameters, source_digest(load(p.room, p.name))) for p in parts],
             "harness": source_digest(importlib.import_module("bench.fold")),
             "versions": versions(),
@@ -99,15 +97,11 @@ class Cell:
         return hashlib.sha256(json.dumps(same, sort_keys=True, default=str).encode()).hexdigest()[:20]
 
 
-def versions() -> dict[str, str]:
-    """Versions of the packages that results depend on."""
-    found = {"python": ".".join(map(str, sys.version_info[:3]))}
-    for name in ("touchbench", "numpy", "pandas", "scipy", "scikit-learn", "optuna", "xgboost", "xgboost-cpu", "torch"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:  # xgboost has two distributions, one of them is installed
-            continue
-    return found
+def _described(tuning: dict[str, object]) -> str:
+    """What a search tries and how, in a few words: ``C, gamma=0.1|1, inner=loso``."""
+    values = {k: v if isinstance(v, list) else None for k, v in tuning["space"].items()}
+    words = [k if v is None else f"{k}=" + "|".join(map(str, v)) for k, v in values.items()]
+    return ", ".join([*words, *(f"{k}={v}" for k, v in tuning.items() if k not in ("space", "seed"))])
 
 
 def parse(arguments: list[str], known: set[str]) -> dict[str, str]:

@@ -16,6 +16,9 @@ def parameter_count(estimator: ClassifierMixin) -> int | None:
     shares of its leaves. A search is as large as what it has chosen.
     """
     chosen = getattr(estimator, "best_", estimator)
+    if hasattr(chosen, "members"):
+        counts = [parameter_count(member) for member in chosen.members]
+        return None if None in counts else sum(counts)
     if hasattr(chosen, "steps"):
         features, last = getattr(chosen[0], "parameters_", 0), _classifier_parameters(chosen[-1])
         return None if last is None else features + last

@@ -33,11 +33,15 @@ def extract(arguments: list[str]) -> int:
     if hasattr(features, "check"):
         features.check()
     table = features.fit(corpus, corpus.gestures).transform(corpus)
+    if both := sorted(set(corpus.captures) & set(table)):
+        raise InputError(
+            f"{corpus.name} has a column {both[0]!r}, and so have the features; rename it and import again"
+        )
     whole = pd.concat([corpus.captures, table], axis=1)
     try:
         whole.to_parquet(out, index=False) if out.suffix == ".parquet" else whole.to_csv(out, index=False)
     except OSError as e:
-        raise InputError(f"{out} cannot be written ({e.strerror}); choose another out=") from e
+        raise InputError(f"{out} cannot be written ({e.strerror or e}); choose another out=") from e
     kind = "synthetic " if corpus.synthetic else ""
     print(f"{out}: {len(table)} {kind}captures, {table.shape[1]} features")
     if getattr(features, "learns", False):

@@ -37,7 +37,8 @@ def execute(asked: list[Cell], jobs: int | None) -> int:
     """
     plans = []  # every corpus, split and combination is checked before the first fold starts
     for cell in asked:
-        for part in (cell.estimator(), cell.features and cell.features.make()):
+        estimator = cell.estimator()
+        for part in (estimator, *cell.feature_sets().values()):
             if hasattr(part, "check"):
                 part.check()
         corpus = open_corpus(cell.data, cell.data_parameters)
@@ -46,6 +47,9 @@ def execute(asked: list[Cell], jobs: int | None) -> int:
         if cell.target != "gesture":
             corpus = corpus.with_target(cell.target)
         folds = folds_of(cell, corpus)
+        if hasattr(estimator, "check_training"):
+            for fold in folds:
+                estimator.check_training(corpus[fold.train], corpus.gestures[fold.train])
         plans.append((cell, corpus, folds, *share_cores(jobs, len(folds))))
     start_workers(*plans[0][3:])  # takes as long as opening the store
     if jobs and jobs > usable_cores():

@@ -34,16 +34,19 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
     """
     gestures, subjects = corpus.gestures, corpus.subjects
     if len(set(gestures)) < 2:
-        raise InputError(f"data={cell.data} where={cell.where!r}: only one gesture is left, nothing to tell apart")
+        raise InputError(
+            f"data={cell.data} where={cell.where!r}: only one {corpus.target} is left, nothing to tell apart"
+        )
     found: list[Fold] = []
     protocol = cell.protocol.make()
     for train, test in protocol.split(corpus, gestures, subjects):
         tested = set(subjects[test])
         name = tested.pop() if len(tested) == 1 and not protocol.mixes_subjects else f"fold{len(found) + 1:02d}"
         if lacking := sorted(set(gestures[test]) - set(gestures[train])):
+            leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
-                f"protocol={cell.protocol}: fold {name} tests gesture {lacking[0]} and trains none of it; "
-                f"leave it out with where=\"gesture != '{lacking[0]}'\" or choose another protocol"
+                f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} and trains none of it; "
+                f"{leave}choose another protocol"
             )
         found.append(Fold(name, train, test))
     if len({fold.name for fold in found}) < len(found):  # random splits may test the same subject twice

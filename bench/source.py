@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import inspect
 import sys
 from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 ROOMS = {"bench", "features", "models", "protocols"}
@@ -26,10 +28,11 @@ def source_digest(part: object) -> str:
         module = sys.modules[name]
         path = getattr(module, "__file__", None)
         found[name] = content(path, Path(path).stat().st_mtime_ns) if path else b""
-        for value in vars(module).values():
-            other = value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
-            if isinstance(other, str) and other.split(".")[0] in own and other in sys.modules:
-                todo.append(other)
+        used = {value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
+                for value in vars(module).values()}  # fmt: skip
+        if path and path.endswith(".py"):
+            used |= imported(found[name])  # a constant does not tell where it comes from
+        todo += [o for o in used if isinstance(o, str) and o.split(".")[0] in own and o in sys.modules]
     h = hashlib.sha256()
     for name in sorted(found):
         h.update(name.encode() + found[name])
@@ -40,3 +43,20 @@ def source_digest(part: object) -> str:
 def content(path: str, changed: int) -> bytes:
     """A file's bytes, read again when its time of change is another."""
     return Path(path).read_bytes()
+
+
+@lru_cache(maxsize=256)
+def imported(source: bytes) -> frozenset[str]:
+    """Modules that a source file imports names from when it is loaded itself, not later in a function."""
+    return frozenset(node.module for node in ast.parse(source).body if isinstance(node, ast.ImportFrom) and node.module)
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages that results depend on."""
+    found = {"python": ".".join(map(str, sys.version_info[:3]))}
+    for name in ("touchbench", "numpy", "pandas", "scipy", "scikit-learn", "optuna", "xgboost", "xgboost-cpu", "torch"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # xgboost has two distributions, one of them is installed
+            continue
+    return found

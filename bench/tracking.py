@@ -25,9 +25,10 @@ import pandas as pd
 from filelock import FileLock, Timeout
 
 from bench import scores
-from bench.cells import Cell, versions
+from bench.cells import Cell
 from bench.corpus import Corpus, InputError, home
 from bench.fold import FoldResult
+from bench.source import versions
 
 EXPERIMENT = "touchbench"
 
@@ -132,7 +133,7 @@ class CellRun:
             "features": ", ".join(cell.feature_sets()) or "raw frames",
             "model": str(cell.model),
             "system": cell.system(),
-            "seed": str(cell.model.parameters.get("seed", "none")),
+            "seed": str((cell.tuning or cell.model.parameters).get("seed", "none")),
         }
         run = self.client.create_run(self.experiment, run_name=title, tags=tags)
         params = {

@@ -27,19 +27,27 @@ def tune(arguments: list[str]) -> int:
     values = parse(arguments, KEYS)
     how = {k: convert(k, values[k], default) for k, default in OPTIONS.items() if k in values}
     given = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
-    asked = cells({k: v for k, v in values.items() if not k.startswith("model.")})
+    if "seed" in given:
+        raise InputError(f"model.seed={given['seed']}: give seed= instead, it is that of the search too")
+    asked = cells({k: v for k, v in values.items() if not k.startswith("model.") and k != "seed"})
     known = {name for cell in asked for name in cell.model.parameters}
     for name in given:
         if name not in known:
             raise InputError(f"model={values.get('model', 'svm')} has no parameter {name!r}; {nearest(name, known)}")
-    return execute([replace(cell, tuning=_tuning(cell, given, how)) for cell in asked], jobs_of(values))
+    seeds = [convert("seed", text, 0) for text in items("seed", values.get("seed", "0"))]
+    tuned = [replace(cell, tuning=_tuning(cell, given, how) | {"seed": seed}) for cell in asked for seed in seeds]
+    return execute(tuned, jobs_of(values))
 
 
 def _tuning(cell: Cell, given: dict[str, str], how: dict[str, object]) -> dict[str, object]:
     model = load("models", cell.model.name)
     usual = parameters(model)
+    if hasattr(cell.estimator(), "check_training"):
+        raise InputError(f"model={cell.model.name} searches by itself; use bench run model={cell.model.name}")
     space = {
-        name: [convert(f"model.{name}", value, usual[name]) for value in items(f"model.{name}", text)]
+        name: list(
+            dict.fromkeys(convert(f"model.{name}", value, usual[name]) for value in items(f"model.{name}", text))
+        )
         for name, text in given.items()
         if name in usual
     }

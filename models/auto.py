@@ -16,18 +16,25 @@ MODELS = {"svm": svm, "softmax": softmax, "rf": rf, "et": et, "xgb": xgb}
 
 
 def auto(
-    budget: float = 300.0, trials: int | None = None, inner: str = "3", objective: str = "accuracy", seed: int = 0
+    budget: float = 300.0,
+    trials: int | None = None,
+    inner: str = "3",
+    objective: str = "accuracy",
+    members: int = 3,
+    seed: int = 0,
 ) -> Search:
-    """The best of the classifiers on the best of the feature sets.
+    """The best of the classifiers on the best of the feature sets, or a few of them together.
 
     Args:
         budget: seconds of search in each fold. How far it gets depends on the machine; for a run that can be repeated
             give ``trials`` and a budget that is not reached.
         trials: combinations to try; None for as many as the budget allows.
         inner: groups of training subjects that judge, or ``loso``.
-        objective: ``accuracy``, or ``accuracy+time`` (see `Search`).
+        objective: ``accuracy``, or ``accuracy+time`` for the fastest that is good enough, alone (see `Search`).
+        members: how many of the best pairs of classifier and feature set decide together.
         seed: of the search and of the classifiers.
     """
     features = {"jung54": Jung54(), "ta273": Ta273(), "balli": Balli(0), "gaus": Gaus()}
     spaces = {name: model.space for name, model in MODELS.items()}
-    return Search(MODELS, spaces, features, inner, trials, budget, objective, seed)
+    members = members if objective == "accuracy" else min(members, 1)
+    return Search(MODELS, spaces, features, inner, trials, budget, objective, seed, members)

@@ -15,8 +15,8 @@ class PrunedTree(ClassifierMixin, BaseEstimator):
     """CART with Gini impurity, grown in full and cut back some steps of its cost-complexity sequence.
 
     Args:
-        level: steps of the sequence, as MATLAB counts them; 0 leaves the full tree, a level beyond the last step the
-            root alone.
+        level: steps of the sequence; one step cuts all links that are equally weak, the first one also those that cost
+            nothing. 0 leaves the full tree, a level beyond the last step the root alone.
         seed: of the order in which equal splits are tried.
     """
 
@@ -28,9 +28,11 @@ class PrunedTree(ClassifierMixin, BaseEstimator):
         """Grow and prune on features [captures, n_features] and class names [captures]."""
         X = np.asarray(X)
         full = DecisionTreeClassifier(random_state=self.seed)
-        alphas = full.cost_complexity_pruning_path(X, y).ccp_alphas
-        alpha = alphas[min(self.level, len(alphas) - 1)]
-        self.tree_ = DecisionTreeClassifier(random_state=self.seed, ccp_alpha=max(alpha, 0)).fit(X, y)
+        alphas = np.maximum(full.cost_complexity_pruning_path(X, y).ccp_alphas, 0)
+        # scikit-learn lists a link after the other, also equally weak ones, whose penalties differ by rounding
+        steps = alphas[np.append(np.diff(alphas) > 1e-9, True)]
+        alpha = steps[min(self.level, len(steps) - 1)]
+        self.tree_ = DecisionTreeClassifier(random_state=self.seed, ccp_alpha=alpha).fit(X, y)
         self.classes_ = self.tree_.classes_
         return self
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+import os
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import version
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -21,7 +23,7 @@ from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted
 
 from bench.corpus import Corpus, InputError, home
-from bench.source import source_digest
+from bench.source import source_digest, versions
 
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a combination is not followed further
 TIMED = 3  # single captures whose prediction is timed
@@ -45,6 +47,7 @@ class Search(ClassifierMixin, BaseEstimator):
     A combination is scored by the mean accuracy of the left-out training subjects. After each inner fold it is given
     up if a Wilcoxon signed-rank test over the subjects seen so far finds it worse than the best one (p < 0.1). The best
     one, of equal ones the one that takes the earliest values of each list, is then fitted to the whole training part.
+    Where there are several models or feature sets, each is tried with each other once before the search goes deeper.
 
     The study of a stored corpus is kept in the data folder under everything that it depends on; a search that was
     interrupted goes on where it stopped and chooses as if it had not been.
@@ -61,10 +64,12 @@ class Search(ClassifierMixin, BaseEstimator):
         objective: ``accuracy``; or ``accuracy+time``, which searches for both, gives nothing up, and takes the fastest
             combination whose accuracy is not below the best by more than a standard error of the paired difference.
         seed: of the search, and of models that take one.
+        members: how many of the best combinations, no two of the same model and features, decide together by their mean
+            probability. Which of several near-equal ones is the best is mostly chance; their mean depends less on it.
 
     Attributes:
-        best_: the fitted recogniser.
-        chosen_: model, features and parameters of it.
+        best_: the fitted recogniser, an `Average` if it has several members.
+        chosen_: model, features and parameters of it, or what each member is.
         trials_: one row per combination: its values, state, accuracy, predict_ms and whether it is on the front of
             accuracy against time.
         fit_seconds_: wall and CPU seconds of the last fit, ``search_seconds_`` those of all combinations.
@@ -80,6 +85,7 @@ class Search(ClassifierMixin, BaseEstimator):
         budget: float = float("inf"),
         objective: str = "accuracy",
         seed: int = 0,
+        members: int = 1,
     ) -> None:
         self.models = models
         self.spaces = spaces
@@ -89,6 +95,7 @@ class Search(ClassifierMixin, BaseEstimator):
         self.budget = budget
         self.objective = objective
         self.seed = seed
+        self.members = members
 
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run.
@@ -104,6 +111,8 @@ class Search(ClassifierMixin, BaseEstimator):
             raise InputError(f"model.budget={self.budget:g}: give a number of seconds above 0")
         if self.objective not in ("accuracy", "accuracy+time"):
             raise InputError(f"model.objective={self.objective}: give accuracy or accuracy+time")
+        if self.members < 1:
+            raise InputError(f"model.members={self.members}: give at least 1")
         if self.trials is None and self.budget == float("inf") and not self._grid():
             raise InputError("this search has no end: give a number of trials, or a budget in seconds")
         for part in (self.features or {}).values():
@@ -118,7 +127,7 @@ class Search(ClassifierMixin, BaseEstimator):
         """
         self.check()
         subjects = X.subjects.astype(str)
-        folds = inner_folds(subjects, self.inner)
+        folds = self.check_training(X, y)
         tables = _Tables(self.features or {}, X, y, folds)
         with _study(self, X, y) as study:
             finished = _finished(study)
@@ -126,14 +135,17 @@ class Search(ClassifierMixin, BaseEstimator):
             while len(finished) < self._size() and (time.monotonic() < ends or not finished):
                 self._try(study, len(finished), tables, y, subjects)
                 finished = _finished(study)
+        finished = self._counted(finished)
         names = [str(s) for s in np.unique(subjects)]
         self.trials_ = self._table(finished)
-        best = finished[self._best(finished, names)]
-        self.chosen_ = dict(best.params)
+        ranked = self._ranked(finished, names)
+        pairs = {(finished[i].params["model"], finished[i].params.get("features")): i for i in reversed(ranked)}
+        best = [finished[i].params for i in ranked if i in pairs.values()][: self.members]
+        self.chosen_ = dict(best[0]) if len(best) == 1 else {str(i): _named(p) for i, p in enumerate(best, 1)}
         self.search_seconds_ = _seconds(finished)
         wall, cpu = time.perf_counter(), time.process_time()
-        features = clone(self.features[best.params["features"]]) if self.features else None
-        self.best_ = self._make(best.params, features).fit(X, y)
+        fitted = [self._make(params, self._features(params)).fit(X, y) for params in best]
+        self.best_ = fitted[0] if len(fitted) == 1 else Average(fitted)
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
         self.classes_ = self.best_.classes_
         return self
@@ -162,6 +174,27 @@ class Search(ClassifierMixin, BaseEstimator):
         grid = {"model": [model]} | ({"features": list(self.features)} if self.features else {})
         return grid | {f"{model}.{k}": list(v) for k, v in spaces[0].items()}
 
+    def check_training(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The inner folds of a training part.
+
+        Raises:
+            InputError: it has fewer than two subjects, or an inner training part has only one class.
+        """
+        folds = inner_folds(X.subjects.astype(str), self.inner)
+        if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
+            raise InputError(
+                f"parameters are chosen by leaving training subjects out, which here leaves one class; "
+                f"choose another inner= than {self.inner}, or more captures"
+            )
+        return folds
+
+    def _counted(self, finished: list) -> list:
+        """Those of the stored trials that this search would have made: a study may hold a longer one."""
+        if self.trials is not None:
+            finished = finished[: self.trials]
+        spent = np.cumsum([t.user_attrs["seconds"] for t in finished])
+        return finished[: max(int((spent < self.budget).sum()) + 1, 1)]
+
     def _size(self) -> float:
         """Number of combinations to try."""
         every = float(np.prod([len(v) for v in grid.values()])) if (grid := self._grid()) else float("inf")
@@ -180,18 +213,16 @@ class Search(ClassifierMixin, BaseEstimator):
         from optuna.trial import TrialState
 
         unfinished = study.get_trials(deepcopy=False, states=(TrialState.RUNNING, TrialState.WAITING))
-        seed = int(np.random.SeedSequence([self.seed, number]).generate_state(1)[0])
-        study.sampler = optuna.samplers.TPESampler(seed=seed)
         reported: set[int] = set()
         if unfinished and unfinished[0].state == TrialState.RUNNING:
             reported = set(unfinished[0].intermediate_values)
             trial = optuna.Trial(study, unfinished[0]._trial_id)
         else:
-            if self._whole_grid() and not unfinished:  # Optuna's own grid sampler cannot go on after an interruption
-                study.enqueue_trial(self._combination(number))
+            if not unfinished and (given := self._given(number)):
+                study.enqueue_trial(given)
             trial = study.ask()
         started = time.perf_counter()
-        chosen = self._suggest(trial)
+        chosen = self._suggest(trial, number)
         name = chosen.get("features")
         accuracy: dict[str, float] = {}
         for fold, (train, test) in enumerate(tables.folds):
@@ -215,25 +246,43 @@ class Search(ClassifierMixin, BaseEstimator):
         mean = float(np.mean(list(accuracy.values())))
         study.tell(trial, mean if self.objective == "accuracy" else [mean, spent])
 
-    def _combination(self, number: int) -> dict[str, object]:
-        """One point of the grid, in an order that the seed shuffles: a good one early makes giving up quicker."""
-        grid = self._grid()
+    def _given(self, number: int) -> dict[str, object]:
+        """What is not left to the sampler: the points of a grid, or each model with each feature set once.
+
+        The seed shuffles them, as a good one early makes giving up quicker. (Optuna's own grid sampler cannot go on
+        after an interruption.)
+        """
+        grid = self._grid() if self._whole_grid() else {"model": list(self.models)}
+        if not self._whole_grid() and self.features:
+            grid["features"] = list(self.features)
         sizes = [len(values) for values in grid.values()]
-        place = np.unravel_index(np.random.default_rng(self.seed).permutation(np.prod(sizes))[number], sizes)
+        count = int(np.prod(sizes))
+        if number >= count or count == 1:
+            return {}
+        place = np.unravel_index(np.random.default_rng(self.seed).permutation(count)[number], sizes)
         return {name: values[i] for (name, values), i in zip(grid.items(), place, strict=True)}
 
-    def _suggest(self, trial: object) -> dict[str, object]:
-        chosen = {"model": trial.suggest_categorical("model", list(self.models))}
+    def _suggest(self, trial: object, number: int) -> dict[str, object]:
+        """The values of a trial; each is drawn with a seed of its own, in case the trial is cut off in between."""
+        import optuna
+
+        def seeded() -> object:
+            seed = np.random.SeedSequence([self.seed, number, len(chosen)]).generate_state(1)[0]
+            trial.study.sampler = optuna.samplers.TPESampler(seed=int(seed))
+            return trial
+
+        chosen: dict[str, object] = {}
+        chosen["model"] = seeded().suggest_categorical("model", list(self.models))
         if self.features:
-            chosen["features"] = trial.suggest_categorical("features", list(self.features))
+            chosen["features"] = seeded().suggest_categorical("features", list(self.features))
         for name, values in self.spaces[chosen["model"]].items():
             key = f"{chosen['model']}.{name}"
             if not isinstance(values, Range):
-                chosen[key] = trial.suggest_categorical(key, list(values))
+                chosen[key] = seeded().suggest_categorical(key, list(values))
             elif isinstance(values.low, int) and isinstance(values.high, int):
-                chosen[key] = trial.suggest_int(key, values.low, values.high, log=values.log)
+                chosen[key] = seeded().suggest_int(key, values.low, values.high, log=values.log)
             else:
-                chosen[key] = trial.suggest_float(key, values.low, values.high, log=values.log)
+                chosen[key] = seeded().suggest_float(key, values.low, values.high, log=values.log)
         return chosen
 
     def _make(self, chosen: dict[str, object], features: object) -> ClassifierMixin:
@@ -242,7 +291,7 @@ class Search(ClassifierMixin, BaseEstimator):
         takes = inspect.signature(factory).parameters
         handed = {"features": features} if "features" in takes else {}
         handed |= {"seed": self.seed} if "seed" in takes else {}
-        return factory(**handed, **{k.partition(".")[2]: v for k, v in chosen.items() if k.startswith(f"{name}.")})
+        return factory(**handed | {k.partition(".")[2]: v for k, v in chosen.items() if k.startswith(f"{name}.")})
 
     def _table(self, finished: list) -> pd.DataFrame:
         rows = []
@@ -258,17 +307,20 @@ class Search(ClassifierMixin, BaseEstimator):
         table = pd.DataFrame(rows)
         return table.assign(front=front(table["accuracy"].to_numpy(), table["predict_ms"].to_numpy()))
 
-    def _best(self, finished: list, subjects: list[str]) -> int:
-        """Position of the trial to take; nothing is left to the order in which trials were made."""
+    def _features(self, params: dict[str, object]) -> TransformerMixin | None:
+        return clone(self.features[params["features"]]) if self.features else None
+
+    def _ranked(self, finished: list, subjects: list[str]) -> list[int]:
+        """Positions of the complete trials, the one to take first; the order in which they were made has no say."""
         complete = [i for i, t in enumerate(finished) if "subjects" in t.user_attrs]
         scores = {i: np.array([finished[i].user_attrs["subjects"][s] for s in subjects]) for i in complete}
         ranked = sorted(complete, key=lambda i: (-round(scores[i].mean(), 9), self._place(finished[i].params)))
         if self.objective == "accuracy":
-            return ranked[0]
+            return ranked
         lost = {i: scores[ranked[0]] - scores[i] for i in ranked}
         error = {i: d.std(ddof=1) / np.sqrt(len(d)) for i, d in lost.items()}
         near = [i for i in ranked if lost[i].mean() <= error[i]]
-        return min(near, key=lambda i: (finished[i].user_attrs["predict_ms"], ranked.index(i)))
+        return sorted(near, key=lambda i: (finished[i].user_attrs["predict_ms"], ranked.index(i)))
 
     def _place(self, params: dict[str, object]) -> tuple:
         """Where a combination stands if every list is read from its first value."""
@@ -278,6 +330,26 @@ class Search(ClassifierMixin, BaseEstimator):
             value = params[f"{params['model']}.{name}"]
             place.append(value if isinstance(values, Range) else list(values).index(value))
         return tuple(place)
+
+
+class Average(ClassifierMixin, BaseEstimator):
+    """Fitted recognisers that decide together by their mean probability.
+
+    Args:
+        members: recognisers of the same classes.
+    """
+
+    def __init__(self, members: list[ClassifierMixin]) -> None:
+        self.members = members
+        self.classes_ = members[0].classes_
+
+    def predict_proba(self, X: Corpus) -> np.ndarray:
+        """Mean probability [captures, classes]."""
+        return np.mean([member.predict_proba(X) for member in self.members], axis=0)
+
+    def predict(self, X: Corpus) -> np.ndarray:
+        """Class name of each capture."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
 
 def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -365,6 +437,14 @@ def _milliseconds(model: ClassifierMixin, judged: Corpus | pd.DataFrame) -> floa
     return float(np.median(times))
 
 
+def _named(params: dict[str, object]) -> str:
+    """A combination in words: ``et · jung54 (leaf=1, tried=0.4)``."""
+    values = [f"{k.partition('.')[2]}={v:.4g}" if isinstance(v, float) else f"{k.partition('.')[2]}={v}"
+              for k, v in params.items() if "." in k]  # fmt: skip
+    parts = [str(params[k]) for k in ("model", "features") if k in params]
+    return f"{' · '.join(parts)} ({', '.join(values)})"
+
+
 def _finished(study: object) -> list:
     return [t for t in study.get_trials(deepcopy=False) if t.state.is_finished()]
 
@@ -387,16 +467,42 @@ def _study(search: Search, X: Corpus, y: np.ndarray) -> Iterator[object]:
         if not X.digest:
             yield optuna.create_study(directions=directions, pruner=pruner)
             return
-        from optuna.storages import JournalStorage
-        from optuna.storages.journal import JournalFileBackend
-
         path = home() / "studies" / f"{_key(search, X, y)}.journal"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with FileLock(path.with_suffix(".lock")):
-            storage = JournalStorage(JournalFileBackend(str(path)))
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            lock = FileLock(path.with_suffix(".lock"))
+            lock.acquire()
+        except OSError:  # a folder that cannot be written only costs the resuming
+            yield optuna.create_study(directions=directions, pruner=pruner)
+            return
+        try:
             yield optuna.create_study(
-                storage=storage, study_name="search", directions=directions, pruner=pruner, load_if_exists=True
+                storage=_journal(path), study_name="search", directions=directions, pruner=pruner, load_if_exists=True
             )
+        finally:
+            lock.release()
+
+
+def _journal(path: Path) -> object:
+    """Storage in a file that only this process has open; a last line that was cut off is dropped."""
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
+
+    class Held(JournalFileOpenLock):
+        """Nothing to do: the study is locked already. Optuna's own lock outlives a killed process by 30 s."""
+
+        def acquire(self) -> bool:
+            return True
+
+        def release(self) -> None:
+            pass
+
+    if path.exists():
+        content = path.read_bytes()
+        whole = content.rfind(b"\n") + 1
+        if whole < len(content):
+            os.truncate(path, whole)
+    return JournalStorage(JournalFileBackend(str(path), Held(str(path))))
 
 
 def _key(search: Search, X: Corpus, y: np.ndarray) -> str:
@@ -405,10 +511,18 @@ def _key(search: Search, X: Corpus, y: np.ndarray) -> str:
     parts = {
         "captures": [X.digest, hashlib.sha256(X.index.tobytes()).hexdigest()],
         "labels": hashlib.sha256("\n".join(map(str, y)).encode()).hexdigest(),
+        "models": list(search.models),
         "spaces": repr(search.spaces),
         "features": {k: sorted(map(repr, f.get_params().items())) for k, f in (search.features or {}).items()},
         "search": [search.inner, search.objective, search.seed, search._whole_grid()],
-        "code": [source_digest(part) for part in used],
-        "versions": [version(name) for name in ("numpy", "scipy", "scikit-learn", "optuna")],
+        "code": [_identity(part) for part in used],
+        "versions": versions(),
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:32]
+
+
+def _identity(part: Callable) -> list:
+    """Name and source of a factory or class; of a partial one also what it was given."""
+    if isinstance(part, partial):
+        return [*_identity(part.func), repr((part.args, sorted(part.keywords.items())))]
+    return [part.__module__, part.__qualname__, source_digest(part)]

@@ -60,7 +60,11 @@ def tracked(client: object) -> pd.DataFrame:
             [experiment.experiment_id], "tags.`touchbench.kind` = 'cell'", max_results=1000, page_token=token
         )
         rows += [
-            r.data.params | r.data.tags | r.data.metrics | {"status": r.info.status, "started": r.info.start_time}
+            {"target": "gesture"}
+            | r.data.params
+            | r.data.tags
+            | r.data.metrics
+            | {"status": r.info.status, "started": r.info.start_time}
             for r in page
             if "accuracy" in r.data.metrics
         ]

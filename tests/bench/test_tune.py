@@ -14,15 +14,19 @@ from features.jung28 import Jung28
 from reports.comparison import published
 from tests.bench.test_run import SMALL, predictions, runs
 
+FEW = ["data.subjects=1", "data.repetitions=1"]
 TUNE = ["tune", "features=jung28", "protocol=groupkfold", "protocol.folds=2", *SMALL]
 
 
 def test_a_grid_of_values_is_searched_in_every_fold(capsys):
     assert main([*TUNE, "model=svm", "model.C=1,512", "model.gamma=0.1", "inner=2"]) == 0
     out = capsys.readouterr().out
-    assert "tuned svm · jung28" in out and "Chosen in each training part" in out and "synthetic" in out
+    assert "tuned svm[C=1.0|512.0" in out and "Chosen in each training part" in out and "synthetic" in out
     client, (parent,) = runs("cell")
-    assert parent.data.params["tuning.inner"] == "2" and parent.data.tags["system"] == "tuned svm · jung28"
+    assert (
+        parent.data.params["tuning.inner"] == "2"
+        and parent.data.tags["system"] == "tuned svm[C=1.0|512.0, gamma=0.1, inner=2] · jung28"
+    )
     assert parent.data.metrics["search_seconds"] > 0
     folder = client.download_artifacts(parent.info.run_id, "")
     chosen, trials = (pd.read_csv(f"{folder}/{name}.csv") for name in ("chosen", "trials"))
@@ -45,10 +49,18 @@ def test_declared_ranges_are_searched_and_given_values_kept():
     assert (trials["state"] == "complete").all()
 
 
+def test_seeds_of_a_search_are_different_runs():
+    assert main([*TUNE, "model=bayes", "trials=2", "inner=2", "seed=0,1"]) == 0
+    client, parents = runs("cell")
+    assert [p.data.tags["seed"] for p in parents] == ["0", "1"]
+    tried = [pd.read_csv(client.download_artifacts(p.info.run_id, "trials.csv"))["bayes.ridge"] for p in parents]
+    assert not set(tried[0]) & set(tried[1])
+
+
 def test_auto_tells_what_it_chose(capsys):
     assert main(["run", "model=auto", "model.trials=1", "protocol=groupkfold", "protocol.folds=2", *SMALL]) == 0
     out = capsys.readouterr().out
-    assert "Chosen in each training part: auto" in out
+    assert "Chosen in each" in out and "auto[trials=1]" in out
     _, (parent,) = runs("cell")
     assert parent.data.tags["features"] == "jung54, ta273, balli, gaus"
 
@@ -71,6 +83,15 @@ def test_a_published_system_says_its_features():
         (["tune", "model=svm", "objective=speed"], "objective=speed: give accuracy or accuracy+time"),
         (["tune", "model=svm", "model.C=1,x"], "model.C=x: give a number"),
         (["tune", "model=svm", "model.C=0,1"], "model.C=0"),
+        (["tune", "model=jung2017_tree"], "model=jung2017_tree searches by itself; use bench run model=jung2017_tree"),
+        (["tune", "model=rf", "model.seed=1,2"], "model.seed=1,2: give seed= instead"),
+        (["run", "model=balli2015_rf", "model.selected=-1"], "features.selected=-1: give"),
+        (["run", "model=jung2014_svm", "where=subject in ['1', '2']"], "leaving training subjects out, and there is 1"),
+        (["run", "target=subject", "protocol=loso"], "tests subject 1 and trains none of it"),
+        (
+            ["extract", "out=/nonexistent/a.csv", "data.subjects=1", "data.repetitions=1"],
+            "cannot be written (Cannot save",
+        ),
         (["run", "model=auto", "model.budget=0"], "budget=0: give"),
         (["run", "target=mood"], "target=mood: synth has no full column 'mood'; known: subject, variant, gesture"),
         (["systems", "all"], "bench systems takes no arguments"),
@@ -97,7 +118,7 @@ def test_every_published_number_has_its_command_or_a_reason(capsys):
     for row in rows.itertuples():
         line = next(x for x in out.splitlines() if x.split()[:1] == [row.id])
         assert command(row) in line
-        assert f"model={row.system}" in line or line.rstrip().endswith(("build it", "not here yet"))
+        assert f"model={row.system}" in line or line.rstrip().endswith(("build it", "not here yet", "elsewhere"))
     assert "bench run data=cost where='variant == '\"'\"'rough'\"'\"'' protocol=loso model=jung2014_bayes" in out
     assert "bench run data=cost target=gesture+variant protocol=loso model=jung2017_bayes" in out
     assert "bench run data=haart protocol=challenge model=ta2015_rf" in out

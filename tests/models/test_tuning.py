@@ -1,5 +1,9 @@
 """The nested search: against a plain loop over grid and folds, interrupted and resumed, and blind to test subjects."""
 
+import time
+from functools import partial
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,6 +15,8 @@ from sklearn.svm import SVC
 
 from bench.corpus import InputError, home, open_folder, write_folder
 from bench.cost import parameter_count
+from features.balli import Balli
+from features.hughes36 import Hughes36
 from features.jung28 import Jung28
 from features.ta273 import Ta273
 from models import tuning
@@ -93,7 +99,7 @@ def test_bad_combinations_are_given_up_and_never_chosen():
     corpus = noisy(subjects=12)
     grid = {"C": [1.0, 8.0], "gamma": [1.0, 2.0**20, 2.0**21, 2.0**22]}  # the wide ones know their captures by heart
     searches = [Search({"svm": svm}, {"svm": grid}, {"jung28": Jung28()}, "3", seed=seed) for seed in range(50)]
-    good = [s for s in searches if (s._combination(0)["svm.C"], s._combination(0)["svm.gamma"]) == (8.0, 1.0)]
+    good = [s for s in searches if (s._given(0)["svm.C"], s._given(0)["svm.gamma"]) == (8.0, 1.0)]
     search = good[0].fit(corpus, corpus.gestures)  # begins with the best, so that the others can be told to be worse
     cut = search.trials_[search.trials_["state"] == "pruned"]
     assert len(cut) > 0 and (cut["subjects"] < 12).all() and not cut["front"].any()
@@ -131,19 +137,111 @@ def test_an_interrupted_search_goes_on_and_chooses_the_same(tmp_path, monkeypatc
     assert made == -999 and done < 14  # all stored: only the last fit is made
 
 
-def test_a_study_belongs_to_captures_labels_and_space(tmp_path):
+@pytest.mark.parametrize("cut", [1, 2, 3, 4, 6, 8, 11])
+def test_a_search_cut_off_between_two_values_goes_on_with_the_same_ones(tmp_path, monkeypatch, cut):
+    import optuna
+
+    corpus = stored(noisy(), tmp_path)
+    space = {"C": Range(0.01, 1e3, log=True), "gamma": Range(0.01, 1.0)}
+    search = lambda: Search({"svm": svm}, {"svm": space}, {"jung28": Jung28()}, "2", trials=4)  # noqa: E731
+    straight = search().fit(corpus, corpus.gestures).trials_
+    (home() / "studies").rename(home() / "gone")
+    storage = optuna.storages.JournalStorage
+    real, calls = storage.set_trial_param, []
+
+    def stop(self, *args):
+        calls.append(1)
+        if len(calls) == cut:
+            raise KeyboardInterrupt
+        return real(self, *args)
+
+    monkeypatch.setattr(storage, "set_trial_param", stop)
+    with pytest.raises(KeyboardInterrupt):
+        search().fit(corpus, corpus.gestures)
+    monkeypatch.setattr(storage, "set_trial_param", real)
+    resumed = search().fit(corpus, corpus.gestures).trials_
+    told = ["svm.C", "svm.gamma", "state", "accuracy"]
+    pd.testing.assert_frame_equal(resumed[told], straight[told])
+
+
+def test_a_cut_line_and_a_lock_of_a_killed_process_do_no_harm(tmp_path):
+    corpus = stored(noisy(), tmp_path)
+    search = lambda trials: Search({"svm": svm}, {"svm": svm.space}, {"jung28": Jung28()}, "2", trials=trials)  # noqa: E731
+    longer = search(4).fit(corpus, corpus.gestures)
+    (path,) = (home() / "studies").glob("*.journal")
+    path.write_bytes(path.read_bytes()[:-7])
+    path.with_suffix(".journal.lock").write_text("")
+    started = time.perf_counter()
+    again = search(4).fit(corpus, corpus.gestures)
+    assert time.perf_counter() - started < 15  # Optuna's own lock would wait 30 s
+    assert again.chosen_ == longer.chosen_ and len(again.trials_) == 4
+
+
+def test_a_shorter_search_is_not_answered_by_a_longer_one(tmp_path):
+    corpus = stored(noisy(), tmp_path)
+    search = lambda **how: Search({"svm": svm}, {"svm": svm.space}, {"jung28": Jung28()}, "2", **how)  # noqa: E731
+    short = search(trials=2).fit(corpus, corpus.gestures)
+    whole = search(trials=6).fit(corpus, corpus.gestures)
+    assert len(whole.trials_) == 6
+    again = search(trials=2).fit(corpus, corpus.gestures)
+    assert again.chosen_ == short.chosen_ and len(again.trials_) == 2
+    seconds = whole.trials_["seconds"].cumsum()
+    assert len(search(budget=float(seconds[2]) - 1e-6).fit(corpus, corpus.gestures).trials_) == 3
+
+
+def test_studies_that_cannot_be_written_only_cost_time(tmp_path):
+    corpus = stored(noisy(), tmp_path)
+    home().mkdir(exist_ok=True)
+    (home() / "studies").write_text("in the way")
+    assert len(Search({"svm": svm}, {"svm": GRID}, {"jung28": Jung28()}, "2").fit(corpus, corpus.gestures).trials_) == 6
+
+
+@pytest.mark.parametrize("learnt", [Ta273(), Balli(5), Hughes36(states=2, iterations=2, epochs=1)])
+def test_learnt_features_never_see_the_subjects_that_judge(learnt):
+    corpus = noisy(subjects=4)
+    folds = inner_folds(corpus.subjects.astype(str), "2")
+    judges = folds[0][1]
+    changed, labels = corpus.frames.copy(), corpus.gestures.copy()
+    for start, length in zip(corpus.starts[judges], corpus.lengths[judges], strict=True):
+        changed[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, 8, 8))
+    labels[judges] = "pat"
+    other = type(corpus)(**{**vars(corpus), "frames": changed})
+    tables = [
+        tuning._Tables({"f": learnt}, c, y, folds).train("f", 0)
+        for c, y in ((corpus, corpus.gestures), (other, labels))
+    ]
+    pd.testing.assert_frame_equal(*tables)
+
+
+def test_what_cannot_be_judged_is_told():
+    corpus = noisy(subjects=2)
+    one_each = corpus[((corpus.subjects == "1") & (corpus.gestures == "pat")) | (corpus.subjects == "2")]
+    with pytest.raises(InputError, match="which here leaves one class"):
+        Search({"svm": svm}, {"svm": GRID}, {"jung28": Jung28()}, "2").fit(one_each, one_each.gestures)
+
+
+def test_a_study_belongs_to_captures_labels_space_and_code(tmp_path, monkeypatch):
     corpus = stored(noisy(), tmp_path)
     search = Search({"svm": svm}, {"svm": GRID}, {"jung28": Jung28()}, "2")
     other = Search({"svm": svm}, {"svm": GRID | {"C": [8.0]}}, {"jung28": Jung28()}, "2")
-    keys = {
-        tuning._key(search, corpus, corpus.gestures),
-        tuning._key(search, corpus[1:], corpus.gestures[1:]),
-        tuning._key(search, corpus, corpus.gestures[::-1]),
-        tuning._key(other, corpus, corpus.gestures),
-        tuning._key(Search({"svm": svm}, {"svm": GRID}, {"ta273": Ta273()}, "2"), corpus, corpus.gestures),
-        tuning._key(Search({"svm": svm}, {"svm": GRID}, {"jung28": Jung28()}, "3"), corpus, corpus.gestures),
-    }
-    assert len(keys) == 6
+    features = {"jung28": Jung28()}
+    searches = [
+        search,
+        other,
+        Search({"svm": svm}, {"svm": GRID}, {"ta273": Ta273()}, "2"),
+        Search({"svm": svm}, {"svm": GRID}, features, "3"),
+        Search({"svm": svm}, {"svm": GRID}, features, "2", seed=1),
+        Search({"svm": svm}, {"svm": GRID}, features, "2", objective="accuracy+time"),
+        Search({"svm": rf}, {"svm": GRID}, features, "2"),
+        Search({"svm": et}, {"svm": GRID}, features, "2"),
+        Search({"svm": partial(svm, C=1.0)}, {"svm": GRID}, features, "2"),
+        Search({"svm": partial(svm, C=2.0)}, {"svm": GRID}, features, "2"),
+    ]
+    keys = {tuning._key(each, corpus, corpus.gestures) for each in searches}
+    keys |= {tuning._key(search, corpus[1:], corpus.gestures[1:]), tuning._key(search, corpus, corpus.gestures[::-1])}
+    assert len(keys) == 12
+    monkeypatch.setattr(tuning, "source_digest", lambda part: "changed")
+    assert tuning._key(search, corpus, corpus.gestures) not in keys
 
 
 def test_a_budget_ends_the_search():
@@ -166,6 +264,53 @@ def test_the_fastest_of_those_that_are_as_good_is_taken():
     assert (search.trials_["state"] == "complete").all() and search.trials_["predict_ms"].notna().all()
 
 
+def test_several_members_decide_together():
+    corpus = noisy()
+    search = auto(trials=8, members=2, inner="2")
+    search.features = {"a": Jung28(), "b": Ta273()}
+    search.models = {"svm": svm, "et": et}
+    search.spaces = {"svm": svm.space, "et": {"trees": [20]}}
+    search.fit(corpus, corpus.gestures)
+    pairs = search.trials_[["model", "features"]].agg("|".join, axis=1)
+    assert set(pairs[:4]) == {"svm|a", "svm|b", "et|a", "et|b"}  # each with each before the search goes deeper
+    complete = search.trials_.assign(pair=pairs)[search.trials_["state"] == "complete"]
+    best = complete.groupby("pair")["accuracy"].max().nlargest(2)
+    told = {" | ".join(text.split(" (")[0].split(" · ")) for text in search.chosen_.values()}
+    assert len(told) == 2 and {pair.replace("|", " | ") for pair in best[best > best.min()].index} <= told
+    members = search.best_.members
+    assert len(members) == 2
+    mean = (members[0].predict_proba(corpus) + members[1].predict_proba(corpus)) / 2
+    np.testing.assert_allclose(search.predict_proba(corpus), mean)
+    assert parameter_count(search) == sum(parameter_count(member) for member in members)
+    with pytest.raises(InputError, match="model.members=0: give at least 1"):
+        auto(members=0).check()
+
+
+def test_one_standard_error_by_hand():
+    """The fastest whose mean loss to the best, subject by subject, is within its standard error."""
+    accuracy = {0: [0.9, 0.9, 0.9, 0.9], 1: [0.9, 0.8, 0.9, 0.8], 2: [0.9, 0.7, 1.0, 0.9], 3: [0.1, 0.1, 0.1, 0.1]}
+    spent = {0: 9.0, 1: 1.0, 2: 5.0, 3: 0.1}  # losses: 1 is 0.05 +- 0.029, 2 is 0.025 +- 0.063, 3 is 0.8 +- 0
+    finished = [
+        SimpleNamespace(
+            params={"model": "svm", "features": "f", "svm.C": 2.0**i},
+            user_attrs={"subjects": dict(zip("abcd", accuracy[i], strict=True)), "predict_ms": spent[i]},
+        )
+        for i in accuracy
+    ]
+    search = Search({"svm": svm}, {"svm": {"C": [1.0, 2.0, 4.0, 8.0]}}, {"f": Jung28()}, objective="accuracy+time")
+    assert search._ranked(finished, list("abcd"))[0] == 2
+    search.objective = "accuracy"
+    assert search._ranked(finished[::-1], list("abcd")) == [3, 1, 2, 0]
+
+
+def test_of_equal_combinations_the_earliest_values_are_taken():
+    same = {"subjects": {"a": 0.5, "b": 0.5}}
+    params = [{"model": "svm", "features": "f", "svm.C": c} for c in (4.0, 1.0, 2.0)]
+    finished = [SimpleNamespace(params=p, user_attrs=same) for p in params]
+    search = Search({"svm": svm}, {"svm": {"C": [1.0, 2.0, 4.0]}}, {"f": Jung28()})
+    assert search._ranked(finished, ["a", "b"]) == [1, 2, 0]
+
+
 def test_the_front_by_hand():
     accuracy = np.array([0.9, 0.8, 0.8, 0.7, 0.95, 0.9])
     cost = np.array([3.0, 1.0, 2.0, 1.0, np.nan, 3.0])
@@ -184,8 +329,14 @@ def test_raw_frames_are_searched_too():
 SEARCHES = {
     "grid": lambda: Search({"svm": svm}, {"svm": GRID}, {"jung28": Jung28()}, "2"),
     "learnt features": lambda: Search({"svm": svm}, {"svm": GRID}, {"ta273": Ta273()}, "2"),
+    "published": lambda: jung2014_svm("2"),
     "two sets, two models": lambda: Search(
-        {"svm": svm, "et": et}, {"svm": svm.space, "et": {"trees": [20]}}, {"a": Jung28(), "b": Ta273()}, "2", trials=4
+        {"svm": svm, "et": et},
+        {"svm": svm.space, "et": {"trees": [20]}},
+        {"a": Jung28(), "b": Ta273()},
+        "2",
+        trials=4,
+        members=2,
     ),
 }
 
@@ -201,6 +352,25 @@ def test_test_subjects_change_nothing_that_is_chosen_or_learned(name):
     probe = random_corpus(seed=9)
     found = [SEARCHES[name]().fit(c[train], c.gestures[train]) for c in (corpus, other)]
     assert found[0].chosen_ == found[1].chosen_
+    assert np.array_equal(*(search.predict_proba(probe) for search in found))
+
+
+def test_a_stored_corpus_leaks_nothing_through_tables_and_studies(tmp_path):
+    """The same, with the cache of features and the stored study on the way."""
+    corpus = noisy(subjects=4)
+    train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
+    changed = corpus.frames.copy()
+    for start, length in zip(corpus.starts[test], corpus.lengths[test], strict=True):
+        changed[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, 8, 8))
+    other = type(corpus)(**{**vars(corpus), "frames": changed})
+    found = []
+    for name, c in (("a", corpus), ("b", other)):
+        write_folder(c, tmp_path / name)
+        c = open_folder(tmp_path / name)
+        found.append(SEARCHES["learnt features"]().fit(c[train], c.gestures[train]))
+    assert found[0].chosen_ == found[1].chosen_
+    assert len(list((home() / "features").iterdir())) == len(list((home() / "studies").glob("*.journal"))) == 2
+    probe = random_corpus(seed=9)
     assert np.array_equal(*(search.predict_proba(probe) for search in found))
 
 
