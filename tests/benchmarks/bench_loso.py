@@ -23,10 +23,13 @@ def main(model: str = "cnn85", count: str = "4") -> None:
         rows = result.predictions
         classes = [c for c in rows if c.startswith("p_")]
         correct = rows[classes].idxmax(axis=1).str.removeprefix("p_") == rows["true"]
+        told = f"rates {sorted({h['rate'] for h in result.history})}" if result.history else ""
+        if result.chosen:
+            told = f"search {result.metrics['search_seconds']:.0f} s, {result.chosen}"
+            told += f", given up {(result.trials['state'] == 'pruned').sum()} of {len(result.trials)}"
         print(
             f"fold {result.name}: fit {result.metrics['fit_seconds']:.0f} s, {len(rows)} decisions, "
-            f"{correct.mean():.1%} of them right, peak {result.metrics['peak_rss_bytes'] / 2**20:.0f} MiB, "
-            f"rates {sorted({h['rate'] for h in result.history})}",
+            f"{correct.mean():.1%} of them right, peak {result.metrics['peak_rss_bytes'] / 2**20:.0f} MiB, {told}",
             flush=True,
         )
     wall = time.perf_counter() - started
