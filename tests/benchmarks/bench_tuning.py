@@ -1,11 +1,12 @@
 """How cheap may the inner protocol be: what each picks for jung2017_svm_rbf, how good it is, and how long it takes.
 
 Every outer fold of LOSO is searched over the published grid of 110 points with each inner protocol, with and without
-giving up what is worse. A pick is judged by the test subject; the row ``best fixed`` is the one point that is best over
-all test subjects, which no honest search can know.
+giving up what is worse. A pick is judged by the test subject; ``to loso`` is the mean difference over test subjects to
+what the papers do, with its standard error. The row ``best fixed`` is the one point that is best over all test
+subjects, which no honest search can know.
 
     OMP_NUM_THREADS=1 python tests/benchmarks/bench_tuning.py haart
-    OMP_NUM_THREADS=1 python tests/benchmarks/bench_tuning.py synth
+    OMP_NUM_THREADS=1 python tests/benchmarks/bench_tuning.py synth 3,loso on
 """
 
 import sys
@@ -22,8 +23,6 @@ from models.jung2014 import PENALTIES
 from models.jung2017 import WIDTHS, jung2017_svm_rbf
 from models.svm import svm
 from protocols.subjects import LOSO
-
-INNER = ("2", "3", "5", "loso")
 
 
 def one(corpus: object, inner: str, worse: float, train: np.ndarray, test: np.ndarray) -> dict:
@@ -53,19 +52,22 @@ def fixed(table: pd.DataFrame, corpus: object, C: float, gamma: float, folds: li
     return float(np.mean(hits))
 
 
-def main(name: str) -> None:
-    """Print one line per inner protocol."""
+def main(name: str, inners: str = "2,3,5,loso", giving_up: str = "on,off") -> None:
+    """Print one line per inner protocol, the last of which is the one to compare with."""
     small = {"subjects": 12, "repetitions": 2} if name == "synth" else {}
     corpus = open_corpus(name, small).detached()
     folds = list(LOSO().split(corpus))
     print(f"{name}: {len(corpus)} captures, {len(folds)} subjects, LOSO, {len(PENALTIES) * len(WIDTHS)} points")
-    jobs = [(inner, worse, *fold) for inner in INNER for worse in (tuning.WORSE, 0.0) for fold in folds]
+    levels = [{"on": tuning.WORSE, "off": 0.0}[word] for word in giving_up.split(",")]
+    jobs = [(inner, worse, *fold) for inner in inners.split(",") for worse in levels for fold in folds]
     rows = pd.DataFrame(Parallel(2)(delayed(one)(corpus, *job) for job in jobs))
+    reference = rows["accuracy"].to_numpy()[-len(folds) :]
     for (inner, worse), part in rows.groupby(["inner", "given up at p"], sort=False):
         picks = Counter(part["pick"]).most_common(1)[0]
+        lost = 100 * (part["accuracy"].to_numpy() - reference)
         print(
             f"inner={inner:4}  giving up {'on ' if worse else 'off'}  accuracy {100 * part['accuracy'].mean():.1f} "
-            f"± {100 * part['accuracy'].std():.1f}  {part['seconds'].mean():6.1f} s a fold  given up "
+            f"± {100 * part['accuracy'].std():.1f}  to loso {lost.mean():+.1f} ± {lost.std(ddof=1) / np.sqrt(len(lost)):.1f}  {part['seconds'].mean():6.1f} s a fold  given up "
             f"{part['given up'].mean():.0f}  most often picked C 2^{np.log2(picks[0][0]):.0f} gamma "
             f"2^{np.log2(picks[0][1]):.0f} ({picks[1]} folds)"
         )
