@@ -63,13 +63,14 @@ def main(name: str, inners: str = "2,3,5,loso", giving_up: str = "on,off") -> No
     rows = pd.DataFrame(Parallel(2)(delayed(one)(corpus, *job) for job in jobs))
     reference = rows["accuracy"].to_numpy()[-len(folds) :]
     for (inner, worse), part in rows.groupby(["inner", "given up at p"], sort=False):
-        picks = Counter(part["pick"]).most_common(1)[0]
         lost = 100 * (part["accuracy"].to_numpy() - reference)
+        (C, gamma), often = Counter(part["pick"]).most_common(1)[0]
         print(
-            f"inner={inner:4}  giving up {'on ' if worse else 'off'}  accuracy {100 * part['accuracy'].mean():.1f} "
-            f"± {100 * part['accuracy'].std():.1f}  to loso {lost.mean():+.1f} ± {lost.std(ddof=1) / np.sqrt(len(lost)):.1f}  {part['seconds'].mean():6.1f} s a fold  given up "
-            f"{part['given up'].mean():.0f}  most often picked C 2^{np.log2(picks[0][0]):.0f} gamma "
-            f"2^{np.log2(picks[0][1]):.0f} ({picks[1]} folds)"
+            f"inner={inner:4}  giving up {'on ' if worse else 'off'}  "
+            f"accuracy {100 * part['accuracy'].mean():.1f} ± {100 * part['accuracy'].std():.1f}  "
+            f"to loso {lost.mean():+.1f} ± {lost.std(ddof=1) / np.sqrt(len(lost)):.1f}  "
+            f"{part['seconds'].mean():6.1f} s a fold  given up {part['given up'].mean():.0f}  "
+            f"most often C 2^{np.log2(C):.0f} gamma 2^{np.log2(gamma):.0f} ({often} folds)"
         )
     table = Jung54().fit_transform(corpus)
     points = [(C, gamma) for C in PENALTIES for gamma in WIDTHS]
