@@ -4,7 +4,32 @@ from __future__ import annotations
 
 from sklearn.base import ClassifierMixin
 
-BYTES = 4  # every learnt number as a 32-bit value
+BYTES = {"": 4, "_int8": 1}  # of a number, by what follows the name of the metric
+
+
+def sizes(estimator: ClassifierMixin, taxels: int) -> dict[str, int]:
+    """Learnt numbers, and bytes in flash and in memory with 32 and 8 bits a number, as far as they are known."""
+    found = {}
+    if (parameters := parameter_count(estimator)) is not None:
+        found = {"parameters": parameters} | {f"flash_bytes{k}": parameters * b for k, b in BYTES.items()}
+    if (numbers := working_numbers(estimator, taxels)) is not None:
+        found |= {f"ram_bytes{k}": numbers * b for k, b in BYTES.items()}
+    return found
+
+
+def working_numbers(estimator: ClassifierMixin, taxels: int) -> int | None:
+    """Numbers in memory while the system decides once, None where the kind is not known.
+
+    A network counts its input and the outputs of its layers (`models.training.activations`). A classifier on features
+    counts one frame, as most features can be summed up frame by frame, the features and a score per class; sets that
+    need the whole capture at once, such as medians and spectra, need its frames besides.
+    """
+    chosen = getattr(estimator, "best_", estimator)
+    if hasattr(chosen, "activations_"):
+        return int(chosen.activations_)
+    if hasattr(chosen, "steps") and hasattr(chosen[-1], "n_features_in_"):
+        return int(taxels + chosen[-1].n_features_in_ + len(chosen.classes_))
+    return None
 
 
 def parameter_count(estimator: ClassifierMixin) -> int | None:

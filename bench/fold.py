@@ -14,7 +14,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.corpus import Corpus
-from bench.cost import BYTES, parameter_count
+from bench.cost import sizes
 
 if TYPE_CHECKING:
     from bench.cells import Cell
@@ -63,8 +63,7 @@ def run_fold(cell: Cell, corpus: Corpus, name: str, train: np.ndarray, test: np.
         "fit_cpu_seconds": cpu,
         "peak_rss_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
     }
-    if (parameters := parameter_count(estimator)) is not None:
-        metrics |= {"parameters": parameters, "flash_bytes": parameters * BYTES}
+    metrics |= sizes(estimator, corpus.grid[0] * corpus.grid[1])
     if hasattr(estimator, "search_seconds_"):
         metrics["search_seconds"] = estimator.search_seconds_
     learnt = {k: getattr(estimator, f"{k}_") for k in ("history", "chosen", "trials") if hasattr(estimator, f"{k}_")}

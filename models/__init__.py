@@ -29,4 +29,12 @@ MODELS = {
     "jung2017_svm_linear": "models.jung2017:jung2017_svm_linear",
     "jung2017_svm_rbf": "models.jung2017:jung2017_svm_rbf",
     "jung2017_nn": "models.jung2017:jung2017_nn",
+    "zhou2016_3dcnn": "models.zhou2016:Zhou2016CNN3D",
+    "zhou2016_2dcnn": "models.zhou2016:Zhou2016CNN2D",
+    "zhou2016_lrcn": "models.zhou2016:Zhou2016LRCN",
+    "zhou2016_gm_lstm": "models.zhou2016:Zhou2016GMLSTM",
+    "hughes2017_cnn": "models.hughes2017:Hughes2017CNN",
+    "hughes2017_cnn_rnn": "models.hughes2017:Hughes2017CNNRNN",
+    "hughes2017_ae_rnn": "models.hughes2017:Hughes2017AERNN",
+    "ren2023_transformer": "models.ren2023:Ren2023Transformer",
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -9,7 +10,7 @@ import torch
 from torch import nn
 
 from models.taxel_major import taxel_major
-from models.training import Step, Windows, train
+from models.training import Samples, Step, train
 from models.window import WindowNet
 
 # What the paper lists; the toolbox it used also has 0.5 to 0.0005 steps between them.
@@ -51,7 +52,9 @@ class CNN85(WindowNet):
             nn.Flatten(), nn.LazyLinear(512), nn.ReLU(), nn.Linear(512, classes),
         )  # fmt: skip
 
-    def learn(self, net: nn.Module, windows: Windows, target: np.ndarray) -> list[dict[str, float]]:
+    def learn(
+        self, net: nn.Module, samples: Samples, target: np.ndarray, judge: Callable[[], float] | None
+    ) -> list[dict[str, float]]:
         """Train with the toolbox's optimiser and its search of the learning rate.
 
         The paper does not say how weights start. The toolbox's examples use a normal of SD 0.01, from which this
@@ -61,7 +64,7 @@ class CNN85(WindowNet):
             nn.init.kaiming_normal_(p) if p.ndim > 1 else nn.init.zeros_(p)
         sgd = SelectiveSGD(net)
         forward = partial(taxel_major, net)
-        return train(net, windows, target, sgd, self.epochs, self.batch, self.seed, sgd.search, forward)
+        return train(net, samples, target, sgd, self.epochs, self.batch, self.seed, sgd.search, forward)
 
 
 class SelectiveSGD:

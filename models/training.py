@@ -31,6 +31,7 @@ class Windows:
         capture: int64 [windows], position in the corpus of the capture that a window is cut from.
         start: int64 [windows], first frame within the capture.
         seen: int64 [windows], frames of touch in the window; fewer than ``frames`` where it is padded.
+        steps: int64 [windows], decisions that a network makes on each: one.
     """
 
     def __init__(self, corpus: Corpus, frames: int, hop: int) -> None:
@@ -39,6 +40,7 @@ class Windows:
         first = np.repeat(np.cumsum(counts) - counts, counts)
         self.start = (np.arange(counts.sum()) - first) * hop
         self.seen = np.minimum(frames, corpus.lengths[self.capture] - self.start)
+        self.steps = np.ones(len(self.capture), dtype=np.int64)
         self.frames = frames
         self.grid = corpus.grid
         self._begin = corpus.starts[self.capture] + self.start
@@ -59,6 +61,45 @@ class Windows:
         return by_taxel.view(*self.grid, len(rows), self.frames).permute(2, 3, 0, 1)
 
 
+class Sequences:
+    """Runs of consecutive windows of a capture, for networks that read them one after another.
+
+    A capture with more windows than ``longest`` makes several sequences.
+
+    Args:
+        windows: the windows of a corpus.
+        longest: most windows in a sequence.
+
+    Attributes:
+        capture: int64 [sequences], position in the corpus of the capture that a sequence is cut from.
+        start: int64 [sequences], its first frame within the capture.
+        seen: int64 [sequences], frames of touch in it.
+        steps: int64 [sequences], number of its windows.
+    """
+
+    def __init__(self, windows: Windows, longest: int) -> None:
+        step = np.arange(len(windows)) - np.searchsorted(windows.capture, windows.capture)
+        self._first = np.flatnonzero(step % longest == 0)
+        self._windows = windows
+        self.steps = np.diff(self._first, append=len(windows))
+        last = self._first + self.steps - 1
+        self.capture = windows.capture[self._first]
+        self.start = windows.start[self._first]
+        self.seen = windows.start[last] + windows.seen[last] - self.start
+
+    def __len__(self) -> int:
+        return len(self._first)
+
+    def batch(self, rows: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+        """The windows of some sequences, one sequence after another, and how many each has."""
+        steps = self.steps[rows]
+        within = np.arange(steps.sum()) - np.repeat(np.cumsum(steps) - steps, steps)
+        return self._windows.batch(np.repeat(self._first[rows], steps) + within), torch.from_numpy(steps)
+
+
+Samples = Windows | Sequences
+
+
 class Optimiser(Protocol):
     """What the loop needs of an optimiser: forget gradients, take a step, name its current rate."""
 
@@ -76,61 +117,138 @@ Step = Callable[[np.ndarray], float]
 
 def train(
     net: nn.Module,
-    windows: Windows,
+    samples: Samples,
     target: np.ndarray,
     optimiser: Optimiser,
     epochs: int,
     batch: int,
     seed: int,
     before_epoch: Callable[[int, np.ndarray, Step], None] | None = None,
-    forward: Callable[[torch.Tensor], torch.Tensor] | None = None,
+    forward: Callable[[object], torch.Tensor] | None = None,
+    judge: Callable[[], float] | None = None,
+    patience: int | None = None,
 ) -> list[dict[str, float]]:
     """Minimise cross-entropy over shuffled batches; the incomplete last batch of an epoch is left out.
 
     Args:
-        net: maps [batch, frames, rows, cols] to logits [batch, classes]; trained in place.
-        windows: what it is trained on.
-        target: int64 [windows], class of each window.
+        net: maps a batch to logits [decisions, classes]; trained in place.
+        samples: what it is trained on.
+        target: int64 [samples], class of each.
         optimiser: of the parameters of ``net``.
-        epochs: passes over the windows.
-        batch: windows per step; with fewer windows than that, all of them are one batch.
+        epochs: most passes over the samples.
+        batch: samples per step; with fewer than that, all of them are one batch.
         seed: of the shuffles.
         before_epoch: called with the epoch (from 0), its batches and the step, to set the learning rate.
         forward: a faster way to compute ``net(x)``.
+        judge: accuracy of the network on captures it is not trained on; the epoch with the highest, the first of equal
+            ones, is the one that is kept.
+        patience: stop when the mean loss of this many epochs is not 0.1 % below that of as many before them.
 
     Returns:
-        Per epoch ``loss`` (mean over its batches) and ``rate``.
+        Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.
     """
     order = np.random.default_rng(seed)
+    device = next(net.parameters()).device
     labels = torch.from_numpy(np.asarray(target, dtype=np.int64))
-    cross_entropy = nn.CrossEntropyLoss()
+    steps = torch.from_numpy(samples.steps)
     forward = forward or net
 
     def step(rows: np.ndarray) -> float:
         optimiser.zero_grad()
-        loss = cross_entropy(forward(windows.batch(rows)), labels[rows])
+        decided = labels[rows].repeat_interleave(steps[rows]).to(device)
+        loss = nn.functional.cross_entropy(forward(moved(samples.batch(rows), device)), decided)
         loss.backward()
         optimiser.step()
         return loss.item()
 
-    net.train()
-    history = []
-    whole = max(len(windows) // batch, 1) * min(batch, len(windows))
+    history: list[dict[str, float]] = []
+    best: tuple[float, dict] | None = None
+    whole = max(len(samples) // batch, 1) * min(batch, len(samples))
     for epoch in range(epochs):
-        batches = order.permutation(len(windows))[:whole].reshape(-1, min(batch, len(windows)))
+        net.train()
+        batches = order.permutation(len(samples))[:whole].reshape(-1, min(batch, len(samples)))
         if before_epoch:
             before_epoch(epoch, batches, step)
         losses = [step(rows) for rows in batches]
         history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
+        if judge:
+            history[-1]["held_accuracy"] = accuracy = judge()
+            if best is None or accuracy > best[0]:
+                best = accuracy, {name: value.clone() for name, value in net.state_dict().items()}
+        if patience and _stands_still([row["loss"] for row in history], patience):
+            break
+    if best:
+        net.load_state_dict(best[1])
     return history
 
 
-def probabilities(net: nn.Module, windows: Windows, batch: int) -> np.ndarray:
-    """Softmax of the logits of every window, float32 [windows, classes]."""
+def _stands_still(losses: list[float], patience: int) -> bool:
+    if len(losses) < 2 * patience:
+        return False
+    return np.mean(losses[-patience:]) > 0.999 * np.mean(losses[-2 * patience : -patience])
+
+
+class Torch:
+    """An optimiser of PyTorch as the loop wants it."""
+
+    def __init__(self, optimiser: torch.optim.Optimizer) -> None:
+        self.zero_grad = optimiser.zero_grad
+        self.step = optimiser.step
+        self.rate = optimiser.param_groups[0]["lr"]
+
+
+def moved(batch: object, device: torch.device) -> object:
+    """A batch, a tensor or several, on a device."""
+    if device.type == "cpu":
+        return batch
+    return tuple(part.to(device) for part in batch) if isinstance(batch, tuple) else batch.to(device)
+
+
+def probabilities(net: nn.Module, samples: Samples, batch: int) -> np.ndarray:
+    """Softmax of the logits of every decision, float32 [decisions, classes]."""
     net.eval()
+    device = next(net.parameters()).device
     with torch.inference_mode():
         parts = [
-            net(windows.batch(np.arange(i, min(i + batch, len(windows))))).softmax(dim=1)
-            for i in range(0, len(windows), batch)
+            net(moved(samples.batch(np.arange(i, min(i + batch, len(samples)))), device)).softmax(dim=1).cpu()
+            for i in range(0, len(samples), batch)
         ]
     return torch.cat(parts).numpy()
+
+
+IN_PLACE = (nn.ReLU, nn.Flatten, nn.Dropout, nn.BatchNorm1d, nn.BatchNorm3d, nn.LayerNorm)
+
+
+def activations(net: nn.Module, one: object) -> tuple[int, int]:
+    """Numbers that are in memory while one sample goes through a network: its input and the outputs of its layers.
+
+    Layers that can overwrite their input (ReLU, normalisation, dropout) add nothing. Hughes et al. 2017, Table VIII,
+    counts in this way.
+
+    Args:
+        net: the network.
+        one: a batch of one sample.
+
+    Returns:
+        All of them, and without outputs of convolutions that are pooled at once.
+    """
+    outputs: list[tuple[nn.Module, int]] = []
+
+    def note(layer: nn.Module, given: object, output: object) -> None:
+        tensor = output[0] if isinstance(output, tuple) else output
+        outputs.append((layer, tensor.numel()))
+
+    leaves = [m for m in net.modules() if not list(m.children()) and not isinstance(m, IN_PLACE)]
+    hooks = [leaf.register_forward_hook(note) for leaf in leaves]
+    try:
+        net.eval()
+        with torch.inference_mode():
+            net(one)
+    finally:
+        for hook in hooks:
+            hook.remove()
+    given = one[0] if isinstance(one, tuple) else one
+    total = given.numel() + sum(size for _, size in outputs)
+    pooled = (nn.MaxPool2d, nn.MaxPool3d)
+    pairs = zip(outputs[:-1], outputs[1:], strict=True)
+    return total, total - sum(size for (_, size), (after, _) in pairs if isinstance(after, pooled))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pandas as pd
 import torch
@@ -10,72 +13,103 @@ from sklearn.utils.validation import check_is_fitted
 from torch import nn
 
 from bench.corpus import Corpus, InputError
-from models.training import Windows, probabilities
+from models.training import Samples, Windows, activations, moved, probabilities
 
 
 class WindowNet(ClassifierMixin, BaseEstimator):
-    """Cuts captures into windows, decides on each, and labels a capture by the mean of its probabilities.
+    """Cuts captures into samples, decides on each, and labels a capture by the mean of its probabilities.
 
-    A system gives ``network(rows, cols, classes)`` and ``learn(net, windows, target)``, and has ``frames``, ``hop``
-    (None: windows do not overlap), ``epochs``, ``batch`` and ``seed`` among its parameters.
+    A system gives ``network(rows, cols, classes)`` and ``learn(net, samples, target)``, and has ``frames``, ``hop``
+    (None: windows do not overlap), ``epochs``, ``batch`` and ``seed`` among its parameters, ``device`` if it can use
+    another than the CPU. One whose sample is not a window has its own ``samples``.
 
     Attributes:
         classes_: class names.
         net_: the trained network.
         history_: per epoch what the training loop reports.
+        activations_: numbers in memory while it decides on one sample (`activations`).
     """
+
+    device = "cpu"
+    holds_out = False  # whether one training subject chooses the epoch
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
         raise NotImplementedError
 
-    def learn(self, net: nn.Module, windows: Windows, target: np.ndarray) -> list[dict[str, float]]:
-        """Train the network in place and return its history."""
+    def learn(
+        self, net: nn.Module, samples: Samples, target: np.ndarray, judge: Callable[[], float] | None
+    ) -> list[dict[str, float]]:
+        """Train the network in place and return its history; ``judge`` is that of `train`."""
         raise NotImplementedError
 
-    def windows(self, corpus: Corpus) -> Windows:
-        """The windows that captures are cut into."""
+    def samples(self, corpus: Corpus) -> Samples:
+        """What captures are cut into: windows."""
         return Windows(corpus, self.frames, self.hop or self.frames)
 
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run.
 
         Raises:
-            InputError: a count below 1.
+            InputError: a count below 1, or a device that is not there.
         """
         for name in ("frames", "hop", "epochs", "batch"):
-            value = getattr(self, name)
+            value = getattr(self, name, None)
             if value is not None and value < 1:
                 raise InputError(f"model.{name}={value}: give at least 1")
+        try:
+            torch.zeros(1, device=self.device)
+        except (RuntimeError, AssertionError) as e:
+            raise InputError(f"model.device={self.device}: {str(e).splitlines()[0]}; give cpu") from e
 
     def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
-        """Train on captures and their class names."""
+        """Train on captures and their class names.
+
+        Raises:
+            InputError: a system that lets one training subject choose the epoch has only one.
+        """
         self.check()
         self.classes_, codes = np.unique(y, return_inverse=True)
-        windows = self.windows(X)
+        held = self._held(X.subjects)
+        samples = self.samples(X[~held])
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
-            net = self.network(*X.grid, len(self.classes_))
+            net = self.network(*X.grid, len(self.classes_)).to(self.device)
             with torch.no_grad():  # gives lazy layers their size before an optimiser asks for parameters
-                net(windows.batch(np.arange(1)))
-            self.history_ = self.learn(net, windows, codes[windows.capture])
-        self.net_ = net
+                net.eval()
+                net(moved(samples.batch(np.arange(1)), torch.device(self.device)))
+            self.net_ = net
+            judge = partial(self._accuracy, X[held], codes[held]) if held.any() else None
+            self.history_ = self.learn(net, samples, codes[~held][samples.capture], judge)
+        self.activations_ = activations(net, moved(samples.batch(np.arange(1)), torch.device(self.device)))[0]
         return self
 
+    def _held(self, subjects: np.ndarray) -> np.ndarray:
+        """Captures of the training subject that chooses the epoch, bool [captures]."""
+        if not self.holds_out:
+            return np.zeros(len(subjects), dtype=bool)
+        names = np.unique(subjects.astype(str))
+        if len(names) < 2:
+            raise InputError(f"{type(self).__name__} lets one training subject choose the epoch; train on two or more")
+        return subjects == names[np.random.default_rng(self.seed).integers(len(names))]
+
+    def _accuracy(self, X: Corpus, codes: np.ndarray) -> float:
+        return float((self.predict_proba(X).argmax(axis=1) == codes).mean())
+
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
-        """One decision per window.
+        """One decision per sample.
 
         Returns:
             A table with ``capture`` (position in X), ``start`` and ``frames`` (first frame and frames seen), and
             probabilities [decisions, classes].
         """
         check_is_fitted(self, "net_")
-        windows = self.windows(X)
-        table = pd.DataFrame({"capture": windows.capture, "start": windows.start, "frames": windows.seen})
-        return table, probabilities(self.net_, windows, self.batch)
+        samples = self.samples(X)
+        table = pd.DataFrame({"capture": samples.capture, "start": samples.start, "frames": samples.seen})
+        return table, votes(probabilities(self.net_, samples, self.batch), samples.steps)
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
-        """Mean probability over the windows of each capture [captures, classes]."""
+        """Mean probability over the samples of each capture [captures, classes]."""
         table, proba = self.decide(X)
         capture = table["capture"].to_numpy()
         return np.add.reduceat(proba, np.flatnonzero(np.diff(capture, prepend=-1))) / np.bincount(capture)[:, None]
@@ -89,3 +123,17 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         """Learnt numbers in the network."""
         check_is_fitted(self, "net_")
         return sum(p.numel() for p in self.net_.parameters())
+
+
+def votes(proba: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Probabilities of samples [samples, classes] from those of their steps, as shares of a majority vote.
+
+    A sample of one step keeps its probabilities. A tie goes to the class with the higher mean probability: this is
+    added with a weight that is too small to change a majority.
+    """
+    first = np.cumsum(steps) - steps
+    ballots = np.eye(proba.shape[1])[proba.argmax(axis=1)]
+    share = np.add.reduceat(ballots, first) / steps[:, None]
+    mean = np.add.reduceat(proba.astype(np.float64), first) / steps[:, None]
+    weight = np.where(steps > 1, 1 / (2 * steps), 1.0)[:, None]  # shares differ by at least 1 / steps
+    return ((1 - weight) * share + weight * mean).astype(np.float32)

@@ -53,7 +53,7 @@ def main(threads: int = 1, rounds: int = 5) -> None:
     torch.set_num_threads(threads)
     corpus = generate(subjects=8, repetitions=4)
     model = CNN85()
-    windows = model.windows(corpus)
+    windows = model.samples(corpus)
     target = np.unique(corpus.gestures, return_inverse=True)[1][windows.capture]
     nets = [model.network(8, 8, 14) for _ in range(2)]
     for net in nets:

@@ -1,0 +1,78 @@
+"""The attention network of Ren, Hou and Belpaeme 2023 (HRI companion), trained without a look at the test part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import nn
+
+from models.training import Torch, Windows, train
+from models.window import WindowNet
+
+WIDTH = 512
+HEADS = 8
+LAYERS = 6
+
+
+class Ren2023Transformer(WindowNet):
+    """Six layers of self-attention over 144 frames, without feed-forward layers, positions or masks.
+
+    The authors pick the epoch that is best on the test part. Here one training subject, who is not trained on, picks.
+
+    Args:
+        frames: length of a window; windows do not overlap, a capture of HAART has three.
+        epochs: passes over the training windows, of which the best for the held-out subject is kept.
+        batch: windows per step.
+        rate: learning rate.
+        seed: of the weights, the shuffles and the held-out subject.
+        device: of PyTorch.
+    """
+
+    holds_out = True
+    hop = None
+
+    def __init__(
+        self,
+        frames: int = 144,
+        epochs: int = 100,
+        batch: int = 64,
+        rate: float = 1e-4,
+        seed: int = 0,
+        device: str = "cpu",
+    ) -> None:
+        self.frames = frames
+        self.epochs = epochs
+        self.batch = batch
+        self.rate = rate
+        self.seed = seed
+        self.device = device
+
+    def network(self, rows: int, cols: int, classes: int) -> nn.Module:
+        """6.42 million parameters for 8 x 8 taxels and 7 classes."""
+        return nn.Sequential(
+            nn.Flatten(2), nn.Linear(rows * cols, WIDTH), nn.BatchNorm1d(self.frames),
+            *(_Attention() for _ in range(LAYERS)),
+            nn.Linear(WIDTH, 128), nn.ReLU(), nn.Linear(128, 16), nn.ReLU(), nn.Linear(16, 4), nn.ReLU(), nn.Flatten(),
+            nn.Linear(4 * self.frames, classes),
+        )  # fmt: skip
+
+    def learn(
+        self, net: nn.Module, samples: Windows, target: np.ndarray, judge: Callable[[], float] | None
+    ) -> list[dict[str, float]]:
+        """Train with Adam and keep the epoch that is best for the held-out subject."""
+        adam = Torch(torch.optim.Adam(net.parameters(), self.rate))
+        return train(net, samples, target, adam, self.epochs, self.batch, self.seed, judge=judge)
+
+
+class _Attention(nn.Module):
+    """Self-attention with a residual and layer norm."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.attention = nn.MultiheadAttention(WIDTH, HEADS, batch_first=True)
+        self.norm = nn.LayerNorm(WIDTH)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return self.norm(x + self.attention(x, x, x, need_weights=False)[0])

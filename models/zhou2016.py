@@ -1,0 +1,192 @@
+"""The 3-D CNN of Zhou and Du 2016 and the three networks that they compare it with.
+
+The abstract gives the filters and kernels of the 3-D CNN and the kinds of its rivals; everything else is our reading
+(docs/systems.md, zhou2016): batch norm, poolings, the dense layer, Adam at 1e-3, and the epoch, which one training
+subject chooses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import nn
+
+from bench.corpus import InputError
+from models.training import Torch, Windows, train
+from models.window import WindowNet
+
+FILTERS = (16, 32, 64, 128)
+UNITS = 128
+
+
+class Zhou2016(WindowNet):
+    """A network on 432 frames, HAART's whole 8 s, averaged over each 4 of them; longer captures make several windows.
+
+    Args:
+        frames: length of a window, zero-padded at the end.
+        average: frames that are averaged into one; 1 for the full rate, which takes four times as long.
+        epochs: passes over the training windows, of which the best for one held-out training subject is kept.
+        batch: windows per step.
+        rate: learning rate.
+        seed: of the weights, the shuffles and the held-out subject.
+        device: of PyTorch.
+    """
+
+    holds_out = True
+    hop = None
+
+    def __init__(
+        self,
+        frames: int = 432,
+        average: int = 4,
+        epochs: int = 60,
+        batch: int = 32,
+        rate: float = 1e-3,
+        seed: int = 0,
+        device: str = "cpu",
+    ) -> None:
+        self.frames = frames
+        self.average = average
+        self.epochs = epochs
+        self.batch = batch
+        self.rate = rate
+        self.seed = seed
+        self.device = device
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: a count below 1, or more frames averaged than there are.
+        """
+        super().check()
+        if not 1 <= self.average <= self.frames:
+            raise InputError(f"model.average={self.average}: give 1 to {self.frames}, the frames of a window")
+
+    def learn(
+        self, net: nn.Module, samples: Windows, target: np.ndarray, judge: Callable[[], float] | None
+    ) -> list[dict[str, float]]:
+        """Train with Adam and keep the epoch that is best for the held-out subject."""
+        adam = Torch(torch.optim.Adam(net.parameters(), self.rate))
+        return train(net, samples, target, adam, self.epochs, self.batch, self.seed, judge=judge)
+
+
+class Zhou2016CNN3D(Zhou2016):
+    """Four layers of 16, 32, 64 and 128 kernels of 3 x 3 x 3, a dense layer of 256 with dropout."""
+
+    def network(self, rows: int, cols: int, classes: int) -> nn.Module:
+        """304 647 parameters and the dense layer's for 8 x 8 taxels."""
+        shape = (self.frames // self.average, rows, cols)
+        poolings = ((2, 1, 1), (2, 2, 2), (2, 2, 2), (2, 2, 2))
+        return nn.Sequential(
+            _Averaged(self.average), *_stack(shape, (3, 3, 3), poolings), nn.Flatten(),
+            nn.LazyLinear(256), nn.ReLU(), nn.Dropout(0.5), nn.Linear(256, classes),
+        )  # fmt: skip
+
+
+class Zhou2016CNN2D(Zhou2016):
+    """The same kernels without their extent in time; the mean over time goes to the dense layer."""
+
+    def network(self, rows: int, cols: int, classes: int) -> nn.Module:
+        """The untrained network for one grid."""
+        return nn.Sequential(
+            _Averaged(self.average), *_frames_alone((self.frames // self.average, rows, cols)), _MeanOverTime(),
+            nn.LazyLinear(256), nn.ReLU(), nn.Dropout(0.5), nn.Linear(256, classes),
+        )  # fmt: skip
+
+
+class Zhou2016LRCN(Zhou2016):
+    """The 2-D layers on each frame, an LSTM of 128 units over them, a decision from its last state."""
+
+    def network(self, rows: int, cols: int, classes: int) -> nn.Module:
+        """The untrained network for one grid."""
+        shape = (self.frames // self.average, rows, cols)
+        size = _size_after(shape, FILTERS[-1])
+        return nn.Sequential(
+            _Averaged(self.average), *_frames_alone(shape), _ByTime(), _Last(nn.LSTM(size, UNITS, batch_first=True)),
+            nn.Linear(UNITS, classes),
+        )  # fmt: skip
+
+
+class Zhou2016GMLSTM(Zhou2016):
+    """Ten geometric moments of each frame, an LSTM of 128 units over them, a decision from its last state."""
+
+    def network(self, rows: int, cols: int, classes: int) -> nn.Module:
+        """The untrained network for one grid."""
+        return nn.Sequential(
+            _Averaged(self.average), _Moments(rows, cols), nn.LazyBatchNorm1d(), _ByTime(),
+            _Last(nn.LSTM(10, UNITS, batch_first=True)), nn.Linear(UNITS, classes),
+        )  # fmt: skip
+
+
+class _Averaged(nn.Module):
+    """[batch, frames, rows, cols] to [batch, 1, fewer frames, rows, cols]; frames that are left over are dropped."""
+
+    def __init__(self, frames: int) -> None:
+        super().__init__()
+        self.frames = frames
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        whole = x.shape[1] // self.frames * self.frames
+        return x[:, :whole].unflatten(1, (-1, self.frames)).mean(2)[:, None].contiguous()
+
+
+class _MeanOverTime(nn.Module):
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return x.mean(2).flatten(1)
+
+
+class _ByTime(nn.Module):
+    """[batch, channels, frames, ...] to [batch, frames, values]."""
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return x.transpose(1, 2).flatten(2)
+
+
+class _Last(nn.Module):
+    """Last state of a recurrent layer."""
+
+    def __init__(self, layer: nn.LSTM) -> None:
+        super().__init__()
+        self.layer = layer
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return self.layer(x)[1][0][-1]
+
+
+class _Moments(nn.Module):
+    """[batch, 1, frames, rows, cols] to moments of order 0 to 3 [batch, 10, frames], of coordinates from 0 to 1."""
+
+    def __init__(self, rows: int, cols: int) -> None:
+        super().__init__()
+        row, col = torch.meshgrid(torch.linspace(0, 1, rows), torch.linspace(0, 1, cols), indexing="ij")
+        powers = [row**p * col**q for p in range(4) for q in range(4 - p)]
+        self.register_buffer("powers", torch.stack(powers).flatten(1))
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return (x[:, 0].flatten(2) @ self.powers.T).transpose(1, 2)
+
+
+def _stack(shape: tuple[int, ...], kernel: tuple[int, ...], poolings: tuple[tuple[int, ...], ...]) -> list[nn.Module]:
+    """Convolutions that keep the size, batch norm, ReLU and pooling; poolings are cut to what is there."""
+    found, channels = [], 1
+    for filters, pooling in zip(FILTERS, poolings, strict=True):
+        cut = tuple(min(p, n) for p, n in zip(pooling, shape, strict=True))
+        padding = tuple(k // 2 for k in kernel)
+        found += [nn.Conv3d(channels, filters, kernel, padding=padding), nn.BatchNorm3d(filters), nn.ReLU()]
+        found.append(nn.MaxPool3d(cut))
+        shape, channels = tuple(n // p for n, p in zip(shape, cut, strict=True)), filters
+    return found
+
+
+def _frames_alone(shape: tuple[int, ...]) -> list[nn.Module]:
+    return _stack(shape, (1, 3, 3), ((1, 1, 1), (1, 2, 2), (1, 2, 2), (1, 2, 2)))
+
+
+def _size_after(shape: tuple[int, ...], channels: int) -> int:
+    rows, cols = shape[1:]
+    for _ in range(3):
+        rows, cols = max(rows // 2, 1), max(cols // 2, 1)
+    return rows * cols * channels

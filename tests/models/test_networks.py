@@ -1,0 +1,234 @@
+"""The published networks: sizes, shapes and memory as printed, samples against loops, and what no network may do."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.base import clone
+from sklearn.model_selection import LeaveOneGroupOut
+from torch import nn
+
+from bench.corpus import InputError
+from models.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
+from models.ren2023 import Ren2023Transformer
+from models.time_blocks import TimeConv3d
+from models.training import Sequences, Windows, activations, train
+from models.window import votes
+from models.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
+from tests.conftest import random_corpus
+
+FOURTEEN = tuple("abcdefghijklmn")
+
+
+def at(rate, **kwargs):
+    corpus = random_corpus(**kwargs)
+    return type(corpus)(**{**vars(corpus), "rate_hz": rate})
+
+
+def fitted(system, rate, classes, longest=60):
+    corpus = at(rate, gestures=FOURTEEN[:classes], per_class=1, subjects=2, longest=longest)
+    return system(epochs=1).fit(corpus, corpus.gestures), corpus
+
+
+@pytest.mark.parametrize(
+    ("system", "rate", "classes", "parameters"),
+    [
+        (Hughes2017CNN, 135.0, 14, 11_204),
+        (Hughes2017CNN, 54.0, 7, 17_157),
+        (Hughes2017CNNRNN, 135.0, 14, 16_254),
+        (Hughes2017CNNRNN, 54.0, 7, 22_207),
+        (Hughes2017AERNN, 135.0, 14, 40_949),
+        (Hughes2017AERNN, 54.0, 7, 40_767),
+    ],
+)
+def test_published_sizes(system, rate, classes, parameters):
+    assert fitted(system, rate, classes)[0].parameters_ == parameters
+
+
+@pytest.mark.parametrize(
+    ("system", "rate", "classes", "pooled", "whole"),
+    [
+        (Hughes2017CNN, 54.0, 7, 4255, 24_095),  # Table VIII
+        (Hughes2017CNN, 135.0, 14, 6494, 45_074),  # printed 80 too small
+        (Hughes2017CNNRNN, 54.0, 7, 4305, 24_145),  # one more layer of 50
+        (Hughes2017AERNN, 135.0, 14, 488, 488),
+        (Hughes2017AERNN, 54.0, 7, 481, 481),
+    ],
+)
+def test_published_memory(system, rate, classes, pooled, whole):
+    model, corpus = fitted(system, rate, classes, longest=12)
+    one = at(rate, subjects=1, per_class=1, longest=2)[:1]  # a capture of one frame: one window, one step
+    assert activations(model.net_, model.samples(one).batch(np.arange(1))) == (whole, pooled)
+
+
+@pytest.mark.parametrize(("design", "maps"), [
+    (COST, [(30, 26, 7, 7), (30, 13, 3, 3), (10, 9, 2, 2), (10, 4, 1, 1), (40,)]),
+    (HAART, [(30, 18, 6, 6), (30, 9, 3, 3), (20, 5, 2, 2), (20, 2, 1, 1), (40,)]),
+])  # fmt: skip
+def test_published_shapes(design, maps):
+    model = Hughes2017CNN()
+    model.design_ = design
+    x, shapes = torch.zeros(1, design[1], 8, 8), []
+    for layer in model.network(8, 8, 14)[:7]:
+        x = layer(x)
+        shapes.append(tuple(x.shape[1:]))
+    assert [shapes[i] for i in (0, 1, 3, 4, 6)] == maps
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.tuples(*[st.integers(1, 6)] * 3), st.tuples(*[st.integers(0, 5)] * 3), st.integers(1, 3))
+def test_blocks_of_time_convolve_as_the_library_does(kernel, more, batch):
+    torch.manual_seed(0)
+    layer = TimeConv3d(4, kernel)
+    x = torch.rand(batch, *(k + m for k, m in zip(kernel, more, strict=True)))
+    expected = nn.functional.conv3d(x[:, None], layer.weight, layer.bias)
+    found = layer(x)
+    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
+    weight = torch.rand_like(expected)
+    gradients = [torch.autograd.grad((y * weight).sum(), [layer.weight, layer.bias]) for y in (found, expected)]
+    for ours, theirs in zip(*gradients, strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-4)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 8), st.integers(1, 8), st.integers(1, 5), st.integers(0, 99))
+def test_sequences_equal_a_loop(frames, hop, longest, seed):
+    hop = min(hop, frames)
+    corpus = random_corpus(subjects=1, per_class=2, seed=seed)[np.array([3, 0, 5])]
+    windows = Windows(corpus, frames, hop)
+    sequences = Sequences(windows, longest)
+    expected = []
+    for capture in range(3):
+        mine = np.flatnonzero(windows.capture == capture)
+        for piece in [mine[i : i + longest] for i in range(0, len(mine), longest)]:
+            end = windows.start[piece[-1]] + windows.seen[piece[-1]]
+            expected.append((capture, windows.start[piece[0]], end - windows.start[piece[0]], len(piece), piece))
+    told = zip(sequences.capture, sequences.start, sequences.seen, sequences.steps, strict=True)
+    assert list(told) == [e[:4] for e in expected]
+    order = np.random.default_rng(seed).permutation(len(sequences))
+    values, steps = sequences.batch(order)
+    assert steps.tolist() == [expected[i][3] for i in order]
+    assert torch.equal(values, windows.batch(np.concatenate([expected[i][4] for i in order])))
+
+
+@pytest.mark.parametrize(("frames", "longest", "count"), [(1297, 36, 3), (525, 36, 1), (1747, 36, 4), (10, 36, 1)])
+def test_published_sequence_counts(frames, longest, count):
+    """CoST's captures of up to 36 windows are one sample, longer ones two to four."""
+    corpus = random_corpus(subjects=1, per_class=1)
+    one = type(corpus).from_captures([np.zeros((frames, 8, 8), np.uint16)], corpus.captures[:1], 135.0)
+    assert len(Sequences(Windows(one, 45, 15), longest)) == count
+
+
+def test_the_recurrent_layer_equals_a_loop_over_each_sequence():
+    torch.manual_seed(0)
+    net = Recurrent(nn.Flatten(), 3, nn.Linear(3, 2))
+    x, steps = torch.rand(9, 4), torch.tensor([2, 4, 1, 2])
+    found, expected, place = net((x, steps)), [], 0
+    for count in steps.tolist():
+        state = torch.zeros(3)
+        for t in range(count):
+            state = torch.tanh(net.into.weight @ x[place + t] + net.into.bias + net.within.weight @ state)
+            expected.append(net.head(state))
+        place += count
+    torch.testing.assert_close(found, torch.stack(expected))
+
+
+def test_votes_by_hand():
+    proba = np.array([[0.9, 0.1], [0.4, 0.6], [0.4, 0.6], [0.2, 0.8], [0.7, 0.3]], dtype=np.float32)
+    found = votes(proba, np.array([3, 2]))
+    assert found.argmax(axis=1).tolist() == [1, 1]  # 2 of 3 against a higher mean; a tie by the mean
+    np.testing.assert_allclose(found.sum(axis=1), 1, rtol=1e-6)
+    assert np.array_equal(votes(proba, np.ones(5, dtype=int)), proba)
+
+
+SYSTEMS = {
+    "hughes2017_cnn": lambda epochs=2, seed=0: Hughes2017CNN(epochs, 16, seed=seed),
+    "hughes2017_cnn_rnn": lambda epochs=2, seed=0: Hughes2017CNNRNN(epochs, 8, seed=seed),
+    "hughes2017_ae_rnn": lambda epochs=2, seed=0: Hughes2017AERNN(epochs, 1, 8, seed=seed),
+    "zhou2016_3dcnn": lambda epochs=2, seed=0: Zhou2016CNN3D(16, 4, epochs, 16, seed=seed),
+    "zhou2016_2dcnn": lambda epochs=2, seed=0: Zhou2016CNN2D(16, 4, epochs, 16, seed=seed),
+    "zhou2016_lrcn": lambda epochs=2, seed=0: Zhou2016LRCN(16, 4, epochs, 16, seed=seed),
+    "zhou2016_gm_lstm": lambda epochs=2, seed=0: Zhou2016GMLSTM(16, 4, epochs, 16, seed=seed),
+    "ren2023_transformer": lambda epochs=2, seed=0: Ren2023Transformer(12, epochs, 16, seed=seed),
+}
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_contract_of_a_network(name, corpus):
+    train_part = corpus[corpus.subjects != "4"]
+    a, b, c = (SYSTEMS[name](seed=seed).fit(train_part, train_part.gestures) for seed in (0, 0, 1))
+    proba = a.predict_proba(corpus)
+    assert np.array_equal(proba, b.predict_proba(corpus)) and a.history_ == b.history_
+    assert not np.array_equal(proba, c.predict_proba(corpus))
+    np.testing.assert_allclose(proba.sum(axis=1), 1, rtol=1e-5)
+    assert clone(a).get_params() == a.get_params()
+    # a capture alone gets what it gets among others: nothing of a batch, its padding or its order leaks in
+    for i in (0, 7, 20):
+        np.testing.assert_allclose(a.predict_proba(corpus[i : i + 1])[0], proba[i], rtol=1e-3, atol=1e-5)
+    for grid in ((3, 5), (1, 2)):
+        other = random_corpus(grid=grid, per_class=1)
+        assert SYSTEMS[name](epochs=1).fit(other, other.gestures).predict(other[:1]).shape == (1,)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_test_subjects_change_nothing_that_is_learned(name, corpus):
+    train_part, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
+    changed = corpus.frames.copy()
+    for start, length in zip(corpus.starts[test], corpus.lengths[test], strict=True):
+        changed[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, 8, 8))
+    other = type(corpus)(**{**vars(corpus), "frames": changed})
+    probe = random_corpus(seed=9)
+    found = [SYSTEMS[name](epochs=1).fit(c[train_part], c.gestures[train_part]) for c in (corpus, other)]
+    assert np.array_equal(*(model.predict_proba(probe) for model in found))
+
+
+@pytest.mark.parametrize("name", ["hughes2017_cnn", "zhou2016_gm_lstm"])
+def test_permuted_labels_give_chance(name):
+    corpus = random_corpus(subjects=4, per_class=8)
+    labels = np.random.default_rng(0).permutation(corpus.gestures)
+    hits = []
+    for train_part, test in LeaveOneGroupOut().split(labels, groups=corpus.subjects):
+        model = SYSTEMS[name](epochs=3).fit(corpus[train_part], labels[train_part])
+        hits.extend(model.predict(corpus[test]) == labels[test])
+    assert abs(np.mean(hits) - 1 / 3) < 4 * np.sqrt(2 / 9 / len(corpus))
+
+
+@pytest.mark.parametrize("name", [n for n in SYSTEMS if n.startswith(("zhou", "ren"))])
+def test_the_subject_who_chooses_the_epoch_is_not_trained_on(name, corpus, monkeypatch):
+    model, seen = SYSTEMS[name](), []
+    real = type(model).samples
+    monkeypatch.setattr(type(model), "samples", lambda self, c: seen.append(set(c.subjects)) or real(self, c))
+    model.fit(corpus, corpus.gestures)
+    trained, judged = seen[0], set().union(*seen[1:])
+    assert len(judged) == 1 and not trained & judged and trained | judged == set(corpus.subjects)
+    with pytest.raises(InputError, match="train on two or more"):
+        SYSTEMS[name]().fit(corpus[corpus.subjects == "1"], corpus.gestures[corpus.subjects == "1"])
+
+
+def test_the_best_epoch_is_kept_and_training_stops_when_the_loss_stands_still():
+    class Still:
+        rate = 0.0
+        zero_grad = step = staticmethod(lambda: None)
+
+    corpus = random_corpus(subjects=1)
+    windows = Windows(corpus, 5, 5)
+    target = np.zeros(len(windows), dtype=int)
+    net = nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
+    judged = iter([0.2, 0.7, 0.7, 0.1])
+    bias = iter([1.0, 2.0, 3.0, 4.0])
+
+    def judge():
+        with torch.no_grad():
+            net[1].bias.fill_(next(bias))
+        return next(judged)
+
+    history = train(net, windows, target, Still(), 4, 8, 0, judge=judge)
+    assert [row["held_accuracy"] for row in history] == [0.2, 0.7, 0.7, 0.1]
+    assert net[1].bias.tolist() == [2.0, 2.0]
+    assert len(train(net, windows, target, Still(), 50, len(windows), 0, patience=3)) == 6
+
+
+def test_a_device_that_is_not_there():
+    with pytest.raises(InputError, match="model.device=cuda:99: .*give cpu"):
+        Hughes2017CNN(device="cuda:99").check()
