@@ -25,10 +25,13 @@ def working_numbers(estimator: ClassifierMixin, taxels: int) -> int | None:
     need the whole capture at once, such as medians and spectra, need its frames besides.
     """
     chosen = getattr(estimator, "best_", estimator)
+    if hasattr(chosen, "members"):  # one after the other
+        numbers = [working_numbers(member, taxels) for member in chosen.members]
+        return None if None in numbers else max(numbers)
     if hasattr(chosen, "activations_"):
         return int(chosen.activations_)
-    if hasattr(chosen, "steps") and hasattr(chosen[-1], "n_features_in_"):
-        return int(taxels + chosen[-1].n_features_in_ + len(chosen.classes_))
+    if hasattr(chosen, "steps") and (features := getattr(chosen[-1], "n_features_in_", None)):
+        return int(taxels + features + len(chosen.classes_))
     return None
 
 

@@ -28,6 +28,7 @@ class GaussianBayes(ClassifierMixin, BaseEstimator):
     def fit(self, X: np.ndarray, y: np.ndarray) -> GaussianBayes:
         """Estimate means, covariances and priors from features [captures, n_features] and class names [captures]."""
         X = np.asarray(X, dtype=np.float64)
+        self.n_features_in_ = X.shape[1]
         self.classes_, codes = np.unique(y, return_inverse=True)
         self.priors_ = np.bincount(codes) / len(codes)
         self.means_ = np.stack([X[codes == c].mean(axis=0) for c in range(len(self.classes_))])

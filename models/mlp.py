@@ -40,6 +40,7 @@ class EarlyStoppedNet(ClassifierMixin, BaseEstimator):
 
     def fit(self, X: np.ndarray, y: np.ndarray) -> EarlyStoppedNet:
         """Train on features [captures, n_features] and class names [captures]."""
+        self.n_features_in_ = np.shape(X)[1]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)  # 1000 epochs is the paper's limit, not a fault
             runs = [self._run(self.seed * self.runs + i, len(X)).fit(X, y) for i in range(self.runs)]

@@ -27,6 +27,7 @@ class PrunedTree(ClassifierMixin, BaseEstimator):
     def fit(self, X: pd.DataFrame, y: np.ndarray) -> PrunedTree:
         """Grow and prune on features [captures, n_features] and class names [captures]."""
         X = np.asarray(X)
+        self.n_features_in_ = X.shape[1]
         full = DecisionTreeClassifier(random_state=self.seed)
         alphas = np.maximum(full.cost_complexity_pruning_path(X, y).ccp_alphas, 0)
         # scikit-learn lists a link after the other, also equally weak ones, whose penalties differ by rounding

@@ -29,6 +29,7 @@ class BoostedTrees(ClassifierMixin, BaseEstimator):
         """Boost on features [captures, n_features] and class names [captures]."""
         from xgboost import XGBClassifier
 
+        self.n_features_in_ = np.shape(X)[1]
         self.classes_, codes = np.unique(y, return_inverse=True)
         self.booster_ = XGBClassifier(
             n_estimators=self.trees,

@@ -62,7 +62,7 @@ def test_a_run_is_tracked_whole(capsys):
     assert {"corpus_digest", "threads", "cpu", "version.scikit-learn", "protocol"} <= set(svm.data.params)
     names = {"accuracy", "subject_accuracy_mean", "subject_accuracy_sd", "macro_f1", "macro_recall", "macro_precision",
              "fit_seconds", "predict_ms_p50", "predict_ms_p95", "decision_ms", "parameters", "flash_bytes",
-             "peak_rss_bytes"}  # fmt: skip
+             "ram_bytes", "ram_bytes_int8", "peak_rss_bytes"}  # fmt: skip
     assert names <= set(svm.data.metrics) and names | {"window_accuracy", "vote_accuracy"} <= set(cnn.data.metrics)
     assert cnn.inputs.dataset_inputs[0].dataset.name == "synth"
     table = predictions(client, svm)

@@ -8,7 +8,7 @@ from sklearn.model_selection import LeaveOneGroupOut, cross_val_score
 from sklearn.svm import SVC
 from sklearn.tree import DecisionTreeClassifier
 
-from bench.cost import parameter_count
+from bench.cost import parameter_count, sizes
 from features.gaus import Gaus
 from features.hughes36 import Hughes36
 from features.jung28 import Jung28
@@ -91,6 +91,9 @@ def test_contract_of_a_system(name, corpus):
     np.testing.assert_allclose(proba.sum(axis=1), 1, rtol=1e-5)
     assert np.array_equal(model.predict(corpus), model.classes_[proba.argmax(axis=1)])
     assert parameter_count(model) > 0
+    found = sizes(model, 64)
+    assert found["flash_bytes"] == 4 * found["parameters"] == 4 * found["flash_bytes_int8"]
+    assert found["ram_bytes"] == 4 * found["ram_bytes_int8"] > 0
     again = clone(model).fit(train, train.gestures)
     assert np.array_equal(again.predict_proba(corpus), proba)
     for grid in ((3, 5), (1, 2)):
@@ -126,7 +129,10 @@ def test_parameter_counts_by_hand():
     machine = SVC(kernel="linear").fit(X, y)
     n = machine.support_vectors_.shape[0]
     assert parameter_count(machine) == n * 3 + 2 * n + 3
-    assert parameter_count(object()) is None
+    assert parameter_count(object()) is None and sizes(object(), 64) == {}
+    corpus = random_corpus()
+    machine = svm(Jung28()).fit(corpus, corpus.gestures)
+    assert sizes(machine, 64)["ram_bytes"] == 4 * (64 + 28 + 3)
 
 
 def test_a_level_is_a_step_of_the_pruning_sequence():
