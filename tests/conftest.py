@@ -33,6 +33,14 @@ def random_corpus(subjects=4, per_class=3, gestures=("pat", "rub", "tap"), grid=
     return Corpus.from_captures(arrays, captures, 100.0, name="random", **fields)
 
 
+def with_other_values(corpus, captures):
+    """The same corpus with random values in some captures, to show that they are not looked at."""
+    frames = corpus.frames.copy()
+    for start, length in zip(corpus.starts[captures], corpus.lengths[captures], strict=True):
+        frames[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, *corpus.grid))
+    return type(corpus)(**{**vars(corpus), "frames": frames})
+
+
 @pytest.fixture
 def corpus():
     """4 subjects, 3 gestures, 36 captures of 1 to 39 frames on 8 x 8."""

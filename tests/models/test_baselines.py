@@ -27,7 +27,7 @@ from models.svm import RankedSVC, svm
 from models.tree import PrunedTree, tree
 from models.wingerden2014 import wingerden2014_mlp
 from models.xgb import xgb
-from tests.conftest import random_corpus
+from tests.conftest import random_corpus, with_other_values
 
 SYSTEMS = {
     "bayes": lambda: bayes(Jung28()),
@@ -114,10 +114,7 @@ def test_permuted_labels_give_chance(name):
 def test_test_subjects_change_nothing_that_is_learned(name, corpus):
     """Other values in the test captures, and the fitted system still labels the same captures the same way."""
     train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
-    changed = corpus.frames.copy()
-    for start, length in zip(corpus.starts[test], corpus.lengths[test], strict=True):
-        changed[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, 8, 8))
-    other = type(corpus)(**{**vars(corpus), "frames": changed})
+    other = with_other_values(corpus, test)
     probe = random_corpus(seed=9)
     learned = [SYSTEMS[name]().fit(c[train], c.gestures[train]).predict_proba(probe) for c in (corpus, other)]
     assert np.array_equal(*learned)

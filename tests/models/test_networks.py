@@ -16,7 +16,7 @@ from models.time_blocks import TimeConv3d
 from models.training import Sequences, Windows, activations, train
 from models.window import votes
 from models.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
-from tests.conftest import random_corpus
+from tests.conftest import random_corpus, with_other_values
 
 FOURTEEN = tuple("abcdefghijklmn")
 
@@ -174,10 +174,7 @@ def test_contract_of_a_network(name, corpus):
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_test_subjects_change_nothing_that_is_learned(name, corpus):
     train_part, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
-    changed = corpus.frames.copy()
-    for start, length in zip(corpus.starts[test], corpus.lengths[test], strict=True):
-        changed[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, 8, 8))
-    other = type(corpus)(**{**vars(corpus), "frames": changed})
+    other = with_other_values(corpus, test)
     probe = random_corpus(seed=9)
     found = [SYSTEMS[name](epochs=1).fit(c[train_part], c.gestures[train_part]) for c in (corpus, other)]
     assert np.array_equal(*(model.predict_proba(probe) for model in found))

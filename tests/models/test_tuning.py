@@ -26,7 +26,7 @@ from models.jung2014 import jung2014_svm
 from models.rf import et, rf
 from models.svm import svm
 from models.tuning import Range, Search, front, inner_folds
-from tests.conftest import random_corpus
+from tests.conftest import random_corpus, with_other_values
 
 GRID = {"C": [0.125, 8.0, 512.0], "gamma": [0.01, 1.0]}
 
@@ -201,11 +201,9 @@ def test_learnt_features_never_see_the_subjects_that_judge(learnt):
     corpus = noisy(subjects=4)
     folds = inner_folds(corpus.subjects.astype(str), "2")
     judges = folds[0][1]
-    changed, labels = corpus.frames.copy(), corpus.gestures.copy()
-    for start, length in zip(corpus.starts[judges], corpus.lengths[judges], strict=True):
-        changed[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, 8, 8))
+    labels = corpus.gestures.copy()
     labels[judges] = "pat"
-    other = type(corpus)(**{**vars(corpus), "frames": changed})
+    other = with_other_values(corpus, judges)
     tables = [
         tuning._Tables({"f": learnt}, c, y, folds).train("f", 0)
         for c, y in ((corpus, corpus.gestures), (other, labels))
@@ -345,10 +343,7 @@ SEARCHES = {
 def test_test_subjects_change_nothing_that_is_chosen_or_learned(name):
     corpus = noisy(subjects=4)
     train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
-    changed = corpus.frames.copy()
-    for start, length in zip(corpus.starts[test], corpus.lengths[test], strict=True):
-        changed[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, 8, 8))
-    other = type(corpus)(**{**vars(corpus), "frames": changed})
+    other = with_other_values(corpus, test)
     probe = random_corpus(seed=9)
     found = [SEARCHES[name]().fit(c[train], c.gestures[train]) for c in (corpus, other)]
     assert found[0].chosen_ == found[1].chosen_
@@ -359,10 +354,7 @@ def test_a_stored_corpus_leaks_nothing_through_tables_and_studies(tmp_path):
     """The same, with the cache of features and the stored study on the way."""
     corpus = noisy(subjects=4)
     train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
-    changed = corpus.frames.copy()
-    for start, length in zip(corpus.starts[test], corpus.lengths[test], strict=True):
-        changed[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, 8, 8))
-    other = type(corpus)(**{**vars(corpus), "frames": changed})
+    other = with_other_values(corpus, test)
     found = []
     for name, c in (("a", corpus), ("b", other)):
         write_folder(c, tmp_path / name)
