@@ -138,7 +138,7 @@ def cells(values: dict[str, str]) -> list[Cell]:
     takes = {m: "features" in inspect.signature(load("models", m)).parameters for m in chosen["model"]}
     if "features" in values and not any(takes.values()):
         raise InputError(
-            f"features={values['features']} does nothing: {', '.join(takes)} reads raw frames; leave features= out"
+            f"features={values['features']} does nothing: {', '.join(takes)} takes none; leave features= out"
         )
     seeds = [convert("seed", s, 0) for s in chosen["seed"]]
     found: dict[str, Cell] = {}

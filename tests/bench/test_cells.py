@@ -61,7 +61,7 @@ def test_dotted_keys_set_parameters_by_the_type_of_their_default():
         (["model=cnn85", "model.frames=8.5"], "model.frames=8.5: give a whole number"),
         (["model=cnn85", "model.frames=None"], "model.frames=None: give a value"),
         (["seed=x"], "seed=x: give a whole number"),
-        (["model=cnn85", "features=jung54"], "features=jung54 does nothing: cnn85 reads raw frames"),
+        (["model=cnn85", "features=jung54"], "features=jung54 does nothing: cnn85 takes none"),
         (["data=haart", "data.subjects=3"], "data.subjects: only data=synth has parameters"),
         (["data.subject=3"], "data=synth has no parameter 'subject'; did you mean subjects"),
         (["jobs.x=3"], "no key is called 'jobs.x'"),
