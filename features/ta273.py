@@ -107,9 +107,9 @@ def crossings_per_second(signal: np.ndarray, lengths: np.ndarray, levels: np.nda
 
 def _columns(touch: Touch) -> list[np.ndarray]:
     pressure = touch.total / touch.taxels
-    mean = touch.mean(pressure)
+    mean_total = touch.mean(touch.total)
     crossed = np.zeros(len(pressure), dtype=bool)
-    above = pressure > mean[touch.capture]
+    above = touch.total > mean_total[touch.capture]  # whole numbers: rounding decides nothing
     crossed[1:] = above[1:] != above[:-1]
     crossed[touch.first] = False
     taxel_mean = touch.mean(touch.frames)
@@ -126,7 +126,7 @@ def _columns(touch: Touch) -> list[np.ndarray]:
     resampled = _resample(touch, pressure)
     return [
         touch.lengths,
-        mean,
+        mean_total / touch.taxels,
         np.maximum.reduceat(touch.peak, touch.first),
         np.array([np.median(touch.values[a:b]) for a, b in ends], dtype=np.float64),
         np.sqrt(variance),

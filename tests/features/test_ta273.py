@@ -21,7 +21,8 @@ def naive(frames, rate, full_scale, levels):
     middle = sum(m) / T
     out = [T, P.mean(), P.max(), np.median(P), P.std(), np.mean(np.abs(P[1:] - P[:-1])) if T > 1 else 0]
     out += [sum(m[t - 1] < m[t] > m[t + 1] for t in range(1, T - 1))]
-    out += [sum((m[t] > middle) != (m[t - 1] > middle) for t in range(1, T))]
+    s = [int(frames[t].sum(dtype=int)) for t in range(T)]
+    out += [sum((s[t] * T > sum(s)) != (s[t - 1] * T > sum(s)) for t in range(1, T))]
     out += list(np.histogram(P, bins=16, range=(0, full_scale))[0] / P.size)
     out += [sum((m[t] > level) != (m[t - 1] > level) for t in range(1, T)) * rate / T for level in levels]
     taxels = [P[:, r, c] for r in range(R) for c in range(C)]
