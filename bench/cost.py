@@ -38,10 +38,10 @@ def working_numbers(estimator: ClassifierMixin, taxels: int) -> int | None:
 def parameter_count(estimator: ClassifierMixin) -> int | None:
     """Learnt numbers that a device must hold to run the classifier, None where the kind is not known.
 
-    A classifier may say it itself with ``parameters_``, as networks do; a feature set that learns many numbers does,
-    and they are added. An SVM counts its support vectors, their
-    coefficients and its intercepts; a forest four numbers per split (feature, threshold, two children) and the class
-    shares of its leaves. A search is as large as what it has chosen.
+    A classifier may say it itself with ``parameters_``, as networks do; so does a feature set that learns many numbers,
+    and they are added. An SVM counts its support vectors, their coefficients and its intercepts; a forest four numbers
+    per split (feature, threshold, two children) and the class shares of its leaves. A search is as large as what it has
+    chosen.
     """
     chosen = getattr(estimator, "best_", estimator)
     if hasattr(chosen, "members"):
