@@ -19,8 +19,8 @@ from bench.corpus import Corpus
 class Windows:
     """Windows of equal length over ragged captures, the tail of a capture padded with zeros.
 
-    A capture of T frames has max(1, ceil((T - frames) / hop) + 1) windows, as Hughes et al. 2017 count them: 1 to 85 for
-    10 to 1297 frames at 45 / 15.
+    A capture of T frames has max(1, ceil((T - frames) / hop) + 1) windows, as Hughes et al. 2017 count them: 1 to 85
+    for 10 to 1297 frames at 45 / 15.
 
     Args:
         corpus: the captures.
