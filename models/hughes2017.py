@@ -95,7 +95,7 @@ class Hughes2017CNNRNN(Hughes2017CNN):
 
     def samples(self, corpus: Corpus) -> Sequences:
         """Sequences of windows."""
-        return Sequences(super().samples(corpus), 36 if self.design_ is COST else 46)
+        return Sequences(super().samples(corpus), 36 if self.design_ == COST else 46)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """16 254 parameters for CoST, 22 207 for HAART."""

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
-import json
-import os
 import time
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from filelock import FileLock
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin, clone
 from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
 from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpus import Corpus, InputError, home
-from bench.source import source_digest, versions
+from bench.corpus import Corpus, InputError
+from models.study import identity, open_study
 
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a combination is not followed further
 TIMED = 3  # single captures whose prediction is timed
@@ -129,7 +121,8 @@ class Search(ClassifierMixin, BaseEstimator):
         subjects = X.subjects.astype(str)
         folds = self.check_training(X, y)
         tables = _Tables(self.features or {}, X, y, folds)
-        with _study(self, X, y) as study:
+        directions = ["maximize"] if self.objective == "accuracy" else ["maximize", "minimize"]
+        with open_study(self.study_key(), X, y, directions, WORSE) as study:
             finished = _finished(study)
             ends = time.monotonic() + self.budget - _seconds(finished)
             while len(finished) < self._size() and (time.monotonic() < ends or not finished):
@@ -188,6 +181,18 @@ class Search(ClassifierMixin, BaseEstimator):
             )
         return folds
 
+    def study_key(self) -> dict[str, object]:
+        """What trials depend on besides captures and labels; not on how many there are, so that a study can grow."""
+        return {
+            "models": {name: identity(model) for name, model in self.models.items()},
+            "spaces": repr(self.spaces),
+            "features": {
+                name: [identity(type(f)), sorted(map(repr, f.get_params().items()))]
+                for name, f in (self.features or {}).items()
+            },
+            "search": [identity(Search), self.inner, self.objective, self.seed, self._whole_grid()],
+        }
+
     def _counted(self, finished: list) -> list:
         """Those of the stored trials that this search would have made: a study may hold a longer one."""
         if self.trials is not None:
@@ -239,7 +244,7 @@ class Search(ClassifierMixin, BaseEstimator):
                     trial.set_user_attr("seconds", time.perf_counter() - started)
                     study.tell(trial, state=TrialState.PRUNED)
                     return
-        spent = tables.milliseconds(name) + _milliseconds(model, tables.test(name, fold))
+        spent = tables.milliseconds(name) + _milliseconds(model.predict, tables.alone(name, fold))
         trial.set_user_attr("predict_ms", spent)
         trial.set_user_attr("subjects", accuracy)
         trial.set_user_attr("seconds", time.perf_counter() - started)
@@ -410,29 +415,30 @@ class _Tables:
             self.learnt[name, fold] = fitted.transform(self.X[train]), fitted.transform(self.X[test])
         return self.learnt[name, fold][side]
 
+    def alone(self, name: str | None, fold: int) -> list[Corpus | pd.DataFrame]:
+        """A few of what is judged, one by one."""
+        judged = self.test(name, fold)
+        rows = judged.iloc if isinstance(judged, pd.DataFrame) else judged
+        return [rows[[i % len(judged)]] for i in range(TIMED)]
+
     def milliseconds(self, name: str | None) -> float:
         """Time to compute the features of one capture."""
         if not name:
             return 0.0
         if name not in self.spent:
             self._part(name, 0, 0)  # fits it
-            chosen = np.linspace(0, len(self.X) - 1, TIMED).astype(int)
-            times = []
-            for one in [self.X[i : i + 1].detached() for i in chosen]:
-                started = time.perf_counter()
-                self.features[name].transform(one)
-                times.append((time.perf_counter() - started) * 1000)
-            self.spent[name] = float(np.median(times))
+            some = np.linspace(0, len(self.X) - 1, TIMED).astype(int)
+            alone = [self.X[i : i + 1].detached() for i in some]
+            self.spent[name] = _milliseconds(self.features[name].transform, alone)
         return self.spent[name]
 
 
-def _milliseconds(model: ClassifierMixin, judged: Corpus | pd.DataFrame) -> float:
-    """Time to label one capture or one row of features."""
+def _milliseconds(call: Callable, each: Iterable[object]) -> float:
+    """Median time of a call, once with each of some arguments."""
     times = []
-    for i in range(TIMED):
-        one = judged.iloc[[i % len(judged)]] if isinstance(judged, pd.DataFrame) else judged[[i % len(judged)]]
+    for one in each:
         started = time.perf_counter()
-        model.predict(one)
+        call(one)
         times.append((time.perf_counter() - started) * 1000)
     return float(np.median(times))
 
@@ -452,77 +458,3 @@ def _finished(study: object) -> list:
 def _seconds(finished: list) -> float:
     """Seconds that combinations took; Optuna's own would count the time in which a search lay interrupted."""
     return sum(t.user_attrs["seconds"] for t in finished)
-
-
-@contextmanager
-def _study(search: Search, X: Corpus, y: np.ndarray) -> Iterator[object]:
-    """The study of this search on these captures; stored, and held against other processes, if the corpus is."""
-    import optuna
-
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    directions = ["maximize"] if search.objective == "accuracy" else ["maximize", "minimize"]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        pruner = optuna.pruners.WilcoxonPruner(p_threshold=WORSE)
-        if not X.digest:
-            yield optuna.create_study(directions=directions, pruner=pruner)
-            return
-        path = home() / "studies" / f"{_key(search, X, y)}.journal"
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            lock = FileLock(path.with_suffix(".lock"))
-            lock.acquire()
-        except OSError:  # a folder that cannot be written only costs the resuming
-            yield optuna.create_study(directions=directions, pruner=pruner)
-            return
-        try:
-            yield optuna.create_study(
-                storage=_journal(path), study_name="search", directions=directions, pruner=pruner, load_if_exists=True
-            )
-        finally:
-            lock.release()
-
-
-def _journal(path: Path) -> object:
-    """Storage in a file that only this process has open; a last line that was cut off is dropped."""
-    from optuna.storages import JournalStorage
-    from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
-
-    class Held(JournalFileOpenLock):
-        """Nothing to do: the study is locked already. Optuna's own lock outlives a killed process by 30 s."""
-
-        def acquire(self) -> bool:
-            return True
-
-        def release(self) -> None:
-            pass
-
-    if path.exists():
-        content = path.read_bytes()
-        whole = content.rfind(b"\n") + 1
-        if whole < len(content):
-            os.truncate(path, whole)
-    return JournalStorage(JournalFileBackend(str(path), Held(str(path))))
-
-
-def _key(search: Search, X: Corpus, y: np.ndarray) -> str:
-    """Hash of the captures, the labels, what is searched and all code that scores depend on."""
-    used = [*search.models.values(), *(type(f) for f in (search.features or {}).values()), Search]
-    parts = {
-        "captures": [X.digest, hashlib.sha256(X.index.tobytes()).hexdigest()],
-        "labels": hashlib.sha256("\n".join(map(str, y)).encode()).hexdigest(),
-        "models": list(search.models),
-        "spaces": repr(search.spaces),
-        "features": {k: sorted(map(repr, f.get_params().items())) for k, f in (search.features or {}).items()},
-        "search": [search.inner, search.objective, search.seed, search._whole_grid()],
-        "code": [_identity(part) for part in used],
-        "versions": versions(),
-    }
-    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:32]
-
-
-def _identity(part: Callable) -> list:
-    """Name and source of a factory or class; of a partial one also what it was given."""
-    if isinstance(part, partial):
-        return [*_identity(part.func), repr((part.args, sorted(part.keywords.items())))]
-    return [part.__module__, part.__qualname__, source_digest(part)]

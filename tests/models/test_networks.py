@@ -1,5 +1,7 @@
 """The published networks: sizes, shapes and memory as printed, samples against loops, and what no network may do."""
 
+import pickle
+
 import numpy as np
 import pytest
 import torch
@@ -118,6 +120,14 @@ def test_published_sequence_counts(frames, longest, count):
     corpus = random_corpus(subjects=1, per_class=1)
     one = type(corpus).from_captures([np.zeros((frames, 8, 8), np.uint16)], corpus.captures[:1], 135.0)
     assert len(Sequences(Windows(one, 45, 15), longest)) == count
+
+
+@pytest.mark.parametrize(("rate", "count"), [(135.0, 3), (54.0, 4)])
+def test_a_network_that_was_stored_cuts_the_same_sequences(rate, count):
+    model, _ = fitted(Hughes2017CNNRNN, rate, 7, longest=12)
+    corpus = random_corpus(subjects=1, per_class=1)
+    one = type(corpus).from_captures([np.zeros((1297, 8, 8), np.uint16)], corpus.captures[:1], rate)
+    assert len(model.samples(one)) == len(pickle.loads(pickle.dumps(model)).samples(one)) == count
 
 
 def test_the_recurrent_layer_equals_a_loop_over_each_sequence():

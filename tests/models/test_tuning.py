@@ -19,7 +19,7 @@ from features.balli import Balli
 from features.hughes36 import Hughes36
 from features.jung28 import Jung28
 from features.ta273 import Ta273
-from models import tuning
+from models import study, tuning
 from models.auto import auto
 from models.cnn85 import CNN85
 from models.jung2014 import jung2014_svm
@@ -235,11 +235,12 @@ def test_a_study_belongs_to_captures_labels_space_and_code(tmp_path, monkeypatch
         Search({"svm": partial(svm, C=1.0)}, {"svm": GRID}, features, "2"),
         Search({"svm": partial(svm, C=2.0)}, {"svm": GRID}, features, "2"),
     ]
-    keys = {tuning._key(each, corpus, corpus.gestures) for each in searches}
-    keys |= {tuning._key(search, corpus[1:], corpus.gestures[1:]), tuning._key(search, corpus, corpus.gestures[::-1])}
+    keys = {study.study_name(each.study_key(), corpus, corpus.gestures) for each in searches}
+    keys.add(study.study_name(search.study_key(), corpus[1:], corpus.gestures[1:]))
+    keys.add(study.study_name(search.study_key(), corpus, corpus.gestures[::-1]))
     assert len(keys) == 12
-    monkeypatch.setattr(tuning, "source_digest", lambda part: "changed")
-    assert tuning._key(search, corpus, corpus.gestures) not in keys
+    monkeypatch.setattr(study, "source_digest", lambda part: "changed")
+    assert study.study_name(search.study_key(), corpus, corpus.gestures) not in keys
 
 
 def test_a_budget_ends_the_search():
