@@ -46,6 +46,10 @@ def runs(kind):
     return client, client.search_runs([experiment], f"tags.`touchbench.kind` = '{kind}'", order_by=["start_time ASC"])
 
 
+def finished_folds():
+    return {f.info.run_id for f in runs("fold")[1] if f.info.status == "FINISHED"}
+
+
 def predictions(client, run_):
     return pd.read_parquet(client.download_artifacts(run_.info.run_id, "predictions.parquet"))
 
@@ -135,13 +139,13 @@ def test_control_c_keeps_the_finished_folds(tmp_path):
     )
     connect()
     deadline = time.time() + 90
-    while time.time() < deadline and len(runs("fold")[1]) < 2:
+    while time.time() < deadline and len(finished_folds()) < 2:
         time.sleep(0.3)
+    before = finished_folds()
     os.killpg(process.pid, signal.SIGINT)
     _, error = process.communicate(timeout=30)
     assert process.returncode == 130 and "goes on from there" in error and "Traceback" not in error
-    finished = [f for f in runs("fold")[1] if f.info.status == "FINISHED"]
-    assert 2 <= len(finished) < 12
+    assert len(before) >= 2 and before <= finished_folds() and len(finished_folds()) < 12
 
 
 @pytest.mark.parametrize(("how", "told"), [("fail", "cannot learn without 3"), ("nan", "not finite"), ("die", "died")])
