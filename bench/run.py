@@ -116,7 +116,7 @@ def _warnings(plans: list[tuple]) -> list[str]:
         if isinstance(frames, int) and (short := int((corpus.lengths < frames).sum())):
             lines.append(
                 f"warning: {cell.data}: {short} of {len(corpus)} captures are shorter than the {frames}-frame window "
-                f"of {cell.model.name}; they are padded with zeros"
+                f"of {cell.model.name}; they are padded"
             )
     return lines
 

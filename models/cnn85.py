@@ -9,12 +9,15 @@ import numpy as np
 import torch
 from torch import nn
 
+from bench.corpus import Corpus, InputError
 from models.taxel_major import taxel_major
-from models.training import Samples, Step, train
+from models.training import Samples, Step, Windows, train
 from models.window import WindowNet
 
-# What the paper lists; the toolbox it used also has 0.5 to 0.0005 steps between them.
-RATES = (1.0, 0.5, 0.1, 0.05, 0.001)
+RATES = {
+    "paper": (1.0, 0.5, 0.1, 0.05, 0.001),
+    "toolbox": (1.0, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001, 0.0005),
+}
 SEARCH_EVERY = 10  # epochs
 SEARCH_BATCHES = 30
 
@@ -28,20 +31,51 @@ class CNN85(WindowNet):
 
     Args:
         frames: length of a window; 85 frames are 630 ms of CoST.
-        hop: frames from one window to the next, None for windows that do not overlap.
+        hop: frames from one training window to the next, None for windows that do not overlap; those that are scored
+            never do.
+        padding: of the last window of a capture: ``zero``, as published, or ``edge``, which repeats its last frame.
+        rates: learning rates that are tried: those that the ``paper`` lists, or those of its ``toolbox``.
         epochs: passes over the training windows.
         batch: windows per step.
         seed: of the weights and the shuffles.
     """
 
     def __init__(
-        self, frames: int = 85, hop: int | None = None, epochs: int = 50, batch: int = 250, seed: int = 0
+        self,
+        frames: int = 85,
+        hop: int | None = None,
+        padding: str = "zero",
+        rates: str = "paper",
+        epochs: int = 50,
+        batch: int = 250,
+        seed: int = 0,
     ) -> None:
         self.frames = frames
         self.hop = hop
+        self.padding = padding
+        self.rates = rates
         self.epochs = epochs
         self.batch = batch
         self.seed = seed
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: a count below 1, or an unknown padding or list of rates.
+        """
+        super().check()
+        for name, known in (("padding", ("zero", "edge")), ("rates", tuple(RATES))):
+            if (value := getattr(self, name)) not in known:
+                raise InputError(f"model.{name}={value}: give {' or '.join(known)}")
+
+    def samples(self, corpus: Corpus) -> Windows:
+        """Windows that do not overlap."""
+        return Windows(corpus, self.frames, self.frames, self.padding)
+
+    def training_samples(self, corpus: Corpus) -> Windows:
+        """Windows that are trained on."""
+        return Windows(corpus, self.frames, self.hop or self.frames, self.padding)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """909 070 parameters for 8 x 8 taxels, 85 frames and 14 classes."""
@@ -62,7 +96,7 @@ class CNN85(WindowNet):
         """
         for p in net.parameters():
             nn.init.kaiming_normal_(p) if p.ndim > 1 else nn.init.zeros_(p)
-        sgd = SelectiveSGD(net)
+        sgd = SelectiveSGD(net, RATES[self.rates])
         forward = partial(taxel_major, net)
         return train(net, samples, target, sgd, self.epochs, self.batch, self.seed, sgd.search, forward)
 
@@ -73,12 +107,12 @@ class SelectiveSGD:
     m <- 0.9 m - 0.1 gradient - 1e-4 weight (no decay of biases); weight <- weight + rate m / (1 - 0.9^t).
     """
 
-    def __init__(self, net: nn.Module) -> None:
+    def __init__(self, net: nn.Module, rates: tuple[float, ...]) -> None:
         self.parameters = list(net.parameters())
         self.momentum = [torch.zeros_like(p) for p in self.parameters]
         self.steps = 0
-        self.rate = RATES[0]
-        self.rates = RATES
+        self.rate = rates[0]
+        self.rates = rates
 
     def zero_grad(self) -> None:
         """Forget the gradients."""

@@ -31,7 +31,6 @@ class Ren2023Transformer(WindowNet):
     """
 
     holds_out = True
-    hop = None
 
     def __init__(
         self,

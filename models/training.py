@@ -17,7 +17,7 @@ from bench.corpus import Corpus
 
 
 class Windows:
-    """Windows of equal length over ragged captures, the tail of a capture padded with zeros.
+    """Windows of equal length over ragged captures, the tail of a capture padded.
 
     A capture of T frames has max(1, ceil((T - frames) / hop) + 1) windows, as Hughes et al. 2017 count them: 1 to 85
     for 10 to 1297 frames at 45 / 15.
@@ -26,6 +26,7 @@ class Windows:
         corpus: the captures.
         frames: length of a window.
         hop: frames from one window's start to the next.
+        padding: of windows that reach beyond their capture: ``zero``, or ``edge`` to repeat its last frame.
 
     Attributes:
         capture: int64 [windows], position in the corpus of the capture that a window is cut from.
@@ -34,7 +35,7 @@ class Windows:
         steps: int64 [windows], decisions that a network makes on each: one.
     """
 
-    def __init__(self, corpus: Corpus, frames: int, hop: int) -> None:
+    def __init__(self, corpus: Corpus, frames: int, hop: int, padding: str = "zero") -> None:
         counts = np.maximum(1, -(-(corpus.lengths - frames) // hop) + 1)
         self.capture = np.repeat(np.arange(len(corpus)), counts)
         first = np.repeat(np.cumsum(counts) - counts, counts)
@@ -42,6 +43,7 @@ class Windows:
         self.seen = np.minimum(frames, corpus.lengths[self.capture] - self.start)
         self.steps = np.ones(len(self.capture), dtype=np.int64)
         self.frames = frames
+        self.padding = padding
         self.grid = corpus.grid
         self._begin = corpus.starts[self.capture] + self.start
         self._values = corpus.frames.reshape(len(corpus.frames), -1)
@@ -55,8 +57,9 @@ class Windows:
         seen = self.seen[rows]
         index = self._begin[rows, None] + np.minimum(np.arange(self.frames), seen[:, None] - 1)
         values = self._values[index].astype(np.float32)  # [rows, frames, taxels]
-        for i in np.flatnonzero(seen < self.frames):
-            values[i, seen[i] :] = 0
+        if self.padding == "zero":
+            for i in np.flatnonzero(seen < self.frames):
+                values[i, seen[i] :] = 0
         by_taxel = torch.from_numpy(values).flatten(0, 1).T.contiguous().mul_(self._scale)
         return by_taxel.view(*self.grid, len(rows), self.frames).permute(2, 3, 0, 1)
 

@@ -19,9 +19,9 @@ from models.training import Samples, Windows, activations, moved, probabilities
 class WindowNet(ClassifierMixin, BaseEstimator):
     """Cuts captures into samples, decides on each, and labels a capture by the mean of its probabilities.
 
-    A system gives ``network(rows, cols, classes)`` and ``learn(net, samples, target)``, and has ``frames``, ``hop``
-    (None: windows do not overlap), ``epochs``, ``batch`` and ``seed`` among its parameters, ``device`` if it can use
-    another than the CPU. One whose sample is not a window has its own ``samples``.
+    A system gives ``network(rows, cols, classes)`` and ``learn(net, samples, target)``, and has ``frames``, ``epochs``,
+    ``batch`` and ``seed`` among its parameters, ``device`` if it can use another than the CPU. One whose sample is not
+    a window that follows the last one has its own ``samples``, and ``training_samples`` if it trains on others.
 
     Attributes:
         classes_: class names.
@@ -44,8 +44,12 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         raise NotImplementedError
 
     def samples(self, corpus: Corpus) -> Samples:
-        """What captures are cut into: windows."""
-        return Windows(corpus, self.frames, self.hop or self.frames)
+        """What captures are cut into: windows that do not overlap."""
+        return Windows(corpus, self.frames, self.frames)
+
+    def training_samples(self, corpus: Corpus) -> Samples:
+        """What training captures are cut into."""
+        return self.samples(corpus)
 
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run.
@@ -71,7 +75,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         self.check()
         self.classes_, codes = np.unique(y, return_inverse=True)
         held = self._held(X.subjects)
-        samples = self.samples(X[~held])
+        samples = self.training_samples(X[~held])
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
             net = self.network(*X.grid, len(self.classes_)).to(self.device)

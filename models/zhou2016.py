@@ -35,7 +35,6 @@ class Zhou2016(WindowNet):
     """
 
     holds_out = True
-    hop = None
 
     def __init__(
         self,

@@ -125,6 +125,8 @@ def _published(run: dict, unit: str, papers: pd.DataFrame) -> str:
     if run["synthetic"] == "true":
         return ""
     units = {"capture": ["capture", "subject mean"], "capture vote": ["capture vote"]}
+    if not run.get("windows", 0) > 0:  # one decision a capture: the vote over its decisions is that decision
+        units["capture"].append("capture vote")
     units["window"] = ["window", "window macro precision", "window macro recall"]
     same = papers[
         (papers["data"] == run["data"])

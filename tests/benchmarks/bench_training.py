@@ -41,8 +41,7 @@ def plain(net: nn.Module, loader: DataLoader) -> float:
 
 def ours(net: nn.Module, windows: object, target: np.ndarray) -> float:
     """Windows per second of one epoch of the project's loop, without the search of the rate."""
-    sgd = SelectiveSGD(net)
-    sgd.rate = 0.05
+    sgd = SelectiveSGD(net, (0.05,))
     started = time.perf_counter()
     train(net, windows, target, sgd, epochs=1, batch=BATCH, seed=0, forward=partial(taxel_major, net))
     return len(windows) // BATCH * BATCH / (time.perf_counter() - started)

@@ -6,17 +6,21 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.cnn85 import CNN85, RATES, SelectiveSGD
+from bench.errors import InputError
+from models.cnn85 import CNN85, SelectiveSGD
+from models.cnn85 import RATES as LISTS
 from models.training import Windows, train
 from tests.conftest import random_corpus
 
+RATES = LISTS["paper"]
 
-def loop(frames, length, hop):
-    """Start, frames seen and zero-padded values of each window, by counting."""
+
+def loop(frames, length, hop, padding):
+    """Start, frames seen and padded values of each window, by counting."""
     found, start = [], 0
     while True:
         piece = frames[start : start + length]
-        padded = np.zeros((length, *frames.shape[1:]))
+        padded = np.zeros((length, *frames.shape[1:])) if padding == "zero" else np.stack([frames[-1]] * length)
         padded[: len(piece)] = piece
         found.append((start, len(piece), padded))
         if start + length >= len(frames):
@@ -25,12 +29,18 @@ def loop(frames, length, hop):
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.integers(1, 30), st.integers(1, 30), st.integers(0, 1000), st.sampled_from([(8, 8), (2, 3)]))
-def test_windows_equal_a_loop(length, hop, seed, grid):
+@given(
+    st.integers(1, 30),
+    st.integers(1, 30),
+    st.integers(0, 1000),
+    st.sampled_from([(8, 8), (2, 3)]),
+    st.sampled_from(["zero", "edge"]),
+)
+def test_windows_equal_a_loop(length, hop, seed, grid, padding):
     hop = min(hop, length)
     corpus = random_corpus(subjects=1, per_class=2, seed=seed, grid=grid)[np.array([3, 0, 5])]
-    windows = Windows(corpus, length, hop)
-    expected = [(i, *w) for i, frames in enumerate(corpus) for w in loop(frames, length, hop)]
+    windows = Windows(corpus, length, hop, padding)
+    expected = [(i, *w) for i, frames in enumerate(corpus) for w in loop(frames, length, hop, padding)]
     assert [tuple(t) for t in zip(windows.capture, windows.start, windows.seen, strict=True)] == [
         e[:3] for e in expected
     ]
@@ -99,7 +109,7 @@ def test_the_optimiser_equals_the_update_rule_written_out():
     torch.manual_seed(0)
     net = torch.nn.Linear(3, 2)
     weight, bias = net.weight.detach().clone().numpy(), net.bias.detach().clone().numpy()
-    sgd = SelectiveSGD(net)
+    sgd = SelectiveSGD(net, RATES)
     sgd.rate = 0.1
     m_weight, m_bias = np.zeros_like(weight), np.zeros_like(bias)
     for t in range(1, 5):
@@ -121,7 +131,7 @@ class Valley:
     def __init__(self):
         self.module = torch.nn.Linear(1, 1, bias=False)
         torch.nn.init.ones_(self.module.weight)
-        self.sgd = SelectiveSGD(self.module)
+        self.sgd = SelectiveSGD(self.module, RATES)
 
     def step(self, rows):
         self.sgd.zero_grad()
@@ -148,13 +158,29 @@ def test_the_search_keeps_the_rate_with_the_lowest_last_loss_and_discards_the_tr
     assert valley.sgd.rate == 0.123  # between the searches it stays
 
 
+def test_the_hop_is_that_of_training_windows(corpus):
+    model = CNN85(frames=10, hop=3)
+    lengths = corpus.lengths
+    assert len(model.training_samples(corpus)) == sum(max(1, -(-(n - 10) // 3) + 1) for n in lengths)
+    assert len(model.samples(corpus)) == sum(-(-n // 10) for n in lengths)
+    fitted = CNN85(frames=10, hop=3, epochs=1, batch=16).fit(corpus, corpus.gestures)
+    assert len(fitted.decide(corpus)[0]) == len(model.samples(corpus))
+
+
+def test_the_toolbox_tries_more_rates(corpus):
+    model = CNN85(frames=10, rates="toolbox", epochs=1, batch=16).fit(corpus, corpus.gestures)
+    assert model.history_[0]["rate"] in (1, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001, 0.0005)
+    with pytest.raises(InputError, match="model.padding=mirror: give zero or edge"):
+        CNN85(padding="mirror").check()
+
+
 def test_an_epoch_leaves_out_only_the_incomplete_batch(corpus):
     windows = Windows(corpus, 10, 10)
     net = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(640, 3))
     seen = []
     original = windows.batch
     windows.batch = lambda rows: (seen.append(rows), original(rows))[1]
-    train(net, windows, np.zeros(len(windows)), SelectiveSGD(net), epochs=3, batch=16, seed=0)
+    train(net, windows, np.zeros(len(windows)), SelectiveSGD(net, RATES), epochs=3, batch=16, seed=0)
     per_epoch = len(windows) // 16
     assert len(seen) == 3 * per_epoch
     for epoch in range(3):
