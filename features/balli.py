@@ -6,11 +6,11 @@ from itertools import combinations, product
 
 import numpy as np
 import pandas as pd
-from sklearn.model_selection import GroupKFold
 from sklearn.utils.validation import check_is_fitted
 
 from bench.corpus import Corpus, InputError
 from features.base import FeatureSet
+from features.selection import select
 from features.signals import Touch, table, weighted
 
 SIGNALS = (
@@ -27,9 +27,6 @@ ORDER = 4
 SHORTEST_CHUNK = 8  # frames
 FLAT = 1e-9  # a signal with a standard deviation below this share of its largest magnitude is constant but for rounding
 AR_RIDGE = 1e-9  # share of the variance
-LDA_RIDGE = 1e-3  # of standardised columns
-FOLDS = 5
-STEPS = 3  # times `selected`
 
 
 class Balli(FeatureSet):
@@ -311,104 +308,3 @@ def _autoregression(touch: Touch, centred: np.ndarray, flat: np.ndarray) -> np.n
 def _frames_from(touch: Touch, number: int) -> np.ndarray:
     """Whether each frame has at least this many frames of its capture before it, [frames, 1]."""
     return (np.arange(len(touch.capture)) - touch.first[touch.capture] >= number)[:, None]
-
-
-def select(values: np.ndarray, label: np.ndarray, subject: np.ndarray, selected: int) -> np.ndarray:
-    """Positions of the columns that SFFS keeps, in order.
-
-    Args:
-        values: table [captures, columns].
-        label: class of each capture, int [captures].
-        subject: whose capture it is [captures].
-        selected: how many to keep.
-    """
-    fold = _inner_folds(label, subject)
-    if len(np.unique(label)) < 2 or len(np.unique(fold)) < 2:
-        return np.arange(values.shape[1])
-    usable = np.flatnonzero(np.ptp(values, axis=0) > FLAT * np.abs(values).max(axis=0))
-    if not len(usable):
-        return np.arange(values.shape[1])
-    if len(usable) <= selected:
-        return usable
-    parts = [Discriminant(values[:, usable], label, fold != i) for i in np.unique(fold)]
-    return usable[_float(parts, len(usable), selected)]
-
-
-def _inner_folds(label: np.ndarray, subject: np.ndarray) -> np.ndarray:
-    """Fold in which each capture is left out, int [captures]."""
-    people = len(np.unique(subject))
-    if people == 1:
-        return pd.Series(label).groupby(label).cumcount().to_numpy() % FOLDS
-    fold = np.empty(len(label), dtype=np.int64)
-    for i, (_, test) in enumerate(GroupKFold(min(FOLDS, people)).split(label, groups=subject)):
-        fold[test] = i
-    return fold
-
-
-class Discriminant:
-    """Linear discriminant analysis on any subset of columns, from the moments of all.
-
-    Args:
-        values: table [captures, columns].
-        label: class of each capture, int [captures].
-        train: which captures to learn from, bool [captures]; the others are told apart.
-    """
-
-    def __init__(self, values: np.ndarray, label: np.ndarray, train: np.ndarray) -> None:
-        known, member = np.unique(label[train], return_inverse=True)
-        centre, spread = values[train].mean(axis=0), values[train].std(axis=0)
-        varies = spread > FLAT * np.abs(values[train]).max(axis=0)
-        standard = (values - centre) * varies / np.where(varies, spread, 1)
-        self.test, self.truth = standard[~train], label[~train]
-        self.known = known
-        count = np.bincount(member)
-        belongs = (member == np.arange(len(known))[:, None]).astype(np.float64)
-        self.means = belongs @ standard[train] / count[:, None]
-        within = standard[train] - self.means[member]
-        self.covariance = within.T @ within / len(member) + LDA_RIDGE * np.eye(len(centre))
-        self.log_prior = np.log(count / len(member))
-
-    def hits(self, sets: np.ndarray) -> np.ndarray:
-        """How many test captures each set of columns int [sets, size] gets right, int [sets]."""
-        batch = max(2**22 // (len(self.test) * len(self.known) + sets.shape[1] ** 2), 1)
-        return np.concatenate([self._hits(sets[i : i + batch]) for i in range(0, len(sets), batch)])
-
-    def _hits(self, sets: np.ndarray) -> np.ndarray:
-        means = self.means.T[sets]  # [sets, size, classes]
-        weights = np.linalg.solve(self.covariance[sets[:, :, None], sets[:, None, :]], means)
-        offset = self.log_prior - (means * weights).sum(axis=1) / 2
-        columns, position = np.unique(sets, return_inverse=True)
-        # Sets share most columns: one product with a weight of 0 for columns that a set has not is the fastest
-        sparse = np.zeros((len(columns), *offset.shape))
-        sparse[position.reshape(sets.shape), np.arange(len(sets))[:, None]] = weights
-        score = (self.test[:, columns] @ sparse.reshape(len(columns), -1)).reshape(-1, *offset.shape)
-        score += offset
-        return np.count_nonzero(self.known[score.argmax(axis=2)] == self.truth[:, None], axis=0)
-
-
-def _float(parts: list[Discriminant], columns: int, selected: int) -> np.ndarray:
-    """SFFS: best set of ``selected`` of the columns found, sorted."""
-    chosen: list[int] = []
-    best: dict[int, tuple[int, list[int]]] = {}  # by size: captures right, and the set
-    steps = 0
-    while len(chosen) < selected:
-        rest = np.setdiff1d(np.arange(columns), chosen)
-        hits = _hits(parts, np.column_stack([np.tile(chosen, (len(rest), 1)).astype(np.int64), rest]))
-        chosen = [*chosen, int(rest[hits.argmax()])]
-        steps += 1
-        if len(chosen) not in best or hits.max() > best[len(chosen)][0]:
-            best[len(chosen)] = int(hits.max()), chosen
-        while len(chosen) > 2 and steps < STEPS * selected:
-            ordered = np.sort(chosen)
-            without = np.array([np.delete(ordered, i) for i in range(len(ordered))])
-            hits = _hits(parts, without)
-            if hits.max() <= best[len(chosen) - 1][0]:
-                break
-            chosen = without[hits.argmax()].tolist()
-            steps += 1
-            best[len(chosen)] = int(hits.max()), chosen
-    return np.sort(best[selected][1])
-
-
-def _hits(parts: list[Discriminant], sets: np.ndarray) -> np.ndarray:
-    return np.sum([part.hits(sets) for part in parts], axis=0)

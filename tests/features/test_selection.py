@@ -1,0 +1,130 @@
+"""Selection of columns against a slow search with discriminant analysis written out."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.model_selection import GroupKFold
+
+from bench.errors import InputError
+from features import selection
+from features.jung28 import Jung28
+from features.selection import Subset
+
+
+def naive_hits(values, label, subject, columns):
+    """Captures that discriminant analysis gets right when their group of subjects is left out."""
+    right = 0
+    folds = min(5, len(set(subject)))
+    for train, test in GroupKFold(folds).split(values, groups=subject):
+        known = values[train][:, columns]
+        centre, spread = known.mean(axis=0), known.std(axis=0)
+        known = (known - centre) / spread
+        classes = sorted(set(label[train]))
+        means = [known[label[train] == c].mean(axis=0) for c in classes]
+        scatter = np.zeros((len(columns), len(columns)))
+        for c, mean in zip(classes, means, strict=True):
+            for x in known[label[train] == c]:
+                scatter += np.outer(x - mean, x - mean)
+        inverse = np.linalg.inv(scatter / len(train) + 1e-3 * np.eye(len(columns)))
+        for i in test:
+            x = (values[i, columns] - centre) / spread
+            score = [  # the whole quadratic form, of which the term that classes share is no matter
+                np.log(np.mean(label[train] == c)) - (x - mean) @ inverse @ (x - mean) / 2
+                for c, mean in zip(classes, means, strict=True)
+            ]
+            right += classes[int(np.argmax(score))] == label[i]
+    return right
+
+
+def naive_sffs(hits, columns, selected, floating=True):
+    """The set that forward and backward steps find, and how many columns were taken out again."""
+    now, best, removed = (), {}, 0
+    while len(now) < selected:
+        now = max((tuple(sorted((*now, c))) for c in range(columns) if c not in now), key=hits)
+        if hits(now) > hits(best.get(len(now), now)) or len(now) not in best:
+            best[len(now)] = now
+        while floating and len(now) > 2:
+            smaller = max((tuple(c for c in now if c != out) for out in now), key=hits)
+            if hits(smaller) <= hits(best[len(smaller)]):
+                break
+            now = best[len(smaller)] = smaller
+            removed += 1
+    return list(best[selected]), removed
+
+
+def labelled(seed, captures=120, columns=8, classes=3, subjects=6):
+    """A table in which some columns tell the classes apart, and columns are mixtures of each other."""
+    rng = np.random.default_rng(seed)
+    label, subject = np.arange(captures) % classes, rng.integers(0, subjects, captures).astype(str)
+    values = rng.normal(size=(captures, columns)) + rng.normal(size=(classes, columns))[label] * 0.5
+    return values @ rng.normal(size=(columns, columns)) * 10.0 ** rng.integers(-3, 4, columns), label, subject
+
+
+@pytest.mark.parametrize("subjects", [2, 6, 11])
+def test_the_criterion_is_discriminant_analysis_left_out_by_subject(subjects):
+    values, label, subject = labelled(1, subjects=subjects)
+    label[np.flatnonzero(subject == "1")[::2]] = 3  # a class that nobody else has
+    fold = selection.inner_folds(label, subject)
+    assert len(np.unique(fold)) == min(subjects, 5)
+    parts = [selection.Discriminant(values, label, fold != i) for i in np.unique(fold)]
+    for size in (1, 2, 5):
+        sets = np.array([np.random.default_rng(i).permutation(8)[:size] for i in range(10)])
+        found = sum(part.hits(sets) for part in parts)
+        assert found.tolist() == [naive_hits(values, label, subject, s) for s in sets]
+        assert len(set(found)) > 1
+
+
+@pytest.mark.parametrize("seed", [0, 8, 17, 24])
+def test_selection_equals_a_slow_search(seed, monkeypatch):
+    values, label, subject = labelled(seed, captures=60, columns=7)
+    known = {}
+
+    def hits(columns):
+        if columns not in known:
+            known[columns] = naive_hits(values, label, subject, list(columns))
+        return known[columns]
+
+    forward, _ = naive_sffs(hits, 7, 5, floating=False)
+    floating, removed = naive_sffs(hits, 7, 5)
+    assert selection.select(values, label, subject, 5).tolist() == floating
+    if seed:  # columns that later ones make useless are taken out again
+        assert removed and hits(tuple(floating)) > hits(tuple(forward))
+    monkeypatch.setattr(selection, "STEPS", 0)  # no step is left for going back
+    assert selection.select(values, label, subject, 5).tolist() == forward
+
+
+@pytest.mark.parametrize("subjects", [1, 3, 12])
+def test_the_columns_that_carry_the_class_are_found(subjects):
+    rng = np.random.default_rng(subjects)
+    label, subject = np.arange(240) % 8, (np.arange(240) // 8 % subjects).astype(str)
+    values = rng.normal(size=(240, 30))
+    for bit, column in enumerate((4, 11, 25)):  # each halves the classes, all three are needed
+        values[:, column] += 3 * (label >> bit & 1)
+    assert selection.select(values, label, subject, 3).tolist() == [4, 11, 25]
+    values[:, 0] = 7
+    values[:, 1] = 1e6 + rng.normal(size=240) * 1e-9  # constant but for rounding
+    kept = selection.select(values, label, subject, 30).tolist()
+    assert kept == list(range(2, 30))
+    copies = np.column_stack([values[:, 4], values[:, [4, 11, 11, 25]]])  # of equal columns the first
+    assert selection.select(copies, label, subject, 3).tolist() == [0, 2, 4]
+
+
+def test_sets_tried_together_or_alone_are_as_good():
+    values, label, subject = labelled(3, captures=4000, columns=50, classes=14)
+    part = selection.Discriminant(values, label, selection.inner_folds(label, subject) != 0)
+    sets = np.array([np.random.default_rng(i).permutation(50)[:20] for i in range(600)])
+    assert len(sets) * len(part.test) * len(part.known) > 2**22  # more than one batch
+    found = part.hits(sets)
+    assert len(found) == 600 and found[::50].tolist() == [int(part.hits(s[None])[0]) for s in sets[::50]]
+
+
+def test_a_subset_keeps_the_selected_columns_of_training_captures(corpus):
+    train, test = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
+    whole = Jung28().fit_transform(corpus)
+    label = np.unique(corpus.gestures[train], return_inverse=True)[1]
+    kept = whole.columns[selection.select(whole.iloc[train].to_numpy(), label, corpus.subjects[train], 6)]
+    features = Subset(Jung28(), 6).fit(corpus[train], corpus.gestures[train])
+    assert list(features.get_feature_names_out()) == list(kept) and len(kept) == 6
+    pd.testing.assert_frame_equal(features.transform(corpus[test]), whole.iloc[test][kept].reset_index(drop=True))
+    with pytest.raises(InputError, match="count=0"):
+        Subset(Jung28(), 0).fit(corpus)
