@@ -66,7 +66,11 @@ class Cell:
 
             name = self.model.name
             features = {self.features.name: self.features.make()} if self.features else None
-            how = {k: v for k, v in self.tuning.items() if k != "space"}
+            if counts := self.tuning.get("counts"):
+                from features.selection import Subset
+
+                features = {f"{n} best of {self.features}": Subset(self.features.make(), n) for n in counts} | features
+            how = {k: v for k, v in self.tuning.items() if k not in ("space", "counts")}
             return Search({name: load("models", name)}, {name: self.tuning["space"]}, features, **how)
         return self.model.make(features=self.features.make()) if self.features else self.model.make()
 

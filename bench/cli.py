@@ -48,6 +48,28 @@ against prediction time. An interrupted search goes on where it stopped.
   bench tune data=haart protocol=loso model=svm features=jung54 trials=50
   bench tune data=haart protocol=challenge model=rf,xgb features=ta273 objective=accuracy+time
 """
+CHOOSE = """\
+bench choose [key=value ...]
+
+From the tracked runs on the same captures: the cheapest system whose accuracy is not below that of the best by more
+than one standard error of the paired difference over subjects, and why.
+
+  by=           cost that is to be low: flash (default), ram, predict or decision (touch to be observed plus computing)
+  max_flash=    budgets, such as max_flash=256kB max_ram=32kB (kB 1000, KiB 1024 bytes; 32 bits a number)
+  max_predict=  max_decision=   such as max_predict=2ms max_decision=700ms
+  margin=       points of accuracy that do not matter: a one-sided paired t-test (p < 0.05) replaces the SE
+  data= where= target= protocol= model= features=   choose among the runs
+
+  over=X        instead: run model= with the smallest X that suffices by the same rule, chosen in every fold on left-out
+                training subjects, beside the system as it is. X is a parameter that is a number (values: model.X=10,20,
+                else an eighth, a quarter, a half and all of the default), or features (2 to 32 of them, or all)
+  inner=        groups of training subjects that judge, or loso; default 3
+
+  bench choose data=haart protocol=loso
+  bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB
+  bench choose data=haart protocol=loso model=cnn85 over=frames
+  bench choose data=haart protocol=loso model=svm features=jung54 over=features
+"""
 SYSTEMS = """\
 bench systems
 
@@ -81,6 +103,7 @@ Opens MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI, 
 SUMMARY = {
     "run": "run recognisers under a protocol and track them",
     "tune": "search the parameters of recognisers inside each training part",
+    "choose": "find the cheapest system that is as good as the best",
     "systems": "list every published number and the command that repeats it",
     "extract": "write a table of features",
     "data": "list, import and export corpora",
@@ -92,7 +115,7 @@ SUMMARY = {
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; an `InputError` is one line and exit code 2."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    commands = {"run": _run, "tune": _tune, "systems": _systems, "extract": _extract, "data": _data}
+    commands = {"run": _run, "tune": _tune, "choose": _choose, "systems": _systems, "extract": _extract, "data": _data}
     commands |= {"report": _report, "ui": _ui}
     try:
         if not arguments or arguments[0] in ("-h", "--help", "help"):
@@ -126,7 +149,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _help(name: str) -> str:
-    texts = {"run": RUN, "tune": TUNE, "systems": SYSTEMS, "extract": EXTRACT, "data": DATA, "report": REPORT, "ui": UI}
+    texts = {"run": RUN, "tune": TUNE, "choose": CHOOSE, "systems": SYSTEMS, "extract": EXTRACT, "data": DATA}
+    texts |= {"report": REPORT, "ui": UI}
     text = texts[name]
     if name == "run":
         rooms = {room: ", ".join(names(room)) for room in ("protocols", "models", "features")}
@@ -144,6 +168,12 @@ def _tune(arguments: list[str]) -> int:
     from bench.tune import tune
 
     return tune(arguments)
+
+
+def _choose(arguments: list[str]) -> int:
+    from bench.choose import choose
+
+    return choose(arguments)
 
 
 def _systems(arguments: list[str]) -> int:

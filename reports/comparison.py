@@ -64,7 +64,7 @@ def tracked(client: object) -> pd.DataFrame:
             | r.data.params
             | r.data.tags
             | r.data.metrics
-            | {"status": r.info.status, "started": r.info.start_time}
+            | {"run_id": r.info.run_id, "status": r.info.status, "started": r.info.start_time}
             for r in page
             if "accuracy" in r.data.metrics
         ]

@@ -1,0 +1,111 @@
+"""The choice among candidates against hand-made ones, and over a parameter inside the folds."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import ttest_rel
+
+from bench.choose import candidates, decide, quantity, sentences
+from bench.cli import main
+from bench.errors import InputError
+
+SMALL = ["data.subjects=4", "data.repetitions=2"]
+
+
+def table(accuracies, **costs):
+    subjects = pd.DataFrame(accuracies, columns=[*"abcd"]).astype(float)
+    rows = pd.DataFrame({"system": [f"s{i}" for i in range(len(subjects))], "unit": "capture"})
+    usual = {name: [1.0] * len(rows) for name in ("flash", "ram", "predict", "decision")}
+    return rows.assign(accuracy=subjects.mean(axis=1), **usual | costs), subjects
+
+
+def test_the_cheapest_within_one_standard_error_is_chosen():
+    # s1 loses 1, 3, 0, 0 points: mean 1, SD sqrt(2), SE 0.707: worse.
+    # s2 loses 3, -1, 2, -2: mean 0.5, SE 1.19: as good.
+    found, subjects = table([[80, 70, 60, 90], [79, 67, 60, 90], [77, 71, 58, 92]], flash=[50.0, 1.0, 9.0])
+    choice = decide(found, subjects, "flash", {}, None)
+    assert (choice.chosen, choice.best, choice.costlier) == (2, 0, 0)
+    assert list(choice.table.index) == [1, 2, 0]  # cheapest first
+    assert list(choice.table["verdict"]) == ["worse than the best", "chosen", "as good, costlier"]
+    assert choice.table.loc[1, ["loss", "error"]].tolist() == pytest.approx([1, np.sqrt(2) / 2])
+    assert choice.table.loc[2, ["loss", "error"]].tolist() == pytest.approx([0.5, np.sqrt(17 / 3) / 2])
+    said = " ".join(sentences(choice, "flash", None, 4))
+    assert "Choose s2 (whole captures): 74.5 % with flash 9 kB." in said
+    assert "0.5 ± 1.2 points over 4 subjects" in said
+    assert "s0 (whole captures), would buy 0.5 points for 5.6 times the flash" in said
+    assert "Only 4 subjects" in said
+
+
+def test_budgets_rule_out_what_is_over_them_or_not_known():
+    found, subjects = table(
+        [[90] * 4, [80] * 4, [70] * 4, [60] * 4], ram=[40.0, np.nan, 32.0, 1.0], predict=[1.0, 1.0, 1.0, 1.0]
+    )
+    choice = decide(found, subjects, "flash", {"ram": 32.0}, None)
+    assert (choice.chosen, choice.best) == (2, 2)
+    assert choice.table["verdict"][0] == "ruled out: ram 40 kB > 32 kB"
+    assert choice.table["verdict"][1] == "ruled out: ram not known"
+    nothing = decide(found, subjects, "flash", {"ram": 0.5}, None)
+    assert nothing.chosen is None and sentences(nothing, "flash", None, 4)[0].startswith("Nothing fits")
+
+
+def test_a_margin_asks_for_proof_of_equivalence():
+    rng = np.random.default_rng(0)
+    best = rng.uniform(60, 90, 4)
+    noise = np.array([0.5, -0.4, 0.1, -0.1])
+    found, subjects = table([best, best - 1 + noise, best - 1 + 8 * noise], flash=[9.0, 2.0, 1.0])
+    for i, expected in ((1, True), (2, False)):
+        p = ttest_rel(subjects.loc[0] - 3, subjects.loc[i], alternative="less").pvalue
+        assert (p < 0.05) == expected
+    assert decide(found, subjects, "flash", {}, 3.0).chosen == 1
+    assert decide(found, subjects, "flash", {}, 0.5).chosen == 0
+
+
+def test_amounts():
+    assert quantity("max_flash", "256kB") == 256 and quantity("max_flash", "1MB") == 1000
+    assert quantity("max_ram", "32KiB") == pytest.approx(32.768) and quantity("max_ram", "500B") == 0.5
+    assert quantity("max_decision", "0.7s") == 700 and quantity("max_predict", "2ms") == 2
+    assert quantity("margin", "1.5") == 1.5
+    for key, text in (("max_flash", "3ms"), ("max_predict", "2kB"), ("margin", "2ms"), ("max_ram", "0kB"),
+                      ("max_ram", "32"), ("max_ram", "much"), ("max_ram", "-1kB"), ("max_ram", "nankB")):  # fmt: skip
+        with pytest.raises(InputError, match=f"{key}={text}: give a number above 0"):
+            quantity(key, text)
+
+
+def test_choosing_among_tracked_runs(capsys):
+    assert main(["run", "model=bayes,cnn85", "features=jung28", "model.epochs=2", "model.frames=40", *SMALL]) == 0
+    assert main(["run", "model=svm", "protocol=kfold", "protocol.folds=2", *SMALL]) == 0
+    capsys.readouterr()
+    assert main(["choose"]) == 2
+    assert "data=synth protocol=kfold[folds=2]" in capsys.readouterr().err
+    found, about, subjects = candidates({"protocol": "loso"})
+    assert "synthetic" in about and len(subjects.columns) == 4
+    named = list(zip(found["system"], found["unit"], strict=True))
+    assert named == [("bayes · jung28", "capture"), ("cnn85[frames=40, epochs=2]", "capture"),
+                     ("cnn85[frames=40, epochs=2]", "window")]  # fmt: skip
+    assert found["decision"][2] < 40 / 135 * 1000 + 100 < found["decision"][0]
+    assert main(["choose", "protocol=loso"]) == 0
+    out = capsys.readouterr().out
+    assert "cnn85[frames=40, epochs=2]" in out and "Choose bayes · jung28 (whole captures)" in out
+    assert main(["choose", "protocol=loso", "max_flash=1B"]) == 1
+    assert main(["choose", "protocol=loso", "by=price"]) == 2
+    assert main(["choose", "protocol=loso", "model.frames=3"]) == 2
+    assert main(["choose", "protocol=loso", "model=rf"]) == 2
+    assert "no complete run is tracked" in capsys.readouterr().err
+
+
+def test_over_a_parameter_and_over_features(capsys):
+    small = ["data.subjects=3", "data.repetitions=2", "protocol=groupkfold", "protocol.folds=2", "inner=2"]
+    assert main(["choose", "model=bayes", "over=ridge", "model.ridge=1,0.01", "features=jung28", *small]) == 0
+    out = capsys.readouterr().out
+    assert "ridge=0.01|1.0" in out and "objective=smallest" in out and "bayes · jung28" in out
+    assert main(["choose", "model=bayes", "features=jung28", "over=features", *small]) == 0
+    assert "best of jung28" in capsys.readouterr().out
+    for wrong, told in (
+        (["model=rf", "over=tree"], "over=tree: did you mean trees"),
+        (["model=svm", "over=kernel"], "no sizes"),
+        (["model=cnn85", "over=features"], "takes none"),
+        (["model=jung2017_tree", "over=features"], "searches by itself"),
+        (["model=rf", "over=trees", "by=flash"], "leave out over="),
+    ):
+        assert main(["choose", *wrong, *SMALL]) == 2
+        assert told in capsys.readouterr().err
