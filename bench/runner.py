@@ -112,7 +112,7 @@ def start_workers(jobs: int, threads: int) -> None:
 
 def _workers(jobs: int, threads: int) -> object:
     """Worker processes that stay for the next cell: importing torch takes seconds."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
     return get_reusable_executor(
         max_workers=jobs, timeout=60, initializer=_ignore_interrupts, env=dict.fromkeys(names, str(threads))
     )

@@ -54,9 +54,10 @@ def imported(source: bytes) -> frozenset[str]:
 def versions() -> dict[str, str]:
     """Versions of the packages that results depend on."""
     found = {"python": ".".join(map(str, sys.version_info[:3]))}
-    for name in ("touchbench", "numpy", "pandas", "scipy", "scikit-learn", "optuna", "xgboost", "xgboost-cpu", "torch"):
+    names = ("touchbench", "numpy", "pandas", "scipy", "scikit-learn", "optuna", "xgboost", "xgboost-cpu", "torch")
+    for name in (*names, "aeon", "numba"):
         try:
             found[name] = version(name)
-        except PackageNotFoundError:  # xgboost has two distributions, one of them is installed
+        except PackageNotFoundError:  # xgboost has two distributions, one of them is installed; aeon is optional
             continue
     return found

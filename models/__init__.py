@@ -37,4 +37,5 @@ MODELS = {
     "hughes2017_cnn_rnn": "models.hughes2017:Hughes2017CNNRNN",
     "hughes2017_ae_rnn": "models.hughes2017:Hughes2017AERNN",
     "ren2023_transformer": "models.ren2023:Ren2023Transformer",
+    "rocket": "models.rocket:Rocket",
 }

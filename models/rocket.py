@@ -1,0 +1,292 @@
+"""Random convolutions and a ridge classifier: MiniRocket and MultiRocket-Hydra of the optional package aeon."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.optimize import minimize_scalar
+from scipy.special import log_softmax, softmax
+from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.preprocessing import StandardScaler
+from sklearn.utils.validation import check_is_fitted
+
+from bench.corpus import Corpus, InputError
+from features.signals import Touch, blocks
+from models.tuning import inner_folds
+
+KERNELS = {"minirocket": 10_000, "multirocket_hydra": 6_250}  # as published
+CHANNELS = ("signals", "taxels", "both")
+CONTACT = 0.05  # of full scale, above which a taxel is touched
+SHORTEST = 10  # frames: the 9 of a kernel, and one more for the differences of MultiRocket
+SAMPLE = 2**26  # numbers in the sample of training captures that biases are drawn from
+PENALTIES = np.logspace(0, 6, 13)
+COLUMNS = 1024  # of the feature matrix in double precision at a time
+
+
+class Rocket(ClassifierMixin, BaseEstimator):
+    """MiniRocket (Dempster et al. 2021) or MultiRocket-Hydra (Dempster et al. 2023) on the signals of a touch.
+
+    aeon's transforms know no captures of different lengths, so each is resampled, by lines between its frames, to the
+    median length of the training captures. What this loses is its duration and, where it is longer, its fastest
+    changes; still it is right more often on generated captures than padding, whose constant stretches fill the features
+    (docs/systems.md, rocket). Each channel is standardised over all training frames. Captures are transformed one by
+    one, so what one gets does not depend on the others.
+
+    The features, standardised on the training captures, go to a ridge regression on targets of -1 and 1. Its penalty,
+    and the temperature of the softmax that makes probabilities of its scores, are those with the lowest log loss on
+    training subjects left out one at a time. (The papers leave out single captures, and with them not their subject.)
+    Transform and scaling, which know no labels, are those of all training captures there.
+
+    Needs the extra ``rocket``. numba compiles it on first use, for about a minute, and keeps that on disk.
+
+    Args:
+        transform: ``minirocket`` or ``multirocket_hydra``.
+        channels: ``signals`` for five (summed pressure, row and column of the centre of mass, maximum, share of taxels
+            above 5 % of full scale), ``taxels`` for one of each taxel, or ``both``.
+        kernels: convolutions of MiniRocket, or of MultiRocket on a series and again on its differences; None for the
+            published 10 000 or 6250. Hydra always has 64 groups of 8.
+        seed: of convolutions, their channels and biases.
+
+    Attributes:
+        classes_: class names.
+        length_: frames of a series.
+        penalty_: of the ridge regression.
+        temperature_: by which scores are divided before the softmax.
+        fit_seconds_: wall and CPU seconds of the last fit, without what was compiled before.
+    """
+
+    def __init__(
+        self, transform: str = "minirocket", channels: str = "signals", kernels: int | None = None, seed: int = 0
+    ) -> None:
+        self.transform = transform
+        self.channels = channels
+        self.kernels = kernels
+        self.seed = seed
+
+    def check(self) -> None:
+        """Refuse what cannot be, before anything is run.
+
+        Raises:
+            InputError: another value than those above, or aeon is not installed.
+        """
+        for name, known in (("transform", KERNELS), ("channels", CHANNELS)):
+            if getattr(self, name) not in known:
+                raise InputError(f"model.{name}={getattr(self, name)}: give {' or '.join(known)}")
+        if self.kernels is not None and self.kernels < 84:
+            raise InputError(f"model.kernels={self.kernels}: give at least 84, one of each kind")
+        if find_spec("aeon") is None:
+            raise InputError(
+                "model=rocket needs the package aeon: pip install 'touchbench[rocket]', or '.[rocket]' in a clone"
+            )
+
+    def check_training(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Inner folds of a training part: each of its subjects is left out once.
+
+        Raises:
+            InputError: it has fewer than two subjects.
+        """
+        return inner_folds(X.subjects.astype(str), "loso")
+
+    def fit(self, X: Corpus, y: np.ndarray) -> Rocket:
+        """Learn from captures and their class names.
+
+        Raises:
+            InputError: fewer than two subjects, or what `check` refuses.
+        """
+        self.check()
+        left_out = [one for _, one in self.check_training(X, y)]
+        with _own_randomness():
+            for transform in self._transforms(84):  # so that numba compiles outside of what is timed
+                transform.fit_transform(np.zeros((2, self._level(X[:1]).n_features_in_, SHORTEST), dtype=np.float32))
+            wall, cpu = time.perf_counter(), time.process_time()
+            self.classes_, codes = np.unique(y, return_inverse=True)
+            self.level_ = self._level(X)
+            self.length_ = max(int(np.median(X.lengths)), SHORTEST)
+            self.transforms_ = self._transforms(self.kernels or KERNELS[self.transform])
+            sample = self._sample(X)
+            for transform in self.transforms_:
+                transform.fit(sample)
+        features = self._features(X)
+        self.scaler_ = StandardScaler().fit(features)
+        if self.transform == "multirocket_hydra":  # Hydra's guard against patterns that hardly any capture holds
+            counts = self.transforms_[1].transform(sample[:1]).shape[1]
+            self.scaler_.scale_[-counts:] += (features[:, -counts:] == 0).mean(axis=0) ** 4
+        self._scale(features)
+        targets = np.where(np.eye(len(self.classes_), dtype=bool)[codes], 1.0, -1.0)
+        ridge = Ridge(features, targets)
+        found = [_tempered(ridge.left_out(penalty, left_out), codes) for penalty in PENALTIES]
+        best = int(np.argmin([loss for loss, _ in found]))
+        self.penalty_, self.temperature_ = float(PENALTIES[best]), found[best][1]
+        self.coef_ = features.T @ ridge.dual(self.penalty_).astype(np.float32)
+        self.intercept_ = targets.mean(axis=0).astype(np.float32)
+        self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
+        return self
+
+    def predict_proba(self, X: Corpus) -> np.ndarray:
+        """Class probabilities [captures, classes]."""
+        check_is_fitted(self, "coef_")
+        features = self._features(X)
+        self._scale(features)
+        # row by row, as a product of matrices rounds differently with the number of rows
+        scores = np.stack([row @ self.coef_ for row in features]) + self.intercept_
+        return softmax(scores / self.temperature_, axis=1)
+
+    def predict(self, X: Corpus) -> np.ndarray:
+        """Class name of each capture."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+    def _transforms(self, kernels: int) -> list[TransformerMixin]:
+        """Those of aeon, untrained, on one thread."""
+        from aeon.transformations.collection.convolution_based import HydraTransformer, MiniRocket, MultiRocket
+
+        if self.transform == "minirocket":
+            return [MiniRocket(kernels, random_state=self.seed)]
+        hydra = HydraTransformer(random_state=self.seed, output_type="numpy")
+        return [MultiRocket(kernels, random_state=self.seed), hydra]
+
+    def _signals(self, touch: Touch) -> np.ndarray:
+        """The channels of some captures, float64 [frames, channels]."""
+        area = touch.share_above(np.full(len(touch.peak), CONTACT * touch.full_scale))
+        signals = [touch.total, touch.centre, touch.peak, area]
+        chosen = {"signals": signals, "taxels": [touch.frames], "both": [touch.frames, *signals]}[self.channels]
+        return np.column_stack(chosen).astype(np.float64)
+
+    def _level(self, X: Corpus) -> StandardScaler:
+        """Mean and SD of each channel over all frames."""
+        level = StandardScaler()
+        for block in blocks(X):
+            level.partial_fit(self._signals(Touch(X[block])))
+        return level
+
+    def _series(self, X: Corpus) -> Iterator[np.ndarray]:
+        """Each capture as series of one length, float32 [channels, length_]."""
+        for block in blocks(X):
+            touch = Touch(X[block])
+            signals = (self._signals(touch) - self.level_.mean_) / self.level_.scale_
+            for one in np.split(signals, touch.first[1:]):
+                frames, at = np.arange(len(one)), np.linspace(0, len(one) - 1, self.length_)
+                yield np.stack([np.interp(at, frames, channel) for channel in one.T]).astype(np.float32)
+
+    def _sample(self, X: Corpus) -> np.ndarray:
+        """Series of the training captures, or of some of them where all would take too much memory."""
+        most = max(SAMPLE // (self.level_.n_features_in_ * self.length_), 2)
+        some = np.sort(np.random.default_rng(self.seed).permutation(len(X))[:most])
+        return np.stack(list(self._series(X[some])))
+
+    def _features(self, X: Corpus) -> np.ndarray:
+        """What the transforms make of each capture, float32 [captures, n_features]."""
+        for i, one in enumerate(self._series(X)):
+            parts = [transform.transform(one[None])[0] for transform in self.transforms_]
+            if len(parts) > 1:  # Hydra counts, and its authors take the square root
+                parts[1] = np.sqrt(np.maximum(parts[1], 0))
+            if i == 0:
+                features = np.empty((len(X), sum(map(len, parts))), dtype=np.float32)
+            features[i] = np.concatenate(parts)
+        return features
+
+    def _scale(self, features: np.ndarray) -> None:
+        """Standardise in place."""
+        features -= self.scaler_.mean_.astype(np.float32)
+        features /= self.scaler_.scale_.astype(np.float32)
+
+    @property
+    def parameters_(self) -> int:
+        """Numbers learnt or drawn: for channels, convolutions (not their 84 fixed kinds), features and ridge."""
+        check_is_fitted(self, "coef_")
+        drawn = sum(np.asarray(a).size for transform in self.transforms_ for a in _drawn(transform))
+        return drawn + 2 * (self.level_.n_features_in_ + len(self.coef_)) + self.coef_.size + self.intercept_.size + 1
+
+    @property
+    def activations_(self) -> int:
+        """Numbers in memory while aeon transforms one capture, and features and scores besides."""
+        check_is_fitted(self, "coef_")
+        channels = self.level_.n_features_in_
+        # of each channel the series, its negative, its triple, a sum, nine shifted copies; then one convolution
+        numbers = 13 * channels + 1
+        if len(self.transforms_) > 1:
+            hydra = self.transforms_[1]
+            picked = hydra._hydra.idx[0].shape[-1] if channels > 1 else 0
+            groups = hydra._hydra.h
+            # with the differences besides; Hydra: the channels that each group picks, their sum, its responses
+            numbers = max(numbers + channels, 2 * channels + groups * (picked + 1 + hydra.n_kernels))
+        return numbers * self.length_ + sum(self.coef_.shape)
+
+
+class Ridge:
+    """Ridge regression with an intercept for any penalty, and its predictions of captures that are left out.
+
+    Predictions of a linear fit without some of its captures follow from the fit with them: with residuals r and hat
+    matrix H, the residuals of a group g become (I - H_gg)^-1 r_g.
+
+    Args:
+        features: [captures, n_features], mean 0 in each column.
+        targets: [captures, n_targets].
+    """
+
+    def __init__(self, features: np.ndarray, targets: np.ndarray) -> None:
+        gram = np.zeros((len(features), len(features)))
+        for start in range(0, features.shape[1], COLUMNS):
+            part = features[:, start : start + COLUMNS].astype(np.float64)
+            part -= part.mean(axis=0)  # but for rounding it is 0
+            gram += part @ part.T
+        values, self.vectors = eigh(gram, overwrite_a=True, check_finite=False)
+        self.values = np.maximum(values, 0)
+        self.targets = targets
+        self.turned = self.vectors.T @ (targets - targets.mean(axis=0))
+
+    def dual(self, penalty: float) -> np.ndarray:
+        """Weight of each capture [captures, n_targets]; features.T times it are the coefficients."""
+        return self.vectors @ (self.turned / (self.values + penalty)[:, None])
+
+    def left_out(self, penalty: float, groups: list[np.ndarray]) -> np.ndarray:
+        """What a fit to the others predicts for each group of captures [captures, n_targets].
+
+        Args:
+            penalty: of the squared coefficients; the intercept has none.
+            groups: positions of the captures of each group; every capture is in one.
+        """
+        residuals = penalty * self.dual(penalty)
+        predicted = np.empty_like(self.targets)
+        for group in groups:
+            mine = self.vectors[group]
+            rest = (mine * (penalty / (self.values + penalty))) @ mine.T - 1 / len(self.targets)  # I - H_gg
+            predicted[group] = self.targets[group] - np.linalg.solve(rest, residuals[group])
+        return predicted
+
+
+def _tempered(scores: np.ndarray, codes: np.ndarray) -> tuple[float, float]:
+    """The lowest mean log loss of a softmax of scores over a temperature, and that temperature."""
+
+    def loss(log: float) -> float:
+        return float(-log_softmax(scores / np.exp(log), axis=1)[np.arange(len(codes)), codes].mean())
+
+    found = minimize_scalar(loss, bounds=(-5, 5), method="bounded")
+    return float(found.fun), float(np.exp(found.x))
+
+
+def _drawn(transform: TransformerMixin) -> list:
+    """The arrays that a transform of aeon has drawn or learnt."""
+    if hasattr(transform, "_hydra"):
+        return [transform._hydra.W, *transform._hydra.idx]
+    return (
+        [*transform.parameters] if hasattr(transform, "parameters") else [*transform.parameter, *transform.parameter1]
+    )
+
+
+@contextmanager
+def _own_randomness() -> Iterator[None]:
+    """Put back what aeon sets for the whole process: numpy's and PyTorch's generators, PyTorch's threads."""
+    import torch
+
+    state, threads = np.random.get_state(), torch.get_num_threads()
+    try:
+        with torch.random.fork_rng(devices=[]):
+            yield
+    finally:
+        np.random.set_state(state)
+        torch.set_num_threads(threads)
