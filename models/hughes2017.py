@@ -8,14 +8,15 @@ the loss has converged; these are our readings (docs/systems.md, hughes2017).
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import torch
 from torch import nn
 
 from bench.corpus import Corpus, InputError
-from models.time_blocks import TimeConv3d
-from models.training import Sequences, Torch, Windows, moved, train
+from models.time_blocks import TimeConv3d, pooled
+from models.training import Forward, Sequences, Torch, Windows, moved, train
 from models.window import WindowNet
 
 # By corpus: rate in Hz, frames and hop of a window, then filters and kernel (frames, rows, columns) of both layers.
@@ -65,13 +66,21 @@ class Hughes2017CNN(WindowNet):
             nn.LazyLinear(UNITS), nn.ReLU(), nn.Linear(UNITS, classes),
         )  # fmt: skip
 
+    def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
+        """What ``net(x)`` gives, the first layer pooled before its bias is added."""
+        conv, pool, relu, *rest = net
+        return nn.Sequential(*rest)(pooled(conv, x, pool.kernel_size).relu_())
+
     def learn(
         self, net: nn.Module, samples: Windows, target: np.ndarray, judge: Callable[[], float] | None
     ) -> list[dict[str, float]]:
         """Train with RMSProp until the loss stands still."""
         start(net)
         rmsprop = Torch(torch.optim.RMSprop(net.parameters(), self.rate))
-        return train(net, samples, target, rmsprop, self.epochs, self.batch, self.seed, patience=PATIENCE)
+        forward = partial(self.forward, net)
+        return train(
+            net, samples, target, rmsprop, self.epochs, self.batch, self.seed, forward=forward, patience=PATIENCE
+        )
 
 
 class Hughes2017CNNRNN(Hughes2017CNN):
@@ -101,6 +110,10 @@ class Hughes2017CNNRNN(Hughes2017CNN):
         """16 254 parameters for CoST, 22 207 for HAART."""
         head = nn.Sequential(nn.Linear(UNITS, UNITS), nn.ReLU(), nn.Linear(UNITS, classes))
         return Recurrent(nn.Sequential(*convolutions(self.design_, rows, cols)), UNITS, head)
+
+    def forward(self, net: nn.Module, x: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
+        """What ``net(x)`` gives, with the encoder of each window as `Hughes2017CNN` runs it."""
+        return net(x, partial(super().forward, net.encoder))
 
 
 class Hughes2017AERNN(WindowNet):
@@ -199,23 +212,50 @@ class Recurrent(nn.Module):
         self.within = nn.Linear(units, units, bias=False)
         self.head = head
 
-    def forward(self, batch: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
-        """Logits at each window."""
+    def forward(self, batch: tuple[torch.Tensor, torch.Tensor], encode: Forward | None = None) -> torch.Tensor:
+        """Logits at each window; ``encode`` is a faster way to compute ``encoder(x)``."""
         windows, steps = batch
-        inputs = self.into(self.encoder(windows))
+        inputs = self.into((encode or self.encoder)(windows))
         # Longest sequences first: those that still run at a step are then the first ones.
         order = torch.argsort(steps, descending=True, stable=True)
         first = (steps.cumsum(0) - steps)[order]
-        running = (steps[order][None] > torch.arange(int(steps.max()), device=steps.device)[:, None]).sum(1).tolist()
-        state, places, states = None, [], []
-        for t, count in enumerate(running):
-            place = first[:count] + t
-            now = inputs[place]
-            state = torch.tanh(now if state is None else now + self.within(state[:count]))
-            places.append(place)
-            states.append(state)
-        by_window = torch.empty_like(inputs).index_copy(0, torch.cat(places), torch.cat(states))
-        return self.head(by_window)
+        runs = steps[order][None] > torch.arange(int(steps.max()), device=steps.device)[:, None]
+        place = (first + torch.arange(len(runs), device=steps.device)[:, None])[runs]
+        states = _States.apply(inputs[place], self.within.weight, runs.sum(1).tolist())
+        return self.head(torch.empty_like(states).index_copy(0, place, states))
+
+
+class _States(torch.autograd.Function):
+    """States of a tanh layer [windows, units] from its inputs, all first windows, then all second ones and so on.
+
+    ``running`` counts the sequences at each step, which are the first ones of the step before.
+    """
+
+    @staticmethod
+    def forward(ctx: object, inputs: torch.Tensor, weight: torch.Tensor, running: list[int]) -> torch.Tensor:
+        states = inputs.clone()
+        steps = states.split(running)
+        steps[0].tanh_()
+        for before, now in zip(steps, steps[1:], strict=False):
+            now.addmm_(before[: len(now)], weight.T).tanh_()
+        ctx.save_for_backward(states, weight)
+        ctx.running = running
+        return states
+
+    @staticmethod
+    def backward(ctx: object, gradient: torch.Tensor) -> tuple:
+        states, weight = ctx.saved_tensors
+        slope = (1 - states.square()).split(ctx.running)
+        gradient = gradient.clone()
+        steps = gradient.split(ctx.running)
+        for t in reversed(range(len(steps))):
+            steps[t].mul_(slope[t])
+            if t:
+                steps[t - 1][: len(steps[t])].addmm_(steps[t], weight)
+        for_weight = torch.zeros_like(weight)
+        for before, now in zip(states.split(ctx.running), steps[1:], strict=False):
+            for_weight.addmm_(now.T, before[: len(now)])
+        return gradient, for_weight, None
 
 
 def convolutions(design: tuple, rows: int, cols: int) -> list[nn.Module]:

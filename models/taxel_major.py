@@ -38,7 +38,7 @@ def taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
             i += 1
         elif isinstance(layer, nn.Conv2d):
             weight = layer.weight.permute(2, 3, 1, 0).contiguous()
-            grid = _Convolution.apply(grid, weight, layer.bias, *layer.padding)
+            grid = convolve(grid, weight, layer.bias, *layer.padding)
         elif isinstance(layer, nn.ReLU):
             grid = grid.relu()
         elif isinstance(layer, nn.MaxPool2d):
@@ -119,15 +119,22 @@ class _Convolution(torch.autograd.Function):
         return for_x, for_weight, gradient.sum((0, 1, 2)), None, None
 
 
+convolve = _Convolution.apply
+halved = _Halving.apply
+
+
 def _rows(x: torch.Size, weight: torch.Size, down: int, right: int) -> Iterator[tuple]:
-    """Every kernel tap with the stretch of an output row it adds to and the stretch of an input row it reads."""
+    """Every kernel tap with the stretch of an output row it adds to and the stretch of an input row it reads.
+
+    Row by row, as what a row needs is then still in the cache.
+    """
     rows, cols = x[:2]
     high, wide = weight[:2]
-    for i in range(high):
-        for j in range(wide):
-            first = max(0, right - j)
-            last = min(cols + 2 * right - wide + 1, cols + right - j)
-            if last <= first:
-                continue
-            for row in range(max(0, down - i), min(rows + 2 * down - high + 1, rows + down - i)):
-                yield (i, j), (row, slice(first, last)), (row + i - down, slice(first + j - right, last + j - right))
+    for row in range(rows + 2 * down - high + 1):
+        for i in range(max(0, down - row), min(high, rows + down - row)):
+            for j in range(wide):
+                first = max(0, right - j)
+                last = min(cols + 2 * right - wide + 1, cols + right - j)
+                source = slice(first + j - right, last + j - right)
+                if last > first:
+                    yield (i, j), (row, slice(first, last)), (row + i - down, source)

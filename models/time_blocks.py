@@ -10,6 +10,8 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from models.taxel_major import halved
+
 BLOCK = 2  # output frames; more of them share input but multiply more zeros
 
 
@@ -25,6 +27,10 @@ class TimeConv3d(nn.Conv3d):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Convolve windows [batch, frames, rows, cols]."""
+        return self._filtered(x).permute(2, 4, 3, 0, 1) + self.bias[:, None, None, None]
+
+    def _filtered(self, x: torch.Tensor) -> torch.Tensor:
+        """Filtered windows without the bias, [rows, cols, batch, frames, filters]."""
         long, high, wide = self.kernel_size
         batch, frames, rows, cols = x.shape
         out = frames - long + 1, rows - high + 1, cols - wide + 1
@@ -41,6 +47,16 @@ class TimeConv3d(nn.Conv3d):
         kernel = self.weight.flatten(3).permute(3, 2, 1, 0)[:, :, 0]  # [taps, frames, filters]
         shifted = [nn.functional.pad(kernel, (0, 0, i, BLOCK - 1 - i)) for i in range(BLOCK)]
         weight = torch.stack(shifted, 2).reshape(len(taps) * (BLOCK + long - 1), -1)
-        found = pieces.reshape(-1, len(weight)) @ weight + self.bias.repeat(BLOCK)
-        found = found.view(*out[1:], batch, blocks * BLOCK, -1)[:, :, :, : out[0]]
-        return found.permute(2, 4, 3, 0, 1)
+        found = pieces.reshape(-1, len(weight)) @ weight
+        return found.view(*out[1:], batch, blocks * BLOCK, -1)[:, :, :, : out[0]]
+
+
+def pooled(conv: TimeConv3d, x: torch.Tensor, pool: tuple[int, int, int]) -> torch.Tensor:
+    """``nn.MaxPool3d(pool)(conv(x))`` for pools of 1 or 2 a side, without work that no pool reaches."""
+    used = [(n - k + 1) // p * p + k - 1 for n, k, p in zip(x.shape[1:], conv.kernel_size, pool, strict=True)]
+    found = conv._filtered(x[:, : used[0], : used[1], : used[2]])
+    # Columns first, then of equal values the one is taken that the library takes.
+    for axis, size in ((1, pool[2]), (0, pool[1]), (3, pool[0])):
+        if size == 2:
+            found = halved(found, axis)
+    return (found + conv.bias).permute(2, 4, 3, 0, 1)

@@ -1,7 +1,8 @@
 """The one training loop that the networks share.
 
-Windows are cut from the corpus batch by batch: one gather of frames by index, laid out as `taxel_major` wants
-it. On two cores these two are what beats a plain loop over a DataLoader (tests/benchmarks/bench_training.py).
+Windows are cut from the corpus batch by batch: one gather of frames by index, laid out grid first, as `taxel_major`,
+`volumes` and `time_blocks` want it. These three are what beats a plain loop over a DataLoader; the rest of the loop is
+at par with it (tests/benchmarks/bench_training.py).
 """
 
 from __future__ import annotations
@@ -58,8 +59,7 @@ class Windows:
         index = self._begin[rows, None] + np.minimum(np.arange(self.frames), seen[:, None] - 1)
         values = self._values[index].astype(np.float32)  # [rows, frames, taxels]
         if self.padding == "zero":
-            for i in np.flatnonzero(seen < self.frames):
-                values[i, seen[i] :] = 0
+            values[np.arange(self.frames) >= seen[:, None]] = 0
         by_taxel = torch.from_numpy(values).flatten(0, 1).T.contiguous().mul_(self._scale)
         return by_taxel.view(*self.grid, len(rows), self.frames).permute(2, 3, 0, 1)
 
@@ -116,6 +116,7 @@ class Optimiser(Protocol):
 
 
 Step = Callable[[np.ndarray], float]
+Forward = Callable[[object], torch.Tensor]
 
 
 def train(
@@ -127,7 +128,7 @@ def train(
     batch: int,
     seed: int,
     before_epoch: Callable[[int, np.ndarray, Step], None] | None = None,
-    forward: Callable[[object], torch.Tensor] | None = None,
+    forward: Forward | None = None,
     judge: Callable[[], float] | None = None,
     patience: int | None = None,
 ) -> list[dict[str, float]]:
@@ -142,7 +143,7 @@ def train(
         batch: samples per step; with fewer than that, all of them are one batch.
         seed: of the shuffles.
         before_epoch: called with the epoch (from 0), its batches and the step, to set the learning rate.
-        forward: a faster way to compute ``net(x)``.
+        forward: a faster way to compute ``net(x)`` (`WindowNet.forward`).
         judge: accuracy of the network on captures it is not trained on; the epoch with the highest, the first of equal
             ones, is the one that is kept.
         patience: stop when the mean loss of this many epochs is not 0.1 % below that of as many before them.
@@ -207,13 +208,13 @@ def moved(batch: object, device: torch.device) -> object:
     return tuple(part.to(device) for part in batch) if isinstance(batch, tuple) else batch.to(device)
 
 
-def probabilities(net: nn.Module, samples: Samples, batch: int) -> np.ndarray:
-    """Softmax of the logits of every decision, float32 [decisions, classes]."""
+def probabilities(net: nn.Module, samples: Samples, batch: int, forward: Forward) -> np.ndarray:
+    """Softmax of the logits of every decision, float32 [decisions, classes]; ``forward`` computes ``net(x)``."""
     net.eval()
     device = next(net.parameters()).device
     with torch.inference_mode():
         parts = [
-            net(moved(samples.batch(np.arange(i, min(i + batch, len(samples)))), device)).softmax(dim=1).cpu()
+            forward(moved(samples.batch(np.arange(i, min(i + batch, len(samples)))), device)).softmax(dim=1).cpu()
             for i in range(0, len(samples), batch)
         ]
     return torch.cat(parts).numpy()

@@ -37,6 +37,10 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         """The untrained network for one grid."""
         raise NotImplementedError
 
+    def forward(self, net: nn.Module, x: object) -> torch.Tensor:
+        """What ``net(x)`` gives, up to rounding; a system may have a faster way."""
+        return net(x)
+
     def learn(
         self, net: nn.Module, samples: Samples, target: np.ndarray, judge: Callable[[], float] | None
     ) -> list[dict[str, float]]:
@@ -110,7 +114,8 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "net_")
         samples = self.samples(X)
         table = pd.DataFrame({"capture": samples.capture, "start": samples.start, "frames": samples.seen})
-        return table, votes(probabilities(self.net_, samples, self.batch), samples.steps)
+        proba = probabilities(self.net_, samples, self.batch, partial(self.forward, self.net_))
+        return table, votes(proba, samples.steps)
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probability over the samples of each capture [captures, classes]."""

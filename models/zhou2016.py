@@ -8,6 +8,7 @@ subject chooses.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import torch
@@ -15,6 +16,7 @@ from torch import nn
 
 from bench.corpus import InputError
 from models.training import Torch, Windows, train
+from models.volumes import volumes
 from models.window import WindowNet
 
 FILTERS = (16, 32, 64, 128)
@@ -64,12 +66,23 @@ class Zhou2016(WindowNet):
         if not 1 <= self.average <= self.frames:
             raise InputError(f"model.average={self.average}: give 1 to {self.frames}, the frames of a window")
 
+    def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
+        """What ``net(x)`` gives, the stack of convolutions as `volumes` runs it."""
+        averaged, *layers = net
+        end = max((i + 1 for i, layer in enumerate(layers) if isinstance(layer, nn.MaxPool3d)), default=0)
+        x = averaged(x)
+        x = volumes(layers[:end], x) if end else x
+        for layer in layers[end:]:
+            x = layer(x)
+        return x
+
     def learn(
         self, net: nn.Module, samples: Windows, target: np.ndarray, judge: Callable[[], float] | None
     ) -> list[dict[str, float]]:
         """Train with Adam and keep the epoch that is best for the held-out subject."""
         adam = Torch(torch.optim.Adam(net.parameters(), self.rate))
-        return train(net, samples, target, adam, self.epochs, self.batch, self.seed, judge=judge)
+        forward = partial(self.forward, net)
+        return train(net, samples, target, adam, self.epochs, self.batch, self.seed, forward=forward, judge=judge)
 
 
 class Zhou2016CNN3D(Zhou2016):

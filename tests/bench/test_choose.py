@@ -95,7 +95,7 @@ def test_choosing_among_tracked_runs(capsys):
 
 
 def test_over_a_parameter_and_over_features(capsys):
-    small = ["data.subjects=3", "data.repetitions=2", "protocol=groupkfold", "protocol.folds=2", "inner=2"]
+    small = ["data.subjects=4", "data.repetitions=2", "protocol=groupkfold", "protocol.folds=2", "inner=2"]
     assert main(["choose", "model=bayes", "over=ridge", "model.ridge=1,0.01", "features=jung28", *small]) == 0
     out = capsys.readouterr().out
     assert "ridge=0.01|1.0" in out and "objective=smallest" in out and "bayes · jung28" in out

@@ -1,13 +1,18 @@
-"""Training throughput of cnn85 against a plain eager PyTorch loop over the same network, in turn, on the same threads.
+"""Training throughput of every network against a plain eager loop and skorch, in turn, on the same threads.
 
-The plain loop is what one would write first: NCHW tensors, a `DataLoader` over all windows, `torch.optim.SGD`.
+The plain loop is what one would write first: the same network of ordinary layers, a `DataLoader` over a `TensorDataset`
+of all windows, sequences padded to the longest, and PyTorch's optimiser. Each network is first shown to give the same
+logits in both forms, so that equal steps give equal accuracy. The corpora are generated: captures like CoST's, or of
+432 frames at 54 Hz like HAART's. Where others use the same cores, the ratios of processor time are the ones to
+believe. The skorch column needs `pip install skorch`.
 
-    python tests/benchmarks/bench_training.py [threads] [rounds]
+    python tests/benchmarks/bench_training.py [system ...] [threads=1] [rounds=5]
 """
 
-import os
+import copy
 import sys
 import time
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -16,57 +21,165 @@ from torch import nn
 from torch.utils.data import DataLoader, TensorDataset
 
 from bench.corpora.synth import generate
+from bench.corpus import Corpus
 from models.cnn85 import CNN85, SelectiveSGD
+from models.hughes2017 import COST, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
+from models.ren2023 import Ren2023Transformer
 from models.taxel_major import taxel_major
-from models.training import train
+from models.time_blocks import TimeConv3d
+from models.training import Sequences, Torch, train
+from models.window import WindowNet
+from models.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 
-BATCH = 250
+SGD = partial(torch.optim.SGD, lr=0.05, momentum=0.9)
+RMSPROP = partial(torch.optim.RMSprop, lr=1e-4)
+# By name: the system, its optimiser, subjects and repetitions of CoST-like captures, or the number of HAART-like ones.
+SYSTEMS = {
+    "cnn85": (CNN85, SGD, (8, 4)),
+    "hughes2017_cnn": (Hughes2017CNN, RMSPROP, (4, 1)),
+    "hughes2017_cnn_rnn": (Hughes2017CNNRNN, RMSPROP, (4, 1)),
+    "hughes2017_ae_rnn": (Hughes2017AERNN, RMSPROP, (10, 1)),
+    "zhou2016_3dcnn": (Zhou2016CNN3D, partial(torch.optim.Adam, lr=1e-3), 96),
+    "zhou2016_2dcnn": (Zhou2016CNN2D, partial(torch.optim.Adam, lr=1e-3), 96),
+    "zhou2016_lrcn": (Zhou2016LRCN, partial(torch.optim.Adam, lr=1e-3), 96),
+    "zhou2016_gm_lstm": (Zhou2016GMLSTM, partial(torch.optim.Adam, lr=1e-3), 320),
+    "ren2023_transformer": (Ren2023Transformer, partial(torch.optim.Adam, lr=1e-4), 43),
+}
 
 
-def plain(net: nn.Module, loader: DataLoader) -> float:
-    """Windows per second of one epoch of the plain loop."""
-    optimiser = torch.optim.SGD(net.parameters(), lr=0.05, momentum=0.9)
+class Padded(nn.Module):
+    """Windows [batch, steps, frames, rows, cols] to logits [batch, classes, steps] with `nn.RNN`."""
+
+    def __init__(self, encoder: nn.Module, rnn: nn.RNN, head: nn.Module) -> None:
+        super().__init__()
+        self.encoder, self.rnn, self.head = encoder, rnn, head
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Logits of every step, padded ones included."""
+        return self.head(self.rnn(self.encoder(x.flatten(0, 1)).unflatten(0, x.shape[:2]))[0]).transpose(1, 2)
+
+
+def ordinary(net: nn.Module) -> nn.Module:
+    """A copy of a network with the library's layers in place of our own."""
+    net = copy.deepcopy(net)
+    if hasattr(net, "within"):
+        rnn = nn.RNN(net.into.in_features, net.units, batch_first=True)
+        weights = (net.into.weight, net.within.weight, net.into.bias, torch.zeros(net.units))
+        with torch.no_grad():
+            for ours, theirs in zip(rnn.parameters(), weights, strict=True):
+                ours.copy_(theirs)
+        return Padded(ordinary(net.encoder), rnn, net.head)
+    if isinstance(net[0], TimeConv3d):
+        conv = nn.Conv3d(1, net[0].out_channels, net[0].kernel_size)
+        conv.load_state_dict(net[0].state_dict())
+        return nn.Sequential(nn.Unflatten(1, (1, -1)), conv, *net[1:])
+    return net
+
+
+def tensors(samples: object, target: np.ndarray) -> TensorDataset:
+    """All samples as one tensor, sequences and their labels padded."""
+    labels = torch.from_numpy(target)
+    if not isinstance(samples, Sequences):
+        return TensorDataset(samples.batch(np.arange(len(samples))).contiguous(), labels)
+    windows, steps = samples.batch(np.arange(len(samples)))
+    here = torch.arange(int(steps.max())) < steps[:, None]
+    x = torch.zeros(*here.shape, *windows.shape[1:])
+    x[here] = windows
+    return TensorDataset(x, torch.where(here, labels[:, None], -100))
+
+
+def plain(net: nn.Module, optimiser: torch.optim.Optimizer, loader: DataLoader) -> None:
+    """One epoch of the plain loop."""
     criterion = nn.CrossEntropyLoss()
     net.train()
-    seen, started = 0, time.perf_counter()
     for x, y in loader:
         optimiser.zero_grad()
         loss = criterion(net(x), y)
         loss.backward()
         optimiser.step()
         loss.item()
-        seen += len(x)
-    return seen / (time.perf_counter() - started)
 
 
-def ours(net: nn.Module, windows: object, target: np.ndarray) -> float:
-    """Windows per second of one epoch of the project's loop, without the search of the rate."""
-    sgd = SelectiveSGD(net, (0.05,))
-    started = time.perf_counter()
-    train(net, windows, target, sgd, epochs=1, batch=BATCH, seed=0, forward=partial(taxel_major, net))
-    return len(windows) // BATCH * BATCH / (time.perf_counter() - started)
+def skorch(net: nn.Module, optimiser: Callable, data: TensorDataset, classes: int, batch: int) -> Callable[[], object]:
+    """One epoch with skorch, None where it is not installed."""
+    try:
+        from skorch import NeuralNetClassifier
+    except ImportError:
+        return None
+    rate = {f"optimizer__{k}": v for k, v in optimiser.keywords.items()}
+    trainer = NeuralNetClassifier(
+        net, criterion=nn.CrossEntropyLoss, optimizer=optimiser.func, batch_size=batch, max_epochs=1, train_split=None,
+        iterator_train__shuffle=True, iterator_train__drop_last=True, classes=list(range(classes)), verbose=0, **rate,
+    )  # fmt: skip
+    trainer.initialize()
+    return partial(trainer.partial_fit, *data.tensors)
 
 
-def main(threads: int = 1, rounds: int = 5) -> None:
-    """Print both throughputs of each round and their ratio."""
-    torch.set_num_threads(threads)
-    corpus = generate(subjects=8, repetitions=4)
-    model = CNN85()
-    windows = model.samples(corpus)
-    target = np.unique(corpus.gestures, return_inverse=True)[1][windows.capture]
-    nets = [model.network(8, 8, 14) for _ in range(2)]
-    for net in nets:
-        net(windows.batch(np.arange(1)))
-    x = windows.batch(np.arange(len(windows))).contiguous()
-    loader = DataLoader(TensorDataset(x, torch.from_numpy(target)), batch_size=BATCH, shuffle=True, drop_last=True)
-    print(f"{len(windows)} windows, {threads} threads, torch {torch.__version__}, {os.cpu_count()} cores")
-    ratios = []
+def haart_like(captures: int) -> Corpus:
+    """Captures of 432 frames at 54 Hz; generated ones are repeated up to there."""
+    corpus = generate(subjects=-(-captures // 42), rate_hz=54.0)[:captures]
+    frames = [np.resize(one, (432, *corpus.grid)) for one in corpus]
+    return Corpus.from_captures(frames, corpus.captures, 54.0, full_scale=corpus.full_scale)
+
+
+def compare(name: str, threads: int, rounds: int) -> None:
+    """Print samples per second of each round and the medians of their ratios."""
+    torch.manual_seed(0)
+    system, optimiser, size = SYSTEMS[name]
+    corpus = haart_like(size) if isinstance(size, int) else generate(*size)
+    model: WindowNet = system()
+    if isinstance(model, Hughes2017CNN):
+        model.design_ = COST
+    samples = model.samples(corpus)
+    classes, target = np.unique(corpus.gestures, return_inverse=True)
+    target = target[samples.capture]
+    net = model.network(*corpus.grid, len(classes))
+    first = samples.batch(np.arange(2))
+    net.eval()(first)
+    theirs = [ordinary(net) for _ in range(2)]
+    data = tensors(samples, target)
+    forward = partial(taxel_major if name == "cnn85" else model.forward, net)
+    with torch.inference_mode():
+        expected = theirs[0].eval()(data.tensors[0][:2])
+        if isinstance(samples, Sequences):
+            expected = expected.transpose(1, 2)[data.tensors[1][:2] >= 0]
+        torch.testing.assert_close(forward(first), expected, rtol=1e-3, atol=1e-4)
+
+    batch = min(model.batch, len(samples))
+    loader = DataLoader(data, batch_size=batch, shuffle=True, drop_last=True)
+    rate = optimiser.keywords["lr"]
+    sgd = SelectiveSGD(net, (0.05,)) if name == "cnn85" else Torch(optimiser(net.parameters()))
+    sgd.rate = rate
+    epochs = {
+        "plain": partial(plain, theirs[0], optimiser(theirs[0].parameters()), loader),
+        "skorch": skorch(theirs[1], optimiser, data, len(classes), batch),
+        "ours": partial(train, net, samples, target, sgd, epochs=1, batch=batch, seed=0, forward=forward),
+    }
+    count = len(samples) // batch * batch
+    print(
+        f"{name}: {len(samples)} samples, batches of {batch}, {threads} threads, torch {torch.__version__}", flush=True
+    )
+    speeds = {key: [] for key, epoch in epochs.items() if epoch}
     for _ in range(rounds):
-        a, b = plain(nets[0], loader), ours(nets[1], windows, target)
-        ratios.append(b / a)
-        print(f"plain {a:7.0f} windows/s   ours {b:7.0f} windows/s   ratio {b / a:.2f}", flush=True)
-    print(f"median ratio {np.median(ratios):.2f}")
+        for key, found in speeds.items():
+            wall, cpu = time.perf_counter(), time.process_time()
+            epochs[key]()
+            found.append((count / (time.perf_counter() - wall), count / (time.process_time() - cpu)))
+        print("  " + "   ".join(f"{k} {found[-1][0]:8.1f} /s" for k, found in speeds.items()), flush=True)
+    ours = np.array(speeds.pop("ours"))
+    for key, found in speeds.items():
+        wall, cpu = np.median(ours / np.array(found), axis=0)
+        print(f"  ours over {key}: {wall:.2f} (processor time {cpu:.2f})", flush=True)
+
+
+def main(*arguments: str) -> None:
+    """Compare the systems that are named, or all."""
+    options = dict(a.split("=") for a in arguments if "=" in a)
+    threads = int(options.get("threads", 1))
+    torch.set_num_threads(threads)
+    for name in [a for a in arguments if "=" not in a] or SYSTEMS:
+        compare(name, threads, int(options.get("rounds", 5)))
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main(*sys.argv[1:])

@@ -93,6 +93,26 @@ def test_blocks_of_time_convolve_as_the_library_does(kernel, more, batch):
         torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-4)
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from([COST, HAART]), st.integers(1, 9), st.integers(1, 9), st.integers(0, 99))
+def test_the_pooled_first_layer_equals_the_layers(design, rows, cols, seed):
+    torch.manual_seed(seed)
+    model = Hughes2017CNN()
+    model.design_ = design
+    net = model.network(rows, cols, 7).double()
+    x = torch.randint(0, 3, (3, design[1], rows, cols)).double() / 4  # with ties
+    weight = torch.rand(3, 7).double()
+    outputs, gradients = [], []
+    for forward in (net, lambda x: model.forward(net, x)):
+        net.zero_grad()
+        outputs.append(forward(x))
+        (outputs[-1] * weight).sum().backward()
+        gradients.append([p.grad for p in net.parameters()])
+    torch.testing.assert_close(*outputs)
+    for a, b in zip(*gradients, strict=True):
+        torch.testing.assert_close(a, b)
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(1, 8), st.integers(1, 8), st.integers(1, 5), st.integers(0, 99))
 def test_sequences_equal_a_loop(frames, hop, longest, seed):
@@ -130,18 +150,27 @@ def test_a_network_that_was_stored_cuts_the_same_sequences(rate, count):
     assert len(model.samples(one)) == len(pickle.loads(pickle.dumps(model)).samples(one)) == count
 
 
-def test_the_recurrent_layer_equals_a_loop_over_each_sequence():
-    torch.manual_seed(0)
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.integers(1, 6), min_size=1, max_size=5), st.integers(0, 99))
+def test_the_recurrent_layer_equals_a_loop_over_each_sequence(counts, seed):
+    torch.manual_seed(seed)
     net = Recurrent(nn.Flatten(), 3, nn.Linear(3, 2))
-    x, steps = torch.rand(9, 4), torch.tensor([2, 4, 1, 2])
+    x, steps = torch.rand(sum(counts), 4).double(), torch.tensor(counts)
+    net.double()((x, steps))  # gives the lazy layer its size
     found, expected, place = net((x, steps)), [], 0
-    for count in steps.tolist():
-        state = torch.zeros(3)
+    for count in counts:
+        state = torch.zeros(3).double()
         for t in range(count):
             state = torch.tanh(net.into.weight @ x[place + t] + net.into.bias + net.within.weight @ state)
             expected.append(net.head(state))
         place += count
-    torch.testing.assert_close(found, torch.stack(expected))
+    expected = torch.stack(expected)
+    torch.testing.assert_close(found, expected)
+    weight = torch.rand_like(found)
+    parameters = list(net.parameters())
+    gradients = [torch.autograd.grad((y * weight).sum(), parameters, allow_unused=True) for y in (found, expected)]
+    for ours, theirs, p in zip(*gradients, parameters, strict=True):
+        torch.testing.assert_close(ours, torch.zeros_like(p) if theirs is None else theirs)
 
 
 def test_votes_by_hand():
