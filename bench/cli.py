@@ -70,6 +70,53 @@ than one standard error of the paired difference over subjects, and why.
   bench choose data=haart protocol=loso model=cnn85 over=frames
   bench choose data=haart protocol=loso model=svm features=jung54 over=features
 """
+STREAM = """\
+bench stream [key=value ...]
+
+Replays captures as a robot sees them: accuracy against milliseconds of touch, time per decision, and adaptive stopping,
+which decides as soon as the calibrated confidence passes a threshold learned on training subjects. Each combination is
+one run in MLflow with a child run per fold; an interrupted command goes on where it stopped.
+
+  hop_ms=     milliseconds from one decision to the next; default: whenever 1.41 times as much was seen, from 62.5 ms on
+  start=      onset, or middle: the first half of each capture is not seen; default onset
+  out=        folder of streaming.csv, stopping.csv and streaming.png, .svg; default report
+  data= where= target= protocol= model= features= seed= jobs=   as for bench run
+
+  bench stream data=haart protocol=loso model=svm,rf features=jung54
+  bench stream data=haart model=svm start=onset,middle hop_ms=125
+
+bench stream source=- model=MODEL [hop_ms=125] [window_ms=]
+
+Decides on frames from standard input: a line per frame, its values in row-major order with commas or spaces between
+them; a blank line ends a capture. Prints a line per decision: capture, ms, label, confidence (not calibrated). MODEL is
+what bench fit has saved. Never more than the last window_ms are kept and seen, by default the longest training capture.
+
+  sensor | bench stream source=- model=models:/m-0123456789abcdef
+"""
+FIT = """\
+bench fit [key=value ...]
+
+Trains one system on all captures and saves it as an MLflow model, which mlflow.pyfunc.load_model, mlflow models serve,
+bench predict and bench stream source=- accept. Prints its address in the store.
+
+  out=        also save it as this folder, which must be new or empty
+  data= where= target= model= features= seed=   as for bench run, one value each
+
+  bench fit data=haart model=svm features=jung54 out=svm
+  mlflow models serve -m svm --env-manager local
+"""
+PREDICT = """\
+bench predict MODEL FILE [out=labels.csv] [rate_hz=]
+
+Labels the captures of a CSV, parquet or .npz file in the format of bench data import table; subject and gesture may be
+missing, a column capture names captures, else they are counted from 1. Prints capture, label, confidence and the
+probability of each class. rate_hz= is checked against the rate that the model was trained at.
+
+MODEL is models:/..., runs:/.../model of the store of this folder, or a folder. A model is code: loading one runs it, so
+name only what you or someone you trust have saved.
+
+  bench predict models:/m-0123456789abcdef new.csv out=labels.csv
+"""
 SYSTEMS = """\
 bench systems
 
@@ -104,6 +151,9 @@ SUMMARY = {
     "run": "run recognisers under a protocol and track them",
     "tune": "search the parameters of recognisers inside each training part",
     "choose": "find the cheapest system that is as good as the best",
+    "stream": "replay captures as a robot sees them, or decide on frames from standard input",
+    "fit": "train one system on all captures and save it as an MLflow model",
+    "predict": "label the captures of a file with a saved model",
     "systems": "list every published number and the command that repeats it",
     "extract": "write a table of features",
     "data": "list, import and export corpora",
@@ -116,7 +166,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point; an `InputError` is one line and exit code 2."""
     arguments = sys.argv[1:] if arguments is None else arguments
     commands = {"run": _run, "tune": _tune, "choose": _choose, "systems": _systems, "extract": _extract, "data": _data}
-    commands |= {"report": _report, "ui": _ui}
+    commands |= {"stream": _stream, "fit": _fit, "predict": _predict, "report": _report, "ui": _ui}
     try:
         if not arguments or arguments[0] in ("-h", "--help", "help"):
             print("bench: which recogniser of touch gestures should I ship?\n")
@@ -150,7 +200,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _help(name: str) -> str:
     texts = {"run": RUN, "tune": TUNE, "choose": CHOOSE, "systems": SYSTEMS, "extract": EXTRACT, "data": DATA}
-    texts |= {"report": REPORT, "ui": UI}
+    texts |= {"stream": STREAM, "fit": FIT, "predict": PREDICT, "report": REPORT, "ui": UI}
     text = texts[name]
     if name == "run":
         rooms = {room: ", ".join(names(room)) for room in ("protocols", "models", "features")}
@@ -174,6 +224,24 @@ def _choose(arguments: list[str]) -> int:
     from bench.choose import choose
 
     return choose(arguments)
+
+
+def _stream(arguments: list[str]) -> int:
+    from bench.stream import stream
+
+    return stream(arguments)
+
+
+def _fit(arguments: list[str]) -> int:
+    from bench.fit import fit
+
+    return fit(arguments)
+
+
+def _predict(arguments: list[str]) -> int:
+    from bench.fit import predict
+
+    return predict(arguments)
 
 
 def _systems(arguments: list[str]) -> int:

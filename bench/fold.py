@@ -46,13 +46,13 @@ def run_fold(cell: Cell, corpus: Corpus, name: str, train: np.ndarray, test: np.
     try:
         estimator = cell.estimator()  # imports what it needs, so that its thread pools are there to be limited
         with threadpool_limits(threads):
-            _torch_threads(threads)
+            torch_threads(threads)
             wall, cpu = time.perf_counter(), time.process_time()
             estimator.fit(corpus[train], corpus.gestures[train])
             wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
             predictions = decisions(estimator, corpus, name, test)
         with threadpool_limits(1):
-            _torch_threads(1)
+            torch_threads(1)
             predict_ms, decide_ms = latency(estimator, corpus[test], int(predictions["frames"].max()))
     except Exception:  # whatever a system raises is this fold's result, not the end of the run
         return FoldResult(name, error=traceback.format_exc())
@@ -70,8 +70,12 @@ def run_fold(cell: Cell, corpus: Corpus, name: str, train: np.ndarray, test: np.
     return FoldResult(name, predictions, metrics, predict_ms, decide_ms, **learnt)
 
 
-def decisions(estimator: object, corpus: Corpus, fold: str, test: np.ndarray) -> pd.DataFrame:
+def decisions(
+    estimator: object, corpus: Corpus, fold: str, test: np.ndarray, classes: list[str] | None = None
+) -> pd.DataFrame:
     """The predictions table of one fold, described in `bench.scores`.
+
+    Its classes are those of the corpus, unless they are given, sorted.
 
     A system that decides more than once per capture says so with ``decide``; any other decides once, on all frames. One
     that has no probabilities gets 1 for its label.
@@ -89,7 +93,7 @@ def decisions(estimator: object, corpus: Corpus, fold: str, test: np.ndarray) ->
     table = table.assign(fold=fold, capture=tested.index[position], true=tested.gestures[position])
     about = tested.captures.drop(columns=tested.target if tested.target == "gesture" else [])
     about = about.iloc[position].reset_index(drop=True)
-    classes = np.unique(corpus.gestures.astype(str))
+    classes = np.unique(corpus.gestures.astype(str) if classes is None else classes)
     columns = np.zeros((len(table), len(classes)), dtype=np.float32)
     columns[:, np.searchsorted(classes, estimator.classes_.astype(str))] = proba
     if not np.isfinite(columns).all():
@@ -111,16 +115,17 @@ def latency(estimator: object, tested: Corpus, frames: int) -> tuple[list[float]
     ]
     for one in (whole * WARM_UP)[:WARM_UP]:
         estimator.predict(one)
-    return [_milliseconds(estimator, one) for one in whole], [_milliseconds(estimator, one) for one in first]
+    return [milliseconds(estimator, one) for one in whole], [milliseconds(estimator, one) for one in first]
 
 
-def _milliseconds(estimator: object, one: Corpus) -> float:
+def milliseconds(estimator: object, one: Corpus) -> float:
+    """Time of one prediction."""
     started = time.perf_counter()
     estimator.predict(one)
     return (time.perf_counter() - started) * 1000
 
 
-def _torch_threads(threads: int) -> None:
+def torch_threads(threads: int) -> None:
     """PyTorch keeps its own count, which threadpoolctl does not reach; only if a system has loaded it."""
     if torch := sys.modules.get("torch"):
         torch.set_num_threads(threads)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing, suppress
 
 from rich.console import Console
@@ -11,6 +12,7 @@ from rich.table import Table
 
 from bench.cells import PARTS, Cell, cells, parse
 from bench.corpus import Corpus, InputError
+from bench.fold import FoldResult, run_fold
 from bench.runner import Fold, folds_of, run_folds, share_cores, start_workers, usable_cores
 from bench.store import open_corpus
 
@@ -35,7 +37,33 @@ def execute(asked: list[Cell], jobs: int | None) -> int:
     Raises:
         InputError: something in the cells or the data cannot be used; nothing was run.
     """
-    plans = []  # every corpus, split and combination is checked before the first fold starts
+    plans = planned(asked, jobs)
+    client = begun(plans, jobs)
+    table = _result_table()
+    failed: list[str] = []
+    choices = []
+    from bench.tracking import CellRun
+
+    for cell, corpus, folds, workers, threads in plans:
+        try:
+            key = cell.key(corpus, threads)
+            metrics, errors, chosen = run_cell(client, CellRun, key, cell, corpus, folds, workers, threads)
+        except KeyboardInterrupt:
+            return interrupted()
+        failed += [f"{cell.system()}, {cell.data}, {cell.protocol}: fold {name}" for name in errors]
+        _add_row(table, cell, corpus, metrics, len(folds) - len(errors), len(folds))
+        if chosen:
+            choices.append(_choice_table(cell, chosen))
+    return ended([*choices, table], plans, failed)
+
+
+def planned(asked: list[Cell], jobs: int | None) -> list[tuple[Cell, Corpus, list[Fold], int, int]]:
+    """Cell, corpus, folds, workers and threads of each; all is checked before the first fold starts.
+
+    Raises:
+        InputError: something in the cells or the data cannot be used.
+    """
+    plans = []
     for cell in asked:
         estimator = cell.estimator()
         for part in (estimator, *cell.feature_sets().values()):
@@ -51,6 +79,11 @@ def execute(asked: list[Cell], jobs: int | None) -> int:
             for fold in folds:
                 estimator.check_training(corpus[fold.train], corpus.gestures[fold.train])
         plans.append((cell, corpus, folds, *share_cores(jobs, len(folds))))
+    return plans
+
+
+def begun(plans: list[tuple], jobs: int | None) -> object:
+    """Start workers, say what a user should know, and open the store: a client of it."""
     start_workers(*plans[0][3:])  # takes as long as opening the store
     if jobs and jobs > usable_cores():
         console.print(f"warning: jobs={jobs}: this machine has {usable_cores()} cores, more workers would only wait")
@@ -58,28 +91,25 @@ def execute(asked: list[Cell], jobs: int | None) -> int:
         console.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
     from bench.tracking import connect
 
-    client = connect()
-    table = _result_table()
-    failed: list[str] = []
-    choices = []
-    for cell, corpus, folds, workers, threads in plans:
-        try:
-            metrics, errors, chosen = _run_cell(client, cell, corpus, folds, workers, threads)
-        except KeyboardInterrupt:
-            console.print(
-                "interrupted; every finished fold is stored and the same command goes on from there",
-                style="bold",
-                soft_wrap=True,
-            )
-            return 130
-        failed += [f"{cell.system()}, {cell.data}, {cell.protocol}: fold {name}" for name in errors]
-        _add_row(table, cell, corpus, metrics, len(folds) - len(errors), len(folds))
-        if chosen:
-            choices.append(_choice_table(cell, chosen))
+    return connect()
+
+
+def interrupted() -> int:
+    """What Ctrl-C leaves; the exit code."""
+    console.print(
+        "interrupted; every finished fold is stored and the same command goes on from there",
+        style="bold",
+        soft_wrap=True,
+    )
+    return 130
+
+
+def ended(tables: list[Table], plans: list[tuple], failed: list[str]) -> int:
+    """Print the tables and what failed; the exit code."""
     out = Console()
     if not out.is_terminal:  # a file or a log has no width to fit into
         out.width = 200
-    for each in (*choices, table):
+    for each in tables:
         out.print(each)
     if any(corpus.synthetic for _, corpus, *_ in plans):
         out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
@@ -121,28 +151,46 @@ def _warnings(plans: list[tuple]) -> list[str]:
     return lines
 
 
-def _run_cell(
-    client: object, cell: Cell, corpus: Corpus, folds: list[Fold], workers: int, threads: int
+def run_cell(
+    client: object,
+    tracked: Callable[..., object],
+    key: str,
+    cell: Cell,
+    corpus: Corpus,
+    folds: list[Fold],
+    workers: int,
+    threads: int,
+    work: Callable[..., FoldResult] = run_fold,
 ) -> tuple[dict[str, float], list[str], dict[str, dict]]:
     """Run the folds that are not stored yet and score the cell.
+
+    Args:
+        client: of the store.
+        tracked: the kind of run, `bench.tracking.CellRun` or one derived from it.
+        key: what makes two runs the same.
+        cell: what is run.
+        corpus: its captures.
+        folds: all of its folds.
+        workers: processes.
+        threads: in each of them.
+        work: what a worker does with a fold, called as `run_fold` is.
 
     Returns:
         Its metrics, the failed folds, and what was chosen in each fold by a system that searches its parameters.
     """
-    from bench.tracking import CellRun, only_one
+    from bench.tracking import only_one
 
-    key = cell.key(corpus, threads)
     with only_one(key):
-        run = CellRun(client, cell, corpus, key, cell.protocol.make().label(corpus), threads)
+        run = tracked(client, cell, corpus, key, cell.protocol.make().label(corpus), threads)
         missing = [fold for fold in folds if fold.name not in run.done]
         if not missing:
             said = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(folds)} folds were stored before"
             console.print(said, markup=False, soft_wrap=True)
         else:
-            _fill_cache(cell, corpus)
+            fill_cache(cell, corpus)
         errors = []
         try:
-            with closing(run_folds(cell, corpus, missing, workers, threads)) as results, _progress() as bar:
+            with closing(run_folds(cell, corpus, missing, workers, threads, work)) as results, _progress() as bar:
                 task = bar.add_task(f"{cell.system()} | {cell.data} | {cell.protocol}", total=len(folds))
                 bar.advance(task, len(folds) - len(missing))
                 for result in results:
@@ -160,7 +208,7 @@ def _run_cell(
             raise
 
 
-def _fill_cache(cell: Cell, corpus: Corpus) -> None:
+def fill_cache(cell: Cell, corpus: Corpus) -> None:
     """Compute once for all folds what needs no learning; a set that fails here fails in every fold, recorded there."""
     one = corpus[:1]
     for features in cell.feature_sets().values():

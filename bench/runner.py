@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -72,8 +72,19 @@ def share_cores(jobs: int | None, folds: int) -> tuple[int, int]:
     return jobs, max(1, cores // jobs)
 
 
-def run_folds(cell: Cell, corpus: Corpus, folds: list[Fold], jobs: int, threads: int) -> Iterator[FoldResult]:
-    """Results in the order in which folds finish; every fold gives one, a crashed worker a failed one."""
+def run_folds(
+    cell: Cell, corpus: Corpus, folds: list[Fold], jobs: int, threads: int, work: Callable[..., FoldResult] = run_fold
+) -> Iterator[FoldResult]:
+    """Results in the order in which folds finish; every fold gives one, a crashed worker a failed one.
+
+    Args:
+        cell: what is run.
+        corpus: the captures that the folds are of.
+        folds: those to run.
+        jobs: worker processes.
+        threads: in each of them.
+        work: what a worker does with a fold, called as `run_fold` is.
+    """
     executor = _workers(jobs, threads)
     waiting, running = list(folds), {}
     try:
@@ -83,7 +94,7 @@ def run_folds(cell: Cell, corpus: Corpus, folds: list[Fold], jobs: int, threads:
                 # loky stumbles over when it is killed.
                 while waiting and len(running) <= jobs:
                     fold = waiting[0]
-                    task = executor.submit(run_fold, cell, corpus, fold.name, fold.train, fold.test, threads)
+                    task = executor.submit(work, cell, corpus, fold.name, fold.train, fold.test, threads)
                     running[task] = waiting.pop(0)
                 done = next(as_completed(running))
                 result = done.result()
@@ -95,7 +106,7 @@ def run_folds(cell: Cell, corpus: Corpus, folds: list[Fold], jobs: int, threads:
         for fold in [*running.values(), *waiting]:
             try:
                 executor = _workers(1, threads)
-                yield executor.submit(run_fold, cell, corpus, fold.name, fold.train, fold.test, threads).result()
+                yield executor.submit(work, cell, corpus, fold.name, fold.train, fold.test, threads).result()
             except BrokenProcessPool as e:
                 yield FoldResult(fold.name, error=f"The worker process died; out of memory?\n{e}")
     except (KeyboardInterrupt, GeneratorExit):

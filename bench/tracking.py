@@ -1,8 +1,8 @@
 """Runs in MLflow: a parent run per cell, a child run per fold. Only the main process comes here.
 
-Tags, by which runs are found again: ``touchbench.kind`` (``cell`` or ``fold``), ``touchbench.cell`` (the key of the
-cell), ``touchbench.fold``, and for the tables ``data``, ``synthetic``, ``subset``, ``protocol``, ``protocol_label``,
-``features``, ``model``, ``system``, ``seed``.
+Tags, by which runs are found again: ``touchbench.kind`` (``cell`` or ``fold``, ``stream`` or ``stream_fold``, ``fit``),
+``touchbench.cell`` (the key of the cell), ``touchbench.fold``, and for the tables ``data``, ``synthetic``, ``subset``,
+``protocol``, ``protocol_label``, ``features``, ``model``, ``system``, ``seed``.
 """
 
 from __future__ import annotations
@@ -86,18 +86,26 @@ def _check_writable(path: Path) -> None:
 class CellRun:
     """The parent run of a cell, found again if it was begun before.
 
+    Other commands that run the folds of a cell have their own kinds of run and their own scores.
+
     Attributes:
         run_id: of the parent run.
         finished: whether an earlier command finished it.
         done: finished folds by name, as they were stored.
     """
 
+    kind = "cell"
+    fold_kind = "fold"
+    options: dict[str, object] = {}  # of the command, tracked as parameters
+
     def __init__(self, client: object, cell: Cell, corpus: Corpus, key: str, label: str, threads: int) -> None:
         self.client = client
         self.experiment = client.get_experiment_by_name(EXPERIMENT).experiment_id
         self.rate_hz = corpus.rate_hz
         found = client.search_runs(
-            [self.experiment], f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = 'cell'", max_results=1
+            [self.experiment],
+            f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{self.kind}'",
+            max_results=1,
         )
         self.run_id = found[0].info.run_id if found else self._create(cell, corpus, key, label, threads)
         self.finished = bool(found) and found[0].info.status == "FINISHED"
@@ -111,8 +119,6 @@ class CellRun:
             client.update_run(self.run_id, status="RUNNING")
 
     def _create(self, cell: Cell, corpus: Corpus, key: str, label: str, threads: int) -> str:
-        from mlflow.entities import Dataset, DatasetInput, InputTag, Param
-
         kind = "synthetic " if corpus.synthetic else ""
         title = f"{cell.system()} | {cell.data} | {cell.protocol}"
         about = (
@@ -122,39 +128,15 @@ class CellRun:
         tags = {
             "mlflow.runName": title,
             "mlflow.note.content": about,
-            "touchbench.kind": "cell",
+            "touchbench.kind": self.kind,
             "touchbench.cell": key,
-            "data": cell.data,
-            "synthetic": str(corpus.synthetic).lower(),
-            "subset": cell.where or "all",
             "protocol": str(cell.protocol),
             "protocol_label": label,
-            "target": cell.target,
-            "features": ", ".join(cell.feature_sets()) or "raw frames",
-            "model": str(cell.model),
-            "system": cell.system(),
-            "seed": str((cell.tuning or cell.model.parameters).get("seed", "none")),
         }
-        run = self.client.create_run(self.experiment, run_name=title, tags=tags)
-        params = {
-            "data": cell.data,
-            "where": cell.where or "all",
-            "target": cell.target,
-            "corpus_digest": corpus.digest,
-        }
-        params |= {f"data.{k}": v for k, v in cell.data_parameters.items()}
-        for name, part in (("protocol", cell.protocol), ("features", cell.features), ("model", cell.model)):
-            if part:
-                params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
-        params |= {f"tuning.{k}": v for k, v in (cell.tuning or {}).items()}
-        params |= {"threads": threads, "cpu": cpu_model(), "git": git_revision()}
-        params |= {f"version.{k}": v for k, v in versions().items()}
-        self.client.log_batch(run.info.run_id, params=[Param(k, str(v)) for k, v in params.items()])
-        source = json.dumps({"uri": corpus.info.get("source", "")})
-        profile = json.dumps({"num_rows": len(corpus), "num_elements": int(corpus.lengths.sum())})
-        dataset = Dataset(cell.data, corpus.digest[:36], "local", source, profile=profile)
-        evaluated = DatasetInput(dataset, [InputTag("mlflow.data.context", "evaluation")])
-        self.client.log_inputs(run.info.run_id, [evaluated])
+        run = self.client.create_run(self.experiment, run_name=title, tags=tags | tags_of(cell, corpus))
+        protocol = {"protocol": cell.protocol.name}
+        protocol |= {f"protocol.{k}": v for k, v in cell.protocol.parameters.items()}
+        log_setup(self.client, run.info.run_id, cell, corpus, threads, protocol | self.options, "evaluation")
         return run.info.run_id
 
     def _children(self) -> list:
@@ -191,7 +173,7 @@ class CellRun:
         tags = {
             "mlflow.parentRunId": self.run_id,
             "mlflow.runName": result.name,
-            "touchbench.kind": "fold",
+            "touchbench.kind": self.fold_kind,
             "touchbench.fold": result.name,
         }
         child = self.client.create_run(self.experiment, run_name=result.name, tags=tags).info.run_id
@@ -204,7 +186,7 @@ class CellRun:
                 result.predictions.to_parquet(folder / "predictions.parquet", index=False)
                 timing = {"predict_ms": result.predict_ms, "decide_ms": result.decide_ms, "chosen": result.chosen}
                 (folder / "timing.json").write_text(json.dumps(timing | {"metrics": list(result.metrics)}))
-                self._log(child, scores.accuracies(result.predictions) | costs([result]), result.history)
+                self._log(child, self.fold_scores(result) | costs([result]), result.history)
             if result.chosen:
                 result.trials.to_csv(folder / "trials.csv", index=False)
                 chosen = [Param(f"chosen.{k}", str(v)) for k, v in result.chosen.items()]
@@ -225,17 +207,29 @@ class CellRun:
         metrics = {}
         if results:
             predictions = pd.concat([r.predictions for r in results], ignore_index=True)
-            metrics = measure(predictions, results, self.rate_hz)
+            metrics = self.measure(predictions, results)
             if self.finished:  # nothing was run, nothing is written
                 return metrics
             self._log(self.run_id, metrics | {"folds": len(results), "folds_failed": len(order) - len(results)}, [])
             with tempfile.TemporaryDirectory() as folder:
-                _write_tables(predictions, Path(folder))
+                self.write_tables(predictions, results, Path(folder))
                 if any(r.chosen for r in results):
                     _write_choices(results, Path(folder))
                 self.client.log_artifacts(self.run_id, folder)
         self.client.set_terminated(self.run_id, "FINISHED" if complete else "FAILED")
         return metrics
+
+    def fold_scores(self, result: FoldResult) -> dict[str, float]:
+        """Scores of one fold."""
+        return scores.accuracies(result.predictions)
+
+    def measure(self, predictions: pd.DataFrame, results: list[FoldResult]) -> dict[str, float]:
+        """Scores and costs of the whole run."""
+        return measure(predictions, results, self.rate_hz)
+
+    def write_tables(self, predictions: pd.DataFrame, results: list[FoldResult], folder: Path) -> None:
+        """Write what is kept with the parent run."""
+        _write_tables(predictions, folder)
 
     def interrupt(self) -> None:
         """Mark the run as killed; what is stored stays and is found again."""
@@ -249,6 +243,47 @@ class CellRun:
         points += [Metric(k, float(v), now, step) for step, row in enumerate(history, 1) for k, v in row.items()]
         for i in range(0, len(points), 1000):
             self.client.log_batch(run_id, metrics=points[i : i + 1000])
+
+
+def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
+    """What tables know a run's data and system by."""
+    return {
+        "data": cell.data,
+        "synthetic": str(corpus.synthetic).lower(),
+        "subset": cell.where or "all",
+        "target": cell.target,
+        "features": ", ".join(cell.feature_sets()) or "raw frames",
+        "model": str(cell.model),
+        "system": cell.system(),
+        "seed": str((cell.tuning or cell.model.parameters).get("seed", "none")),
+    }
+
+
+def log_setup(
+    client: object,
+    run_id: str,
+    cell: Cell,
+    corpus: Corpus,
+    threads: int,
+    more: dict[str, object],
+    context: str,
+) -> None:
+    """Log every parameter that a run depends on, and the captures that it saw (``context``: training, evaluation)."""
+    from mlflow.entities import Dataset, DatasetInput, InputTag, Param
+
+    params = {"data": cell.data, "where": cell.where or "all", "target": cell.target, "corpus_digest": corpus.digest}
+    params |= {f"data.{k}": v for k, v in cell.data_parameters.items()} | more
+    for name, part in (("features", cell.features), ("model", cell.model)):
+        if part:
+            params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
+    params |= {f"tuning.{k}": v for k, v in (cell.tuning or {}).items()}
+    params |= {"threads": threads, "cpu": cpu_model(), "git": git_revision()}
+    params |= {f"version.{k}": v for k, v in versions().items()}
+    client.log_batch(run_id, params=[Param(k, str(v)) for k, v in params.items()])
+    source = json.dumps({"uri": corpus.info.get("source", "")})
+    profile = json.dumps({"num_rows": len(corpus), "num_elements": int(corpus.lengths.sum())})
+    dataset = Dataset(cell.data, corpus.digest[:36], "local", source, profile=profile)
+    client.log_inputs(run_id, [DatasetInput(dataset, [InputTag("mlflow.data.context", context)])])
 
 
 def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float) -> dict[str, float]:
@@ -269,8 +304,8 @@ def costs(results: list[FoldResult]) -> dict[str, float]:
     found = {k: float(np.mean(v) if k.endswith("seconds") else max(v)) for k, v in metrics.items()}
     predict = np.concatenate([r.predict_ms for r in results])
     decide = np.concatenate([r.decide_ms for r in results])
-    found |= {"predict_ms_p50": np.quantile(predict, 0.5), "predict_ms_p95": np.quantile(predict, 0.95)}
-    return found | {"decide_ms_p50": np.quantile(decide, 0.5)}
+    found |= {f"predict_ms_p{p}": np.quantile(predict, p / 100) for p in (50, 95, 99)}
+    return found | {f"decide_ms_p{p}": np.quantile(decide, p / 100) for p in (50, 95, 99)}
 
 
 def _write_tables(predictions: pd.DataFrame, folder: Path) -> None:
