@@ -7,9 +7,9 @@ from scipy.linalg import cho_factor, solve_triangular
 from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
-from sklearn.preprocessing import StandardScaler
 
 from bench.corpus import InputError
+from models.scaling import ZScaler
 from models.tuning import Range
 
 
@@ -79,7 +79,7 @@ def bayes(features: TransformerMixin, ridge: float = 1e-2) -> Pipeline:
     """
     if not ridge > 0:
         raise InputError(f"model.ridge={ridge:g}: give a value above 0, such as 0.01")
-    return Pipeline([("features", features), ("scaler", StandardScaler()), ("classifier", GaussianBayes(ridge))])
+    return Pipeline([("features", features), ("scaler", ZScaler()), ("classifier", GaussianBayes(ridge))])
 
 
 bayes.space = {"ridge": Range(1e-6, 1.0, log=True)}

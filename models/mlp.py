@@ -9,9 +9,9 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import Pipeline
-from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
 from bench.corpus import InputError
+from models.scaling import RangeScaler, ZScaler
 
 BATCH = 32
 
@@ -105,7 +105,7 @@ def mlp(
         raise InputError(f"model.held={held:g}: give a share between 0 and 1")
     if scaling not in ("range", "z"):
         raise InputError(f"model.scaling={scaling}: give range or z")
-    scaler = MinMaxScaler((-1, 1)) if scaling == "range" else StandardScaler()
+    scaler = RangeScaler((-1, 1)) if scaling == "range" else ZScaler()
     net = EarlyStoppedNet(units, held, patience, runs, seed)
     return Pipeline([("features", features), ("scaler", scaler), ("classifier", net)])
 

@@ -3,9 +3,9 @@
 from sklearn.base import TransformerMixin
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import Pipeline
-from sklearn.preprocessing import StandardScaler
 
 from bench.corpus import InputError
+from models.scaling import ZScaler
 from models.tuning import Range
 
 
@@ -22,7 +22,7 @@ def softmax(features: TransformerMixin, C: float = 1.0) -> Pipeline:
     if not C > 0:
         raise InputError(f"model.C={C:g}: give a value above 0")
     layer = LogisticRegression(C=C, max_iter=2000)
-    return Pipeline([("features", features), ("scaler", StandardScaler()), ("classifier", layer)])
+    return Pipeline([("features", features), ("scaler", ZScaler()), ("classifier", layer)])
 
 
 softmax.space = {"C": Range(1e-3, 1e2, log=True)}

@@ -4,10 +4,10 @@ import numpy as np
 from scipy.special import softmax
 from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
-from sklearn.preprocessing import MinMaxScaler, StandardScaler
 from sklearn.svm import SVC
 
 from bench.corpus import InputError
+from models.scaling import RangeScaler, ZScaler
 from models.tuning import Range
 
 
@@ -51,7 +51,7 @@ def svm(
     if not C > 0 or not gamma > 0:
         raise InputError(f"model.C={C:g} model.gamma={gamma:g}: both must be above 0")
     machine = RankedSVC(C=C, gamma=gamma, kernel=kernel, break_ties=True)
-    scaler = MinMaxScaler() if scaling == "range" else StandardScaler()
+    scaler = RangeScaler() if scaling == "range" else ZScaler()
     return Pipeline([("features", features), ("scaler", scaler), ("classifier", machine)])
 
 

@@ -1,0 +1,42 @@
+"""Scaling of features that stays calm where training showed nothing.
+
+A feature that never varies in training has no range to be scaled by. scikit-learn's scalers then pass its differences
+on as they are: where all training captures are equally long, a shorter one would move its duration by hundreds of
+training ranges, and a kernel would see nothing else. Here such a feature keeps its training value, whatever comes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from sklearn.preprocessing import MinMaxScaler, StandardScaler
+
+FLAT = 1e-9  # a feature that moves by less than this share of its largest magnitude is constant but for rounding
+
+
+class RangeScaler(MinMaxScaler):
+    """Training range to 0..1, or another ``feature_range``; a constant feature is its lower end."""
+
+    def fit(self, X: pd.DataFrame | np.ndarray, y: object = None) -> RangeScaler:
+        """Learn the range of each feature [captures, n_features]."""
+        super().fit(X, y)
+        still = constant(X)
+        self.scale_[still] = 0
+        self.min_[still] = self.feature_range[0]
+        return self
+
+
+class ZScaler(StandardScaler):
+    """Mean 0 and SD 1 in training; a constant feature is 0."""
+
+    def fit(self, X: pd.DataFrame | np.ndarray, y: object = None, sample_weight: object = None) -> ZScaler:
+        """Learn mean and SD of each feature [captures, n_features]."""
+        super().fit(X, y, sample_weight)
+        self.scale_[constant(X)] = np.inf
+        return self
+
+
+def constant(X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    """Which features do not vary, bool [n_features]."""
+    values = np.asarray(X, dtype=np.float64)
+    return np.ptp(values, axis=0) <= FLAT * np.abs(values).max(axis=0)
