@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from scipy.stats import ttest_1samp
@@ -21,7 +20,7 @@ from bench.cells import PARTS, Cell, cells, convert, items, parse
 from bench.errors import InputError
 from bench.registry import load, nearest, parameters
 from bench.run import KEYS as RUN_KEYS
-from bench.run import execute, jobs_of
+from bench.run import execute, jobs_of, output
 
 # What a system may cost: the column of the candidates, and the unit it is printed in.
 COSTS = {"flash": ("flash", "kB"), "ram": ("ram", "kB"), "predict": ("predict", "ms"), "decision": ("decision", "ms")}
@@ -257,9 +256,7 @@ def _named(row: pd.Series) -> str:
 
 
 def _print(choice: Choice, about: str, by: str, budgets: dict[str, float], margin: float | None, subjects: int) -> None:
-    out = Console()
-    if not out.is_terminal:
-        out.width = 200
+    out = output()
     within = ", ".join(f"{k} at most {_amount(k, v)}" for k, v in budgets.items()) or "no budget"
     table = Table(title=f"{about}; {within}; cheapest by {by} first")
     for name in ("system", "labels", "accuracy %", "below the best", *COSTS, "verdict"):

@@ -70,6 +70,24 @@ than one standard error of the paired difference over subjects, and why.
   bench choose data=haart protocol=loso model=cnn85 over=frames
   bench choose data=haart protocol=loso model=svm features=jung54 over=features
 """
+STRESS = """\
+bench stress [key=value ...]
+
+Fits every fold once, tests it on captures as they are and under every fault at five severities, and reports where each
+method fails: subjects, classes, conditions, faults and pairs of them that are significantly below its own accuracy, the
+severity that costs half of its margin over chance, and how the order of the methods changes. Several seeds also tell
+how many captures change their label. All goes into MLflow; an interrupted command goes on where it stopped.
+
+  faults=          dead_taxels, stuck_taxels, dead_lines, gain_drift, offset_drift, saturation, noise, fewer_bits,
+                   dropped_frames, lower_rate, time_jitter, late_start, early_end, shift, rotation, smaller_grid, cover;
+                   default all
+  train_subjects=  numbers of training subjects to be fitted on besides, for a learning curve; default none
+  out=             folder for the tables and figures; default stress
+  data= where= target= protocol= model= features= seed= jobs=   as for bench run
+
+  bench stress data=haart protocol=loso model=svm,rf features=jung54
+  bench stress data=haart protocol=loso model=rf seed=0,1,2 faults=noise,shift train_subjects=2,4,8
+"""
 STREAM = """\
 bench stream [key=value ...]
 
@@ -151,6 +169,7 @@ SUMMARY = {
     "run": "run recognisers under a protocol and track them",
     "tune": "search the parameters of recognisers inside each training part",
     "choose": "find the cheapest system that is as good as the best",
+    "stress": "find where recognisers fail: faults of the sensor, subjects, conditions",
     "stream": "replay captures as a robot sees them, or decide on frames from standard input",
     "fit": "train one system on all captures and save it as an MLflow model",
     "predict": "label the captures of a file with a saved model",
@@ -166,7 +185,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point; an `InputError` is one line and exit code 2."""
     arguments = sys.argv[1:] if arguments is None else arguments
     commands = {"run": _run, "tune": _tune, "choose": _choose, "systems": _systems, "extract": _extract, "data": _data}
-    commands |= {"stream": _stream, "fit": _fit, "predict": _predict, "report": _report, "ui": _ui}
+    commands |= {"stress": _stress, "stream": _stream, "fit": _fit, "predict": _predict, "report": _report, "ui": _ui}
     try:
         if not arguments or arguments[0] in ("-h", "--help", "help"):
             print("bench: which recogniser of touch gestures should I ship?\n")
@@ -200,7 +219,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _help(name: str) -> str:
     texts = {"run": RUN, "tune": TUNE, "choose": CHOOSE, "systems": SYSTEMS, "extract": EXTRACT, "data": DATA}
-    texts |= {"stream": STREAM, "fit": FIT, "predict": PREDICT, "report": REPORT, "ui": UI}
+    texts |= {"stress": STRESS, "stream": STREAM, "fit": FIT, "predict": PREDICT, "report": REPORT, "ui": UI}
     text = texts[name]
     if name == "run":
         rooms = {room: ", ".join(names(room)) for room in ("protocols", "models", "features")}
@@ -224,6 +243,12 @@ def _choose(arguments: list[str]) -> int:
     from bench.choose import choose
 
     return choose(arguments)
+
+
+def _stress(arguments: list[str]) -> int:
+    from bench.stress import stress
+
+    return stress(arguments)
 
 
 def _stream(arguments: list[str]) -> int:

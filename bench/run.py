@@ -104,11 +104,17 @@ def interrupted() -> int:
     return 130
 
 
-def ended(tables: list[Table], plans: list[tuple], failed: list[str]) -> int:
-    """Print the tables and what failed; the exit code."""
+def output() -> Console:
+    """Where results are printed."""
     out = Console()
     if not out.is_terminal:  # a file or a log has no width to fit into
         out.width = 200
+    return out
+
+
+def ended(tables: list[Table], plans: list[tuple], failed: list[str]) -> int:
+    """Print the tables and what failed; the exit code."""
+    out = output()
     for each in tables:
         out.print(each)
     if any(corpus.synthetic for _, corpus, *_ in plans):

@@ -141,15 +141,12 @@ class StreamRun(CellRun):
         super().__init__(client, cell, corpus, *more)
         made.append(self)
 
-    def fold_scores(self, result: FoldResult) -> dict[str, float]:
-        """Accuracy of whole captures, and of stopping at the learned threshold."""
+    def fold_metrics(self, result: FoldResult) -> dict[str, float]:
+        """Accuracy of whole captures, and of stopping at the learned threshold; costs."""
         point = learned_point(result.predictions, {result.name: result.chosen["threshold"]}, self.rate_hz)
         whole = stopped(result.predictions, float("inf"))
-        return {
-            "accuracy": float((whole["true"] == whole["predicted"]).mean()),
-            "adaptive_accuracy": point["accuracy"],
-            "adaptive_ms": point["mean_ms"],
-        }
+        found = {"accuracy": float((whole["true"] == whole["predicted"]).mean())}
+        return found | {"adaptive_accuracy": point["accuracy"], "adaptive_ms": point["mean_ms"]} | costs([result])
 
     def measure(self, predictions: pd.DataFrame, results: list[FoldResult]) -> dict[str, float]:
         """Accuracy of whole captures and of adaptive stopping, and what a decision costs."""

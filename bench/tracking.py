@@ -1,6 +1,7 @@
 """Runs in MLflow: a parent run per cell, a child run per fold. Only the main process comes here.
 
-Tags, by which runs are found again: ``touchbench.kind`` (``cell`` or ``fold``, ``stream`` or ``stream_fold``, ``fit``),
+Tags, by which runs are found again: ``touchbench.kind`` (``cell`` or ``fold``, ``stream`` or ``stream_fold``,
+``stress`` or ``stress_fold``, ``fit``),
 ``touchbench.cell`` (the key of the cell), ``touchbench.fold``, and for the tables ``data``, ``synthetic``, ``subset``,
 ``protocol``, ``protocol_label``, ``features``, ``model``, ``system``, ``seed``.
 """
@@ -186,7 +187,7 @@ class CellRun:
                 result.predictions.to_parquet(folder / "predictions.parquet", index=False)
                 timing = {"predict_ms": result.predict_ms, "decide_ms": result.decide_ms, "chosen": result.chosen}
                 (folder / "timing.json").write_text(json.dumps(timing | {"metrics": list(result.metrics)}))
-                self._log(child, self.fold_scores(result) | costs([result]), result.history)
+                self._log(child, self.fold_metrics(result), result.history)
             if result.chosen:
                 result.trials.to_csv(folder / "trials.csv", index=False)
                 chosen = [Param(f"chosen.{k}", str(v)) for k, v in result.chosen.items()]
@@ -219,9 +220,9 @@ class CellRun:
         self.client.set_terminated(self.run_id, "FINISHED" if complete else "FAILED")
         return metrics
 
-    def fold_scores(self, result: FoldResult) -> dict[str, float]:
-        """Scores of one fold."""
-        return scores.accuracies(result.predictions)
+    def fold_metrics(self, result: FoldResult) -> dict[str, float]:
+        """Scores and costs of one fold."""
+        return scores.accuracies(result.predictions) | costs([result])
 
     def measure(self, predictions: pd.DataFrame, results: list[FoldResult]) -> dict[str, float]:
         """Scores and costs of the whole run."""

@@ -177,10 +177,10 @@ def markdown(table: pd.DataFrame, papers: pd.DataFrame) -> str:
         "thread, feature extraction included; decision is the median touch that must be observed plus computing time.",
         "Published numbers stand beside a row only if data, subset, protocol and unit agree.",
         "",
-        _pipe(shown),
+        pipe(shown),
     ]
     if len(papers):
-        lines += ["", "## Published on the same data", "", _pipe(papers.fillna("").astype(str))]
+        lines += ["", "## Published on the same data", "", pipe(papers.fillna("").astype(str))]
     return "\n".join(lines) + "\n"
 
 
@@ -192,7 +192,7 @@ def _with_sd(row: object) -> str:
     return f"{row.subject_mean:.1f}" + ("" if pd.isna(row.subject_sd) else f" ± {row.subject_sd:.1f}")
 
 
-def _pipe(table: pd.DataFrame) -> str:
+def pipe(table: pd.DataFrame) -> str:
     """A markdown table; bars in cells would end them."""
     rows = [table.columns.tolist(), ["---"] * len(table.columns), *table.values.tolist()]
     return "\n".join("| " + " | ".join(str(c).replace("|", "\\|") for c in row) + " |" for row in rows)

@@ -131,7 +131,7 @@ def test_an_unwritable_store_is_refused_before_anything_runs(tmp_path, monkeypat
     assert "cannot be written" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [[], ["--help"], ["run", "--help"], ["data", "--help"], ["report", "-h"]])
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["run", "--help"], ["stress", "--help"], ["data", "--help"]])
 def test_help_names_every_part_and_imports_nothing_heavy(arguments):
     code = (
         "import sys; from bench.cli import main; main(sys.argv[1:]);"

@@ -11,7 +11,14 @@ import time
 def main() -> None:
     """Print the median of nine runs of each page."""
     code = "import sys; from bench.cli import main; sys.exit(main(sys.argv[1:]))"
-    for page in (["--help"], ["run", "--help"], ["data", "--help"], ["report", "--help"], ["ui", "--help"]):
+    for page in (
+        ["--help"],
+        ["run", "--help"],
+        ["stress", "--help"],
+        ["data", "--help"],
+        ["report", "--help"],
+        ["ui", "--help"],
+    ):
         times = []
         for _ in range(9):
             started = time.perf_counter()

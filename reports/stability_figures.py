@@ -1,0 +1,174 @@
+"""Figures of `bench stress`: methods differ by dashes, markers and numbers, never by colour alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from reports.figures import MARKERS
+
+if TYPE_CHECKING:
+    from reports.stability import Analysis
+
+DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
+PANELS = 4  # side by side
+NAMES = ("heat_map", "severities", "training_subjects", "capture_length")
+KINDS = ("png", "svg")
+
+
+def clear(folder: Path) -> None:
+    """Remove the figures of an earlier command."""
+    for name in NAMES:
+        for kind in KINDS:
+            (folder / f"stability_{name}.{kind}").unlink(missing_ok=True)
+
+
+def draw(analyses: list[Analysis], folder: Path) -> list[Path]:
+    """All figures for which there is something to show, as PNG and SVG."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figures = {}
+    if len(analyses[0].curves):
+        figures["heat_map"] = heat_map(analyses)
+        figures["severities"] = severities(analyses)
+    if any(len(a.learning) > 1 for a in analyses):
+        figures["training_subjects"] = training_subjects(analyses)
+    if any("frames" in set(a.conditions["factor"]) for a in analyses):
+        figures["capture_length"] = capture_length(analyses)
+    paths = []
+    for name, figure in figures.items():
+        for kind in KINDS:
+            paths.append(folder / f"stability_{name}.{kind}")
+            figure.savefig(paths[-1], dpi=130)
+            figure.set_layout_engine("none")  # everything has its place now
+        plt.close(figure)
+    return paths
+
+
+def heat_map(analyses: list[Analysis]) -> object:
+    """Mean loss of accuracy over severities, a row for each method and a column for each fault, costliest first."""
+    import matplotlib.pyplot as plt
+
+    losses = pd.DataFrame({a.method: a.margins.set_index("fault")["loss"] for a in analyses}).T * 100
+    losses = losses[losses.mean().sort_values(ascending=False, kind="stable").index]
+    methods, faults = losses.shape
+    figure, ax = plt.subplots(figsize=(4.2 + 0.62 * faults, 2.6 + 0.42 * methods), layout="constrained")
+    image = ax.imshow(losses, cmap="Greys", vmin=min(0, losses.min().min()), vmax=max(losses.max().max(), 1))
+    image.axes.set_aspect("auto")
+    for i, j in np.ndindex(methods, faults):
+        value = losses.iloc[i, j]
+        dark = image.norm(value) > 0.55
+        ax.text(j, i, f"{value:.0f}".replace("-0", "0"), ha="center", va="center", color="white" if dark else "black")
+    ax.set_xticks(range(faults), [f.replace("_", " ") for f in losses.columns], rotation=40, ha="right",
+                  rotation_mode="anchor")  # fmt: skip
+    ax.set_yticks(range(methods), [f"{a.method} ({100 * a.clean:.0f} % clean)" for a in analyses])
+    ax.set_xticks(np.arange(faults - 1) + 0.5, minor=True)
+    ax.set_yticks(np.arange(methods - 1) + 0.5, minor=True)
+    ax.grid(which="minor", color="white", linewidth=1.5)
+    ax.tick_params(which="minor", length=0)
+    _name(figure, analyses, "Points of accuracy lost under each fault, mean over five severities")
+    return figure
+
+
+def severities(analyses: list[Analysis]) -> object:
+    """Accuracy against severity, a panel for each fault."""
+    import matplotlib.pyplot as plt
+
+    faults = list(analyses[0].margins["fault"])
+    wide = min(PANELS, len(faults))
+    high = -(-len(faults) // wide)
+    figure, axes = plt.subplots(
+        high, wide, figsize=(max(3.1 * wide, 7), 2.3 * high + 1.4), sharey=True, squeeze=False, layout="constrained"
+    )
+    for ax, fault in zip(axes.flat, faults, strict=False):
+        for k, a in enumerate(analyses):
+            part = a.curves[a.curves["fault"] == fault].sort_values("severity")
+            accuracy = 100 * np.append(a.clean, part["accuracy"])
+            ax.plot(np.append(0, part["severity"]), accuracy, **_style(k), label=a.method)
+        ax.axhline(100 * analyses[0].chance, color="0.5", linewidth=0.8, linestyle=(0, (1, 2)))
+        amounts = [text.partition(" ") for text in part["amount"]]
+        ax.set_xticks(range(len(amounts) + 1), ["none", *(number for number, _, _ in amounts)], fontsize=8)
+        ax.set_xlabel(amounts[0][2], fontsize=8)
+        ax.set_title(fault.replace("_", " "), fontsize=9)
+        ax.set_ylim(0, 100)
+        ax.grid(alpha=0.3)
+    for ax in axes.flat[len(faults) :]:
+        ax.set_axis_off()
+    for ax in axes[:, 0]:
+        ax.set_ylabel("accuracy, %", fontsize=8)
+    _name(figure, analyses, "Accuracy under each fault; the dotted line is chance")
+    _legend(figure, axes[0, 0])
+    return figure
+
+
+def training_subjects(analyses: list[Analysis]) -> object:
+    """Learning curve: accuracy against the number of training subjects, bars are intervals over tested subjects."""
+    figure, ax = _single()
+    for k, a in enumerate(analyses):
+        counts = a.learning["train_subjects"].to_numpy()
+        _with_bars(ax, k, counts + _aside(k, analyses) * np.ptp(counts), a.learning, a.method)
+    ax.set_xticks(counts, [f"{c:g}" for c in counts])
+    ax.set_xlabel("training subjects")
+    _name(figure, analyses, "Accuracy by number of training subjects, 95 % intervals over tested subjects")
+    _legend(figure, ax)
+    return figure
+
+
+def capture_length(analyses: list[Analysis]) -> object:
+    """Clean accuracy against the length of a capture, in groups of about equal size."""
+    figure, ax = _single()
+    for k, a in enumerate(analyses):
+        part = a.conditions[a.conditions["factor"] == "frames"]
+        part = part.iloc[part["value"].map(_shortest).argsort()]
+        _with_bars(ax, k, np.arange(len(part)) + _aside(k, analyses) * len(part), part, a.method)
+    ax.set_xticks(range(len(part)), part["value"])
+    ax.set_xlabel("frames of a capture")
+    _name(figure, analyses, "Accuracy by length of the capture, 95 % intervals over subjects")
+    _legend(figure, ax)
+    return figure
+
+
+def _aside(k: int, analyses: list[Analysis]) -> float:
+    """By what share of the width a method's points stand beside their place, so that no bar hides another."""
+    return (k - (len(analyses) - 1) / 2) * min(0.01, 0.06 / len(analyses))
+
+
+def _shortest(frames: str) -> int:
+    return int(frames.split(" ")[0])
+
+
+def _single() -> tuple[object, object]:
+    import matplotlib.pyplot as plt
+
+    figure, ax = plt.subplots(figsize=(7, 4.6), layout="constrained")
+    ax.set_ylabel("captures labelled correctly, %")
+    ax.grid(alpha=0.3)
+    return figure, ax
+
+
+def _with_bars(ax: object, k: int, x: np.ndarray, rows: pd.DataFrame, label: str) -> None:
+    middle = 100 * rows["accuracy"].to_numpy()
+    bars = np.abs(100 * rows[["low", "high"]].to_numpy().T - middle)
+    bars = None if np.isnan(bars).all() else np.nan_to_num(bars)
+    ax.errorbar(np.asarray(x, dtype=float), middle, yerr=bars, capsize=3, elinewidth=0.8, label=label, **_style(k))
+
+
+def _style(k: int) -> dict[str, object]:
+    return {"linestyle": DASHES[k % len(DASHES)], "marker": MARKERS[k % len(MARKERS)], "color": f"C{k % 10}",
+            "markersize": 5, "linewidth": 1.4}  # fmt: skip
+
+
+def _legend(figure: object, ax: object) -> None:
+    handles, labels = ax.get_legend_handles_labels()
+    columns = max(1, int(figure.get_figwidth() * 11 // (max(map(len, labels)) + 8)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, len(labels)), fontsize=8)
+
+
+def _name(figure: object, analyses: list[Analysis], what: str) -> None:
+    figure.suptitle(f"{what}\n{', '.join(analyses[0].context)}", fontsize=10)

@@ -1,0 +1,251 @@
+"""Each fault against numbers worked out by hand, and what all of them must keep."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench import faults
+from bench.cli import STRESS
+from bench.corpus import Corpus
+from bench.faults import FAULTS, SEVERITIES, as_shares, damaged, fault
+from tests.conftest import random_corpus
+
+ALL = list(FAULTS.values())
+PAGE = (Path(__file__).parents[2] / "docs" / "faults.md").read_text()
+
+
+class Luck:
+    """A generator that gives what it is told."""
+
+    def __init__(self, **told):
+        self.told = told
+
+    def __getattr__(self, name):
+        return lambda *_, **__: self.told[name]
+
+
+def ramp(frames=4, rows=2, cols=2):
+    """Frame t has t/10 + 0.01 per taxel in reading order."""
+    taxels = np.arange(rows * cols).reshape(rows, cols) / 100
+    return (np.arange(frames)[:, None, None] / 10 + taxels).astype(np.float32)
+
+
+def under(name, frames, amount, **told):
+    return FAULTS[name].damage(frames, amount, Luck(**told))
+
+
+def test_the_list_of_faults_is_that_of_the_help_page():
+    named = STRESS.split("faults=")[1].split("default all")[0]
+    assert [n.strip(" ;\n") for n in named.replace(";", ",").split(",") if n.strip()] == list(FAULTS)
+    assert len(FAULTS) == 17
+
+
+def test_the_documented_amounts_are_those_of_the_code():
+    for one in ALL:
+        (row,) = [line for line in PAGE.splitlines() if line.startswith(f"| `{one.name}` |")]
+        *_, amounts, drawn, _ = (cell.strip() for cell in row.split("|"))
+        assert amounts == ", ".join(f"{a:g}" for a in one.amounts) + f" {one.unit}"
+        assert drawn == ("sensor" if one.sensor else "capture")
+
+
+def test_the_documented_fault_of_ones_own_runs(monkeypatch):
+    monkeypatch.setattr(faults, "FAULTS", {})
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
+    exec(code, {"np": np})
+    hum = faults.FAULTS["hum"].apply(np.full((9, 2, 2), 0.5, np.float32), 5, "1", 1)
+    assert 0.3 <= hum.min() < hum.max() <= 0.7 and hum.dtype == np.float32
+
+
+def test_dead_and_stuck_taxels():
+    frames = ramp()
+    dead = under("dead_taxels", frames, 40, permutation=np.array([2, 0, 1, 3]))  # 40 % of 4 rounds up to 2
+    assert np.array_equal(dead[1], np.float32([[0, 0.11], [0, 0.13]]))
+    stuck = under("stuck_taxels", frames, 1, permutation=np.array([3, 0, 1, 2]))  # never less than one
+    assert np.array_equal(stuck[1], np.float32([[0.1, 0.11], [0.12, 1]]))
+
+
+def test_dead_lines():
+    lines = under("dead_lines", ramp(1, 2, 3) + 0.5, 40, permutation=np.array([1, 4, 0, 2, 3]))  # row 1 and column 2
+    assert np.allclose(lines, [[[0.5, 0.51, 0], [0, 0, 0]]])
+
+
+def test_gain_and_offset_drift():
+    own = np.array([[0.0, 1.0], [-1.0, 3.0]])
+
+    class Own(Luck):
+        def standard_normal(self, size=None):
+            return 1.0 if size is None else own
+
+    frames = np.full((1, 2, 2), 0.25, np.float32)
+    gained = FAULTS["gain_drift"].damage(frames, 40, Own())
+    assert np.allclose(gained, np.minimum(0.25 * np.exp(0.4 * (1 + own) / np.sqrt(2)), 1))
+    moved = FAULTS["offset_drift"].damage(frames, 50, Own())
+    assert np.allclose(moved, [[[0.25 + 0.5 / np.sqrt(2), 0.25 + 1 / np.sqrt(2)], [0.25, 1]]])
+
+
+def test_saturation_noise_and_fewer_bits():
+    frames = np.float32([[[0.05, 0.1], [0.2, 1]]])
+    assert np.allclose(under("saturation", frames, 90), [[[0.05, 0.1], [0.1, 0.1]]])
+    noisy = under("noise", frames, 10, standard_normal=np.float32([[[-1, 1], [2, 1]]]))
+    assert np.allclose(noisy, [[[0, 0.2], [0.4, 1]]])
+    assert np.allclose(under("fewer_bits", np.float32([[[0, 0.16, 0.17, 0.5, 0.84, 1]]]), 2),
+                       [[[0, 0, 1 / 3, 2 / 3, 1, 1]]])  # fmt: skip
+
+
+def test_faults_in_time():
+    frames = ramp(6, 1, 1)  # 0, 0.1, ... 0.5
+    luck = np.array([0.9, 0.1, 0.39, 0.4, 0.5, 0.0])
+
+    def values(name, amount, given=frames, **told):
+        return under(name, given, amount, **told).ravel().round(6).tolist()
+
+    assert values("dropped_frames", 40, random=luck) == pytest.approx([0, 0.3, 0.4])
+    assert values("dropped_frames", 60, random=luck / 2) == pytest.approx([0])  # the luckiest one arrives
+    assert values("lower_rate", 4) == pytest.approx([0, 0, 0, 0, 0.4, 0.4])
+    assert values("late_start", 40) == pytest.approx([0.2, 0.3, 0.4, 0.5])  # 2.4 frames, that is 2
+    assert values("early_end", 40) == pytest.approx([0, 0.1, 0.2, 0.3])
+    assert values("late_start", 80, frames[:1]) == values("early_end", 80, frames[:1]) == [0]
+    jittered = values("time_jitter", 0.5, standard_normal=np.array([-1, 1, -2, 0, 1, 3]))
+    assert jittered == pytest.approx([0, 0.1, 0.15, 0.3, 0.45, 0.5])  # moments 0, 1.5, 1, 3, 4.5, 5, put in order
+
+
+def test_shift_and_rotation():
+    frames = np.float32([[[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]])
+    right = under("shift", frames, 1, uniform=0.0)
+    assert np.allclose(right, [[[0, 0.1, 0.2], [0, 0.4, 0.5]]])
+    down = under("shift", frames, 0.5, uniform=np.pi / 2)
+    assert np.allclose(down, [[[0.05, 0.1, 0.15], [0.25, 0.35, 0.45]]])
+    square = np.float32([[[0.1, 0.2], [0.3, 0.4]]])
+    assert np.allclose(under("rotation", square, 90, choice=1), np.rot90(square, -1, (1, 2)))
+    assert np.allclose(under("rotation", square, 90, choice=-1), np.rot90(square, 1, (1, 2)))
+    turned = under("rotation", np.float32([[[0, 0, 0], [0, 1, 0], [0, 0, 0]]]), 45, choice=1)
+    assert turned[0, 1, 1] == 1  # the middle stays
+    corner = under("rotation", np.float32([[[0, 1, 0], [0, 0, 0], [0, 0, 0]]]), 45, choice=1)
+    # Taxel (0, 2) reads 0.414 above the taxel pressed, beyond the edge; (0, 1) and (1, 2) read beside it.
+    half = np.sqrt(0.5)
+    assert np.allclose(
+        corner, [[[0, half * (1 - half), 2 - 2 * half], [0, 0, half * (1 - half)], [0, 0, 0]]], atol=1e-6
+    )
+
+
+def test_a_smaller_grid_and_a_cover():
+    assert np.array_equal(under("smaller_grid", np.ones((1, 4, 8), np.float32), 50)[0],
+                          np.pad(np.ones((2, 4)), ((1, 1), (2, 2))))  # fmt: skip
+    assert under("smaller_grid", np.ones((1, 1, 2), np.float32), 75).sum() == 1
+    spread = under("cover", np.pad(np.ones((1, 1, 1), np.float32), ((0, 0), (3, 3), (3, 3))), 0.5)[0]
+    side = np.exp(-(np.arange(-3, 4.0) ** 2) / 0.5)
+    side /= side.sum()  # 3 taxels are 6 SD: nothing is left beyond
+    assert np.allclose(spread, np.outer(side, side), atol=1e-6) and spread.sum() == pytest.approx(1)
+    lost = under("cover", np.ones((1, 1, 2), np.float32), 1)[0, 0]
+    near = 1 / np.exp(-(np.arange(-9, 10.0) ** 2) / 2).sum()
+    assert np.allclose(lost, near * near * (1 + np.exp(-0.5)))  # a row of one taxel keeps the share `near`
+
+
+@pytest.mark.parametrize("one", ALL, ids=lambda f: f.name)
+def test_nothing_happens_at_0(one):
+    frames = np.random.default_rng(0).random((9, 3, 4)).astype(np.float32)
+    assert np.array_equal(one.damage(frames, 0, np.random.default_rng(1)), frames)
+    assert one.apply(frames, 0, "7", 3) is frames and one.describe(0) == ""
+
+
+@pytest.mark.parametrize("one", ALL, ids=lambda f: f.name)
+@given(
+    shape=st.tuples(st.integers(1, 30), st.integers(1, 5), st.integers(1, 5)), severity=st.integers(1, SEVERITIES),
+    seed=st.integers(0, 2**16), levels=st.sampled_from([0, 1, 9]),
+)  # fmt: skip
+@settings(max_examples=25, deadline=None)
+def test_any_grid_and_length_stays_a_capture(one, shape, severity, seed, levels):
+    frames = (np.random.default_rng(seed).integers(0, levels + 1, shape) / max(levels, 1)).astype(np.float32)
+    before = frames.copy()
+    found = one.apply(frames, severity, str(seed), seed)
+    assert np.array_equal(frames, before)
+    assert found.dtype == np.float32 and found.shape[1:] == shape[1:] and 1 <= len(found) <= len(frames)
+    assert np.isfinite(found).all() and found.min() >= 0 and found.max() <= 1
+    assert np.array_equal(found, one.apply(before, severity, str(seed), seed))
+
+
+def test_more_is_worse_and_holds_what_less_has_broken():
+    frames = np.random.default_rng(0).uniform(0.3, 0.7, (200, 8, 8)).astype(np.float32)
+
+    def at(name):
+        return [FAULTS[name].apply(frames, s, "1", 1) for s in range(SEVERITIES + 1)]
+
+    for name in ("dead_taxels", "stuck_taxels", "dead_lines", "smaller_grid"):
+        changed = [(f != frames).all(axis=0) for f in at(name)]
+        for less, more in zip(changed[:-1], changed[1:], strict=True):
+            assert (more | ~less).all() and more.sum() > less.sum(), name
+    for name in ("dropped_frames", "late_start", "early_end"):
+        kept = [{f.tobytes() for f in found} for found in at(name)]
+        assert all(more < less for less, more in zip(kept[:-1], kept[1:], strict=True)), name
+    for name in ("gain_drift", "offset_drift", "saturation", "noise", "fewer_bits", "shift", "cover"):
+        apart = [np.abs(f - frames).mean() for f in at(name)]
+        assert all(more >= less for less, more in zip(apart[:-1], apart[1:], strict=True)) and apart[-1] > 0, name
+    distinct = [len(np.unique(f, axis=0)) for f in at("lower_rate")]
+    assert distinct == [200, 100, 67, 50, 25, 13]
+    moment = np.arange(200, dtype=np.float32)[:, None, None] / 200
+    moved = [np.abs(FAULTS["time_jitter"].apply(moment, s, "1", 1) - moment).mean() for s in range(SEVERITIES + 1)]
+    assert moved == sorted(moved) and moved[0] == 0 < moved[1]
+
+
+@pytest.mark.parametrize("one", ALL, ids=lambda f: f.name)
+def test_a_capture_meets_the_same_damage_in_any_company(one):
+    corpus = random_corpus()
+    test = np.array([30, 4, 17, 5])
+
+    def frames_of(corpus, test, position):
+        return damaged(corpus, test, as_shares(corpus, test), one, 3)[position]
+
+    together = frames_of(corpus, test, 17)
+    assert np.array_equal(together, frames_of(corpus, np.array([17]), 17))
+    part = corpus[np.arange(10, 36)]  # as where= leaves it
+    assert np.array_equal(together, frames_of(part, np.array([7]), 7))
+
+
+def test_a_sensor_is_a_subjects_and_a_moment_is_a_captures():
+    def drawn(name, subject, capture):
+        return FAULTS[name].generator(subject, capture).random(4).tolist()
+
+    assert drawn("dead_taxels", "1", 5) == drawn("dead_taxels", "1", 6) != drawn("dead_taxels", "2", 5)
+    assert drawn("noise", "1", 5) != drawn("noise", "1", 6) and drawn("noise", "1", 5) != drawn("time_jitter", "1", 5)
+
+
+@pytest.mark.parametrize("kind", ["uint16", "float32"])
+def test_a_damaged_corpus_is_one_that_no_cache_knows(kind, tmp_path):
+    whole = random_corpus(full_scale=1023.0)
+    if kind == "float32":
+        whole = Corpus(**{**vars(whole), "frames": whole.frames.astype(np.float32) / 7})
+    whole = Corpus(**{**vars(whole), "digest": "abc", "path": tmp_path})
+    test = np.array([5, 2, 35])
+    shares = as_shares(whole, test)
+    found = damaged(whole, test, shares, FAULTS["noise"], 0)
+    assert not found.digest and found.path is None and found.frames.dtype == whole.frames.dtype
+    assert np.array_equal(found[test].index, whole[test].index) and np.array_equal(found.gestures, whole.gestures)
+    for i in test:
+        assert np.allclose(found[int(i)], whole[int(i)], rtol=1e-6)
+        assert kind == "float32" or np.array_equal(found[int(i)], whole[int(i)])
+    stuck = damaged(whole, test, shares, FAULTS["stuck_taxels"], 5)
+    assert stuck.frames.max() == 1023
+    dropped = damaged(whole, test, shares, FAULTS["dropped_frames"], 5)
+    assert [len(dropped[int(i)]) for i in test] == dropped.lengths[test].tolist()
+    assert (dropped.lengths[test] >= 1).all() and dropped.lengths[test].sum() < whole.lengths[test].sum()
+
+
+def test_a_fault_of_another_package_is_one_function(monkeypatch):
+    class Entry:
+        def load(self):
+            @fault("% darker", 10, 20, 30, 40, 50)
+            def dusk(frames, amount, rng):
+                return frames * np.float32(1 - amount / 100)
+
+    monkeypatch.setattr(faults, "entry_points", lambda group: [Entry()] if group == "touchbench.faults" else [])
+    monkeypatch.setattr(faults, "FAULTS", dict(FAULTS))
+    assert list(faults.known()) == [*FAULTS, "dusk"]
+    dusk = faults.known()["dusk"]
+    assert dusk.describe(2) == "20 % darker"
+    assert dusk.apply(np.ones((1, 1, 1), np.float32), 2, "1", 1) == pytest.approx(0.8)
+    with pytest.raises(ValueError, match="5 amounts, here are 2"):
+        fault("taxels", 1, 2)

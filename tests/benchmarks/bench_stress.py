@@ -1,0 +1,52 @@
+"""Time of `bench stress` with every fault: what it takes beyond fitting, and the analysis. Nothing is tracked.
+
+python tests/benchmarks/bench_stress.py [data=haart] [model=svm] [features=jung54] [jobs=2] ...
+"""
+
+import sys
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+
+from bench.cells import cells, parse
+from bench.faults import SEVERITIES, known
+from bench.run import KEYS, jobs_of, planned
+from bench.runner import run_folds
+from bench.stress_fold import stress_fold
+from reports import stability
+
+
+def main(arguments: list[str]) -> None:
+    """Print seconds per fold and in all, and of analysing and drawing."""
+    values = parse(arguments, KEYS)
+    faults = tuple(known().values())
+    ((cell, corpus, folds, jobs, threads),) = planned(cells(values), jobs_of(values))
+    print(f"{cell.system()}, {cell.data}, {len(corpus)} captures, {len(faults)} faults x {SEVERITIES} severities, "
+          f"{jobs} workers x {threads} threads", flush=True)  # fmt: skip
+    started = time.perf_counter()
+    parts, spent = [], pd.DataFrame()
+    for result in run_folds(cell, corpus, folds, jobs, threads, partial(stress_fold, faults=faults)):
+        assert not result.error, result.error
+        parts.append(result.predictions)
+        spent[result.name] = result.metrics
+        print(f"fold {result.name}: " + ", ".join(f"{k} {v:.1f}" for k, v in result.metrics.items()), flush=True)
+    wall = time.perf_counter() - started
+    total = spent.sum(axis=1)
+    print(
+        f"{len(folds)} folds in {wall:.0f} s; fits {total['fit_seconds']:.0f} s, faults {total['fault_seconds']:.0f} s "
+        f"({total['fault_cpu_seconds']:.0f} s of CPU), of all workers together"
+    )
+    tags = {"system": cell.system(), "seed": "0", "data": cell.data, "synthetic": str(corpus.synthetic).lower(),
+            "subset": cell.where or "all", "target": cell.target, "protocol_label": str(cell.protocol)}  # fmt: skip
+    cpu, started = time.process_time(), time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        stability.write([stability.analyse(tags, pd.concat(parts, ignore_index=True))], Path(folder))
+    wall, cpu = time.perf_counter() - started, time.process_time() - cpu
+    print(f"analysis, tables and figures: {wall:.0f} s ({cpu:.0f} s of CPU)")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

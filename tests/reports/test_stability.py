@@ -1,0 +1,230 @@
+"""The analysis of `bench stress` on made-up tables: planted failures are found, absent ones are not."""
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import binomtest
+
+from reports import stability
+from reports.stability import analyse, curves, flipped, half_margins, ranks, sections, seeds, slices, write
+
+TAGS = {"system": "svm", "seed": "0", "data": "arm", "synthetic": "false", "subset": "all", "target": "gesture",
+        "protocol_label": "LOSO"}  # fmt: skip
+
+
+def made_up(seed=0, subjects=10, repetitions=6, accuracy=0.6, classes=("pat", "rub", "tap", "hit"), failing=None,
+            faults=("noise", "shift"), length=lambda rng: 100, spread=0.0):  # fmt: skip
+    """A table whose captures are right with one probability, lower where ``failing(row)`` gives one."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    own = {s: accuracy + spread * rng.standard_normal() for s in range(subjects)}
+    for capture, (subject, gesture, cover, _) in enumerate(product(range(subjects), classes, ("fur", "none"),
+                                                                   range(repetitions // 2))):  # fmt: skip
+        frames = length(rng)
+        for fault, severity in [("none", 0), *product(faults, range(1, 6))]:
+            row = {"fold": str(subject), "capture": capture, "subject": str(subject), "true": gesture, "cover": cover,
+                   "length": frames, "fault": fault, "severity": severity, "train_subjects": subjects - 1,
+                   "amount": f"{severity} %" if severity else "", "p_true": 0.5}  # fmt: skip
+            chance = failing(row) if failing else None
+            right = rng.random() < (own[subject] if chance is None else chance)
+            rows.append(row | {"predicted": gesture if right else "else"})
+    return pd.DataFrame(rows)
+
+
+def found_in(table, **tags):
+    return analyse(TAGS | tags, table).slices.set_index("slice")
+
+
+@pytest.mark.parametrize(
+    ("failing", "name", "touched"),
+    [
+        (lambda r: 0.05 if r["true"] == "rub" else None, "gesture rub", "rub"),
+        (lambda r: 0.2 if r["cover"] == "fur" else None, "cover fur", "fur"),
+        (lambda r: 0.1 if r["subject"] == "3" else None, "subject 3", "subject 3"),
+        (lambda r: 0.1 if r["fault"] == "noise" and r["severity"] > 2 else None, "noise 3 %", "noise [345]"),
+        (lambda r: 0.05 if r["true"] == "rub" and r["cover"] == "fur" else None, "gesture rub, cover fur", "rub|fur"),
+        (lambda r: 0.0 if r["true"] == "rub" and r["fault"] == "shift" else None, "gesture rub, shift 1 %", "shift"),
+        (lambda r: 0.0 if (r["subject"], r["true"]) == ("4", "tap") else None, "subject 4, gesture tap", "ct 4|tap"),
+    ],
+)
+def test_a_planted_failure_is_found(failing, name, touched):
+    found = found_in(made_up(failing=failing, accuracy=0.8, subjects=14, repetitions=12))
+    row = found.loc[name]
+    assert row["failing"] and row["p_corrected"] <= 0.05 and row["gap"] > 0.2
+    innocent = found[~found.index.str.contains(touched)]
+    assert innocent["failing"].sum() <= 1 and len(innocent) > 100
+
+
+@pytest.mark.parametrize(("accuracy", "spread"), [(0.8, 0.0), (0.6, 0.1), (0.2, 0.0)])
+def test_nothing_planted_raises_no_alarm(accuracy, spread):
+    """One draw in twenty may alarm: of 60, more than 8 would happen once in 400 times."""
+    alarms = 0
+    for seed in range(60):
+        table = made_up(seed, accuracy=accuracy, spread=spread, faults=("noise",), repetitions=4)
+        found = slices(table.assign(hit=table["true"] == table["predicted"]), "gesture")
+        if spread:  # subjects differ, and a weak one is rightly told
+            found = found[~found["kind"].str.contains("subject")]
+        alarms += found["failing"].any()
+    assert alarms <= 8
+
+
+def test_the_counts_and_p_values_of_a_slice():
+    table = made_up(failing=lambda r: 0.1 if r["fault"] == "noise" else None, subjects=8)
+    found = found_in(table)
+    clean = table[table["fault"] == "none"]
+    hit = clean["true"] == clean["predicted"]
+    one = found.loc["subject 2"]
+    mine = clean["subject"] == "2"
+    assert one["right"] == hit[mine].sum() and one["captures"] == mine.sum() and one["subjects"] == 1
+    assert one["p"] == pytest.approx(binomtest(one["right"], one["captures"], hit.mean(), "less").pvalue)
+    noisy = table[(table["fault"] == "noise") & (table["severity"] == 2) & (table["true"] == "rub")]
+    row = found.loc["gesture rub, noise 2 %"]
+    right = noisy["true"] == noisy["predicted"]
+    assert (row["right"], row["captures"], row["subjects"]) == (right.sum(), len(noisy), 8)
+    assert row["gap"] == pytest.approx(hit.mean() - right.mean())
+    difference = right.groupby(noisy["subject"]).mean() - hit.groupby(clean["subject"]).mean()
+    naive = np.mean([np.dot(signs, difference) <= difference.sum() + 1e-9 for signs in product((1, -1), repeat=8)])
+    expected = (hit.groupby(clean["subject"]).mean() * noisy.groupby("subject").size()).sum() / len(noisy)
+    assert row["p"] == pytest.approx(max(naive, binomtest(right.sum(), len(noisy), expected, "less").pvalue))
+
+
+def test_correction_is_benjamini_and_hochbergs_with_a_quarter_of_the_rate_each():
+    found = found_in(made_up(failing=lambda r: 0.2 if r["severity"] > 3 else None))
+    for pairs, faults in product((False, True), repeat=2):
+        part = found[(found["kind"].str.contains(" x ") == pairs) & ((found["fault"] != "") == faults)]
+        p = part.loc[part["tested"], "p"].sort_values()
+        naive = [min(p.iloc[j] * len(p) / (j + 1) for j in range(i, len(p))) for i in range(len(p))]
+        assert np.allclose(part["p_corrected"].loc[p.index], np.minimum(4 * np.array(naive), 1)) and len(p) > 1
+    assert found.loc[~found["tested"], "p_corrected"].isna().all()
+    assert (found["failing"] == (found["p_corrected"] <= 0.05)).all() and found["failing"].any()
+
+
+def test_drawn_sign_flips_agree_with_a_t_test_for_many_subjects():
+    from scipy.stats import ttest_1samp
+
+    difference = np.random.default_rng(0).normal([[0.0], [-0.02], [0.03]], 0.1, (3, 31))
+    assert np.allclose(flipped(difference), ttest_1samp(difference, 0, axis=1, alternative="less").pvalue, atol=0.01)
+    assert flipped(np.full((1, 31), -1.0)) == 1 / 2**16  # the smallest there is
+
+
+def test_what_few_subjects_cannot_show_is_said():
+    table = made_up(subjects=4, failing=lambda r: 0.0 if r["fault"] == "noise" else None)
+    found = found_in(table)
+    assert not found.loc["noise 1 %", "tested"] and found.loc["noise 1 %", "floor"] == 1 / 16
+    assert found.loc["subject 1, noise 1 %", "failing"]
+    said = " ".join(note for _, note, _ in sections([analyse(TAGS, table)]))
+    assert "too few captures or subjects to be significant" in said
+    said = " ".join(note for _, note, _ in sections([analyse(TAGS, made_up(subjects=6))]))
+    assert "With 6 subjects no p of a slice of several subjects is below 0.016" in said
+
+
+def test_conditions_that_differ_between_subjects_only_are_not_tested():
+    table = made_up(subjects=12)
+    found = found_in(table.assign(site=np.where(table["subject"].astype(int) < 6, "here", "there")))
+    assert not found.loc["site here", "tested"] and found.loc["cover fur", "tested"]
+
+
+def test_curves_by_hand():
+    rows = [("1", 1, "a", "a", "none", 0), ("1", 2, "b", "a", "none", 0), ("2", 3, "a", "a", "none", 0),
+            ("2", 4, "b", "b", "none", 0), ("1", 1, "a", "b", "noise", 1), ("1", 2, "b", "b", "noise", 1),
+            ("2", 3, "a", "b", "noise", 1), ("2", 4, "b", "b", "noise", 1)]  # fmt: skip
+    table = pd.DataFrame(rows, columns=["fold", "capture", "true", "predicted", "fault", "severity"])
+    table = table.assign(subject=table["fold"], amount="1 %", train_subjects=1, length=5)
+    table = table.assign(hit=table["true"] == table["predicted"])
+    (row,) = curves(table.sample(frac=1, random_state=0)).to_dict("records")
+    assert (row["accuracy"], row["loss"], row["broken"], row["mended"], row["captures"]) == (0.5, 0.25, 2, 1, 4)
+
+
+def test_where_half_of_the_margin_is_lost():
+    found = pd.DataFrame({"fault": "noise", "severity": range(1, 6), "amount": [f"{10 * s} %" for s in range(1, 6)],
+                          "accuracy": [0.8, 0.7, 0.4, 0.6, 0.1], "loss": [0.1, 0.2, 0.5, 0.3, 0.8]})  # fmt: skip
+
+    def half(clean, chance, **changed):
+        (row,) = half_margins(found.assign(**changed), clean, chance).to_dict("records")
+        return row["half_margin"], row["where"]
+
+    assert half(0.9, 0.1) == (pytest.approx(2 + 0.2 / 0.3), "20 to 30 %")  # 0.5 lies between 0.7 and 0.4
+    assert half(0.9, 0.75) == (pytest.approx(0.75), "below 10 %")  # 0.825 between 0.9 and 0.8
+    assert half(0.9, 0.1, accuracy=0.6) == (np.inf, "beyond 50 %")
+    assert np.isnan(half(0.3, 0.3)[0]) and half(0.3, 0.3)[1] == "no margin"
+    assert half_margins(found, 0.9, 0.1)["loss"].iloc[0] == pytest.approx(0.38)
+
+
+def test_ranks_and_seeds_by_hand():
+    table = made_up(faults=("noise",))
+    right = table.assign(predicted=table["true"])
+    wrong = table.assign(predicted=np.where(table["fault"] == "none", table["true"], "else"))
+    wrong.loc[(wrong["fault"] == "none") & (wrong["capture"] % 2 == 0), "predicted"] = "else"
+    mid = table.assign(predicted=np.where(table["capture"] % 3 > 0, table["true"], "else"))
+    mid.loc[mid["fault"] == "none", "predicted"] = "else"
+    methods = [analyse(TAGS | {"system": n}, t) for n, t in (("best", right), ("frail", wrong), ("firm", mid))]
+    found = ranks(methods).set_index("fault")
+    assert found.loc["none", ["best", "frail", "firm"]].tolist() == [1, 2, 3]
+    assert found.loc["noise", ["best", "frail", "firm"]].tolist() == [1, 3, 2]
+    assert found.loc["noise", "kendall_tau"] == pytest.approx(1 / 3)  # two of three pairs keep their order
+    assert np.isnan(ranks(methods[:1])["kendall_tau"]).all()
+
+    again = right.copy()
+    changed = again.index[(again["fault"] == "none")][:7]
+    again.loc[changed, "predicted"] = "else"
+    (row,) = seeds([analyse(TAGS, right), analyse(TAGS | {"seed": "1"}, again)]).to_dict("records")
+    units = (table["fault"] == "none").sum()
+    assert (row["changed"], row["captures"], row["seeds"]) == (7, units, "0, 1")
+    assert row["sd"] == pytest.approx(7 / units / np.sqrt(2)) and seeds(methods).empty
+
+
+def test_length_and_training_subjects():
+    table = made_up(length=lambda rng: int(rng.integers(1, 200)))
+    fewer = table[table["fault"] == "none"].assign(train_subjects=3, predicted="else")
+    one = analyse(TAGS, pd.concat([table, fewer], ignore_index=True))
+    frames = one.conditions[one.conditions["factor"] == "frames"]
+    assert len(frames) == 5 and frames["captures"].sum() == one.units["capture"].nunique()
+    ends = sorted(tuple(map(int, value.split(" to "))) for value in frames["value"])
+    assert all(high < low for (_, high), (low, _) in zip(ends[:-1], ends[1:], strict=True))
+    assert one.learning["train_subjects"].tolist() == [3, 9] and one.learning["accuracy"].tolist() == [0, one.clean]
+    assert one.clean == pytest.approx((table.query("fault == 'none'")["true"] == table.query("fault == 'none'")[
+        "predicted"]).mean())  # fmt: skip
+    assert one.chance == 0.25 and "frames" not in set(analyse(TAGS, made_up()).conditions["factor"])
+
+
+@pytest.mark.parametrize("subjects", [1, 3])
+def test_everything_is_written_for_few_subjects_without_faults_and_marked_synthetic(subjects, tmp_path):
+    table = made_up(subjects=subjects, faults=()).assign(length=50)
+    one = analyse(TAGS | {"synthetic": "true", "system": "svm[C=8 | x]"}, table)
+    paths = write([one], tmp_path / "out")
+    assert {p.name for p in paths} == {p.name for p in (tmp_path / "out").iterdir()}
+    assert "(synthetic)" in (tmp_path / "out" / "stability.md").read_text()
+
+
+def test_figures_name_every_method_and_overlap_nowhere(tmp_path):
+    import matplotlib.pyplot as plt
+
+    from reports import stability_figures as figures
+
+    failing = lambda r: 0.6 - 0.1 * r["severity"] if r["fault"] != "none" else None  # noqa: E731
+    names = tuple(f"fault_number_{i}" for i in range(5))
+    tables = [made_up(i, subjects=3, repetitions=2, failing=failing, faults=names) for i in range(3)]
+    tags = [TAGS | {"system": f"a_rather_long_name{i} · features", "synthetic": "true"} for i in range(3)]
+    methods = [analyse(*each) for each in zip(tags, tables, strict=True)]
+    figure = figures.heat_map(methods)
+    figure.canvas.draw()
+    (ax,) = figure.axes
+    numbers = [float(t.get_text()) for t in ax.texts]
+    assert numbers == pytest.approx(
+        [round(100 * m.margins.set_index("fault")["loss"][n.get_text().replace(" ", "_")])
+         for m in methods for n in ax.get_xticklabels()], abs=0.51)  # fmt: skip
+    for labels in (ax.get_xticklabels(), ax.get_yticklabels(), ax.texts):
+        boxes = [t.get_window_extent() for t in labels if not t.get_rotation()]
+        assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    edge = figure.bbox
+    assert all(edge.containsx(t.get_window_extent().x0) for t in ax.get_yticklabels())
+    assert "synthetic" in figure.get_suptitle()
+    lines = figures.severities(methods)
+    drawn = lines.axes[0].lines
+    assert len({(line.get_linestyle(), line.get_marker()) for line in drawn if line.get_marker() != "None"}) == 3
+    assert "synthetic" in lines.get_suptitle()
+    plt.close("all")
+    assert not list(Path(tmp_path).iterdir()) and stability.percent(0.123) == "12.3"
