@@ -6,6 +6,7 @@ parameter on training subjects.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from bench import scores
 from bench.cells import PARTS, Cell, cells, convert, items, parse
 from bench.errors import InputError
 from bench.registry import load, nearest, parameters
+from bench.replay import standing
 from bench.run import KEYS as RUN_KEYS
 from bench.run import execute, jobs_of, output
 
@@ -27,6 +29,7 @@ COSTS = {"flash": ("flash", "kB"), "ram": ("ram", "kB"), "predict": ("predict", 
 BUDGETS = {f"max_{name}": name for name in COSTS}
 UNITS = {"": 1, "B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576, "ms": 1, "s": 1e3}
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", *BUDGETS}
+SAID = {"capture": "whole captures", "window": "one window"}
 FEW_SUBJECTS = 6  # with five, no sign test can reach p < 0.05
 COUNTS = (2, 4, 8, 16, 32)  # of features, besides all of them
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
@@ -96,11 +99,12 @@ def quantity(key: str, text: str) -> float:
 def candidates(values: dict[str, str]) -> tuple[pd.DataFrame, str, pd.DataFrame]:
     """Every way in which a tracked system labels what it is given.
 
-    A system that decides on windows is there twice: labelling whole captures, and by its first window alone, which is
-    sooner. Seeds of a system are averaged.
+    A system that decides on windows is there twice: labelling whole captures, and by one window alone, which is sooner.
+    Where there is a budget of ``max_decision``, systems that ``bench stream`` has replayed are there, too, deciding on
+    as much of the beginning of a capture as the budget allows. Seeds of a system are averaged.
 
     Args:
-        values: as typed; ``data``, ``protocol``, ``where``, ``target``, ``model`` choose among the runs.
+        values: as typed; ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` choose among the runs.
 
     Returns:
         One row per candidate (``system``, ``unit``, ``accuracy`` in percent as a mean over subjects, ``flash`` and
@@ -114,15 +118,11 @@ def candidates(values: dict[str, str]) -> tuple[pd.DataFrame, str, pd.DataFrame]
     from reports.comparison import tracked
 
     client = connect()
-    runs = tracked(client)
-    runs = runs[runs["status"] == "FINISHED"]
-    asked = {"subset": values.get("where"), "target": values.get("target", "gesture"), "data": values.get("data")}
-    for key, value in asked.items():
-        if value is not None:
-            runs = runs[runs[key] == value]
-    for key in PARTS:
-        if key in values:  # tags also name parameters: svm[C=8.0]
-            runs = runs[runs[key].str.split("[", regex=False).str[0].isin(items(key, values[key]))]
+    runs = _asked(tracked(client), values)
+    most = quantity("max_decision", values["max_decision"]) if "max_decision" in values else None
+    if most is not None:
+        with suppress(InputError):  # nothing was replayed
+            runs = pd.concat([runs, _asked(tracked(client, "stream"), values)])
     same = ["data", "subset", "protocol", "protocol_label", "corpus_digest"]
     kinds = runs[same].drop_duplicates()
     if not len(kinds):
@@ -131,8 +131,8 @@ def candidates(values: dict[str, str]) -> tuple[pd.DataFrame, str, pd.DataFrame]
         told = "; ".join(f"data={k.data} protocol={k.protocol} ({k.subset})" for k in kinds.head(4).itertuples())
         raise InputError(f"runs on different captures cannot be compared; name one of: {told}")
     rows, accuracy = [], []
-    for (system,), group in runs.groupby(["system"], sort=True):
-        each = [_units(client, run) for run in group.to_dict("records")]
+    for (system, _), group in runs.groupby(["system", "touchbench.kind"], sort=True):
+        each = [_units(client, run, most) for run in group.to_dict("records")]
         for unit in each[0]:
             costs = pd.DataFrame([units[unit][0] for units in each]).mean()
             rows.append({"system": system, "unit": unit, **costs})
@@ -145,16 +145,38 @@ def candidates(values: dict[str, str]) -> tuple[pd.DataFrame, str, pd.DataFrame]
     return table, f"{kind['data']}{synthetic}{where}, {kind['protocol_label']}", subjects
 
 
-def _units(client: object, run: dict) -> dict[str, tuple[dict[str, float], pd.Series]]:
+def _asked(runs: pd.DataFrame, values: dict[str, str]) -> pd.DataFrame:
+    """The complete runs among some that were asked for."""
+    runs = runs[runs["status"] == "FINISHED"]
+    asked = {"subset": values.get("where"), "target": values.get("target", "gesture"), "data": values.get("data")}
+    asked |= {"stream.start": "onset"} if "stream.start" in runs else {}
+    for key, value in asked.items():
+        if value is not None:
+            runs = runs[runs[key] == value]
+    for key in PARTS:
+        if key in values:  # tags also name parameters: svm[C=8.0]
+            runs = runs[runs[key].str.split("[", regex=False).str[0].isin(items(key, values[key]))]
+    return runs
+
+
+def _units(client: object, run: dict, most: float | None) -> dict[str, tuple[dict[str, float], pd.Series]]:
     """Costs and accuracy by subject, in percent, of each way in which a run labels."""
-    path = client.download_artifacts(run["run_id"], "predictions.parquet")
-    predictions = pd.read_parquet(Path(path))
+    folder = Path(client.download_artifacts(run["run_id"], ""))
+    predictions = pd.read_parquet(folder / "predictions.parquet")
 
     def of(labelled: pd.DataFrame) -> pd.Series:
         table = scores.per_subject(labelled).set_index("subject")["accuracy"]
         return table.rename(index=str) * 100
 
     size = {name: run.get(f"{name}_bytes", np.nan) / 1000 for name in ("flash", "ram")}
+    if run["touchbench.kind"] == "stream":
+        instants = pd.read_csv(folder / "instants.csv")["ms"]
+        ms = instants[instants + run["decide_ms_p50"] <= most]
+        if not len(ms):
+            return {}
+        frames = np.sort(predictions["instant"].unique())[ms.idxmax()]
+        cost = size | {"predict": run["decide_ms_p50"], "decision": ms.max() + run["decide_ms_p50"]}
+        return {f"first {ms.max():.0f} ms": (cost, of(standing(predictions, frames)))}
     found = {"capture": (size | {"predict": run["predict_ms_p50"], "decision": run["capture_decision_ms"]},
                          of(scores.captures(predictions)))}  # fmt: skip
     if run.get("windows", 0) > 0:
@@ -252,7 +274,7 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int) -> l
 
 
 def _named(row: pd.Series) -> str:
-    return f"{row['system']} ({'whole captures' if row['unit'] == 'capture' else 'one ' + row['unit']})"
+    return f"{row['system']} ({SAID.get(row['unit'], row['unit'])})"
 
 
 def _print(choice: Choice, about: str, by: str, budgets: dict[str, float], margin: float | None, subjects: int) -> None:
@@ -264,9 +286,7 @@ def _print(choice: Choice, about: str, by: str, budgets: dict[str, float], margi
     for row in choice.table.to_dict("records"):
         loss = "-" if np.isnan(row["loss"]) else f"{row['loss']:.1f} ± {row['error']:.1f}"
         amounts = [_amount(k, row[k]) for k in COSTS]
-        table.add_row(
-            escape(row["system"]), f"a {row['unit']}", f"{row['accuracy']:.1f}", loss, *amounts, row["verdict"]
-        )
+        table.add_row(escape(row["system"]), row["unit"], f"{row['accuracy']:.1f}", loss, *amounts, row["verdict"])
     out.print(table)
     for line in sentences(choice, by, margin, subjects):
         out.print(line, markup=False, highlight=False, soft_wrap=True)

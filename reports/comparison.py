@@ -47,8 +47,8 @@ def published() -> pd.DataFrame:
         return pd.read_csv(f, dtype={"system": str}, keep_default_na=True).fillna({"system": ""})
 
 
-def tracked(client: object) -> pd.DataFrame:
-    """Tags, parameters and metrics of every scored parent run, the newest of equal ones.
+def tracked(client: object, kind: str = "cell") -> pd.DataFrame:
+    """Tags, parameters and metrics of every scored parent run of a kind, the newest of equal ones.
 
     Raises:
         InputError: there is none.
@@ -57,7 +57,7 @@ def tracked(client: object) -> pd.DataFrame:
     rows, token = [], None
     while experiment:
         page = client.search_runs(
-            [experiment.experiment_id], "tags.`touchbench.kind` = 'cell'", max_results=1000, page_token=token
+            [experiment.experiment_id], f"tags.`touchbench.kind` = '{kind}'", max_results=1000, page_token=token
         )
         rows += [
             {"target": "gesture"}
@@ -73,7 +73,8 @@ def tracked(client: object) -> pd.DataFrame:
     if not rows:
         raise InputError("no scored run is tracked here; make one first, for example: bench run model=svm")
     same = ["data", "corpus_digest", "subset", "target", "protocol", "protocol_label", "system", "seed"]
-    return pd.DataFrame(rows).sort_values("started").drop_duplicates(same, keep="last")
+    found = pd.DataFrame(rows).sort_values("started")
+    return found.drop_duplicates([*same, *(c for c in found if c.startswith("stream."))], keep="last")
 
 
 def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:

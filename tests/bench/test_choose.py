@@ -8,6 +8,7 @@ from scipy.stats import ttest_rel
 from bench.choose import candidates, decide, quantity, sentences
 from bench.cli import main
 from bench.errors import InputError
+from bench.tracking import connect
 
 SMALL = ["data.subjects=4", "data.repetitions=2"]
 
@@ -92,6 +93,24 @@ def test_choosing_among_tracked_runs(capsys):
     assert main(["choose", "protocol=loso", "model.frames=3"]) == 2
     assert main(["choose", "protocol=loso", "model=rf"]) == 2
     assert "no complete run is tracked" in capsys.readouterr().err
+
+
+def test_a_replayed_system_decides_within_the_budget(capsys, tmp_path):
+    assert main(["stream", "model=bayes", "features=jung28", f"out={tmp_path}", *SMALL]) == 0
+    assert main(["run", "model=bayes", "features=jung28", *SMALL]) == 0
+    found, _, subjects = candidates({"max_decision": "30s"})
+    assert list(found["unit"]) == ["capture", found["unit"][1]] and found["accuracy"][1] == found["accuracy"][0]
+    found, _, subjects = candidates({"max_decision": "345ms"})
+    (run,) = connect().search_runs(
+        [connect().get_experiment_by_name("touchbench").experiment_id], "tags.`touchbench.kind` = 'stream'"
+    )
+    assert found["unit"][1] == "first 250 ms"  # 354 ms are the next instant
+    assert subjects.loc[1].mean() == pytest.approx(100 * run.data.metrics["accuracy_at_250_ms"])
+    assert found["decision"][1] == pytest.approx(250 + run.data.metrics["decide_ms_p50"], abs=1000 / 135)
+    assert main(["choose", "max_decision=345ms"]) == 0
+    assert "Choose bayes · jung28 (first 250 ms)" in capsys.readouterr().out
+    found, *_ = candidates({"max_decision": "1ms"})
+    assert list(found["unit"]) == ["capture"]
 
 
 def test_over_a_parameter_and_over_features(capsys):
