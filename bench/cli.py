@@ -42,7 +42,8 @@ against prediction time. An interrupted search goes on where it stopped.
   trials=     combinations to try in each fold; default 50, or all of a grid of lists
   budget=     seconds after which no new combination is begun in a fold
   inner=      groups of training subjects that judge, or loso; default 3
-  objective=  accuracy, or accuracy+time: the fastest within one standard error of the best; default accuracy
+  objective=  accuracy (default), or of those within one standard error of the best: accuracy+time, the fastest;
+              smallest, the first in the lists of values
   data= where= target= protocol= model= features= seed= jobs=   as for bench run
 
   bench tune data=haart protocol=loso model=svm features=jung54 trials=50

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import time
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -11,12 +10,10 @@ from threadpoolctl import threadpool_limits
 from bench.cells import cells, parse
 from bench.corpora.table import read_unlabelled
 from bench.corpus import InputError
-from bench.cost import sizes
-from bench.fold import FoldResult, latency, torch_threads
+from bench.fold import FoldResult, fitted, footprint, latency, torch_threads
 from bench.registry import nearest
-from bench.run import fill_cache
+from bench.run import corpus_of, fill_cache
 from bench.runner import usable_cores
-from bench.store import open_corpus
 
 FIT_KEYS = {"data", "where", "target", "features", "model", "seed", "out"}
 EXAMPLE_FRAMES = 3
@@ -40,11 +37,7 @@ def fit(arguments: list[str]) -> int:
     for part in (estimator, *cell.feature_sets().values()):
         if hasattr(part, "check"):
             part.check()
-    corpus = open_corpus(cell.data, cell.data_parameters)
-    if cell.where:
-        corpus = corpus.select(cell.where)
-    if cell.target != "gesture":
-        corpus = corpus.with_target(cell.target)
+    corpus = corpus_of(cell)
     if len(set(corpus.gestures)) < 2:
         raise InputError(f"data={cell.data} where={cell.where!r}: only one {corpus.target} is left to learn")
     if hasattr(estimator, "check_training"):
@@ -56,15 +49,11 @@ def fit(arguments: list[str]) -> int:
     fill_cache(cell, corpus)
     with threadpool_limits(threads):
         torch_threads(threads)
-        wall, cpu = time.perf_counter(), time.process_time()
-        estimator.fit(corpus, corpus.gestures)
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    wall, cpu = getattr(estimator, "fit_seconds_", (wall, cpu))  # the last fit alone: before it was a search
+        metrics = fitted(estimator, corpus)
     with threadpool_limits(1):
         torch_threads(1)
         spent = latency(estimator, corpus, int(corpus.lengths.max()))
-    metrics = {"fit_seconds": wall, "fit_cpu_seconds": cpu} | sizes(estimator, corpus.grid[0] * corpus.grid[1])
-    metrics = costs([FoldResult("", None, metrics, *spent)])
+    metrics = costs([FoldResult("", None, metrics | footprint(estimator, corpus), *spent)])
 
     import mlflow
 

@@ -47,27 +47,36 @@ def run_fold(cell: Cell, corpus: Corpus, name: str, train: np.ndarray, test: np.
         estimator = cell.estimator()  # imports what it needs, so that its thread pools are there to be limited
         with threadpool_limits(threads):
             torch_threads(threads)
-            wall, cpu = time.perf_counter(), time.process_time()
-            estimator.fit(corpus[train], corpus.gestures[train])
-            wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+            metrics = fitted(estimator, corpus[train])
             predictions = decisions(estimator, corpus, name, test)
         with threadpool_limits(1):
             torch_threads(1)
             predict_ms, decide_ms = latency(estimator, corpus[test], int(predictions["frames"].max()))
     except Exception:  # whatever a system raises is this fold's result, not the end of the run
         return FoldResult(name, error=traceback.format_exc())
-    # the last fit alone: what came before it was a search, part of which may have been stored
-    wall, cpu = getattr(estimator, "fit_seconds_", (wall, cpu))
-    metrics = {
-        "fit_seconds": wall,
-        "fit_cpu_seconds": cpu,
-        "peak_rss_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
-    }
-    metrics |= sizes(estimator, corpus.grid[0] * corpus.grid[1])
+    metrics |= footprint(estimator, corpus)
     if hasattr(estimator, "search_seconds_"):
         metrics["search_seconds"] = estimator.search_seconds_
     learnt = {k: getattr(estimator, f"{k}_") for k in ("history", "chosen", "trials") if hasattr(estimator, f"{k}_")}
     return FoldResult(name, predictions, metrics, predict_ms, decide_ms, **learnt)
+
+
+def fitted(estimator: object, corpus: Corpus) -> dict[str, float]:
+    """Fit to all captures of a corpus; its wall and CPU seconds.
+
+    Of a system that searches, the last fit alone: the search before it may have been stored in part.
+    """
+    wall, cpu = time.perf_counter(), time.process_time()
+    estimator.fit(corpus, corpus.gestures)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    wall, cpu = getattr(estimator, "fit_seconds_", (wall, cpu))
+    return {"fit_seconds": wall, "fit_cpu_seconds": cpu}
+
+
+def footprint(estimator: object, corpus: Corpus) -> dict[str, float]:
+    """Most memory that this process has held, and the sizes of a fitted system."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return {"peak_rss_bytes": peak} | sizes(estimator, corpus.grid[0] * corpus.grid[1])
 
 
 def decisions(

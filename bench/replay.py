@@ -8,8 +8,6 @@ last decision.
 
 from __future__ import annotations
 
-import resource
-import time
 import traceback
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
@@ -21,8 +19,7 @@ from scipy.special import logsumexp, softmax
 from threadpoolctl import threadpool_limits
 
 from bench.corpus import Corpus, InputError
-from bench.cost import sizes
-from bench.fold import TIMED_CAPTURES, FoldResult, decisions, latency, milliseconds, torch_threads
+from bench.fold import TIMED_CAPTURES, FoldResult, decisions, fitted, footprint, latency, milliseconds, torch_threads
 from bench.scores import PREFIX, classes_of, subject_interval, windows
 from models.tuning import inner_folds
 
@@ -284,9 +281,7 @@ def stream_fold(
         with threadpool_limits(threads):
             torch_threads(threads)
             calibration, threshold, series = learned(cell, corpus, train, replay)
-            wall, cpu = time.perf_counter(), time.process_time()
-            estimator.fit(corpus[train], corpus.gestures[train])
-            wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+            metrics = fitted(estimator, corpus[train])
             table = with_confidence(replayed(estimator, begun, name, test, instants), calibration, corpus.rate_hz)
         with threadpool_limits(1):
             torch_threads(1)
@@ -294,13 +289,7 @@ def stream_fold(
             decide = decision_latency(estimator, begun[test], instants)
     except Exception:  # whatever a system raises is this fold's result, not the end of the run
         return FoldResult(name, error=traceback.format_exc())
-    wall, cpu = getattr(estimator, "fit_seconds_", (wall, cpu))
-    metrics = {
-        "fit_seconds": wall,
-        "fit_cpu_seconds": cpu,
-        "peak_rss_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
-    }
-    metrics |= sizes(estimator, corpus.grid[0] * corpus.grid[1])
+    metrics |= footprint(estimator, corpus)
     if hop := system_hop(estimator, corpus[train]):
         metrics["system_hop_ms"] = 1000 / corpus.rate_hz * hop
     chosen = {"threshold": threshold} | {f"temperature_{k}": v for k, v in asdict(calibration).items()}

@@ -69,17 +69,25 @@ def planned(asked: list[Cell], jobs: int | None) -> list[tuple[Cell, Corpus, lis
         for part in (estimator, *cell.feature_sets().values()):
             if hasattr(part, "check"):
                 part.check()
-        corpus = open_corpus(cell.data, cell.data_parameters)
-        if cell.where:
-            corpus = corpus.select(cell.where)
-        if cell.target != "gesture":
-            corpus = corpus.with_target(cell.target)
+        corpus = corpus_of(cell)
         folds = folds_of(cell, corpus)
         if hasattr(estimator, "check_training"):
             for fold in folds:
                 estimator.check_training(corpus[fold.train], corpus.gestures[fold.train])
         plans.append((cell, corpus, folds, *share_cores(jobs, len(folds))))
     return plans
+
+
+def corpus_of(cell: Cell) -> Corpus:
+    """The captures that a cell is about.
+
+    Raises:
+        InputError: they cannot be opened, chosen, or told apart by the target.
+    """
+    corpus = open_corpus(cell.data, cell.data_parameters)
+    if cell.where:
+        corpus = corpus.select(cell.where)
+    return corpus if cell.target == "gesture" else corpus.with_target(cell.target)
 
 
 def begun(plans: list[tuple], jobs: int | None) -> object:

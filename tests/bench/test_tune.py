@@ -80,7 +80,7 @@ def test_a_published_system_says_its_features():
         (["tune", "model=svm", "trials=0"], "trials=0: give at least 1"),
         (["tune", "model=svm", "inner=1"], "inner=1: give a number of subject groups"),
         (["tune", "model=svm", "budget=-1"], "budget=-1: give"),
-        (["tune", "model=svm", "objective=speed"], "objective=speed: give accuracy or accuracy+time"),
+        (["tune", "model=svm", "objective=speed"], "objective=speed: give accuracy, accuracy+time or smallest"),
         (["tune", "model=svm", "model.C=1,x"], "model.C=x: give a number"),
         (["tune", "model=svm", "model.C=0,1"], "model.C=0"),
         (["tune", "model=jung2017_tree"], "model=jung2017_tree searches by itself; use bench run model=jung2017_tree"),
