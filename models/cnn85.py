@@ -35,6 +35,7 @@ class CNN85(WindowNet):
             never do.
         padding: of the last window of a capture: ``zero``, as published, or ``edge``, which repeats its last frame.
         rates: learning rates that are tried: those that the ``paper`` lists, or those of its ``toolbox``.
+        width: share of the published number of filters and units.
         epochs: passes over the training windows.
         batch: windows per step.
         seed: of the weights and the shuffles.
@@ -46,6 +47,7 @@ class CNN85(WindowNet):
         hop: int | None = None,
         padding: str = "zero",
         rates: str = "paper",
+        width: float = 1.0,
         epochs: int = 50,
         batch: int = 250,
         seed: int = 0,
@@ -54,6 +56,7 @@ class CNN85(WindowNet):
         self.hop = hop
         self.padding = padding
         self.rates = rates
+        self.width = width
         self.epochs = epochs
         self.batch = batch
         self.seed = seed
@@ -62,9 +65,11 @@ class CNN85(WindowNet):
         """Refuse parameters that cannot be, before anything is run.
 
         Raises:
-            InputError: a count below 1, or an unknown padding or list of rates.
+            InputError: a count below 1, no width, or an unknown padding or list of rates.
         """
         super().check()
+        if not 0 < self.width <= 16:
+            raise InputError(f"model.width={self.width:g}: give a share of the published width, above 0 and up to 16")
         for name, known in (("padding", ("zero", "edge")), ("rates", tuple(RATES))):
             if (value := getattr(self, name)) not in known:
                 raise InputError(f"model.{name}={value}: give {' or '.join(known)}")
@@ -79,11 +84,12 @@ class CNN85(WindowNet):
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """909 070 parameters for 8 x 8 taxels, 85 frames and 14 classes."""
+        a, b, c, d = (max(round(n * self.width), 1) for n in (64, 128, 256, 512))
         return nn.Sequential(
-            nn.Conv2d(self.frames, 64, 3, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
-            nn.Conv2d(64, 128, 2, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
-            nn.Conv2d(128, 256, 3, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
-            nn.Flatten(), nn.LazyLinear(512), nn.ReLU(), nn.Linear(512, classes),
+            nn.Conv2d(self.frames, a, 3, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
+            nn.Conv2d(a, b, 2, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
+            nn.Conv2d(b, c, 3, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
+            nn.Flatten(), nn.LazyLinear(d), nn.ReLU(), nn.Linear(d, classes),
         )  # fmt: skip
 
     def learn(

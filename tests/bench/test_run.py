@@ -133,17 +133,17 @@ def test_an_interrupted_run_goes_on_and_ends_the_same_bit_for_bit(tmp_path, monk
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_control_c_keeps_the_finished_folds(tmp_path):
     command = [sys.executable, "-c", "import sys; from bench.cli import main; sys.exit(main())"]
-    command += ["run", "model=rf", "model.trees=1500", "data.subjects=12", "jobs=1"]
+    command += ["run", "model=rf", "model.trees=500", "data.subjects=12", "jobs=1"]
     process = subprocess.Popen(
         command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
     )
     connect()
-    deadline = time.time() + 90
+    deadline = time.time() + 300  # a busy machine takes minutes
     while time.time() < deadline and len(finished_folds()) < 2:
         time.sleep(0.3)
     before = finished_folds()
     os.killpg(process.pid, signal.SIGINT)
-    _, error = process.communicate(timeout=30)
+    _, error = process.communicate(timeout=300)
     assert process.returncode == 130 and "goes on from there" in error and "Traceback" not in error
     assert len(before) >= 2 and before <= finished_folds() and len(finished_folds()) < 12
 
@@ -184,7 +184,7 @@ def test_stores_created_by_several_processes_at_once_are_whole(tmp_path):
         subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         for _ in range(3)
     ]
-    said = [p.communicate(timeout=120)[0].split()[-1] for p in started]
+    said = [p.communicate(timeout=300)[0].split()[-1] for p in started]
     assert len(set(said)) == 1 and all(p.returncode == 0 for p in started)
 
 

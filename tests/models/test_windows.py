@@ -79,6 +79,16 @@ def test_cnn85_has_the_published_size_and_shapes():
     assert sum(p.numel() for p in net.parameters()) == 909_070
 
 
+def test_a_narrower_cnn85_has_fewer_parameters():
+    net = CNN85(width=0.25).network(8, 8, 14)
+    net(torch.zeros(1, 85, 8, 8))
+    # filters 16, 32, 64 and 128 units; 4 x 64 values before the dense layer
+    counted = (9 * 85 * 16 + 16) + (4 * 16 * 32 + 32) + (9 * 32 * 64 + 64) + (256 * 128 + 128) + (128 * 14 + 14)
+    assert sum(p.numel() for p in net.parameters()) == counted
+    with pytest.raises(InputError, match="model.width=0: give a share"):
+        CNN85(width=0.0).check()
+
+
 def small(seed=0, epochs=2, **parameters):
     return CNN85(frames=10, epochs=epochs, batch=16, seed=seed, **parameters)
 
