@@ -215,11 +215,11 @@ def decide(
         return Choice(table.sort_values(by), None, None, None)
     best = int(table.loc[fits].sort_values([by])["accuracy"].idxmax())
     near = []
-    for i in table.index:
+    for i in fits:
         lost = (subjects.loc[best] - subjects.loc[i]).to_numpy()
         error = lost.std(ddof=1) / np.sqrt(len(lost)) if len(lost) > 1 else np.nan
         table.loc[i, ["loss", "error"]] = lost.mean(), error
-        if i in fits and (i == best or _not_below(lost, error, margin)):
+        if i == best or _not_below(lost, error, margin):
             near.append(i)
     order = table.sort_values([by, "accuracy"], ascending=[True, False]).index
     chosen = next(i for i in order if i in near)

@@ -52,8 +52,8 @@ def stream(arguments: list[str]) -> int:
     writable(out)
     for name in dict.fromkeys(cell.data for cell, corpus, *_ in plans if len(set(corpus.lengths)) == 1):
         console.print(
-            f"warning: {name}: all captures are equally long; a feature that counts frames never varied in training, "
-            "so a capture that is not whole yet may look like nothing that was ever seen",
+            f"warning: {name}: all captures are equally long; features that grow with duration were never seen at "
+            "another one, so a capture that is not whole yet may look like nothing that was ever seen",
             style="yellow",
             markup=False,
             highlight=False,

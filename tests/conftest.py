@@ -7,8 +7,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on tw
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import settings
 
 from bench.corpus import Corpus
+
+settings.register_profile("patient", parent=settings(), deadline=None)  # a busy machine is no failure
+settings.load_profile("patient")
 
 
 @pytest.fixture(autouse=True)
