@@ -136,6 +136,30 @@ name only what you or someone you trust have saved.
 
   bench predict models:/m-0123456789abcdef new.csv out=labels.csv
 """
+CHECK = """\
+bench check [key=value ...]
+
+Compares systems with a stored baseline, one line for each: same, worse, better, changed (labels), slower, larger, or
+not run. Runs what the baseline names and is not tracked yet for the code as it is. Exit code 1 if one is not the same:
+also if it is better, as a leak makes it.
+
+  baseline=   the file; default reports/baseline.json
+  update=true write it anew, and show what changed. Keys of bench run add systems to it:
+              update=true data=arm model=svm,rf
+  error=      percent, error rate of accuracy and labels for all systems together; default 1. Accuracy is judged by a
+              paired bootstrap over subjects, or over captures where subjects are too few
+  changes=    percent of labels that may change in a system that must repeat them (it has no seed; or the same seed,
+              processor, versions and threads); default 0.2, for rounding; 100 asks for accuracy alone
+  slower=     times the baseline's computing time, as a multiple of a reference workload timed in the same fold;
+              default 2. Size may grow by 10 %
+  junit=      file to write for a CI server, such as check.xml
+  run=false   run nothing, take the newest complete runs that are tracked
+  jobs=       as for bench run
+
+  bench check update=true data=haart model=svm,rf features=jung54
+  bench check
+  bench check baseline=reports/baseline.json junit=check.xml slower=3
+"""
 SYSTEMS = """\
 bench systems
 
@@ -174,6 +198,7 @@ SUMMARY = {
     "stream": "replay captures as a robot sees them, or decide on frames from standard input",
     "fit": "train one system on all captures and save it as an MLflow model",
     "predict": "label the captures of a file with a saved model",
+    "check": "compare with a stored baseline, a gate for CI",
     "systems": "list every published number and the command that repeats it",
     "extract": "write a table of features",
     "data": "list, import and export corpora",
@@ -186,7 +211,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point; an `InputError` is one line and exit code 2."""
     arguments = sys.argv[1:] if arguments is None else arguments
     commands = {"run": _run, "tune": _tune, "choose": _choose, "systems": _systems, "extract": _extract, "data": _data}
-    commands |= {"stress": _stress, "stream": _stream, "fit": _fit, "predict": _predict, "report": _report, "ui": _ui}
+    commands |= {"stress": _stress, "stream": _stream, "fit": _fit, "predict": _predict, "check": _check}
+    commands |= {"report": _report, "ui": _ui}
     try:
         if not arguments or arguments[0] in ("-h", "--help", "help"):
             print("bench: which recogniser of touch gestures should I ship?\n")
@@ -220,7 +246,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _help(name: str) -> str:
     texts = {"run": RUN, "tune": TUNE, "choose": CHOOSE, "systems": SYSTEMS, "extract": EXTRACT, "data": DATA}
-    texts |= {"stress": STRESS, "stream": STREAM, "fit": FIT, "predict": PREDICT, "report": REPORT, "ui": UI}
+    texts |= {"stress": STRESS, "stream": STREAM, "fit": FIT, "predict": PREDICT, "check": CHECK}
+    texts |= {"report": REPORT, "ui": UI}
     text = texts[name]
     if name == "run":
         rooms = {room: ", ".join(names(room)) for room in ("protocols", "models", "features")}
@@ -268,6 +295,12 @@ def _predict(arguments: list[str]) -> int:
     from bench.fit import predict
 
     return predict(arguments)
+
+
+def _check(arguments: list[str]) -> int:
+    from bench.check import check
+
+    return check(arguments)
 
 
 def _systems(arguments: list[str]) -> int:

@@ -52,7 +52,7 @@ def fit(arguments: list[str]) -> int:
         metrics = fitted(estimator, corpus)
     with threadpool_limits(1):
         torch_threads(1)
-        spent = latency(estimator, corpus, int(corpus.lengths.max()))
+        spent = latency(estimator, corpus, int(corpus.lengths.max()))[:2]
     metrics = costs([FoldResult("", None, metrics | footprint(estimator, corpus), *spent)])
 
     import mlflow

@@ -6,6 +6,7 @@ import resource
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 TIMED_CAPTURES = 20
 WARM_UP = 3
+REFERENCES = 8  # before the timed captures, and again after them
 
 
 @dataclass
@@ -51,10 +53,10 @@ def run_fold(cell: Cell, corpus: Corpus, name: str, train: np.ndarray, test: np.
             predictions = decisions(estimator, corpus, name, test)
         with threadpool_limits(1):
             torch_threads(1)
-            predict_ms, decide_ms = latency(estimator, corpus[test], int(predictions["frames"].max()))
+            predict_ms, decide_ms, relative = latency(estimator, corpus[test], int(predictions["frames"].max()))
     except Exception:  # whatever a system raises is this fold's result, not the end of the run
         return FoldResult(name, error=traceback.format_exc())
-    metrics |= footprint(estimator, corpus)
+    metrics |= footprint(estimator, corpus) | relative
     if hasattr(estimator, "search_seconds_"):
         metrics["search_seconds"] = estimator.search_seconds_
     learnt = {k: getattr(estimator, f"{k}_") for k in ("history", "chosen", "trials") if hasattr(estimator, f"{k}_")}
@@ -111,27 +113,56 @@ def decisions(
     return pd.concat([table[["fold", "capture", "start", "frames", "true"]], about, named], axis=1)
 
 
-def latency(estimator: object, tested: Corpus, frames: int) -> tuple[list[float], list[float]]:
+def latency(estimator: object, tested: Corpus, frames: int) -> tuple[list[float], list[float], dict[str, float]]:
     """Milliseconds from raw frames to a label, one capture at a time, warm, on one thread.
 
     Returns:
-        One value per timed capture: for the whole capture, and for no more of it than one decision needs.
+        One value per timed capture, for the whole capture and for no more of it than one decision needs; and
+        ``predict_relative``, the processor time of labelling a whole capture as a multiple of ``reference_ms``, that of
+        one `reference`. Other programs on the machine change the former and hardly the ratio.
     """
     chosen = np.unique(np.linspace(0, len(tested) - 1, min(TIMED_CAPTURES, len(tested))).astype(int))
     whole = [tested[i : i + 1].detached() for i in chosen]
     first = [
         Corpus.from_captures([one[0][:frames]], one.captures, one.rate_hz, full_scale=one.full_scale) for one in whole
     ]
+    for _ in range(WARM_UP):
+        reference()
+    workload = [milliseconds(reference)[1] for _ in range(REFERENCES)]
     for one in (whole * WARM_UP)[:WARM_UP]:
         estimator.predict(one)
-    return [milliseconds(estimator, one) for one in whole], [milliseconds(estimator, one) for one in first]
+    timed = [milliseconds(estimator.predict, one) for one in whole]
+    workload += [milliseconds(reference)[1] for _ in range(REFERENCES)]  # before and after: clocks change
+    # Means, because some systems count processor time in steps of 15 ms.
+    reference_ms, predict_ms = np.mean(workload), np.mean([cpu for _, cpu in timed])
+    relative = {"reference_ms": float(reference_ms)}
+    if reference_ms > 0:
+        relative["predict_relative"] = float(predict_ms / reference_ms)
+    return [wall for wall, _ in timed], [milliseconds(estimator.predict, one)[0] for one in first], relative
 
 
-def milliseconds(estimator: object, one: Corpus) -> float:
-    """Time of one prediction."""
-    started = time.perf_counter()
-    estimator.predict(one)
-    return (time.perf_counter() - started) * 1000
+def reference() -> float:
+    """A fixed piece of work of some milliseconds: matrix products, a sort, a spectrum, and Python with small arrays."""
+    matrix = np.linspace(-1, 1, 96 * 96).reshape(96, 96)
+    product = matrix
+    for _ in range(10):
+        product = matrix @ product
+        product = product / np.abs(product).max()
+    wave = np.sort(np.sin(np.arange(16384.0)))
+    total = float(product.sum() + np.abs(np.fft.rfft(wave)).sum())
+    for i in range(15000):
+        total += i * 7 % 13
+    for i in range(200):
+        total += float(np.asarray([total, i]).mean() > 0)
+    return total
+
+
+def milliseconds(work: Callable, *arguments: object) -> tuple[float, float]:
+    """Of the wall clock and of the processor."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    work(*arguments)
+    cpu = time.process_time() - cpu
+    return (time.perf_counter() - wall) * 1000, cpu * 1000
 
 
 def torch_threads(threads: int) -> None:

@@ -285,7 +285,7 @@ def stream_fold(
             table = with_confidence(replayed(estimator, begun, name, test, instants), calibration, corpus.rate_hz)
         with threadpool_limits(1):
             torch_threads(1)
-            whole, _ = latency(estimator, corpus[test], int(corpus.lengths.max()))
+            whole, *_ = latency(estimator, corpus[test], int(corpus.lengths.max()))
             decide = decision_latency(estimator, begun[test], instants)
     except Exception:  # whatever a system raises is this fold's result, not the end of the run
         return FoldResult(name, error=traceback.format_exc())
@@ -324,7 +324,7 @@ def decision_latency(estimator: object, begun: Corpus, instants: np.ndarray) -> 
     spent = []
     for i in chosen:
         for frames in seen[seen <= begun.lengths[i]]:
-            spent.append(milliseconds(estimator, prefix(begun[i : i + 1], frames).detached()))
+            spent.append(milliseconds(estimator.predict, prefix(begun[i : i + 1], frames).detached())[0])
     return spent
 
 

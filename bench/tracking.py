@@ -84,6 +84,14 @@ def _check_writable(path: Path) -> None:
         ) from e
 
 
+def find_cell(client: object, key: str, kind: str = "cell") -> object | None:
+    """The parent run of a cell, None where there is none."""
+    experiment = client.get_experiment_by_name(EXPERIMENT).experiment_id
+    known = f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'"
+    found = client.search_runs([experiment], known, max_results=1)
+    return found[0] if found else None
+
+
 class CellRun:
     """The parent run of a cell, found again if it was begun before.
 
@@ -103,13 +111,9 @@ class CellRun:
         self.client = client
         self.experiment = client.get_experiment_by_name(EXPERIMENT).experiment_id
         self.rate_hz = corpus.rate_hz
-        found = client.search_runs(
-            [self.experiment],
-            f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{self.kind}'",
-            max_results=1,
-        )
-        self.run_id = found[0].info.run_id if found else self._create(cell, corpus, key, label, threads)
-        self.finished = bool(found) and found[0].info.status == "FINISHED"
+        found = find_cell(client, key, self.kind)
+        self.run_id = found.info.run_id if found else self._create(cell, corpus, key, label, threads)
+        self.finished = bool(found) and found.info.status == "FINISHED"
         self.done: dict[str, FoldResult] = {}
         for child in self._children() if found else []:
             if child.info.status == "FINISHED":
@@ -278,7 +282,7 @@ def log_setup(
         if part:
             params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
     params |= {f"tuning.{k}": v for k, v in (cell.tuning or {}).items()}
-    params |= {"threads": threads, "cpu": cpu_model(), "git": git_revision()}
+    params |= {"threads": threads, "cpu": cpu_model(), "simd": simd(), "git": git_revision()}
     params |= {f"version.{k}": v for k, v in versions().items()}
     client.log_batch(run_id, params=[Param(k, str(v)) for k, v in params.items()])
     source = json.dumps({"uri": corpus.info.get("source", "")})
@@ -300,9 +304,13 @@ def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float
 
 
 def costs(results: list[FoldResult]) -> dict[str, float]:
-    """Seconds are means over folds, milliseconds quantiles over their timed captures, sizes the largest."""
+    """Seconds are means over folds, milliseconds quantiles over their timed captures, sizes the largest.
+
+    Of the reference workload and of what is told as a multiple of it, the median fold counts.
+    """
     metrics = {k: [r.metrics[k] for r in results if k in r.metrics] for k in results[0].metrics}
-    found = {k: float(np.mean(v) if k.endswith("seconds") else max(v)) for k, v in metrics.items()}
+    kinds = {"seconds": np.mean, "reference_ms": np.median, "predict_relative": np.median}
+    found = {k: float(next((f for end, f in kinds.items() if k.endswith(end)), max)(v)) for k, v in metrics.items()}
     predict = np.concatenate([r.predict_ms for r in results])
     decide = np.concatenate([r.decide_ms for r in results])
     found |= {f"predict_ms_p{p}": np.quantile(predict, p / 100) for p in (50, 95, 99)}
@@ -360,6 +368,16 @@ def cpu_model() -> str:
         return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         return platform.processor() or platform.machine()
+
+
+def simd() -> str:
+    """The processor's vector instructions: libraries choose by them, and so does the rounding; empty if not known."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        flags = next(line.split(":", 1)[1].split() for line in lines if line.startswith(("flags", "Features")))
+    except (OSError, StopIteration):
+        return ""
+    return " ".join(sorted(f for f in flags if f.startswith(("avx", "fma", "amx", "asimd", "sve"))))
 
 
 def git_revision() -> str:

@@ -1,0 +1,15 @@
+"""The project's own gate: its systems on the embedded corpus are what reports/baseline.json says."""
+
+from pathlib import Path
+
+from bench.check import read
+from bench.cli import main
+
+BASELINE = Path(__file__).parents[2] / "reports" / "baseline.json"
+
+
+def test_the_systems_are_what_the_baseline_says(capsys):
+    """Labels and size; of computing time only what no difference between machines explains."""
+    code = main(["check", f"baseline={BASELINE}", "slower=10"])
+    assert code == 0, capsys.readouterr().out
+    assert all(measured.synthetic for measured in read(BASELINE))
