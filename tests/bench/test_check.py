@@ -36,7 +36,7 @@ from bench.check import (
 from bench.cli import main
 from bench.corpora.synth import generate
 from bench.errors import InputError
-from bench.fold import FoldResult, decisions, latency, reference, run_fold
+from bench.fold import FoldResult, decisions, latency, reference
 from bench.tracking import costs
 from features.jung54 import Jung54
 from models.bayes import bayes
@@ -448,8 +448,8 @@ def copied(tmp_path, monkeypatch):
         (site / "copied_system.py").write_text(COPIED.replace("# WRONG", wrong).replace("# FAILS", fails))
         sys.modules.pop("copied_system", None)
 
-    def here(cell, corpus, folds, jobs, threads):
-        return (run_fold(cell, corpus, fold.name, fold.train, fold.test, threads) for fold in folds)
+    def here(cell, corpus, folds, jobs, threads, work):
+        return (work(cell, corpus, fold.name, fold.train, fold.test, threads) for fold in folds)
 
     write()
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
