@@ -183,7 +183,14 @@ bench data export synth out.csv format=cost subjects=31 repetitions=6
 REPORT = """\
 bench report [out=report]
 
-Rebuilds the comparison table (markdown and CSV) and the chart of accuracy against time from MLflow alone.
+Rebuilds the published comparison from MLflow and the numbers of the papers alone, into the folder out=:
+
+  index.html      everything on one page that loads nothing: every published number beside ours with a verdict, the
+                  papers' tables recomputed, all runs, an interactive chart of accuracy against each cost, paired
+                  statistics, figures, and the command behind every row
+  comparison.md   the same as markdown
+  *.csv           comparison (all runs), published, recomputed, statistics, provenance
+  figures/        every figure as PNG and SVG
 """
 UI = """\
 bench ui [port=5000]
@@ -202,7 +209,7 @@ SUMMARY = {
     "systems": "list every published number and the command that repeats it",
     "extract": "write a table of features",
     "data": "list, import and export corpora",
-    "report": "rebuild the comparison table and chart from MLflow",
+    "report": "rebuild the published comparison, its statistics and figures from MLflow",
     "ui": "open MLflow's page on the runs",
 }
 
@@ -391,7 +398,7 @@ def _report(arguments: list[str]) -> int:
     if options:
         raise InputError(f"no key is called {next(iter(options))!r}; {nearest(next(iter(options)), ['out'])}")
     from bench.tracking import connect
-    from reports.comparison import write_report
+    from reports.page import write_report
 
     for path in write_report(connect(), out):
         print(path)

@@ -1,9 +1,8 @@
-"""The comparison table and the chart of accuracy against time, rebuilt from MLflow and the published numbers."""
+"""The table of tracked runs, one row per run and unit, rebuilt from MLflow and the published numbers."""
 
 from __future__ import annotations
 
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,34 +10,8 @@ import pandas as pd
 from bench.errors import InputError
 
 EXPERIMENT = "touchbench"
+SAME = ["data", "subset_key", "target_key", "protocol_key", "system"]  # of published.csv, and without _key of a run
 UNITS = {"capture": "", "capture vote": "vote_", "window": "window_"}
-
-
-def write_report(client: object, folder: Path) -> list[Path]:
-    """Write ``comparison.md``, ``comparison.csv`` and ``accuracy_time.png`` / ``.svg``.
-
-    Args:
-        client: an `mlflow.MlflowClient` on the store.
-        folder: where they go; it is created.
-
-    Returns:
-        The files written.
-
-    Raises:
-        InputError: the store holds no scored run, or the folder cannot be written.
-    """
-    from reports.figures import accuracy_time
-
-    runs = tracked(client)
-    table = comparison(runs, published())
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        table.to_csv(folder / "comparison.csv", index=False)
-        (folder / "comparison.md").write_text(markdown(table, context(table, published())))
-        pictures = accuracy_time(table, folder)
-    except OSError as e:
-        raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
-    return [folder / "comparison.md", folder / "comparison.csv", *pictures]
 
 
 def published() -> pd.DataFrame:
@@ -65,6 +38,7 @@ def tracked(client: object, kind: str = "cell") -> pd.DataFrame:
             | r.data.tags
             | r.data.metrics
             | {"run_id": r.info.run_id, "status": r.info.status, "started": r.info.start_time}
+            | {"artifacts": r.info.artifact_uri, "experiment": r.info.experiment_id}
             for r in page
             if "accuracy" in r.data.metrics
         ]
@@ -77,6 +51,18 @@ def tracked(client: object, kind: str = "cell") -> pd.DataFrame:
     return found.drop_duplicates([*same, *(c for c in found if c.startswith("stream."))], keep="last")
 
 
+def with_groups(runs: pd.DataFrame) -> pd.DataFrame:
+    """The runs with a column ``group``: in words, the captures and the protocol that make runs comparable.
+
+    Generated captures say so; where several corpora go by one name, the digest tells them apart.
+    """
+    data = runs["data"] + np.where(runs["synthetic"] == "true", " (synthetic)", "")
+    target = np.where(runs["target"] == "gesture", "", ", " + runs["target"].astype(str))
+    words = data + ", " + runs["subset"] + target + ", " + runs["protocol_label"]
+    digests = runs.groupby(words)["corpus_digest"].transform("nunique")
+    return runs.assign(group=words + np.where(digests > 1, ", corpus " + runs["corpus_digest"].str[:8], ""))
+
+
 def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
     """One row per run and unit, best captures first within each data, subset and protocol.
 
@@ -84,7 +70,8 @@ def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
     unit; rows from generated captures have none, whatever they are called.
     """
     rows = []
-    for run in runs.to_dict("records"):
+    numbers = {key: list(part.itertuples()) for key, part in papers.groupby(SAME)}
+    for run in with_groups(runs).to_dict("records"):
         for unit, prefix in UNITS.items():
             if pd.isna(run.get(f"{prefix}accuracy", np.nan)):
                 continue
@@ -109,8 +96,14 @@ def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
                     "predict_ms_p95": run["predict_ms_p95"],
                     "decision_ms": run["capture_decision_ms" if whole else "decision_ms"],
                     "parameters": run.get("parameters", np.nan),
-                    "published": _published(run, unit, papers),
+                    "flash_bytes": run.get("flash_bytes", np.nan),
+                    "ram_bytes": run.get("ram_bytes", np.nan),
+                    "peak_rss_bytes": run.get("peak_rss_bytes", np.nan),
+                    "subjects": run.get("subjects", np.nan),
+                    "published": _published(run, unit, numbers),
                     "folds": f"{run['folds']:.0f}/{run['folds'] + run['folds_failed']:.0f}",
+                    "run_id": run["run_id"],
+                    "group": run["group"],
                 }
             )
     table = pd.DataFrame(rows)
@@ -121,7 +114,7 @@ def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
     return order.drop(columns="best").reset_index(drop=True)
 
 
-def _published(run: dict, unit: str, papers: pd.DataFrame) -> str:
+def _published(run: dict, unit: str, numbers: dict[tuple, list]) -> str:
     """Published numbers that may stand beside a row, each with its unit and id."""
     if run["synthetic"] == "true":
         return ""
@@ -129,28 +122,13 @@ def _published(run: dict, unit: str, papers: pd.DataFrame) -> str:
     if not run.get("windows", 0) > 0:  # one decision a capture: the vote over its decisions is that decision
         units["capture"].append("capture vote")
     units["window"] = ["window", "window macro precision", "window macro recall"]
-    same = papers[
-        (papers["data"] == run["data"])
-        & (papers["subset_key"] == run["subset"])
-        & (papers["target_key"] == run["target"])
-        & (papers["protocol_key"] == run["protocol"])
-        & (papers["system"] == run["system"])
-        & papers["unit_key"].isin(units[unit])
-    ]
-    return "; ".join(f"{r.accuracy:g} ({r.unit_key}, {r.id})" for r in same.itertuples())
+    same = numbers.get(tuple(run[k.removesuffix("_key")] for k in SAME), [])
+    return "; ".join(f"{r.accuracy:g} ({r.unit_key}, {r.id})" for r in same if r.unit_key in units[unit])
 
 
-def context(table: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
-    """Published numbers on the data of the table that no row stands beside."""
-    shown = " ".join(table["published"])
-    here = papers[papers["data"].isin(set(table["data"])) & papers["accuracy"].notna()]
-    rest = here[~here["id"].map(lambda i: f", {i})" in shown).astype(bool)]
-    return rest[["reference", "data", "subset", "protocol", "unit", "classifier", "accuracy", "sd", "confidence"]]
-
-
-def markdown(table: pd.DataFrame, papers: pd.DataFrame) -> str:
-    """Both tables as a page."""
-    shown = pd.DataFrame(
+def shown(table: pd.DataFrame) -> pd.DataFrame:
+    """The same as text, for people."""
+    return pd.DataFrame(
         {
             "system": table["system"],
             "data": table["data"],
@@ -160,29 +138,20 @@ def markdown(table: pd.DataFrame, papers: pd.DataFrame) -> str:
             "seed": table["seed"],
             "accuracy % [95 %]": [_with_interval(r) for r in table.itertuples()],
             "subjects: mean ± SD": [_with_sd(r) for r in table.itertuples()],
+            "n": table["subjects"].map(_whole),
             "macro-F1 %": table["macro_f1"].map("{:.1f}".format),
             "fit s": table["fit_seconds"].map("{:.2f}".format),
             "predict ms p50 / p95": [f"{r.predict_ms_p50:.2f} / {r.predict_ms_p95:.2f}" for r in table.itertuples()],
             "decision ms": table["decision_ms"].map("{:.0f}".format),
-            "parameters": table["parameters"].map(lambda n: "-" if pd.isna(n) else f"{n:,.0f}".replace(",", " ")),
+            "parameters": table["parameters"].map(_whole),
             "published %": table["published"].replace("", "-"),
             "folds": table["folds"],
         }
     )
-    lines = ["# Comparison", ""]
-    if table["data"].str.contains("synthetic").any():
-        lines += ["Rows marked (synthetic) come from generated captures and say nothing about people.", ""]
-    lines += [
-        "Accuracy is pooled over the tested captures (or windows), its interval a bootstrap over subjects. Fit time is",
-        "the mean of a fold without feature extraction; predict is one whole capture from raw frames to label on one",
-        "thread, feature extraction included; decision is the median touch that must be observed plus computing time.",
-        "Published numbers stand beside a row only if data, subset, protocol and unit agree.",
-        "",
-        pipe(shown),
-    ]
-    if len(papers):
-        lines += ["", "## Published on the same data", "", pipe(papers.fillna("").astype(str))]
-    return "\n".join(lines) + "\n"
+
+
+def _whole(number: float) -> str:
+    return "-" if pd.isna(number) else f"{number:,.0f}".replace(",", " ")
 
 
 def _with_interval(row: object) -> str:
@@ -191,9 +160,3 @@ def _with_interval(row: object) -> str:
 
 def _with_sd(row: object) -> str:
     return f"{row.subject_mean:.1f}" + ("" if pd.isna(row.subject_sd) else f" ± {row.subject_sd:.1f}")
-
-
-def pipe(table: pd.DataFrame) -> str:
-    """A markdown table; bars in cells would end them."""
-    rows = [table.columns.tolist(), ["---"] * len(table.columns), *table.values.tolist()]
-    return "\n".join("| " + " | ".join(str(c).replace("|", "\\|") for c in row) + " |" for row in rows)

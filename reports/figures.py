@@ -1,73 +1,122 @@
-"""Figures of the report."""
+"""What the figures of the report share: how they are drawn, marked and saved."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
+from scipy.optimize import isotonic_regression
 
-MARKERS = "osD^vP*X<>"
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SYNTHETIC = "synthetic captures, not people"
+LINE = 0.165  # inches that a line of 8 point text needs
+MARKERS = "osD^v"
 
 
-def accuracy_time(table: pd.DataFrame, folder: Path) -> list[Path]:
-    """Accuracy per capture against the time to label one capture, a panel for each data, subset and protocol.
+@dataclass(frozen=True)
+class Picture:
+    """A figure as it was written.
 
-    Bars are bootstrap intervals over subjects. Systems differ by marker and name, not only by colour.
+    Attributes:
+        name: of the files ``<name>.png`` and ``<name>.svg``.
+        kind: what it shows, the same for all groups.
+        group: the captures and protocol that it is about.
+        caption: what is to be seen, with everything that was left out.
+        folder: where the files are.
+    """
+
+    name: str
+    kind: str
+    group: str
+    caption: str
+    folder: Path
+
+    @property
+    def paths(self) -> list[Path]:
+        """The PNG and the SVG."""
+        return [self.folder / f"{self.name}.png", self.folder / f"{self.name}.svg"]
+
+
+def new_figure(
+    size: tuple[float, float],
+    panels: tuple[int, int] = (1, 1),
+    margins: tuple[float, float, float, float] = (0.7, 0.15, 0.55, 0.4),
+    between: tuple[float, float] = (0.7, 0.9),
+    title: str = "",
+) -> tuple[Figure, np.ndarray]:
+    """An empty figure and its axes [rows, columns]; pyplot's global state is not used.
+
+    All places are given in inches: finding them out by drawing, as matplotlib's layout engines do, takes longer than
+    the drawing itself.
 
     Args:
-        table: as `reports.comparison.comparison` makes it.
-        folder: where ``accuracy_time.png`` and ``.svg`` go.
+        size: width and height.
+        panels: rows and columns.
+        margins: left, right, bottom and top of all panels.
+        between: gaps between columns and between rows.
+        title: on top of all.
     """
+    from matplotlib.figure import Figure
+
+    width, height = size
+    left, right, bottom, top = margins
+    rows, columns = panels
+    figure = Figure(figsize=size)
+    inner_width = (width - left - right - between[0] * (columns - 1)) / columns
+    inner_height = (height - bottom - top - between[1] * (rows - 1)) / rows
+    axes = figure.subplots(
+        rows, columns, squeeze=False,
+        gridspec_kw={"left": left / width, "right": 1 - right / width, "bottom": bottom / height,
+                     "top": 1 - top / height, "wspace": between[0] / inner_width, "hspace": between[1] / inner_height},
+    )  # fmt: skip
+    if title:
+        figure.suptitle(title.replace("$", r"\$"), fontsize=9, y=1 - 0.08 / height, va="top")
+    return figure, axes
+
+
+def width_of(names: Iterable[str], size: float = 8) -> float:
+    """Inches that the longest of some names takes, about."""
+    return max(map(len, plain(names)), default=0) * size * 0.0088
+
+
+def save(figure: Figure, folder: Path, name: str, kind: str, group: str, caption: str) -> Picture:
+    """Write a figure as PNG and SVG; one of generated captures says so on its face."""
     import matplotlib
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    rows = table[table["unit"].str.startswith("capture") & (table["unit"] != "capture vote")]
-    panels = list(rows.groupby(["data", "subset", "protocol"], sort=False))
-    wide = min(2, len(panels))
-    high = -(-len(panels) // wide)
-    fig, axes = plt.subplots(high, wide, figsize=(6.4 * wide, 4.6 * high), squeeze=False, layout="constrained")
-    models = sorted({s.split(" · ")[0] for s in rows["system"]})
-    for ax, ((data, subset, protocol), points) in zip(axes.flat, panels, strict=False):
-        for row in points.itertuples():
-            kind = models.index(row.system.split(" · ")[0])
-            bars = None if np.isnan(row.low) else [[max(row.accuracy - row.low, 0)], [max(row.high - row.accuracy, 0)]]
-            ax.errorbar(
-                row.predict_ms_p50, row.accuracy, yerr=bars, fmt=MARKERS[kind % len(MARKERS)], color=f"C{kind % 10}",
-                capsize=3, elinewidth=0.8, markersize=7,
-            )  # fmt: skip
-        ax.set_xscale("log")
-        low, high_ = points["predict_ms_p50"].min(), points["predict_ms_p50"].max()
-        ax.set_xlim(low / 1.8, high_ * 8)
-        _name_points(ax, points)
-        ax.set_title(f"{data}, {subset}\n{protocol}", fontsize=9)
-        ax.set_xlabel("ms from raw frames to the label of one capture (p50, one thread)")
-        ax.set_ylabel("captures labelled correctly, %")
-        ax.grid(alpha=0.3)
-    for ax in axes.flat[len(panels) :]:
-        ax.set_axis_off()
-    paths = [folder / "accuracy_time.png", folder / "accuracy_time.svg"]
-    for path in paths:
-        fig.savefig(path, dpi=130)
-    plt.close(fig)
-    return paths
+    if "(synthetic)" in group:
+        figure.text(0.995, 0.004, SYNTHETIC, fontsize=8, color="0.4", ha="right", va="bottom", style="italic")
+        caption = f"{caption} Synthetic: generated captures, not people."
+    picture = Picture(name, kind, group, caption, folder)
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "touchbench"}):
+        figure.savefig(picture.paths[1], metadata={"Date": None})
+        figure.savefig(picture.paths[0], dpi=110)
+    return picture
 
 
-def _name_points(ax: object, points: pd.DataFrame) -> None:
-    """Names in a column right of all points, apart from each other, each tied to its point by a thin line."""
-    low, high = ax.get_ylim()
-    gap = (high - low) * 0.055
-    right = points["predict_ms_p50"].max() * 1.7
-    rows = points.sort_values("accuracy")
-    heights = rows["accuracy"].to_numpy(dtype=float, copy=True)
-    for i in range(1, len(heights)):
-        heights[i] = max(heights[i], heights[i - 1] + gap)
-    heights -= max(0.0, heights[-1] - (high - gap))
-    for row, y in zip(rows.itertuples(), heights, strict=True):
-        seed = f", seed {row.seed}" if row.seed not in ("0", "none") else ""
-        ax.annotate(
-            row.system + seed, (row.predict_ms_p50, row.accuracy), (right, y), fontsize=8, va="center",
-            arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.6, "shrinkA": 1, "shrinkB": 4},
-        )  # fmt: skip
+def spread(values: np.ndarray, gap: float, low: float, high: float) -> np.ndarray:
+    """Places for labels at rising ``values``: at least ``gap`` apart, within the limits, as near as can be.
+
+    Args:
+        values: sorted, [labels].
+        gap: between two labels.
+        low: the lowest place.
+        high: the highest; there must be room for all.
+    """
+    steps = gap * np.arange(len(values))
+    near = isotonic_regression(np.asarray(values, dtype=float) - steps).x
+    return near.clip(low, max(low, high - steps[-1])) + steps
+
+
+def short(text: str, most: int = 44) -> str:
+    """A name that does not run out of its place."""
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def plain(names: Iterable[str]) -> list[str]:
+    """Names with dollar signs that matplotlib would take for formulas."""
+    return [short(n).replace("$", r"\$") for n in names]

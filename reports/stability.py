@@ -18,7 +18,7 @@ from scipy.stats import binom, false_discovery_control, kendalltau
 
 from bench import scores
 from bench.errors import InputError
-from reports.comparison import pipe
+from reports.layout import md_table
 
 CLEAN = "none"
 NOT_CONDITIONS = {"fold", "capture", "true", "length", "fault", "severity", "amount", "train_subjects", "predicted",
@@ -397,7 +397,7 @@ def markdown(analyses: list[Analysis]) -> str:
     if "(synthetic)" in analyses[0].data:
         lines += ["Generated captures: this says nothing about people.", ""]
     for heading, note, table in sections(analyses):
-        lines += [f"## {heading}", "", *([note, ""] if note else []), *([pipe(table), ""] if len(table) else [])]
+        lines += [f"## {heading}", "", *([note, ""] if note else []), *([md_table(table), ""] if len(table) else [])]
     return "\n".join(lines)
 
 

@@ -1,0 +1,159 @@
+"""Figures of single runs, from their predictions: confusions, gestures and calibration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bench import scores
+from reports.figures import LINE, MARKERS, Picture, new_figure, plain, save, width_of
+
+BINS = 10
+WRITTEN = 20  # classes up to which the numbers fit into their cells
+
+
+def confusion_figure(counts: pd.DataFrame, system: str, group: str, folder: Path, name: str) -> Picture:
+    """Counts and percent of each true class, side by side.
+
+    Args:
+        counts: of captures [true, predicted].
+        system: whose they are.
+        group: in words.
+        folder: where the files go.
+        name: of the files.
+    """
+    values = counts.to_numpy(dtype=float)
+    share = 100 * values / np.maximum(values.sum(axis=1, keepdims=True), 1)
+    k = len(counts)
+    side = max(2.4, 0.34 * min(k, WRITTEN))
+    edge = width_of(counts.columns) + 0.4
+    size = (2 * side + 2 * edge + 0.4, side + edge + 0.75)
+    figure, axes = new_figure(size, (1, 2), (edge, 0.2, edge, 0.75), (edge + 0.2, 0), f"{plain([system])[0]}\n{group}")
+    for ax, shown, words in zip(axes[0], (values, share), ("captures", "% of the true gesture"), strict=True):
+        ax.pcolormesh(np.arange(k + 1) - 0.5, np.arange(k + 1) - 0.5, share, cmap="Blues", vmin=0, vmax=100)
+        ax.set(aspect="equal", ylim=(k - 0.5, -0.5))
+        ax.set_xticks(np.arange(k), plain(counts.columns), rotation=90, fontsize=8)
+        ax.set_yticks(np.arange(k), plain(counts.index), fontsize=8)
+        ax.set_xlabel("predicted", fontsize=9)
+        ax.set_ylabel("true", fontsize=9)
+        ax.set_title(words, fontsize=9)
+        if k <= WRITTEN:
+            for i, j in np.ndindex(k, k):
+                if shown[i, j]:
+                    ax.text(j, i, f"{shown[i, j]:.0f}", ha="center", va="center", fontsize=7,
+                            color="white" if share[i, j] > 60 else "black")  # fmt: skip
+    unwritten = "" if k <= WRITTEN else " The numbers are in the run's confusion.csv."
+    caption = f"Confusion of captures by {system}: counts, and percent of each true gesture.{unwritten}"
+    return save(figure, folder, name, "confusion", group, caption)
+
+
+def recall_interval(labelled: pd.DataFrame, classes: list[str], draws: int = 2000, seed: int = 0) -> pd.DataFrame:
+    """Percent of each class that is labelled correctly, with a 95 % bootstrap interval over subjects.
+
+    Args:
+        labelled: captures with ``subject``, ``true`` and ``predicted``.
+        classes: in the order of the rows.
+        draws: of the bootstrap, whole subjects with replacement.
+        seed: of the draws.
+
+    Returns:
+        ``recall``, ``low``, ``high`` by class; NaN where there is no capture, no interval of a single subject.
+    """
+    hit = (labelled["true"] == labelled["predicted"]).groupby([labelled["subject"], labelled["true"]])
+    right, total = (
+        part.unstack(fill_value=0).reindex(columns=classes, fill_value=0) for part in (hit.sum(), hit.size())
+    )
+    n = len(total)
+    drawn = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), draws)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a class that nobody drawn has shown
+        shares = 100 * (drawn @ right.to_numpy()) / (drawn @ total.to_numpy())
+        recall = 100 * right.sum().to_numpy() / total.sum().to_numpy()
+    low, high = (np.full(len(classes), np.nan) for _ in range(2))
+    for c in range(len(classes)):
+        seen = shares[np.isfinite(shares[:, c]), c]
+        if n > 1 and len(seen):
+            low[c], high[c] = np.quantile(seen, [0.025, 0.975])
+    return pd.DataFrame({"recall": recall, "low": low, "high": high}, index=classes)
+
+
+def gesture_figure(tables: dict[str, pd.DataFrame], group: str, folder: Path, name: str) -> Picture:
+    """Percent of each gesture that is labelled correctly, with intervals over subjects, for some systems.
+
+    Args:
+        tables: `recall_interval` by system.
+        group: in words.
+        folder: where the files go.
+        name: of the files.
+    """
+    classes = list(next(iter(tables.values())).index)
+    size = (9, LINE * 1.2 * len(classes) * max(2, len(tables)) + 0.9 + 0.25 * len(tables))
+    margins = (width_of(classes, 9) + 0.25, 0.15, 0.55 + 0.25 * len(tables), 0.35)
+    figure, axes = new_figure(size, margins=margins, title=group)
+    ax = axes[0, 0]
+    for i, (system, table) in enumerate(tables.items()):
+        y = np.arange(len(classes)) + 0.7 * ((i + 0.5) / len(tables) - 0.5)
+        recall = table["recall"].to_numpy()
+        bars = np.nan_to_num([recall - table["low"], table["high"] - recall]).clip(0)
+        ax.errorbar(recall, y, xerr=bars, fmt=MARKERS[i % len(MARKERS)], color=f"C{i}", markersize=5, elinewidth=0.9,
+                    capsize=2, label=plain([system])[0])  # fmt: skip
+    ax.set_yticks(np.arange(len(classes)), plain(classes), fontsize=9)
+    ax.set_ylim(len(classes) - 0.4, -0.6)
+    ax.set_xlim(-2, 102)
+    ax.set_xlabel("captures of the gesture labelled correctly, %", fontsize=9)
+    ax.grid(axis="x", alpha=0.25)
+    figure.legend(loc="lower center", ncols=1, fontsize=8, frameon=False)
+    caption = "Captures of each gesture labelled correctly, with 95 % bootstrap intervals over subjects, one seed each."
+    return save(figure, folder, name, "gestures", group, caption)
+
+
+def calibration(predictions: pd.DataFrame) -> tuple[pd.DataFrame, float] | None:
+    """How often captures labelled with a given confidence are labelled correctly.
+
+    Confidence is the highest mean probability of a capture, in ten bins of equal width.
+
+    Returns:
+        ``confidence``, ``accuracy`` and ``n`` of each bin that is not empty, and the expected calibration error: the
+        mean over captures of the gap between the two in their bin; None where there are labels only.
+    """
+    columns = [scores.PREFIX + c for c in scores.classes_of(predictions)]
+    if np.isin(predictions[columns].to_numpy(), (0, 1)).all():
+        return None
+    labelled = scores.captures(predictions)
+    top = predictions.groupby(["fold", "capture"], sort=False)[columns].mean().to_numpy().max(axis=1)
+    hit = (labelled["true"] == labelled["predicted"]).to_numpy()
+    place = np.minimum((top * BINS).astype(int), BINS - 1)
+    bins = pd.DataFrame({"confidence": top, "accuracy": hit.astype(float), "n": 1}).groupby(place)
+    table = bins.agg({"confidence": "mean", "accuracy": "mean", "n": "size"})
+    gap = (table["n"] * (table["confidence"] - table["accuracy"]).abs()).sum() / table["n"].sum()
+    return table.reset_index(drop=True), float(gap)
+
+
+def calibration_figure(
+    found: dict[str, tuple[pd.DataFrame, float]], without: list[str], group: str, folder: Path, name: str
+) -> Picture:
+    """Reliability diagrams of some systems.
+
+    Args:
+        found: `calibration` by system.
+        without: systems that give labels only.
+        group: in words.
+        folder: where the files go.
+        name: of the files.
+    """
+    figure, axes = new_figure((3.5 * len(found) + 0.3, 3.9), (1, len(found)), (0.6, 0.15, 0.5, 0.75), (0.7, 0), group)
+    for i, (ax, (system, (table, gap))) in enumerate(zip(axes[0], found.items(), strict=True)):
+        ax.plot([0, 1], [0, 1], color="0.6", linewidth=0.8, linestyle="--")
+        ax.plot(table["confidence"], table["accuracy"], color=f"C{i}", linewidth=1)
+        ax.scatter(table["confidence"], table["accuracy"], 10 + 150 * table["n"] / table["n"].sum(), f"C{i}")
+        ax.set(xlim=(-0.04, 1.06), ylim=(-0.04, 1.06), aspect="equal")
+        ax.set_title(f"{plain([system])[0]}\nexpected calibration error {gap:.3f}", fontsize=8)
+        ax.set_xlabel("highest probability", fontsize=9)
+        ax.set_ylabel("share labelled correctly", fontsize=9)
+        ax.grid(alpha=0.25)
+    caption = (
+        "Reliability of the probabilities of whole captures in ten bins; the area of a dot is its share of captures, "
+        "the dashed line is perfect." + (f" Labels only, no probabilities: {', '.join(without)}." if without else "")
+    )
+    return save(figure, folder, name, "calibration", group, caption)

@@ -1,0 +1,77 @@
+"""Systems beside each other, subject by subject: critical-difference diagram and strip plot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from reports import statistics
+from reports.figures import LINE, Picture, new_figure, plain, save, width_of
+
+
+def difference_diagram(ranks: statistics.Ranks, group: str, folder: Path, name: str, left_out: int = 0) -> Picture:
+    """Mean ranks with bars that join systems which Nemenyi's test does not tell apart.
+
+    Args:
+        ranks: of the systems, at most `reports.statistics.RANKED` of them.
+        group: in words.
+        folder: where the files go.
+        name: of the files.
+        left_out: systems of lower accuracy that are not ranked.
+    """
+    k, cliques = len(ranks.mean), ranks.cliques()
+    margins = (width_of(ranks.mean.index) + 0.25, 0.15, 0.5, 0.35)
+    figure, axes = new_figure((9.5, LINE * 1.15 * (k + 1.4) + 0.85), margins=margins, title=group)
+    ax = axes[0, 0]
+    ax.plot(ranks.mean, np.arange(k), "o", color="tab:blue", markersize=5, zorder=3)
+    ax.set_yticks(np.arange(k), plain(ranks.mean.index), fontsize=8)
+    ax.set_ylim(k - 0.4, -1.8)
+    low, high = 1, k
+    step = (high - low) * 0.035
+    ax.plot([low, low + ranks.critical], [-1.1, -1.1], color="0.2", linewidth=2, marker="|")
+    ax.text(low + ranks.critical + step / 2, -1.1, f"critical difference {ranks.critical:.1f}", fontsize=8, va="center")
+    for position, (first, last) in enumerate(cliques):
+        x = high + step * (1.2 + position)
+        ax.plot([x, x], [first - 0.25, last + 0.25], color="0.2", linewidth=3, solid_capstyle="butt")
+    ax.set_xlim(low - step, high + step * (len(cliques) + 2))
+    ax.set_xticks(range(1, k + 1, max(1, round(k / 12))))
+    ax.set_xlabel(f"mean rank over {ranks.subjects} subjects (1 is best)", fontsize=9)
+    ax.grid(axis="both", alpha=0.25)
+    found = "not defined" if np.isnan(ranks.p) else f"p = {ranks.p:.2g}"
+    caption = (
+        f"Mean ranks; a bar on the right joins systems that Nemenyi's test does not tell apart (5 %, all pairs). "
+        f"Friedman's test: {found}." + (f" {left_out} systems of lower accuracy are not ranked." if left_out else "")
+    )
+    return save(figure, folder, name, "ranks", group, caption)
+
+
+def strip_plot(subjects: pd.DataFrame, group: str, folder: Path, name: str) -> Picture:
+    """A mark for the accuracy of each subject, with the mean and its t-interval.
+
+    Args:
+        subjects: accuracy in percent [systems, subjects], best first; `reports.statistics.RANKED` of them are drawn.
+        group: in words.
+        folder: where the files go.
+        name: of the files.
+    """
+    kept = subjects.iloc[: statistics.RANKED]
+    margins = (width_of(kept.index) + 0.25, 0.15, 0.5, 0.35)
+    figure, axes = new_figure((9.5, LINE * 1.5 * len(kept) + 0.85), margins=margins, title=group)
+    ax = axes[0, 0]
+    values, rows = kept.to_numpy(dtype=float), np.arange(len(kept))
+    ax.plot(values.ravel(), rows.repeat(values.shape[1]), "|", color="0.35", markersize=8, markeredgewidth=1)
+    low, high = np.array([statistics.interval(v) for v in values]).T.clip(0, 100)
+    ax.hlines(rows, low, high, color="tab:blue", linewidth=3, alpha=0.35, zorder=1)
+    ax.plot(values.mean(axis=1), rows, "o", color="tab:blue", markersize=5)
+    ax.set_yticks(np.arange(len(kept)), plain(kept.index), fontsize=8)
+    ax.set_ylim(len(kept) - 0.4, -0.6)
+    ax.set_xlabel("captures of the subject labelled correctly, %", fontsize=9)
+    ax.grid(axis="x", alpha=0.25)
+    left = len(subjects) - len(kept)
+    caption = (
+        f"Each tick is one of {subjects.shape[1]} subjects, the dot their mean, the bar its 95 % t-interval. Seeds are "
+        "averaged." + (f" {left} systems of lower accuracy are left out." if left else "")
+    )
+    return save(figure, folder, name, "subjects", group, caption)

@@ -1,0 +1,155 @@
+"""Accuracy against every cost that is tracked, as figures and as data for the interactive chart of the page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from reports import statistics
+from reports.figures import LINE, Picture, new_figure, plain, save, spread, width_of
+
+# Column of tracked metrics: words, and what it is divided by.
+COSTS = {
+    "predict_ms_p50": ("ms to label one capture (p50, one thread)", 1),
+    "capture_decision_ms": ("ms until the label: touch observed and computing", 1),
+    "fit_seconds": ("s to fit one fold", 1),
+    "flash_bytes": ("kB of flash: learnt numbers, 32 bits each", 1e3),
+    "ram_bytes": ("kB of RAM during one decision, 32 bits a number", 1e3),
+    "peak_rss_bytes": ("MB, peak memory of the process", 1e6),
+}
+
+
+def points(runs: pd.DataFrame, subjects: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
+    """One row per system of a group: accuracy with its interval over subjects, and costs, means over seeds.
+
+    Args:
+        runs: of the group.
+        subjects: accuracy in percent [systems, subjects], from `reports.statistics.by_subject`.
+        papers: `reports.comparison.published`, to tell which systems are published ones.
+
+    Returns:
+        ``system``, ``accuracy``, ``low``, ``high`` (percent; NaN for a single subject), ``published`` (bool) and a
+        column per cost; NaN where a cost is not known.
+    """
+    known = set(papers["system"]) - {""}
+    complete = runs[runs["status"] == "FINISHED"]
+    costs = complete.reindex(columns=["system", *COSTS]).groupby("system").mean()
+    rows = []
+    for system, accuracy in subjects.iterrows():
+        low, high = statistics.interval(accuracy.to_numpy(dtype=float))
+        row = {"system": system, "accuracy": accuracy.mean(), "low": max(low, 0), "high": min(high, 100)}
+        row |= {"published": system.split("[")[0] in known}
+        rows.append(row | {c: costs.loc[system, c] / unit for c, (_, unit) in COSTS.items()})
+    return pd.DataFrame(rows)
+
+
+def front(cost: np.ndarray, accuracy: np.ndarray) -> np.ndarray:
+    """Positions of the points that no other beats in both, cheapest first; those without a cost are never among them.
+
+    A point is beaten by one that is as cheap or cheaper and more accurate, or cheaper and as accurate.
+    """
+    order = [i for i in np.lexsort((-accuracy, cost)) if np.isfinite(cost[i])]
+    kept: list[int] = []
+    for i in order:
+        if not kept or accuracy[i] > accuracy[kept[-1]]:
+            kept.append(i)
+    return np.array(kept, dtype=int)
+
+
+def speed_chart(table: pd.DataFrame, group: str, folder: Path, name: str, most: int = 20) -> Picture:
+    """A panel for each cost on a log axis, with the Pareto front and the name of every point.
+
+    Args:
+        table: `points` of the group.
+        group: in words.
+        folder: where the files go.
+        name: of the files.
+        most: systems that are drawn; half as many more if they are on a front.
+    """
+    on_front = {i for c in COSTS for i in front(table[c].to_numpy(), table["accuracy"].to_numpy())}
+    kept = table[(np.arange(len(table)) < most) | table.index.isin(on_front)].iloc[: most + most // 2]
+    shown = [c for c in COSTS if (kept[c] > 0).any()]
+    high = max(2.8, LINE * len(kept) + 0.2)
+    rows = -(-len(shown) // 2)
+    names = width_of(kept["system"]) + 0.3
+    size = (9.5 + 2 * names, (high + 0.55) * rows + 0.4)
+    figure, axes = new_figure(size, (rows, 2), (0.6, names, 0.55, 0.35), (0.65 + names, 0.6), group)
+    axes = list(axes.flat)
+    for ax, cost in zip(axes, shown, strict=False):
+        _panel(ax, kept[kept[cost] > 0].reset_index(drop=True), cost, high)
+    for ax in axes[len(shown) :]:
+        ax.set_axis_off()
+    left = len(table) - len(kept)
+    caption = (
+        "Mean over subjects of captures labelled correctly, with 95 % t-intervals over subjects, against each cost. "
+        "Filled circles are published systems, run here; hollow squares are others. The line and bold names are the "
+        "Pareto front: no other system is both cheaper and more accurate. Seeds are averaged."
+        + (f" {left} systems of lower accuracy are left out." if left else "")
+    )
+    return save(figure, folder, name, "speed", group, caption)
+
+
+def _panel(ax: object, table: pd.DataFrame, cost: str, high: float) -> None:
+    from matplotlib.collections import LineCollection
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    x, y = table[cost].to_numpy(), table["accuracy"].to_numpy()
+    best = front(x, y)
+    bars = np.nan_to_num([y - table["low"], table["high"] - y])
+    ax.errorbar(x, y, yerr=bars, fmt="none", ecolor="0.75", elinewidth=0.7, zorder=1)
+    for published, marker, face in ((True, "o", "tab:blue"), (False, "s", "white")):
+        chosen = (table["published"] == published).to_numpy()
+        ax.scatter(x[chosen], y[chosen], 34, face, marker=marker, zorder=3,
+                   edgecolors="tab:blue" if published else "tab:red")  # fmt: skip
+    ax.plot(x[best], y[best], color="0.2", linewidth=1, drawstyle="steps-post", zorder=2)
+    ax.set_xscale("log")
+    decades = np.log10(max(x.max() / x.min(), 3))
+    middle = np.sqrt(x.max() * x.min())
+    ax.set_xlim(middle / 10 ** (0.56 * decades), middle * 10 ** (0.56 * decades))
+    edge = middle * 10 ** (0.61 * decades)  # names stand outside, on the right
+    if decades < 2:
+        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    ax.xaxis.set_minor_locator(NullLocator())
+    reach = max(y.max() - y.min(), 5) * 1.1
+    middle = (y.max() + y.min()) / 2
+    low, top = middle - reach / 2, middle + reach / 2
+    ax.set_ylim(low, top)  # bars may leave the panel, points do not
+    gap = (top - low) * LINE / high
+    order = np.argsort(y, kind="stable")
+    places = spread(y[order], gap, low + gap / 2, top - gap / 2)
+    names = plain(table["system"])
+    for i, place in zip(order, places, strict=True):
+        ax.text(edge, place, names[i], fontsize=8, va="center", fontweight="bold" if i in best else "normal")
+    ties = [[(x[i], y[i]), (edge, place)] for i, place in zip(order, places, strict=True)]
+    ax.add_collection(LineCollection(ties, colors="0.7", linewidths=0.5, zorder=1, clip_on=False))
+    ax.set_xlabel(COSTS[cost][0], fontsize=9)
+    ax.set_ylabel("captures labelled correctly, %", fontsize=9)
+    ax.grid(alpha=0.25)
+
+
+def chart_data(tables: dict[str, pd.DataFrame]) -> dict[str, object]:
+    """What the interactive chart of the page draws, as plain values.
+
+    Args:
+        tables: `points` by group.
+    """
+    groups = []
+    for group, table in tables.items():
+        rows = [
+            {
+                "name": row["system"],
+                "published": bool(row["published"]),
+                "y": [_number(row[k]) for k in ("accuracy", "low", "high")],
+                "x": [_number(row[c]) for c in COSTS],
+            }
+            for row in table.to_dict("records")
+        ]
+        groups.append({"name": group, "points": rows})
+    return {"costs": [words for words, _ in COSTS.values()], "groups": groups}
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.5g}") if np.isfinite(value) else None

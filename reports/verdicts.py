@@ -1,0 +1,168 @@
+"""Every published number beside ours under the same protocol and unit, with a verdict.
+
+A verdict compares the printed number with the 95 % interval of ours over subjects: ``within interval``, ``above`` (ours
+is, with its whole interval) or ``below``. Subjects of the paper are other draws than ours, so that within says no more
+than that the two do not contradict each other.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import numpy as np
+import pandas as pd
+
+from bench import scores
+from reports import artifacts, statistics
+from reports.comparison import SAME
+
+# unit_key of published.csv: prefix and name of the metric that is tracked for it.
+UNITS = {
+    "capture": ("", "accuracy"),
+    "subject mean": ("", "subject_accuracy_mean"),
+    "capture vote": ("vote_", "accuracy"),
+    "window": ("window_", "accuracy"),
+    "window macro precision": ("window_", "macro_precision"),
+    "window macro recall": ("window_", "macro_recall"),
+}
+
+
+def against(papers: pd.DataFrame, runs: pd.DataFrame, client: object) -> pd.DataFrame:
+    """One row per published number and seed of ours; one without ours where there is none.
+
+    Only complete runs of the very system count, with the parameters of the paper, on captures of people. Numbers are
+    percent. ``note`` holds what a reader must know, a remark a line, ``verdict`` one of those of this module, or why
+    there is none.
+
+    Args:
+        papers: `reports.comparison.published`.
+        runs: `reports.comparison.tracked`.
+        client: an `mlflow.MlflowClient` on the store; predictions are read for units whose interval is not tracked.
+    """
+    real = runs[runs["synthetic"] != "true"]
+    here = set(real["data"])
+    real = real.assign(base=real["system"].str.split("[", regex=False).str[0])
+    real = real[real["base"].isin(papers["system"])]
+    own = {key: part.to_dict("records") for key, part in real.groupby([k.removesuffix("_key") for k in SAME])}
+    changed = real[real["system"] != real["base"]].rename(columns={"system": "as_run", "base": "system"})
+    others = {key: sorted(set(part["as_run"])) for key, part in changed.groupby([k.removesuffix("_key") for k in SAME])}
+    told = corrections().reindex(papers["id"])
+    rows = []
+    for paper, correction in zip(papers.itertuples(), told.itertuples(), strict=True):
+        key = tuple(getattr(paper, k) for k in SAME)
+        notes = [correction.correction] if isinstance(correction.correction, str) else []
+        about = {c: getattr(paper, c) for c in ("id", "reference", "year", "data", "subset", "protocol", "unit",
+                 "features", "n_features", "classifier", "accuracy", "sd", "confidence", "system")}  # fmt: skip
+        about = {"published" if k == "accuracy" else "published_sd" if k == "sd" else k: v for k, v in about.items()}
+        about |= {"table4": correction.table4, "table4_sd": correction.table4_sd}
+        found = [m for run in own.get(key, []) if (m := _measured(client, run, paper.unit_key))]
+        missing = _why_not(paper, here, others.get(key, []))
+        for ours in sorted(found, key=lambda m: m["seed"]) or [{}]:
+            rows.append(about | _judged(paper, ours, notes, missing))
+    return pd.DataFrame(rows)
+
+
+def corrections() -> pd.DataFrame:
+    """By id of ``published.csv``: the number in CNN85's Table 4, its SD, and what is to be said about the claim."""
+    with (files("reports") / "corrections.csv").open() as f:
+        return pd.read_csv(f, index_col="id")
+
+
+def verdict(published: float, low: float, high: float) -> str:
+    """Where our interval lies beside a published number."""
+    if np.isnan(low):
+        return "no interval"
+    if low <= published <= high:
+        return "within interval"
+    return "above" if low > published else "below"
+
+
+def _judged(paper: object, ours: dict, notes: list[str], missing: tuple[str, list[str]]) -> dict[str, object]:
+    """Our side of a row."""
+    empty = {k: np.nan for k in ("ours", "low", "high", "ours_sd", "subjects", "difference")} | {"seed": ""}
+    if ours and ours["complete"]:
+        said = "no number published" if np.isnan(paper.accuracy) else verdict(paper.accuracy, ours["low"], ours["high"])
+        notes = notes + ours["notes"]
+        kept = {k: v for k, v in ours.items() if k not in ("notes", "complete", "folds")}
+        return empty | kept | {"difference": ours["ours"] - paper.accuracy, "verdict": said, "note": "\n".join(notes)}
+    said, why = missing
+    if ours:
+        why = [f"The run of seed {ours['seed']} lacks folds: {ours['folds']} are there."]
+    return empty | {"verdict": said, "note": "\n".join(notes + why)}
+
+
+def _why_not(paper: object, here: set[str], others: list[str]) -> tuple[str, list[str]]:
+    """The verdict on a published number that nothing stands beside, and why that is so."""
+    if paper.data not in here:
+        return "data not here", []
+    if "other" in (paper.protocol_key, paper.unit_key):
+        return "not run", ["Its protocol or unit is not published, so that nothing can stand beside it."]
+    return "not run", [f"Run with other parameters: {', '.join(others)}."] if others else []
+
+
+def _measured(client: object, run: dict, unit: str) -> dict[str, object] | None:
+    """Our number in a published unit with its interval over subjects, None if the run has no such unit."""
+    if unit not in UNITS:
+        return None
+    prefix, metric = UNITS[unit]
+    if prefix == "vote_" and not run.get("windows", 0) > 0:  # one decision a capture is its vote
+        prefix = ""
+    value = 100 * run.get(f"{prefix}{metric}", np.nan)
+    if np.isnan(value):
+        return None
+    low, high = _interval(client, run, prefix, metric)
+    subjects = int(run.get("subjects", 0))
+    folds = f"{run['folds']:.0f} of {run['folds'] + run['folds_failed']:.0f}"
+    notes = [f"{subjects} subjects: this interval is hardly worth anything."] * (subjects < statistics.FEW_SUBJECTS)
+    if "not the official split" in run["protocol_label"]:
+        notes.append("Our split is drawn at random, not the official one.")
+    return {
+        "ours": value, "low": low, "high": high, "ours_sd": 100 * run.get(f"{prefix}subject_accuracy_sd", np.nan),
+        "subjects": subjects, "seed": run["seed"], "folds": folds, "run_id": run["run_id"],
+        "complete": run["status"] == "FINISHED", "notes": notes,
+    }  # fmt: skip
+
+
+def _interval(client: object, run: dict, prefix: str, metric: str) -> tuple[float, float]:
+    """In percent; as tracked, or from the run's predictions. NaN for a single subject, or where they are gone."""
+    if metric == "subject_accuracy_mean":
+        values = np.array(list(artifacts.subject_accuracy(client, run).values()))
+        return statistics.interval(values)
+    if (prefix, metric) == ("", "accuracy"):
+        return 100 * run.get("accuracy_low", np.nan), 100 * run.get("accuracy_high", np.nan)
+    predictions = artifacts.predictions(client, run)
+    if predictions is None:
+        return np.nan, np.nan
+    vote = prefix == "vote_"
+    labelled = scores.windows(predictions) if prefix == "window_" else scores.captures(predictions, vote=vote)
+    if metric == "accuracy":
+        low, high = scores.subject_interval(labelled)
+    else:
+        low, high = macro_interval(labelled, scores.classes_of(predictions), metric)
+    return 100 * low, 100 * high
+
+
+def macro_interval(
+    labelled: pd.DataFrame, classes: list[str], metric: str, draws: int = 2000, seed: int = 0
+) -> tuple[float, float]:
+    """95 % bootstrap interval of macro precision or macro recall, whole subjects drawn with replacement.
+
+    Args:
+        labelled: decisions with ``subject``, ``true`` and ``predicted``.
+        classes: their names.
+        metric: ``macro_precision`` or ``macro_recall``; a class without a case counts 0, as in the score itself.
+        draws: of the bootstrap.
+        seed: of the draws.
+
+    Returns:
+        NaN, NaN for a single subject.
+    """
+    counts = np.array([scores.confusion(part, classes) for _, part in labelled.groupby("subject", sort=True)])
+    if len(counts) < 2:
+        return np.nan, np.nan
+    drawn = np.random.default_rng(seed).multinomial(len(counts), np.full(len(counts), 1 / len(counts)), draws)
+    pooled = np.einsum("ds,sij->dij", drawn, counts)
+    right = np.einsum("dii->di", pooled)
+    totals = pooled.sum(axis=1 if metric == "macro_precision" else 2)
+    low, high = np.quantile((right / np.maximum(totals, 1)).mean(axis=1), [0.025, 0.975])
+    return float(low), float(high)

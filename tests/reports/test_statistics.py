@@ -1,0 +1,140 @@
+"""The tests of the report against scipy, hand calculations and the tables of the papers that introduced them."""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from reports import statistics
+from reports.recomputed import subjects_of_jung
+
+RNG = np.random.default_rng(0)
+
+
+def signed_rank_by_hand(differences):
+    """Two-sided p by going through every way to give signs to the ranks."""
+    moved = differences[differences != 0]
+    ranks = stats.rankdata(np.abs(moved))
+    own = (ranks * np.sign(moved)).sum()
+    all_ = [np.dot(signs, ranks) for signs in itertools.product((-1, 1), repeat=len(moved))]
+    return min(1, 2 * min(np.mean([s <= own + 1e-9 for s in all_]), np.mean([s >= own - 1e-9 for s in all_])))
+
+
+@pytest.mark.parametrize("n", [4, 7, 9])
+def test_signed_ranks_are_exact_with_and_without_ties(n):
+    untied = RNG.normal(1, 2, n)
+    assert statistics.wilcoxon(untied) == pytest.approx(stats.wilcoxon(untied, method="exact").pvalue)
+    tied = RNG.integers(-2, 4, n).astype(float)
+    assert statistics.wilcoxon(tied) == pytest.approx(signed_rank_by_hand(tied))
+
+
+def test_signed_ranks_of_many_subjects_and_of_none_that_differ():
+    many = RNG.normal(0.3, 1, 40)
+    assert statistics.wilcoxon(many) == pytest.approx(stats.wilcoxon(many).pvalue)
+    assert statistics.wilcoxon(np.zeros(8)) == 1 and np.isnan(statistics.wilcoxon(np.ones(1)))
+
+
+def test_interval_is_scipys_paired_t_interval():
+    a, b = RNG.normal(60, 8, 10), RNG.normal(57, 8, 10)
+    expected = stats.ttest_rel(a, b).confidence_interval(0.95)
+    assert statistics.interval(a - b) == pytest.approx((expected.low, expected.high))
+    assert all(np.isnan(statistics.interval(np.array([3.0]))))
+
+
+def test_nadeau_and_bengio_widen_the_variance_by_hand():
+    d = np.array([1.0, 3.0, 2.0, 6.0])  # mean 3, variance 14 / 3
+    low, high, p = statistics.nadeau_bengio(d, 1 / 3)
+    error = np.sqrt((1 / 4 + 1 / 3) * 14 / 3)
+    half = 3.182446305 * error  # t of 3 degrees of freedom
+    assert (low, high) == pytest.approx((3 - half, 3 + half), rel=1e-6)
+    assert p == pytest.approx(2 * stats.t.sf(3 / error, 3))
+    plain = stats.ttest_1samp(d, 0)
+    assert statistics.nadeau_bengio(d, 0.0)[2] == pytest.approx(plain.pvalue) and p > plain.pvalue
+    assert statistics.nadeau_bengio(np.zeros(4), 1 / 3) == (0, 0, 1)
+
+
+def test_share_of_tested_captures_follows_the_protocol():
+    run = {"folds": 10.0, "protocol": "loso", "protocol_label": "LOSO (10 subjects)"}
+    assert statistics.shared_training(run) == pytest.approx(1 / 9)
+    assert statistics.shared_training(run | {"protocol": "kfold[folds=5]", "folds": 5.0}) == 1 / 4
+    split = {
+        "protocol": "challenge",
+        "protocol_label": "5 random subject splits 21 / 10, seed 0, not the official split",
+    }
+    assert statistics.shared_training(run | split) == pytest.approx(10 / 21)
+    assert statistics.shared_training(run | {"folds": 1.0}) is None
+    assert statistics.shared_training(run | {"protocol": "mine", "protocol_label": "mine"}) is None
+
+
+def test_critical_differences_are_those_of_demsar_2006():
+    for systems, q in {2: 1.960, 3: 2.343, 5: 2.728, 10: 3.164}.items():  # his Table 5a
+        expected = q * np.sqrt(systems * (systems + 1) / (6 * 14))
+        assert statistics.critical_difference(systems, 14) == pytest.approx(expected, rel=1e-3)
+
+
+def test_friedman_and_cliques_of_jung_2017():
+    subjects = subjects_of_jung()
+    found = statistics.friedman(subjects)
+    assert found.chi2 == pytest.approx(stats.friedmanchisquare(*subjects.to_numpy()).statistic)
+    assert found.mean.index[0] == "SVM RBF" and found.mean.sum() == pytest.approx(15)
+    naive = [(i, j) for i, j in itertools.combinations(range(5), 2)
+             if found.mean.iloc[j] - found.mean.iloc[i] < found.critical]  # fmt: skip
+    longest = [p for p in naive if not any(q != p and q[0] <= p[0] and p[1] <= q[1] for q in naive)]
+    assert found.cliques() == longest
+
+
+def test_systems_that_never_differ_have_no_friedman_statistic():
+    found = statistics.friedman(pd.DataFrame(np.full((3, 4), 50.0), index=list("abc")))
+    assert np.isnan(found.p) and found.cliques() == [(0, 2)]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.integers(-5, 5), min_size=1, max_size=8))
+def test_rank_biserial_by_pairs(values):
+    d = np.array(values, dtype=float)
+    ranks = stats.rankdata(np.abs(d[d != 0])) if d.any() else np.array([])
+    won = sum(r for r, v in zip(ranks, d[d != 0], strict=True) if v > 0)
+    expected = (2 * won - ranks.sum()) / ranks.sum() if len(ranks) else 0
+    assert statistics.rank_biserial(d) == pytest.approx(expected)
+
+
+def test_cohens_dz_and_its_interval():
+    d = RNG.normal(2, 3, 10)
+    dz, low, high = statistics.cohen_dz(d)
+    assert dz == pytest.approx(d.mean() / d.std(ddof=1))
+    t = stats.ttest_1samp(d, 0).statistic
+    assert stats.nct.cdf(t, 9, low * np.sqrt(10)) == pytest.approx(0.975, abs=1e-4)
+    assert stats.nct.cdf(t, 9, high * np.sqrt(10)) == pytest.approx(0.025, abs=1e-4)
+    assert all(np.isnan(statistics.cohen_dz(np.full(5, 2.0)))) and all(np.isnan(statistics.cohen_dz(np.array([1.0]))))
+
+
+def test_holm_by_hand_and_without_tests():
+    p = np.array([np.nan, 0.01, 0.04, 0.03, np.nan])
+    assert statistics.holm(p)[1:4] == pytest.approx([0.03, 0.06, 0.06])
+    assert np.isnan(statistics.holm(p)[[0, 4]]).all() and np.isnan(statistics.holm(np.array([np.nan]))).all()
+
+
+def test_differences_are_from_the_best_and_equal_sums_are_ties():
+    subjects = pd.DataFrame([[60.0, 70, 80], [30 + 30.0, 70, 80 + 1e-13], [50.0, 60, 75]], index=["a", "b", "c"])
+    rows = statistics.against_best(subjects, None, 0.5).set_index("system")
+    assert np.isnan(rows.loc["a", "p"]) and rows.loc["b", "difference"] == 0 and rows.loc["b", "p"] == 1
+    assert rows.loc["c", "difference"] == pytest.approx(-25 / 3) and rows.loc["c", "rank_biserial"] == -1
+    assert rows.loc["c", "nb_low"] < rows.loc["c", "low"]
+
+
+def test_folds_that_are_not_subjects_are_corrected_as_folds():
+    subjects = pd.DataFrame([[60.0, 70, 80, 60], [50.0, 60, 75, 58]], index=["a", "b"])
+    folds = pd.DataFrame([[65.0, 70], [55.0, 66]], index=["a", "b"])
+    row = statistics.against_best(subjects, folds, 1.0).set_index("system").loc["b"]
+    assert (row["nb_low"], row["nb_high"], row["nb_p"]) == statistics.nadeau_bengio(np.array([-10.0, -4]), 1.0)
+
+
+def test_warnings_say_when_nothing_can_be_concluded():
+    assert "too few" in statistics.warnings(3, 5, 1, False)[0] and "One split" in statistics.warnings(3, 5, 1, False)[1]
+    assert "nothing can reach 0.05" in statistics.warnings(10, 40, 10, False)[0]
+    assert not any("reach" in w for w in statistics.warnings(31, 40, 31, False))
+    assert any("both sides" in w for w in statistics.warnings(31, 2, 10, True))
