@@ -66,11 +66,11 @@ class Cell:
 
             name = self.model.name
             features = {self.features.name: self.features.make()} if self.features else None
-            if counts := self.tuning.get("counts"):
-                from features.selection import Subset
+            if self.tuning.get("over") == "features":
+                from features.selection import COUNTS, Subset
 
-                features = {f"{n} best of {self.features}": Subset(self.features.make(), n) for n in counts} | features
-            how = {k: v for k, v in self.tuning.items() if k not in ("space", "counts")}
+                features = {f"{n} best of {self.features}": Subset(self.features.make(), n) for n in COUNTS} | features
+            how = {k: v for k, v in self.tuning.items() if k not in ("space", "over")}
             return Search({name: load("models", name)}, {name: self.tuning["space"]}, features, **how)
         return self.model.make(features=self.features.make()) if self.features else self.model.make()
 
@@ -84,6 +84,11 @@ class Cell:
             return {type(fixed).__name__.lower(): fixed}
         return dict(getattr(estimator, "features", None) or {})
 
+    def _searching(self) -> list[str]:
+        """Modules that a search depends on besides its parts."""
+        selection = ["features.selection"] if self.tuning and self.tuning.get("over") == "features" else []
+        return ["models.tuning", *selection] if self.tuning else []
+
     def key(self, corpus: Corpus, threads: int) -> str:
         """What makes two runs the same run: data, selection, parts, parameters, code, library versions, threads."""
         parts = [p for p in (self.protocol, self.features, self.model) if p]
@@ -92,7 +97,7 @@ class Cell:
             "captures": hashlib.sha256(corpus.index.tobytes()).hexdigest(),
             "target": self.target,
             "tuning": repr(self.tuning),
-            "search": source_digest(importlib.import_module("models.tuning")) if self.tuning else "",
+            "search": [source_digest(importlib.import_module(name)) for name in self._searching()],
             "parts": [(p.room, p.name, p.parameters, source_digest(load(p.room, p.name))) for p in parts],
             "harness": source_digest(importlib.import_module("bench.fold")),
             "versions": versions(),

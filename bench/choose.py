@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -23,15 +22,15 @@ from bench.registry import load, nearest, parameters
 from bench.replay import standing
 from bench.run import KEYS as RUN_KEYS
 from bench.run import execute, jobs_of, output
+from bench.tune import check_values
+from models.tuning import Search
 
-# What a system may cost: the column of the candidates, and the unit it is printed in.
-COSTS = {"flash": ("flash", "kB"), "ram": ("ram", "kB"), "predict": ("predict", "ms"), "decision": ("decision", "ms")}
+COSTS = {"flash": "kB", "ram": "kB", "predict": "ms", "decision": "ms"}  # what a system may cost, and its unit
 BUDGETS = {f"max_{name}": name for name in COSTS}
 UNITS = {"": 1, "B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576, "ms": 1, "s": 1e3}
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", *BUDGETS}
 SAID = {"capture": "whole captures", "window": "one window"}
 FEW_SUBJECTS = 6  # with five, no sign test can reach p < 0.05
-COUNTS = (2, 4, 8, 16, 32)  # of features, besides all of them
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 
 
@@ -84,8 +83,8 @@ def quantity(key: str, text: str) -> float:
     """
     number = text.rstrip("BkKiMms ")
     unit = text[len(number) :].strip()
-    known = {"flash": "B kB KiB MB MiB", "ram": "B kB KiB MB MiB", "predict": "ms s", "decision": "ms s"}
-    allowed = known.get(BUDGETS.get(key, ""), "").split()
+    known = {"kB": ["B", "kB", "KiB", "MB", "MiB"], "ms": ["ms", "s"]}
+    allowed = known[COSTS[BUDGETS[key]]] if key in BUDGETS else []
     try:
         value = float(number)
         if not value > 0 or (unit not in allowed and allowed) or (unit and not allowed):
@@ -122,7 +121,7 @@ def candidates(values: dict[str, str]) -> tuple[pd.DataFrame, str, pd.DataFrame]
     most = quantity("max_decision", values["max_decision"]) if "max_decision" in values else None
     if most is not None:
         with suppress(InputError):  # nothing was replayed
-            runs = pd.concat([runs, _asked(tracked(client, "stream"), values)])
+            runs = pd.concat([runs, _asked(tracked(client, "stream"), values)], ignore_index=True)
     same = ["data", "subset", "protocol", "protocol_label", "corpus_digest"]
     kinds = runs[same].drop_duplicates()
     if not len(kinds):
@@ -131,8 +130,10 @@ def candidates(values: dict[str, str]) -> tuple[pd.DataFrame, str, pd.DataFrame]
         told = "; ".join(f"data={k.data} protocol={k.protocol} ({k.subset})" for k in kinds.head(4).itertuples())
         raise InputError(f"runs on different captures cannot be compared; name one of: {told}")
     rows, accuracy = [], []
-    for (system, _), group in runs.groupby(["system", "touchbench.kind"], sort=True):
-        each = [_units(client, run, most) for run in group.to_dict("records")]
+    hops = runs["stream.hop_ms"].fillna("") if "stream.hop_ms" in runs else pd.Series("", runs.index)
+    for (system, _, _), group in runs.groupby([runs["system"], runs["touchbench.kind"], hops], sort=True):
+        within = None if most is None else most - group["decide_ms_p50"].max()  # one instant for all seeds
+        each = [_units(client, run, within) for run in group.to_dict("records")]
         for unit in each[0]:
             costs = pd.DataFrame([units[unit][0] for units in each]).mean()
             rows.append({"system": system, "unit": unit, **costs})
@@ -159,10 +160,9 @@ def _asked(runs: pd.DataFrame, values: dict[str, str]) -> pd.DataFrame:
     return runs
 
 
-def _units(client: object, run: dict, most: float | None) -> dict[str, tuple[dict[str, float], pd.Series]]:
-    """Costs and accuracy by subject, in percent, of each way in which a run labels."""
-    folder = Path(client.download_artifacts(run["run_id"], ""))
-    predictions = pd.read_parquet(folder / "predictions.parquet")
+def _units(client: object, run: dict, within: float | None) -> dict[str, tuple[dict[str, float], pd.Series]]:
+    """Costs and accuracy by subject, in percent, of each way in which a run labels (replayed: within so many ms)."""
+    predictions = pd.read_parquet(client.download_artifacts(run["run_id"], "predictions.parquet"))
 
     def of(labelled: pd.DataFrame) -> pd.Series:
         table = scores.per_subject(labelled).set_index("subject")["accuracy"]
@@ -170,8 +170,8 @@ def _units(client: object, run: dict, most: float | None) -> dict[str, tuple[dic
 
     size = {name: run.get(f"{name}_bytes", np.nan) / 1000 for name in ("flash", "ram")}
     if run["touchbench.kind"] == "stream":
-        instants = pd.read_csv(folder / "instants.csv")["ms"]
-        ms = instants[instants + run["decide_ms_p50"] <= most]
+        instants = pd.read_csv(client.download_artifacts(run["run_id"], "instants.csv"))["ms"]
+        ms = instants[instants <= within]
         if not len(ms):
             return {}
         frames = np.sort(predictions["instant"].unique())[ms.idxmax()]
@@ -244,7 +244,7 @@ def _not_below(lost: np.ndarray, error: float, margin: float | None) -> bool:
 def _amount(cost: str, value: float) -> str:
     if not np.isfinite(value):
         return "-"
-    return f"{value:.3g} {COSTS[cost][1]}" if value < 100 else f"{value:.0f} {COSTS[cost][1]}"
+    return f"{value:.3g} {COSTS[cost]}" if value < 100 else f"{value:.0f} {COSTS[cost]}"
 
 
 def sentences(choice: Choice, by: str, margin: float | None, subjects: int) -> list[str]:
@@ -310,21 +310,26 @@ def _tuning(cell: Cell, over: str, listed: str | None, inner: str) -> dict[str, 
     Raises:
         InputError: the model has no such parameter, or it has no sizes.
     """
-    how = {"inner": inner, "objective": "smallest", "seed": cell.model.parameters.get("seed", 0)}
+    how = {"inner": inner, "objective": "smallest", "over": over, "seed": cell.model.parameters.get("seed", 0)}
     usual = parameters(load("models", cell.model.name))
     fixed = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
-    if hasattr(cell.estimator(), "check_training"):
+    if isinstance(cell.estimator(), Search):
         raise InputError(f"model={cell.model.name} searches by itself; choose over= of a model that does not")
     if over == "features":
         if not cell.features:
             raise InputError(f"over=features: model={cell.model.name} takes none; choose over= one of its parameters")
-        return {"space": fixed, "counts": COUNTS} | how
-    if over not in usual:
-        raise InputError(f"over={over}: {nearest(over, [*usual, 'features'])}")
+        return {"space": fixed} | how
+    if over not in usual or over == "seed":
+        raise InputError(f"over={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}")
     if isinstance(usual[over], bool) or not isinstance(usual[over], int | float):
         raise InputError(f"over={over}: it has no sizes to choose from; choose over= a parameter that is a number")
     kind = type(usual[over])
-    chosen = [kind(usual[over] * share) for share in SHARES]
-    if listed is not None:
-        chosen = [convert(f"model.{over}", text, usual[over]) for text in items(f"model.{over}", listed)]
-    return {"space": fixed | {over: sorted({v for v in chosen if v > 0})}} | how
+    if listed is None:
+        chosen = {kind(usual[over] * share) for share in SHARES} - {0}
+    else:
+        chosen = {convert(f"model.{over}", text, usual[over]) for text in items(f"model.{over}", listed)}
+    if not chosen:
+        raise InputError(f"over={over}: its default is {usual[over]}; give values, such as model.{over}=1,2")
+    for value in sorted(chosen):
+        check_values(load("models", cell.model.name), {over: value})
+    return {"space": fixed | {over: sorted(chosen)}} | how

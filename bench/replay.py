@@ -323,7 +323,7 @@ def decision_latency(estimator: object, begun: Corpus, instants: np.ndarray) -> 
     seen = instants[np.unique(np.linspace(0, len(instants) - 1, TIMED_INSTANTS).astype(int))]
     spent = []
     for i in chosen:
-        for frames in seen[seen <= begun.lengths[i]]:
+        for frames in np.unique(np.minimum(seen, begun.lengths[i])):  # its end is a decision, too
             spent.append(milliseconds(estimator.predict, prefix(begun[i : i + 1], frames).detached())[0])
     return spent
 

@@ -152,7 +152,11 @@ class Recogniser(mlflow.pyfunc.PythonModel):
 
 def requirements(plugins: list[str]) -> list[str]:
     """What a model needs besides touchbench's own code, which goes with it, at the versions that are installed."""
-    names = [re.match(r"[\w.-]+", line)[0] for line in requires("touchbench") if "extra ==" not in line]
+    names = []
+    for line in requires("touchbench"):
+        extra = re.search(r"extra == [\"'](.+?)[\"']", line)
+        if not extra or extra[1] in plugins:  # a system that needs more has an extra of its name
+            names.append(re.match(r"[\w.-]+", line)[0])
     for room in ("models", "features"):
         names += [e.dist.name for e in entry_points(group=f"touchbench.{room}") if e.name in plugins]
     found = {}

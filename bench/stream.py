@@ -15,7 +15,7 @@ from rich.table import Table
 from bench.cells import PARTS, Cell, cells, convert, items, parse
 from bench.corpus import Corpus, InputError
 from bench.fold import FoldResult
-from bench.replay import Replay, by_instant, by_threshold, learned_point, standing, stopped, stream_fold
+from bench.replay import INNER, Replay, by_instant, by_threshold, learned_point, standing, stopped, stream_fold
 from bench.run import begun, console, ended, interrupted, jobs_of, planned, run_cell
 from bench.runner import Fold
 from bench.source import source_digest
@@ -116,7 +116,11 @@ def check(cell: Cell, corpus: Corpus, folds: list[Fold]) -> None:
                 f"protocol={cell.protocol}: fold {fold.name} trains on one subject, and when to stop is learned by "
                 "leaving training subjects out; choose another protocol or more captures"
             )
-        if any(len(set(gestures[inner])) < 2 for inner, _ in inner_folds(subjects, "3")):
+        inner_parts = [inner for inner, _ in inner_folds(subjects, INNER)]
+        if hasattr(estimator := cell.estimator(), "check_training"):
+            for inner in inner_parts:
+                estimator.check_training(corpus[fold.train][inner], gestures[inner])
+        if any(len(set(gestures[inner])) < 2 for inner in inner_parts):
             raise InputError(
                 f"protocol={cell.protocol}: leaving training subjects of fold {fold.name} out leaves one "
                 f"{corpus.target}; choose another protocol or more captures"

@@ -10,6 +10,7 @@ from bench.cells import PARTS, Cell, cells, convert, items, parse
 from bench.errors import InputError
 from bench.registry import load, nearest, parameters
 from bench.run import execute, jobs_of
+from models.tuning import Search
 
 OPTIONS = {"trials": 50, "inner": "3", "budget": float("inf"), "objective": "accuracy"}
 KEYS = {"data", "where", "target", "seed", "jobs", *OPTIONS, *PARTS}
@@ -42,7 +43,7 @@ def tune(arguments: list[str]) -> int:
 def _tuning(cell: Cell, given: dict[str, str], how: dict[str, object]) -> dict[str, object]:
     model = load("models", cell.model.name)
     usual = parameters(model)
-    if hasattr(cell.estimator(), "check_training"):
+    if isinstance(cell.estimator(), Search):
         raise InputError(f"model={cell.model.name} searches by itself; use bench run model={cell.model.name}")
     space = {
         name: list(
@@ -53,7 +54,7 @@ def _tuning(cell: Cell, given: dict[str, str], how: dict[str, object]) -> dict[s
     }
     for name, values in space.items():
         for value in values:
-            _check(model, {name: value})
+            check_values(model, {name: value})
     if all(len(values) == 1 for values in space.values()):
         if not hasattr(model, "space"):
             raise InputError(
@@ -65,7 +66,7 @@ def _tuning(cell: Cell, given: dict[str, str], how: dict[str, object]) -> dict[s
     return {"space": space} | ({} if whole else {"trials": OPTIONS["trials"]}) | how
 
 
-def _check(model: Callable, values: dict[str, object]) -> None:
+def check_values(model: Callable, values: dict[str, object]) -> None:
     """Refuse a value that the model refuses, before anything is run."""
     handed = {"features": "passthrough"} if "features" in signature(model).parameters else {}
     made = model(**handed, **values)

@@ -14,6 +14,7 @@ from features.base import FeatureSet
 FLAT = 1e-9  # a column whose spread is below this share of its largest magnitude is constant but for rounding
 LDA_RIDGE = 1e-3  # of standardised columns
 FOLDS = 5
+COUNTS = (2, 4, 8, 16, 32)  # of columns, besides all of them, where the smallest number that suffices is sought
 STEPS = 3  # times `selected`
 
 

@@ -68,6 +68,8 @@ class CNN85(WindowNet):
             InputError: a count below 1, no width, or an unknown padding or list of rates.
         """
         super().check()
+        if (self.hop or 1) > self.frames:
+            raise InputError(f"model.hop={self.hop}: frames between windows of {self.frames} would never be seen")
         if not 0 < self.width <= 16:
             raise InputError(f"model.width={self.width:g}: give a share of the published width, above 0 and up to 16")
         for name, known in (("padding", ("zero", "edge")), ("rates", tuple(RATES))):

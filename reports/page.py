@@ -235,7 +235,7 @@ def group_blocks(
             pd.DataFrame(),
             pd.DataFrame(),
         )
-    first = runs.iloc[0].to_dict()
+    first = runs[runs["status"] == "FINISHED"].iloc[0].to_dict()
     kept = subjects.iloc[: statistics.RANKED]
     ratio = statistics.shared_training(first)
     rows = statistics.against_best(kept, fold_table(client, runs, kept, ratio), ratio)

@@ -18,7 +18,7 @@ def command(run: dict) -> str:
     """
     space = run.get("tuning.space")
     tuned = isinstance(space, str)
-    chosen = tuned and run.get("tuning.objective") == "smallest"
+    chosen = isinstance(run.get("tuning.over"), str)
     words = [f"bench {'choose' if chosen else 'tune' if tuned else 'run'}", f"data={run['data']}"]
     words += [f"{k}={v}" for k, v in sorted(run.items()) if k.startswith("data.") and isinstance(v, str)]
     words += [] if run["subset"] == "all" else [f"where={run['subset']}"]
@@ -49,8 +49,7 @@ def _searched(run: dict, space: str, chosen: bool) -> list[str]:
     }
     words = [f"model.{name}={values}" for name, values in lists.items()]
     if chosen:
-        over = [name for name, values in lists.items() if "," in values]
-        words.append("over=features" if isinstance(run.get("tuning.counts"), str) else f"over={(over or [*lists])[-1]}")
+        words.append(f"over={run['tuning.over']}")
     how = [k for k in HOW if isinstance(run.get(f"tuning.{k}"), str) and not (chosen and k != "inner")]
     return words + [f"{k}={run[f'tuning.{k}']}" for k in how]
 

@@ -1,5 +1,7 @@
 """The choice among candidates against hand-made ones, and over a parameter inside the folds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,6 +10,7 @@ from scipy.stats import ttest_rel
 from bench.choose import candidates, decide, quantity, sentences
 from bench.cli import main
 from bench.errors import InputError
+from bench.store import open_corpus
 from bench.tracking import connect
 
 SMALL = ["data.subjects=4", "data.repetitions=2"]
@@ -111,6 +114,24 @@ def test_a_replayed_system_decides_within_the_budget(capsys, tmp_path):
     assert "Choose bayes · jung28 (first 244 ms)" in capsys.readouterr().out
     found, *_ = candidates({"max_decision": "1ms"})
     assert list(found["unit"]) == ["capture"]
+    assert main(["stream", "model=bayes", "features=jung28", "hop_ms=150", f"out={tmp_path}", *SMALL]) == 0
+    found, *_ = candidates({"max_decision": "345ms"})  # replayed in two ways: both are there
+    assert set(found["unit"]) == {"capture", "first 244 ms", "first 296 ms"}
+
+
+def test_a_change_of_the_selection_is_another_run(monkeypatch):
+    from bench import cells as module
+
+    values = {"model": "bayes", "features": "jung28", "data.subjects": "2"}
+    (cell,) = module.cells(values)
+    corpus = open_corpus("synth", cell.data_parameters)
+    chosen = replace(cell, tuning={"space": {}, "over": "features", "objective": "smallest"})
+    before = [cell.key(corpus, 1), chosen.key(corpus, 1)]
+    original = module.source_digest
+    monkeypatch.setattr(
+        module, "source_digest", lambda m: original(m) + "!" * (getattr(m, "__name__", "") == "features.selection")
+    )
+    assert [cell.key(corpus, 1) == before[0], chosen.key(corpus, 1) == before[1]] == [True, False]
 
 
 def test_over_a_parameter_and_over_features(capsys):
@@ -123,6 +144,8 @@ def test_over_a_parameter_and_over_features(capsys):
     for wrong, told in (
         (["model=rf", "over=tree"], "over=tree: did you mean trees"),
         (["model=svm", "over=kernel"], "no sizes"),
+        (["model=rf", "over=seed"], "over=seed"),
+        (["model=cnn85", "over=width", "model.width=20,40"], "model.width=20: give a share"),
         (["model=cnn85", "over=features"], "takes none"),
         (["model=jung2017_tree", "over=features"], "searches by itself"),
         (["model=rf", "over=trees", "by=flash"], "leave out over="),

@@ -14,6 +14,7 @@ from bench.cells import cells
 from bench.cli import main
 from bench.corpora.table import from_frame, read_unlabelled
 from bench.corpus import Corpus, InputError
+from bench.saved import requirements
 from bench.store import open_corpus
 from tests.bench.test_run import runs
 from tests.conftest import random_corpus
@@ -211,3 +212,11 @@ def test_captures_without_labels_are_read(tmp_path):
     with pytest.raises(InputError, match="input, row 3: capture is empty"):
         from_frame(table.assign(capture=[None if i == 2 else "a" for i in range(len(table))]), channels, 100.0, (2, 3),
                    1023.0, "input")  # fmt: skip
+
+
+def test_a_system_with_an_extra_brings_what_the_extra_names():
+    assert f"aeon=={version('aeon')}" in requirements(["rocket", "jung54"])
+    usual = requirements(["svm", "jung54"])
+    assert f"mlflow=={version('mlflow')}" in usual and not {"aeon", "pytest", "ruff"} & {
+        u.split("==")[0] for u in usual
+    }

@@ -26,6 +26,7 @@ from bench.replay import (
     Replay,
     by_instant,
     by_threshold,
+    decision_latency,
     learn_stopping,
     learned,
     learned_point,
@@ -42,6 +43,13 @@ from tests.conftest import random_corpus, with_other_values
 
 SMALL = ["model=bayes", "data.subjects=3", "data.variants=normal", "hop_ms=600", "jobs=2"]
 PLAIN = Calibration(1.0, 1.0, 1.0, 1.0)
+
+
+def test_a_decision_is_timed_where_no_capture_reaches_the_first_instant():
+    corpus = random_corpus(longest=30)
+    assert list(Replay(60_000.0).instants(300, 100.0)) == [300]
+    spent = decision_latency(Rising().fit(corpus, corpus.gestures), corpus, np.array([300]))
+    assert len(spent) == 20 and min(spent) > 0
 
 
 class Rising(ClassifierMixin, BaseEstimator):

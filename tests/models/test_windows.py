@@ -182,6 +182,8 @@ def test_the_toolbox_tries_more_rates(corpus):
     assert model.history_[0]["rate"] in (1, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001, 0.0005)
     with pytest.raises(InputError, match="model.padding=mirror: give zero or edge"):
         CNN85(padding="mirror").check()
+    with pytest.raises(InputError, match="model.hop=40: frames between windows of 20"):
+        CNN85(frames=20, hop=40).check()
 
 
 def test_an_epoch_leaves_out_only_the_incomplete_batch(corpus):

@@ -218,8 +218,12 @@ def test_published_numbers_stand_beside_the_runs_they_belong_to(client):
           "tuning.space": "{'C': [1.0, 2.0], 'gamma': Range(low=0.1, high=1.0, log=True)}"},
          "bench tune data=haart protocol=loso model=svm features=gaus model.C=1.0,2.0 trials=9 seed=1"),
         ({"system": "tuned cnn85[frames=10|85]", "model": "cnn85", "tuning.space": "{'frames': [10, 85]}",
-          "tuning.inner": "3", "tuning.objective": "smallest", "seed": "0"},
+          "tuning.inner": "3", "tuning.objective": "smallest", "tuning.over": "frames", "seed": "0"},
          "bench choose data=haart protocol=loso model=cnn85 model.frames=10,85 over=frames inner=3"),
+        ({"system": "tuned svm[C, gamma] · gaus", "model": "svm", "seed": "0", "tuning.objective": "smallest",
+          "tuning.space": "{'C': [8.0, 32.0], 'gamma': [0.1, 1.0]}", "tuning.trials": "3"},
+         "bench tune data=haart protocol=loso model=svm features=gaus model.C=8.0,32.0 model.gamma=0.1,1.0 "
+         "trials=3 objective=smallest"),
     ],
 )  # fmt: skip
 def test_commands_from_what_is_tracked(run, line):
