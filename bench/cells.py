@@ -127,7 +127,7 @@ def parse(arguments: list[str], known: set[str]) -> dict[str, str]:
     for argument in arguments:
         key, equals, value = argument.partition("=")
         if not equals or not key or not value:
-            raise InputError(f"{argument!r} is not key=value; write for example model=svm")
+            raise InputError(f"{argument!r} is not key=value; keys: {', '.join(sorted(known))}")
         if key in values:
             raise InputError(f"{key}= is given twice; write {key}={values[key]},{value} for both")
         if key.split(".")[0] not in known or ("." in key and key.split(".")[0] not in (*PARTS, "data")):

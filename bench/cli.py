@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
-from pathlib import Path
 
 from bench.errors import InputError
 from bench.registry import names, nearest
@@ -192,38 +192,50 @@ Rebuilds the published comparison from MLflow and the numbers of the papers alon
   *.csv           comparison (all runs), published, recomputed, statistics, provenance
   figures/        every figure as PNG and SVG
 """
+GALLERY = """\
+bench gallery [out=gallery]
+
+Draws every kind of figure there is, from generated captures: runs a few systems in a store inside the folder out=,
+then bench stress, bench stream and bench report. Takes some minutes; an interrupted command goes on where it stopped.
+"""
 UI = """\
 bench ui [port=5000]
 
 Opens MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI, on this machine only.
 """
-SUMMARY = {
-    "run": "run recognisers under a protocol and track them",
-    "tune": "search the parameters of recognisers inside each training part",
-    "choose": "find the cheapest system that is as good as the best",
-    "stress": "find where recognisers fail: faults of the sensor, subjects, conditions",
-    "stream": "replay captures as a robot sees them, or decide on frames from standard input",
-    "fit": "train one system on all captures and save it as an MLflow model",
-    "predict": "label the captures of a file with a saved model",
-    "check": "compare with a stored baseline, a gate for CI",
-    "systems": "list every published number and the command that repeats it",
-    "extract": "write a table of features",
-    "data": "list, import and export corpora",
-    "report": "rebuild the published comparison, its statistics and figures from MLflow",
-    "ui": "open MLflow's page on the runs",
+COMMANDS = {
+    "run": ("bench.run:run", "run recognisers under a protocol and track them", RUN),
+    "tune": ("bench.tune:tune", "search the parameters of recognisers inside each training part", TUNE),
+    "choose": ("bench.choose:choose", "find the cheapest system that is as good as the best", CHOOSE),
+    "stress": (
+        "bench.stress:stress",
+        "find where recognisers fail: faults of the sensor, subjects, conditions",
+        STRESS,
+    ),
+    "stream": (
+        "bench.stream:stream",
+        "replay captures as a robot sees them, or decide on frames from standard input",
+        STREAM,
+    ),
+    "fit": ("bench.fit:fit", "train one system on all captures and save it as an MLflow model", FIT),
+    "predict": ("bench.fit:predict", "label the captures of a file with a saved model", PREDICT),
+    "check": ("bench.check:check", "compare with a stored baseline, a gate for CI", CHECK),
+    "systems": ("bench.systems:systems", "list every published number and the command that repeats it", SYSTEMS),
+    "extract": ("bench.extract:extract", "write a table of features", EXTRACT),
+    "data": ("bench.data:data", "list, import and export corpora", DATA),
+    "report": ("bench.show:report", "rebuild the published comparison, its statistics and figures from MLflow", REPORT),
+    "gallery": ("bench.gallery:gallery", "draw every kind of figure, from generated captures", GALLERY),
+    "ui": ("bench.show:ui", "open MLflow's page on the runs", UI),
 }
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; an `InputError` is one line and exit code 2."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    commands = {"run": _run, "tune": _tune, "choose": _choose, "systems": _systems, "extract": _extract, "data": _data}
-    commands |= {"stress": _stress, "stream": _stream, "fit": _fit, "predict": _predict, "check": _check}
-    commands |= {"report": _report, "ui": _ui}
     try:
         if not arguments or arguments[0] in ("-h", "--help", "help"):
             print("bench: which recogniser of touch gestures should I ship?\n")
-            print("\n".join(f"  bench {name:8}{line}" for name, line in SUMMARY.items()))
+            print("\n".join(f"  bench {name:8}{summary}" for name, (_, summary, _) in COMMANDS.items()))
             print("\nbench COMMAND --help tells more of each.")
             return 0
         if arguments[0] == "--version":
@@ -232,12 +244,13 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"touchbench {version('touchbench')}")
             return 0
         name, *rest = arguments
-        if name not in commands:
-            raise InputError(f"no command is called {name!r}; {nearest(name, commands)}")
+        if name not in COMMANDS:
+            raise InputError(f"no command is called {name!r}; {nearest(name, COMMANDS)}")
         if {"-h", "--help"} & set(rest):
             print(_help(name), end="")
             return 0
-        code = commands[name](rest)
+        module, function = COMMANDS[name][0].split(":")
+        code = getattr(importlib.import_module(module), function)(rest)
         sys.stdout.flush()
         return code
     except InputError as e:
@@ -252,166 +265,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _help(name: str) -> str:
-    texts = {"run": RUN, "tune": TUNE, "choose": CHOOSE, "systems": SYSTEMS, "extract": EXTRACT, "data": DATA}
-    texts |= {"stress": STRESS, "stream": STREAM, "fit": FIT, "predict": PREDICT, "check": CHECK}
-    texts |= {"report": REPORT, "ui": UI}
-    text = texts[name]
+    text = COMMANDS[name][2]
     if name == "run":
         rooms = {room: ", ".join(names(room)) for room in ("protocols", "models", "features")}
         text = text.format(data="synth (generated)", **rooms)
     return text
-
-
-def _run(arguments: list[str]) -> int:
-    from bench.run import run
-
-    return run(arguments)
-
-
-def _tune(arguments: list[str]) -> int:
-    from bench.tune import tune
-
-    return tune(arguments)
-
-
-def _choose(arguments: list[str]) -> int:
-    from bench.choose import choose
-
-    return choose(arguments)
-
-
-def _stress(arguments: list[str]) -> int:
-    from bench.stress import stress
-
-    return stress(arguments)
-
-
-def _stream(arguments: list[str]) -> int:
-    from bench.stream import stream
-
-    return stream(arguments)
-
-
-def _fit(arguments: list[str]) -> int:
-    from bench.fit import fit
-
-    return fit(arguments)
-
-
-def _predict(arguments: list[str]) -> int:
-    from bench.fit import predict
-
-    return predict(arguments)
-
-
-def _check(arguments: list[str]) -> int:
-    from bench.check import check
-
-    return check(arguments)
-
-
-def _systems(arguments: list[str]) -> int:
-    if arguments:
-        raise InputError(f"bench systems takes no arguments, here is {arguments[0]!r}")
-    from bench.systems import systems
-
-    return systems()
-
-
-def _extract(arguments: list[str]) -> int:
-    from bench.extract import extract
-
-    return extract(arguments)
-
-
-def _data(arguments: list[str]) -> int:
-    match arguments:
-        case []:
-            return _list_corpora()
-        case ["import", kind, source, *options]:
-            return _import(kind, Path(source), options)
-        case ["export", name, target, *options]:
-            return _export(name, Path(target), options)
-    raise InputError(f"bench data {' '.join(arguments)}: not understood; see bench data --help")
-
-
-def _list_corpora() -> int:
-    from bench.corpus import home
-    from bench.store import overview
-
-    print(f"Corpora in {home()}\n")
-    print("synth\n  generated on demand, any number of subjects and repetitions; synthetic, says nothing about people")
-    for row in overview():
-        print(
-            f"{row['data']}\n  {row['captures']} captures, {row['subjects']} subjects, {row['gestures']} gestures, "
-            f"{row['frames']} frames of {row['grid']} at {row['rate_hz']:g} Hz\n  columns: {row['columns']}\n"
-            f"  digest:  {row['digest']}\n  source:  {row['source']}\n  licence: {row['licence']}"
-        )
-    return 0
-
-
-def _options(arguments: list[str]) -> dict[str, str]:
-    options = {}
-    for argument in arguments:
-        key, equals, value = argument.partition("=")
-        if not equals or not key or not value:
-            raise InputError(f"{argument!r} is not key=value; see bench data --help")
-        options[key] = value
-    return options
-
-
-def _import(kind: str, source: Path, options: list[str]) -> int:
-    from bench.store import import_corpus
-
-    corpus = import_corpus(kind, source, _options(options))
-    for line in corpus.info["warnings"]:
-        print(f"warning: {line}", file=sys.stderr)
-    print(
-        f"{corpus.name}: {len(corpus)} captures, {len(set(corpus.subjects))} subjects, "
-        f"{len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of {corpus.grid[0]}x{corpus.grid[1]} "
-        f"at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}"
-    )
-    return 0
-
-
-def _export(name: str, target: Path, arguments: list[str]) -> int:
-    options = _options(arguments)
-    if (form := options.pop("format", "cost")) != "cost":
-        raise InputError(f"format={form}: only format=cost can be written")
-    from bench.cells import corpus_variants
-    from bench.corpora.cost import write
-    from bench.store import open_corpus
-
-    variants = corpus_variants({f"data.{k}": v for k, v in options.items()}, name, [name])
-    if len(variants) > 1:
-        raise InputError("bench data export writes one corpus; give one value of each parameter")
-    corpus = open_corpus(name, variants[0])
-    write(corpus, target)
-    kind = "synthetic " if corpus.synthetic else ""
-    print(f"{target}: {len(corpus)} {kind}captures, {len(corpus.frames)} rows, digest {corpus.digest[:16]}")
-    return 0
-
-
-def _report(arguments: list[str]) -> int:
-    options = _options(arguments)
-    out = Path(options.pop("out", "report"))
-    if options:
-        raise InputError(f"no key is called {next(iter(options))!r}; {nearest(next(iter(options)), ['out'])}")
-    from bench.tracking import connect
-    from reports.page import write_report
-
-    for path in write_report(connect(), out):
-        print(path)
-    return 0
-
-
-def _ui(arguments: list[str]) -> int:
-    options = _options(arguments)
-    port = options.pop("port", "5000")
-    if options or not port.isdecimal():
-        raise InputError(f"bench ui {' '.join(arguments)}: give port= and a number, or nothing")
-    from bench.tracking import connect, store_uri
-
-    connect()
-    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store_uri(), "--port", port]
-    os.execv(sys.executable, [*command, "--host", "127.0.0.1"])

@@ -21,10 +21,9 @@ from bench.runner import Fold
 from bench.source import source_digest
 from bench.tracking import CellRun, costs, tags_of
 from models.tuning import inner_folds
-from reports.streaming import figure, write_streaming
+from reports.streaming import SHOWN_MS, figure, write_streaming
 
 KEYS = {"data", "where", "target", "seed", "jobs", "hop_ms", "start", "out", "source", "window_ms", *PARTS}
-SHOWN_MS = (250, 500, 1000, 2000)
 
 
 def stream(arguments: list[str]) -> int:

@@ -25,7 +25,7 @@ from bench.run import begun, ended, interrupted, jobs_of, output, planned, run_c
 from bench.source import source_digest
 from bench.stress_fold import COLUMNS, seed_of, stress_fold, subset
 from bench.tracking import CellRun
-from reports import stability
+from reports import stability, stability_tables
 
 KEYS = {*RUN_KEYS, "faults", "train_subjects", "out"}
 TAKEN = {*COLUMNS, "start", "frames", "hit"}  # columns of the table, which a corpus cannot have too
@@ -177,15 +177,15 @@ def _report(client: object, found: list[tuple[str, stability.Analysis]], out: Pa
             folder = out / name if out / name not in used else out / f"{name}-{len(used) + 1}"
         used.add(folder)
         analyses = [analysis for _, analysis in members]
-        paths = stability.write(analyses, folder)
+        paths = stability_tables.write(analyses, folder)
         for run, analysis in members:
             for path in paths:
                 client.log_artifact(run, str(path), "stability")
             if seeds := stability.seeds([a for a in analyses if a.system == analysis.system]).to_dict("records"):
                 client.log_metric(run, "seed_accuracy_sd", seeds[0]["sd"])
                 client.log_metric(run, "seed_labels_changed", seeds[0]["changed"])
-        screen.print(escape(stability.title(analyses[0])), style="bold")
-        for heading, note, table in stability.sections(analyses):
+        screen.print(escape(stability_tables.title(analyses[0])), style="bold")
+        for heading, note, table in stability_tables.sections(analyses):
             _print(screen, heading, note, table)
         screen.print(f"tables and figures: {escape(str(folder))}", soft_wrap=True)
 

@@ -6,14 +6,21 @@ import shlex
 
 import pandas as pd
 
+from bench.errors import InputError
 from bench.registry import names
 from reports.comparison import published
 
 UNREAD = {"abstract-only", "unknown", "not-a-target"}
 
 
-def systems() -> int:
-    """Print id, published accuracy and command of every row of ``published.csv``, paper by paper."""
+def systems(arguments: list[str]) -> int:
+    """Print id, published accuracy and command of every row of ``published.csv``, paper by paper.
+
+    Raises:
+        InputError: there are arguments.
+    """
+    if arguments:
+        raise InputError(f"bench systems takes no arguments, here is {arguments[0]!r}")
     rows = published()
     rows = rows.assign(command=[command(row) for row in rows.itertuples()])
     width = rows["id"].str.len().max()

@@ -70,15 +70,28 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         except (RuntimeError, AssertionError) as e:
             raise InputError(f"model.device={self.device}: {str(e).splitlines()[0]}; give cpu") from e
 
-    def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
-        """Train on captures and their class names.
+    def check_training(self, X: Corpus, y: np.ndarray) -> np.ndarray:
+        """Captures of the training subject that chooses the epoch, bool [captures], before anything is run.
 
         Raises:
             InputError: a system that lets one training subject choose the epoch has only one.
         """
+        if not self.holds_out:
+            return np.zeros(len(X), dtype=bool)
+        names = np.unique(X.subjects.astype(str))
+        if len(names) < 2:
+            raise InputError(f"{type(self).__name__} lets one training subject choose the epoch; train on two or more")
+        return X.subjects == names[np.random.default_rng(self.seed).integers(len(names))]
+
+    def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
+        """Train on captures and their class names.
+
+        Raises:
+            InputError: as of `check_training`.
+        """
         self.check()
         self.classes_, codes = np.unique(y, return_inverse=True)
-        held = self._held(X.subjects)
+        held = self.check_training(X, y)
         samples = self.training_samples(X[~held])
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
@@ -91,15 +104,6 @@ class WindowNet(ClassifierMixin, BaseEstimator):
             self.history_ = self.learn(net, samples, codes[~held][samples.capture], judge)
         self.activations_ = activations(net, moved(samples.batch(np.arange(1)), torch.device(self.device)))[0]
         return self
-
-    def _held(self, subjects: np.ndarray) -> np.ndarray:
-        """Captures of the training subject that chooses the epoch, bool [captures]."""
-        if not self.holds_out:
-            return np.zeros(len(subjects), dtype=bool)
-        names = np.unique(subjects.astype(str))
-        if len(names) < 2:
-            raise InputError(f"{type(self).__name__} lets one training subject choose the epoch; train on two or more")
-        return subjects == names[np.random.default_rng(self.seed).integers(len(names))]
 
     def _accuracy(self, X: Corpus, codes: np.ndarray) -> float:
         return float((self.predict_proba(X).argmax(axis=1) == codes).mean())

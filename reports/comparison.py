@@ -108,10 +108,15 @@ def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
             )
     table = pd.DataFrame(rows)
     best = table.groupby(["data", "subset", "protocol", "system"])["accuracy"].transform("max")
-    order = table.assign(best=-best).sort_values(
-        ["data", "subset", "protocol", "best", "system", "seed"], kind="stable"
+    order = table.assign(best=-best, number=table["seed"].map(seed_number)).sort_values(
+        ["data", "subset", "protocol", "best", "system", "number"], kind="stable"
     )
-    return order.drop(columns="best").reset_index(drop=True)
+    return order.drop(columns=["best", "number"]).reset_index(drop=True)
+
+
+def seed_number(seed: str) -> int:
+    """A tracked seed as a number to sort by, 0 for a system that has none."""
+    return int(seed) if seed.lstrip("-").isdecimal() else 0
 
 
 def _published(run: dict, unit: str, numbers: dict[tuple, list]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 from collections.abc import Collection
@@ -54,21 +53,13 @@ class Table:
 
 
 @dataclass(frozen=True)
-class File:
-    """A figure that a run logged."""
-
-    path: Path
-    caption: str
-
-
-@dataclass(frozen=True)
 class Chart:
     """The interactive chart of `reports.speed.chart_data`."""
 
     data: dict[str, object]
 
 
-Block = Heading | Text | Table | Picture | File | Chart
+Block = Heading | Text | Table | Picture | Chart
 
 
 def footnotes(texts: list[list[str]]) -> tuple[list[list[int]], list[str]]:
@@ -90,8 +81,6 @@ def _markdown(block: Block, folder: Path) -> str:
             return ("> **Warning:** " if block.warning else "") + md_escape(block.text)
         case Picture():
             return f"![{md_escape(block.caption)}]({block.paths[0].relative_to(folder).as_posix()})"
-        case File():
-            return f"{md_escape(block.caption)} (in the run's artifacts)"
     lines = [md_escape(block.caption), "", md_table(_with_marks(block), block.code)]
     if block.notes:
         lines += ["", *(f"{i}. {md_escape(note)}" for i, note in enumerate(block.notes, 1))]
@@ -156,10 +145,6 @@ def _html(block: Block, number: int) -> str:
         case Picture():
             drawing = inline_svg(block.paths[1].read_text(encoding="utf-8"), f"f{number}-", block.caption)
             return _figure(drawing, block.caption)
-        case File():
-            kind = "image/svg+xml" if block.path.suffix == ".svg" else "image/png"
-            data = base64.b64encode(block.path.read_bytes()).decode()
-            return _figure(f'<img alt="{escape(block.caption)}" src="data:{kind};base64,{data}">', block.caption)
         case Chart():
             data = json.dumps(block.data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
             return (

@@ -10,17 +10,16 @@ import pandas as pd
 
 from bench import scores
 from bench.errors import InputError
-from reports import artifacts, curves, details, ranks, recomputed, speed, statistics
-from reports.comparison import EXPERIMENT, comparison, published, shown, tracked, with_groups
+from reports import artifacts, behaviour, curves, details, ranks, recomputed, speed, statistics
+from reports.comparison import comparison, published, seed_number, shown, tracked, with_groups
 from reports.figures import Picture
-from reports.layout import Block, Chart, File, Heading, Table, Text, footnotes, markdown, page
+from reports.layout import Block, Chart, Heading, Table, Text, footnotes, markdown, page
 from reports.provenance import provenance, software
 from reports.verdicts import against
 
 GROUPS = 3  # captures-and-protocol groups that get statistics and figures
 SYSTEMS = 2  # systems of a group whose predictions are read and drawn
 ROWS = 300  # of a table on the page; the CSV files hold all
-KINDS = {"stress": "Stress", "stream": "Stream"}  # runs of other commands, which log their own figures
 MIXED = "subjects mixed"  # what the labels of protocols say that do not leave out whole subjects
 
 
@@ -77,9 +76,10 @@ def assemble(
         blocks.append(Text(said))
     for group, (own, _, _) in each.items():
         blocks += [Heading(group[0].upper() + group[1:]), *own]
-    for kind, title in KINDS.items():
-        if found := logged(client, kind):
-            blocks += [Heading(title), *found]
+    for title, found in {
+        "Stress": behaviour.stress_blocks(client, folder), "Stream": behaviour.stream_blocks(client, folder)
+    }.items():  # fmt: skip
+        blocks += [Heading(title), *found] if found else []
     blocks += [Heading("Provenance"), *provenance_blocks(runs, from_runs)]
     tables["statistics"] = pd.concat([found.assign(group=g) for g, (_, found, _) in each.items()], ignore_index=True)
     return blocks, tables | {"provenance": from_runs}
@@ -299,7 +299,12 @@ def detail_figures(
     client: object, runs: pd.DataFrame, subjects: pd.DataFrame, group: str, folder: Path, name: str
 ) -> list[Block]:
     """Figures that need predictions or histories, of the most accurate systems, one seed each, not the luckiest."""
-    complete = runs[runs["status"] == "FINISHED"].sort_values("seed").drop_duplicates("system").set_index("system")
+    complete = (
+        runs[runs["status"] == "FINISHED"]
+        .sort_values("seed", key=lambda c: c.map(seed_number))
+        .drop_duplicates("system")
+        .set_index("system")
+    )
     chosen = {s: complete.loc[s].to_dict() | {"system": s} for s in subjects.index}
     read = {}
     for system in [*chosen][:SYSTEMS]:
@@ -334,36 +339,6 @@ def detail_figures(
     if by_length := curves.lengths(client, runs):
         blocks.append(curves.length_figure(by_length, group, folder, f"{name}-lengths"))
     return blocks
-
-
-def logged(client: object, kind: str) -> list[Block]:
-    """Figures among the artifacts of the newest run of another kind for each data and protocol."""
-    experiment = client.get_experiment_by_name(EXPERIMENT)
-    runs = client.search_runs(
-        [experiment.experiment_id], f"tags.`touchbench.kind` = '{kind}'", order_by=["start_time DESC"], max_results=1000
-    )
-    newest = {}
-    for run in runs:
-        newest.setdefault((run.data.tags.get("data", "-"), run.data.tags.get("protocol", "-")), run)
-    blocks: list[Block] = []
-    for (data, protocol), run in newest.items():
-        mark = " (synthetic)" if run.data.tags.get("synthetic") == "true" else ""
-        row = {"run_id": run.info.run_id, "artifacts": run.info.artifact_uri}
-        for name in figure_names(client, run.info.run_id):
-            if path := artifacts.path_of(client, row, name):
-                blocks.append(File(path, f"{data}{mark}, {protocol}: {Path(name).stem}, {run.info.run_name}"))
-    return blocks
-
-
-def figure_names(client: object, run_id: str, folder: str | None = None) -> list[str]:
-    """Paths of a run's figures, the SVG where there are both."""
-    found = []
-    for entry in client.list_artifacts(run_id, folder):
-        if entry.is_dir:
-            found += figure_names(client, run_id, entry.path)
-        elif Path(entry.path).suffix in (".svg", ".png"):
-            found.append(entry.path)
-    return [n for n in sorted(found) if n.endswith(".svg") or n[:-4] + ".svg" not in found]
 
 
 def provenance_blocks(runs: pd.DataFrame, table: pd.DataFrame) -> list[Block]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from reports.figures import MARKERS
 
@@ -28,14 +29,10 @@ def clear(folder: Path) -> None:
 
 def draw(analyses: list[Analysis], folder: Path) -> list[Path]:
     """All figures for which there is something to show, as PNG and SVG."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     figures = {}
     if len(analyses[0].curves):
-        figures["heat_map"] = heat_map(analyses)
+        losses = pd.DataFrame({a.method: a.margins.set_index("fault")["loss"] for a in analyses}).T
+        figures["heat_map"] = heat_map(losses, [a.clean for a in analyses], ", ".join(analyses[0].context))
         figures["severities"] = severities(analyses)
     if any(len(a.learning) > 1 for a in analyses):
         figures["training_subjects"] = training_subjects(analyses)
@@ -47,45 +44,46 @@ def draw(analyses: list[Analysis], folder: Path) -> list[Path]:
             paths.append(folder / f"stability_{name}.{kind}")
             figure.savefig(paths[-1], dpi=130)
             figure.set_layout_engine("none")  # everything has its place now
-        plt.close(figure)
     return paths
 
 
-def heat_map(analyses: list[Analysis]) -> object:
-    """Mean loss of accuracy over severities, a row for each method and a column for each fault, costliest first."""
-    import matplotlib.pyplot as plt
+def heat_map(losses: pd.DataFrame, clean: list[float], context: str) -> Figure:
+    """Mean loss of accuracy over severities, a row for each method and a column for each fault, costliest first.
 
-    losses = pd.DataFrame({a.method: a.margins.set_index("fault")["loss"] for a in analyses}).T * 100
-    losses = losses[losses.mean().sort_values(ascending=False, kind="stable").index]
-    methods, faults = losses.shape
-    figure, ax = plt.subplots(figsize=(4.2 + 0.62 * faults, 2.6 + 0.42 * methods), layout="constrained")
-    image = ax.imshow(losses, cmap="Greys", vmin=min(0, losses.min().min()), vmax=max(losses.max().max(), 1))
+    Args:
+        losses: shares [methods, faults], NaN where a method did not meet a fault.
+        clean: accuracy of each method without faults.
+        context: data, subset and protocol.
+    """
+    points = 100 * losses[losses.mean().sort_values(ascending=False, kind="stable").index]
+    methods, faults = points.shape
+    figure = Figure(figsize=(4.2 + 0.62 * faults, 2.6 + 0.42 * methods), layout="constrained")
+    ax = figure.subplots()
+    image = ax.imshow(points, cmap="Greys", vmin=min(0, points.min().min()), vmax=max(points.max().max(), 1))
     image.axes.set_aspect("auto")
     for i, j in np.ndindex(methods, faults):
-        value = losses.iloc[i, j]
+        value = points.iloc[i, j]
         dark = image.norm(value) > 0.55
-        ax.text(j, i, f"{value:.0f}".replace("-0", "0"), ha="center", va="center", color="white" if dark else "black")
-    ax.set_xticks(range(faults), [f.replace("_", " ") for f in losses.columns], rotation=40, ha="right",
+        text = "-" if np.isnan(value) else f"{value:.0f}".replace("-0", "0")
+        ax.text(j, i, text, ha="center", va="center", color="white" if dark else "black")
+    ax.set_xticks(range(faults), [f.replace("_", " ") for f in points.columns], rotation=40, ha="right",
                   rotation_mode="anchor")  # fmt: skip
-    ax.set_yticks(range(methods), [f"{a.method} ({100 * a.clean:.0f} % clean)" for a in analyses])
+    ax.set_yticks(range(methods), [f"{m} ({100 * c:.0f} % clean)" for m, c in zip(points.index, clean, strict=True)])
     ax.set_xticks(np.arange(faults - 1) + 0.5, minor=True)
     ax.set_yticks(np.arange(methods - 1) + 0.5, minor=True)
     ax.grid(which="minor", color="white", linewidth=1.5)
     ax.tick_params(which="minor", length=0)
-    _name(figure, analyses, "Points of accuracy lost under each fault, mean over five severities")
+    _name(figure, context, "Points of accuracy lost under each fault, mean over five severities")
     return figure
 
 
-def severities(analyses: list[Analysis]) -> object:
+def severities(analyses: list[Analysis]) -> Figure:
     """Accuracy against severity, a panel for each fault."""
-    import matplotlib.pyplot as plt
-
     faults = list(analyses[0].margins["fault"])
     wide = min(PANELS, len(faults))
     high = -(-len(faults) // wide)
-    figure, axes = plt.subplots(
-        high, wide, figsize=(max(3.1 * wide, 7), 2.3 * high + 1.4), sharey=True, squeeze=False, layout="constrained"
-    )
+    figure = Figure(figsize=(max(3.1 * wide, 7), 2.3 * high + 1.4), layout="constrained")
+    axes = figure.subplots(high, wide, sharey=True, squeeze=False)
     for ax, fault in zip(axes.flat, faults, strict=False):
         for k, a in enumerate(analyses):
             part = a.curves[a.curves["fault"] == fault].sort_values("severity")
@@ -102,12 +100,12 @@ def severities(analyses: list[Analysis]) -> object:
         ax.set_axis_off()
     for ax in axes[:, 0]:
         ax.set_ylabel("accuracy, %", fontsize=8)
-    _name(figure, analyses, "Accuracy under each fault; the dotted line is chance")
+    _name(figure, ", ".join(analyses[0].context), "Accuracy under each fault; the dotted line is chance")
     _legend(figure, axes[0, 0])
     return figure
 
 
-def training_subjects(analyses: list[Analysis]) -> object:
+def training_subjects(analyses: list[Analysis]) -> Figure:
     """Learning curve: accuracy against the number of training subjects, bars are intervals over tested subjects."""
     figure, ax = _single()
     for k, a in enumerate(analyses):
@@ -115,12 +113,16 @@ def training_subjects(analyses: list[Analysis]) -> object:
         _with_bars(ax, k, counts + _aside(k, analyses) * np.ptp(counts), a.learning, a.method)
     ax.set_xticks(counts, [f"{c:g}" for c in counts])
     ax.set_xlabel("training subjects")
-    _name(figure, analyses, "Accuracy by number of training subjects, 95 % intervals over tested subjects")
+    _name(
+        figure,
+        ", ".join(analyses[0].context),
+        "Accuracy by number of training subjects, 95 % intervals over tested subjects",
+    )
     _legend(figure, ax)
     return figure
 
 
-def capture_length(analyses: list[Analysis]) -> object:
+def capture_length(analyses: list[Analysis]) -> Figure:
     """Clean accuracy against the length of a capture, in groups of about equal size."""
     figure, ax = _single()
     for k, a in enumerate(analyses):
@@ -129,7 +131,7 @@ def capture_length(analyses: list[Analysis]) -> object:
         _with_bars(ax, k, np.arange(len(part)) + _aside(k, analyses) * len(part), part, a.method)
     ax.set_xticks(range(len(part)), part["value"])
     ax.set_xlabel("frames of a capture")
-    _name(figure, analyses, "Accuracy by length of the capture, 95 % intervals over subjects")
+    _name(figure, ", ".join(analyses[0].context), "Accuracy by length of the capture, 95 % intervals over subjects")
     _legend(figure, ax)
     return figure
 
@@ -143,10 +145,9 @@ def _shortest(frames: str) -> int:
     return int(frames.split(" ")[0])
 
 
-def _single() -> tuple[object, object]:
-    import matplotlib.pyplot as plt
-
-    figure, ax = plt.subplots(figsize=(7, 4.6), layout="constrained")
+def _single() -> tuple[Figure, object]:
+    figure = Figure(figsize=(7, 4.6), layout="constrained")
+    ax = figure.subplots()
     ax.set_ylabel("captures labelled correctly, %")
     ax.grid(alpha=0.3)
     return figure, ax
@@ -170,5 +171,5 @@ def _legend(figure: object, ax: object) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, len(labels)), fontsize=8)
 
 
-def _name(figure: object, analyses: list[Analysis], what: str) -> None:
-    figure.suptitle(f"{what}\n{', '.join(analyses[0].context)}", fontsize=10)
+def _name(figure: object, context: str, what: str) -> None:
+    figure.suptitle(f"{what}\n{context}", fontsize=10)

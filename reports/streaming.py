@@ -10,6 +10,7 @@ from bench.errors import InputError
 from reports.figures import MARKERS
 
 DASHES = ("-", "--", "-.", ":")
+SHOWN_MS = (250, 500, 1000, 2000)  # what is printed of the curve
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature
 SAME = ["data", "subset", "target", "protocol_label", "start"]
 
@@ -55,6 +56,15 @@ def stream_of(client: object, run_id: str) -> dict[str, object]:
 
 
 def figure(rows: list[dict[str, object]], folder: Path) -> list[Path]:
+    """Write what `draw` draws as ``streaming.png`` and ``.svg``."""
+    fig = draw(rows)
+    paths = [folder / "streaming.png", folder / "streaming.svg"]
+    for path in paths:
+        fig.savefig(path, dpi=130)
+    return paths
+
+
+def draw(rows: list[dict[str, object]]) -> object:
     """Accuracy against time seen, and fixed windows beside adaptive stopping; a row of panels for each comparable set.
 
     Left, the shade behind a line is the bootstrap interval over subjects. Systems differ by marker and dashes, not only
@@ -63,27 +73,24 @@ def figure(rows: list[dict[str, object]], folder: Path) -> list[Path]:
 
     Args:
         rows: as `stream_of` gives them.
-        folder: where ``streaming.png`` and ``.svg`` go.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
+    from matplotlib.patches import Rectangle
     from matplotlib.ticker import LogLocator, NullFormatter
 
     groups: dict[tuple, list[dict]] = {}
     for row in rows:
         groups.setdefault(tuple(row[k] for k in SAME), []).append(row)
-    systems = list(dict.fromkeys(_name(row) for row in rows))
+    systems = list(dict.fromkeys(method(row) for row in rows))
     names = len(systems) + 3
-    fig = plt.figure(figsize=(11.5, 4.4 * len(groups) + 0.22 * names), layout="constrained")
+    fig = Figure(figsize=(11.5, 4.4 * len(groups) + 0.22 * names), layout="constrained")
     axes = fig.subplots(len(groups), 2, squeeze=False, sharey="row")
     for (seen, mean), ((data, subset, target, protocol, start), members) in zip(axes, groups.items(), strict=True):
         low, high = (1000 / rate for rate in PUBLISHED_PER_SECOND[::-1])
         seen.axvspan(low, high, color="0.85", zorder=0)
         for row in members:
-            kind = systems.index(_name(row))
+            kind = systems.index(method(row))
             look = {"color": f"C{kind % 10}", "marker": MARKERS[kind % len(MARKERS)], "markersize": 5}
             fixed, stopping, point = row["instants"], row["stopping"].sort_values("mean_ms"), row["adaptive"]
             seen.plot(fixed["ms"], 100 * fixed["accuracy"], DASHES[kind % len(DASHES)], **look)
@@ -117,7 +124,7 @@ def figure(rows: list[dict[str, object]], folder: Path) -> list[Path]:
         for i in range(len(systems))
     ]
     handles += [
-        plt.Rectangle((0, 0), 1, 1, color="0.85"),
+        Rectangle((0, 0), 1, 1, color="0.85"),
         Line2D([], [], color="0.3", marker="o", markerfacecolor="white", linestyle="--", linewidth=1),
         Line2D([], [], color="0.3", marker="*", markersize=13, markeredgecolor="black", linestyle=""),
     ]
@@ -127,12 +134,9 @@ def figure(rows: list[dict[str, object]], folder: Path) -> list[Path]:
         "right: stopped at the threshold learned on training subjects",
     ]
     fig.legend(handles, systems + told, loc="outside lower left", fontsize=8, frameon=False, handlelength=4)
-    paths = [folder / "streaming.png", folder / "streaming.svg"]
-    for path in paths:
-        fig.savefig(path, dpi=130)
-    plt.close(fig)
-    return paths
+    return fig
 
 
-def _name(row: dict[str, object]) -> str:
+def method(row: dict[str, object]) -> str:
+    """System, and its seed where that is not the usual one."""
     return row["system"] + (f", seed {row['seed']}" if row["seed"] not in ("0", "none") else "")

@@ -14,7 +14,7 @@ import pandas as pd
 
 from bench import scores
 from reports import artifacts, statistics
-from reports.comparison import SAME
+from reports.comparison import SAME, seed_number
 
 # unit_key of published.csv: prefix and name of the metric that is tracked for it.
 UNITS = {
@@ -57,7 +57,7 @@ def against(papers: pd.DataFrame, runs: pd.DataFrame, client: object) -> pd.Data
         about |= {"table4": correction.table4, "table4_sd": correction.table4_sd}
         found = [m for run in own.get(key, []) if (m := _measured(client, run, paper.unit_key))]
         missing = _why_not(paper, here, others.get(key, []))
-        for ours in sorted(found, key=lambda m: m["seed"]) or [{}]:
+        for ours in sorted(found, key=lambda m: seed_number(m["seed"])) or [{}]:
             rows.append(about | _judged(paper, ours, notes, missing))
     return pd.DataFrame(rows)
 

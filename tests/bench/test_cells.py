@@ -112,7 +112,7 @@ def test_mistakes_are_one_line_and_exit_code_2(arguments, message, capsys):
         (["data", "export", "synth", "x.csv", "subject=3"], "no parameter 'subject'"),
         (["report"], "no scored run is tracked here"),
         (["report", "to=x"], "no key is called 'to'"),
-        (["ui", "port=x"], "give port="),
+        (["ui", "port=x"], "give a number"),
     ],
 )
 def test_mistakes_in_other_commands(arguments, message, capsys):

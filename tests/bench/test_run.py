@@ -189,6 +189,12 @@ def test_stores_created_by_several_processes_at_once_are_whole(tmp_path):
     assert len(set(said)) == 1 and all(p.returncode == 0 for p in started)
 
 
+def test_a_system_that_cannot_be_trained_is_refused_before_anything_runs(capsys):
+    assert main(["run", "data.subjects=2", "data.variants=normal", "model=zhou2016_gm_lstm"]) == 2
+    assert "lets one training subject choose the epoch; train on two or more" in capsys.readouterr().err
+    assert not Path("mlflow.db").exists()
+
+
 def test_a_corpus_is_imported_exported_and_selected(tmp_path, capsys):
     assert main(["data", "export", "synth", "out.csv", "format=cost", "subjects=2", "seed=3"]) == 0
     assert "synthetic captures" in capsys.readouterr().out

@@ -16,7 +16,7 @@ from bench.faults import SEVERITIES, known
 from bench.run import KEYS, jobs_of, planned
 from bench.runner import run_folds
 from bench.stress_fold import stress_fold
-from reports import stability
+from reports import stability, stability_tables
 
 
 def main(arguments: list[str]) -> None:
@@ -43,7 +43,7 @@ def main(arguments: list[str]) -> None:
             "subset": cell.where or "all", "target": cell.target, "protocol_label": str(cell.protocol)}  # fmt: skip
     cpu, started = time.process_time(), time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        stability.write([stability.analyse(tags, pd.concat(parts, ignore_index=True))], Path(folder))
+        stability_tables.write([stability.analyse(tags, pd.concat(parts, ignore_index=True))], Path(folder))
     wall, cpu = time.perf_counter() - started, time.process_time() - cpu
     print(f"analysis, tables and figures: {wall:.0f} s ({cpu:.0f} s of CPU)")
 

@@ -161,22 +161,6 @@ def test_figures_of_an_earlier_report_go_and_other_files_stay(quick, client):
     assert not Path("report/figures/9-old-speed.png").exists() and Path("report/figures/mine.png").exists()
 
 
-def test_figures_of_other_kinds_of_runs_are_shown_from_the_newest(quick, client):
-    tracked_run(client, "a", made_up(3))
-    experiment = client.get_experiment_by_name("touchbench").experiment_id
-    for words in ("old", "new"):
-        tags = {"touchbench.kind": "stress", "data": "haart", "protocol": "loso", "synthetic": "false"}
-        run = client.create_run(experiment, run_name=words, tags=tags, start_time=1 + (words == "new")).info.run_id
-        for suffix in ("png", "svg"):
-            Path(f"robust.{suffix}").write_text(f"<svg>{words}</svg>")
-            client.log_artifact(run, f"robust.{suffix}", "figures")
-    report(client)
-    text, found = read()
-    images = [v for v in found.loaded if v.startswith("data:")]
-    assert len(images) == 1 and images[0].startswith("data:image/svg+xml;base64,")
-    assert ">Stress</h2>" in text and "robust, new" in text
-
-
 def test_one_line_where_nothing_is_tracked_or_nothing_can_be_written(quick, client, capsys):
     with pytest.raises(InputError, match="no scored run"):
         page.write_report(client, Path("report"))
@@ -192,6 +176,12 @@ def test_corpora_of_one_name_are_told_apart(client):
         tracked_run(client, "a", made_up(3), corpus_digest=digest)
     groups = set(with_groups(tracked(client))["group"])
     assert groups == {f"synth (synthetic), all, LOSO (3 subjects), corpus {d * 8}" for d in "12"}
+
+
+def test_seeds_are_in_the_order_of_numbers(client):
+    for seed in (10, 9, 100):
+        tracked_run(client, "a", made_up(3), seed=seed)
+    assert comparison(tracked(client), published())["seed"].tolist() == ["9", "10", "100"]
 
 
 def test_published_numbers_stand_beside_the_runs_they_belong_to(client):

@@ -3,11 +3,12 @@
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from bench.cli import main
 from bench.errors import InputError
 from bench.tracking import connect
-from reports.streaming import figure, stream_of, write_streaming
+from reports.streaming import draw, stream_of, write_streaming
 from tests.bench.test_run import runs
 from tests.bench.test_stream import SMALL
 
@@ -34,9 +35,7 @@ def test_tables_and_figure_are_rebuilt_from_the_store(tmp_path):
     assert row["adaptive"]["accuracy"] == parents[0].data.metrics["adaptive_accuracy"]
 
 
-def test_systems_differ_without_colour_and_names_do_not_overlap(tmp_path, monkeypatch):
-    import matplotlib.pyplot as plt
-
+def test_systems_differ_without_colour_and_names_do_not_overlap():
     rows = []
     for i in range(5):
         ms = np.array([60.0, 200, 900])
@@ -45,13 +44,10 @@ def test_systems_differ_without_colour_and_names_do_not_overlap(tmp_path, monkey
         about |= {"subset": "all", "target": "gesture", "protocol_label": "LOSO (4 subjects)", "start": "onset"}
         point = {"mean_ms": 300.0, "accuracy": 0.4, "low": np.nan, "high": np.nan}
         rows.append(about | {"synthetic": "false", "instants": table, "stopping": table, "adaptive": point})
-    kept = []
-    monkeypatch.setattr(plt, "close", kept.append)
-    figure(rows, tmp_path)
-    (fig,) = kept
+    fig = draw(rows)
     lines = fig.axes[0].get_lines()
     assert len({(line.get_linestyle(), line.get_marker()) for line in lines}) == 5
-    fig.canvas.draw()
+    FigureCanvasAgg(fig).draw()
     boxes = [t.get_window_extent() for t in fig.legends[0].get_texts()]
     assert len(boxes) == 8 and not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
     assert not any(box.overlaps(ax.get_tightbbox()) for box in boxes for ax in fig.axes)

@@ -1,0 +1,133 @@
+"""How systems behave under faults and over time, on the page: all methods of each context in one figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+from mlflow.entities import Run
+
+from reports import streaming
+from reports.comparison import EXPERIMENT, seed_number
+from reports.figures import Picture, save
+from reports.layout import Block, Table
+from reports.stability_figures import heat_map
+
+CONTEXTS = 3  # captures-and-protocol groups that are drawn
+METHODS = 10  # of a context
+SAME = ("data", "corpus_digest", "subset", "target", "protocol_label")
+
+
+def stress_blocks(client: object, folder: Path) -> list[Block]:
+    """The loss under each fault, and where each method fails first, of the newest complete stress runs."""
+    blocks: list[Block] = []
+    for number, (context, runs) in enumerate(contexts(client, "stress", SAME).items(), 1):
+        losses = pd.DataFrame({streaming.method(r.data.tags): _under(r, "loss.") for r in runs}).T
+        if not losses.size:  # learning curves alone
+            continue
+        clean = [r.data.metrics["accuracy"] for r in runs]
+        caption = "Points of accuracy lost under each fault, mean over five severities: the costliest fault first."
+        blocks.append(_picture(heat_map(losses, clean, context), folder, f"0-stress-{number}", context, caption))
+        blocks.append(
+            Table(pd.DataFrame([_failing(r) for r in runs]),
+                  f"{context}: where each method fails. Half of the margin over chance is lost at the severity of 1 to "
+                  "5 that stands behind each fault. Failing slices are subjects, gestures, conditions, faults and "
+                  "pairs of these that are significantly below the method's own accuracy (Benjamini-Hochberg); each "
+                  "is in stability/stability_slices.csv of the run.")
+        )  # fmt: skip
+    return blocks
+
+
+def stream_blocks(client: object, folder: Path) -> list[Block]:
+    """Accuracy against touch seen, and what stopping at the learned threshold gives."""
+    blocks: list[Block] = []
+    for number, (context, runs) in enumerate(contexts(client, "stream", (*SAME, "start", "hop")).items(), 1):
+        rows = [streaming.stream_of(client, r.info.run_id) for r in runs]
+        caption = "Left, accuracy against milliseconds of touch seen; right, fixed windows beside adaptive stopping."
+        blocks.append(_picture(streaming.draw(rows), folder, f"0-stream-{number}", context, caption))
+        blocks.append(
+            Table(pd.DataFrame([_over_time(r) for r in runs]),
+                  f"{context}: accuracy of captures in percent after some milliseconds of touch, and of adaptive "
+                  "stopping with the mean of what it saw; computing time of a decision.")
+        )  # fmt: skip
+    return blocks
+
+
+def contexts(client: object, kind: str, same: tuple[str, ...]) -> dict[str, list[Run]]:
+    """Complete runs by what must agree for them to be compared: of each system and its lowest seed the newest.
+
+    A run that met more faults stands before a newer one that met fewer.
+
+    Returns:
+        At most `CONTEXTS` groups, people first and the largest first, each with its `METHODS` most accurate methods.
+    """
+    experiment = client.get_experiment_by_name(EXPERIMENT)
+    asked = f"tags.`touchbench.kind` = '{kind}' and attributes.status = 'FINISHED'"
+    runs = client.search_runs(
+        [experiment.experiment_id], asked, order_by=["attributes.start_time DESC"], max_results=1000
+    )
+    groups: dict[tuple, dict[str, Run]] = {}
+    for run in sorted(runs, key=lambda r: (seed_number(r.data.tags["seed"]), -len(_under(r, "loss.")))):
+        params = run.data.params
+        about = (
+            params
+            | run.data.tags
+            | {k: params.get(f"stream.{k}_ms", params.get(f"stream.{k}", "")) for k in ("start", "hop")}
+        )
+        groups.setdefault(tuple(about[k] for k in same), {}).setdefault(run.data.tags["system"], run)
+    ordered = sorted(groups.values(), key=lambda g: (_synthetic([*g.values()]), -len(g)))
+    found = {}
+    for members in ordered[:CONTEXTS]:
+        best = sorted(members.values(), key=lambda r: -r.data.metrics["accuracy"])[:METHODS]
+        found[_context(best[0], len(members) - len(best))] = best
+    return found
+
+
+def _context(run: Run, left_out: int) -> str:
+    tags, params = run.data.tags, run.data.params
+    parts = [tags["data"] + (" (synthetic)" if _synthetic([run]) else ""), tags["subset"]]
+    parts += [tags["target"]] if tags["target"] != "gesture" else []
+    parts += [tags["protocol_label"]]
+    parts += ["from the middle of the capture"] if params.get("stream.start") == "middle" else []
+    parts += [f"a decision every {hop} ms"] if (hop := params.get("stream.hop_ms", "None")) != "None" else []
+    parts += [f"{left_out} less accurate methods left out"] if left_out else []
+    return ", ".join(parts)
+
+
+def _synthetic(runs: list[Run]) -> bool:
+    return runs[0].data.tags.get("synthetic") == "true"
+
+
+def _under(run: Run, prefix: str) -> dict[str, float]:
+    return {k.removeprefix(prefix): v for k, v in run.data.metrics.items() if k.startswith(prefix)}
+
+
+def _failing(run: Run) -> dict[str, str]:
+    measured, halves = run.data.metrics, sorted(_under(run, "half_margin.").items(), key=lambda item: item[1])
+    return {
+        "method": streaming.method(run.data.tags),
+        "clean %": f"{100 * measured['accuracy']:.1f}",
+        "half of the margin is lost at": ", ".join(f"{k.replace('_', ' ')} {v:.1f}" for k, v in halves) or "nowhere",
+        "failing of tested slices": f"{measured['failing_slices']:.0f} of {measured['tested_slices']:.0f}",
+        **{f"worst {k}": f"{100 * v:.1f}" for k, v in _under(run, "worst.").items()},
+    }
+
+
+def _over_time(run: Run) -> dict[str, str]:
+    measured = run.data.metrics
+
+    def percent(name: str) -> str:
+        return f"{100 * measured[name]:.1f}" if name in measured else "-"
+
+    return {
+        "method": streaming.method(run.data.tags),
+        **{f"{ms} ms": percent(f"accuracy_at_{ms}_ms") for ms in streaming.SHOWN_MS},
+        "whole": percent("accuracy"),
+        "adaptive": percent("adaptive_accuracy"),
+        "after ms": f"{measured['adaptive_ms']:.0f}",
+        "decision ms p50 / p95": f"{measured['decide_ms_p50']:.1f} / {measured['decide_ms_p95']:.1f}",
+    }
+
+
+def _picture(figure: object, folder: Path, name: str, context: str, caption: str) -> Picture:
+    return save(figure, folder, name, name.split("-")[1], context, f"{context}: {caption}")

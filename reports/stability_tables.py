@@ -1,0 +1,221 @@
+"""What `bench stress` found, to read: tables in text for the console and markdown, CSV files and figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bench import scores
+from bench.errors import InputError
+from reports import stability_figures as figures
+from reports.layout import md_table
+from reports.stability import ALPHA, CLEAN, FAMILIES, Analysis, families, ranks, seeds
+
+TOP = 10  # rows of a table
+
+
+def write(analyses: list[Analysis], folder: Path) -> list[Path]:
+    """Write the tables as CSV, ``stability.md``, and the figures as PNG and SVG, for methods of one context.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    tables = {
+        "faults": _joined(analyses, "curves"),
+        "half_margins": _joined(analyses, "margins"),
+        "conditions": _joined(analyses, "conditions"),
+        "learning": _joined(analyses, "learning"),
+        "slices": _joined(analyses, "slices"),
+        "ranks": _in_context(analyses[0], ranks(analyses)),
+        "seeds": _in_context(analyses[0], seeds(analyses)),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        figures.clear(folder)  # of what was asked for before
+        paths = []
+        for name, table in tables.items():
+            paths.append(folder / f"stability_{name}.csv")
+            table.to_csv(paths[-1], index=False)
+        paths.append(folder / "stability.md")
+        paths[-1].write_text(markdown(analyses))
+        return paths + figures.draw(analyses, folder)
+    except OSError as e:
+        raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
+
+
+def _joined(analyses: list[Analysis], name: str) -> pd.DataFrame:
+    parts = []
+    for a in analyses:
+        part = getattr(a, name)
+        parts.append(_in_context(a, part.assign(system=a.system, seed=a.seed)[["system", "seed", *part.columns]]))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _in_context(one: Analysis, table: pd.DataFrame) -> pd.DataFrame:
+    about = dict(zip(("data", "subset", "protocol"), one.context, strict=True))
+    return table.assign(**about)[[*about, *table.columns]]
+
+
+def title(one: Analysis) -> str:
+    """Data, subset and protocol as they stand above every table and figure."""
+    return ", ".join(one.context)
+
+
+def markdown(analyses: list[Analysis]) -> str:
+    """What the console shows, as a page."""
+    lines = ["# Stability", "", f"{title(analyses[0])}.", ""]
+    if "(synthetic)" in analyses[0].data:
+        lines += ["Generated captures: this says nothing about people.", ""]
+    for heading, note, table in sections(analyses):
+        lines += [f"## {heading}", "", *([note, ""] if note else []), *([md_table(table), ""] if len(table) else [])]
+    return "\n".join(lines)
+
+
+def sections(analyses: list[Analysis]) -> list[tuple[str, str, pd.DataFrame]]:
+    """Heading, remark and table (of text) of everything that is shown to a reader, in percent and points."""
+    found = [("Clean", f"Chance is the share of the most frequent class: {percent(analyses[0].chance)} %.",
+              _clean_table(analyses))]  # fmt: skip
+    if len(table := _condition_table(analyses)):
+        found.append(("By class, condition and length", "Accuracy in percent; subjects are in the CSV.", table))
+    if len(analyses[0].curves):
+        note = "Accuracy in percent at severities 1 to 5, mean loss in points, and the lowest severity at which the "
+        note += "accuracy is significantly below the method's own."
+        worst = pd.concat([_worst_faults(a) for a in analyses], ignore_index=True)
+        found.append(("Faults that cost most", note, worst))
+        note = "Interpolated between severities 1 to 5; 0 is the clean accuracy, >5 stands for never."
+        found.append(("Severity at which half of the margin over chance is lost", note, _half_table(analyses)))
+    for a in analyses:
+        faulty = a.slices["fault"] != ""
+        found.append((f"Failing slices: {a.method}", _about_tests(a.slices, ~faulty), _slice_table(a, ~faulty)))
+        if faulty.any():
+            table = _slice_table(a, faulty & ~_as_such(a.slices))
+            heading = f"Pairs that fail under a fault which as such does not yet: {a.method}"
+            found.append((heading, _about_tests(a.slices, faulty), table))
+    if len(analyses) > 1 and len(analyses[0].curves):
+        found.append(("Ranks", "By mean accuracy over severities; Kendall's tau with the clean order.",
+                      _rank_table(analyses)))  # fmt: skip
+    if len(varied := seeds(analyses)):
+        shown = varied.assign(**{c: varied[c].map(percent) for c in ("accuracy", "sd", "lowest", "highest")})
+        shown["changed"] = [f"{r.changed} of {r.captures} ({percent(r.share_changed)} %)" for r in varied.itertuples()]
+        found.append(("Seeds", "", shown[["system", "seeds", "accuracy", "sd", "lowest", "highest", "changed"]]))
+    if any(len(a.learning) > 1 for a in analyses):
+        found.append(("Fewer training subjects", "", _learning_table(analyses)))
+    return found
+
+
+def percent(share: float) -> str:
+    """A share in percent with one decimal."""
+    return "-" if pd.isna(share) else f"{100 * share:.1f}"
+
+
+def _clean_table(analyses: list[Analysis]) -> pd.DataFrame:
+    rows = []
+    for a in analyses:
+        low, high = scores.subject_interval(a.units)
+        row = {"method": a.method, "captures": str(len(a.units)), "accuracy [95 %]": percent(a.clean)}
+        if np.isfinite(low):
+            row["accuracy [95 %]"] += f" [{percent(low)}, {percent(high)}]"
+        for factor, part in a.conditions.groupby("factor", sort=False):
+            worst = part.loc[part["accuracy"].idxmin()]
+            row[f"worst {factor}"] = f"{worst['value']}: {percent(worst['accuracy'])}"
+        rows.append(row)
+    return pd.DataFrame(rows).fillna("-")
+
+
+def _condition_table(analyses: list[Analysis]) -> pd.DataFrame:
+    keys = ["factor", "value"]
+    rest = [a.conditions[a.conditions["factor"] != "subject"].set_index(keys) for a in analyses]
+    shown = {a.method: part["accuracy"].map(percent) for a, part in zip(analyses, rest, strict=True)}
+    table = pd.DataFrame(shown).reindex(rest[0].index)
+    return table.assign(captures=rest[0]["captures"].astype(str)).reset_index()
+
+
+def _worst_faults(a: Analysis) -> pd.DataFrame:
+    worst = a.margins.sort_values("loss", ascending=False).head(TOP)
+    by = a.curves.pivot(index="fault", columns="severity", values="accuracy")
+    failing = a.slices[(a.slices["kind"] == "fault") & a.slices["failing"]]
+    lowest = failing.groupby("fault")["severity"].min()
+    rows = [
+        {"method": a.method, "fault": r.fault, **{str(s): percent(by.loc[r.fault, s]) for s in by.columns},
+         "loss": f"{100 * r.loss:.1f}", "fails from": str(lowest.get(r.fault, "-")),
+         "half of the margin is lost at": r.where}
+        for r in worst.itertuples()
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _half_table(analyses: list[Analysis]) -> pd.DataFrame:
+    top = max(int(a.curves["severity"].max()) for a in analyses)
+    shown = {a.method: a.margins.set_index("fault")["half_margin"] for a in analyses}
+    table = pd.DataFrame(shown).reindex(analyses[0].margins["fault"])
+    text = table.map(lambda v: "no margin" if pd.isna(v) else f">{top}" if np.isinf(v) else f"{v:.1f}")
+    curve = analyses[0].curves
+    unit = curve["amount"].str.partition(" ")
+    amounts = unit[0].groupby(curve["fault"]).agg(", ".join) + " " + unit[2].groupby(curve["fault"]).first()
+    return text.assign(**{"severities 1 to 5": amounts}).rename_axis("fault").reset_index()
+
+
+def _about_tests(found: pd.DataFrame, mask: pd.Series) -> str:
+    """How many slices were tested and failed, and what the number of subjects cannot show."""
+    tested, failing = found[mask & found["tested"]], found[mask & found["failing"]]
+    words = [
+        f"{len(failing)} of {len(tested)} tested slices are below the method's own accuracy (Benjamini-Hochberg, "
+        f"corrected p <= {ALPHA})."
+    ]
+    if untested := int((mask & ~found["tested"]).sum()):
+        words.append(f"{untested} more have too few captures or subjects to be significant, however low they are.")
+    several = tested[tested["subjects"] > 1]
+    if len(several):
+        floor, count = several["floor"].min(), families(tested).value_counts()
+        needed = {name: int(np.ceil(round(len(FAMILIES) * n * floor / ALPHA, 6))) for name, n in count.items()}
+        those = " or ".join(f"{max(n, 1)} {name}" for name, n in needed.items())
+        words.append(
+            f"With {several['subjects'].max()} subjects no p of a slice of several subjects is below {floor:.2g}: such "
+            f"a slice is significant only where {those} have a p that low."
+        )
+    return " ".join(words)
+
+
+def _as_such(found: pd.DataFrame) -> pd.Series:
+    """Slices under a fault that fails at that severity with all captures together, and those faults themselves."""
+    whole = found["kind"] == "fault"
+    failing = found[whole & found["failing"]]
+    return whole | pd.MultiIndex.from_frame(found[["fault", "severity"]]).isin(
+        pd.MultiIndex.from_frame(failing[["fault", "severity"]])
+    )
+
+
+def _slice_table(a: Analysis, mask: pd.Series) -> pd.DataFrame:
+    """The worst failing slices; of a fault, only the lowest severity at which each fails."""
+    failing = a.slices[mask & a.slices["failing"]]
+    if (failing["fault"] != "").any():
+        bare = [n.removesuffix(f"{f} {m}") for n, f, m in failing[["slice", "fault", "amount"]].to_numpy()]
+        failing = failing.assign(bare=bare).sort_values("severity").drop_duplicates(["bare", "fault"])
+        failing = failing.sort_values(["severity", "gap"], ascending=[True, False])
+    else:
+        failing = failing.sort_values("gap", ascending=False)
+    rows = [
+        {"slice": r.slice, "right": f"{r.right} of {r.captures}", "subjects": str(r.subjects),
+         "accuracy": percent(r.accuracy), "below own by": f"{100 * r.gap:.1f}", "p": f"{r.p:.2g}",
+         "corrected p": f"{r.p_corrected:.2g}"}
+        for r in failing.head(TOP).itertuples()
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _rank_table(analyses: list[Analysis]) -> pd.DataFrame:
+    table = ranks(analyses)
+    text = table.drop(columns=["fault", "kendall_tau"]).map(lambda v: "-" if pd.isna(v) else f"{v:g}")
+    tau = table["kendall_tau"].map(lambda v: "-" if pd.isna(v) else f"{v:.2f}")
+    return pd.concat([table["fault"].replace(CLEAN, "clean"), text, tau.rename("Kendall's tau")], axis=1)
+
+
+def _learning_table(analyses: list[Analysis]) -> pd.DataFrame:
+    shown = {
+        a.method: {f"{r.train_subjects:g}": f"{percent(r.accuracy)} [{percent(r.low)}, {percent(r.high)}]"
+                   for r in a.learning.itertuples()}
+        for a in analyses
+    }  # fmt: skip
+    return pd.DataFrame(shown).fillna("-").rename_axis("training subjects").reset_index()
