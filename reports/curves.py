@@ -41,9 +41,11 @@ def training_figure(found: dict[str, dict], group: str, folder: Path, name: str)
         folder: where the files go.
         name: of the files.
     """
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     metrics = [m for m in HISTORY if any(m in h for h in found.values())]
-    size = (4.1 * len(found) + 0.5, 2.3 * len(metrics) + 0.9)
-    figure, axes = new_figure(size, (len(metrics), len(found)), (0.8, 0.15, 0.5, 0.6), (0.85, 0.35), group)
+    size = (4.1 * len(found) + 0.5, 2.3 * len(metrics) + 1.05)
+    figure, axes = new_figure(size, (len(metrics), len(found)), (0.8, 0.15, 0.65, 0.6), (0.85, 0.35), group)
     for column, (system, history) in enumerate(found.items()):
         for row, metric in enumerate(metrics):
             ax = axes[row, column]
@@ -56,6 +58,9 @@ def training_figure(found: dict[str, dict], group: str, folder: Path, name: str)
                 ax.set_axis_off()
             elif metric == "rate":
                 ax.set_yscale("log")
+                ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                ax.yaxis.set_major_formatter("{x:g}")
+                ax.yaxis.set_minor_formatter(NullFormatter())
             ax.set_ylabel(HISTORY[metric].replace("held-out ", "held-out\n"), fontsize=8)
             ax.grid(alpha=0.25)
         axes[0, column].set_title(plain([system])[0], fontsize=8)

@@ -142,7 +142,7 @@ def calibration_figure(
         folder: where the files go.
         name: of the files.
     """
-    figure, axes = new_figure((3.5 * len(found) + 0.3, 3.9), (1, len(found)), (0.6, 0.15, 0.5, 0.75), (0.7, 0), group)
+    figure, axes = new_figure((3.5 * len(found) + 0.3, 4.05), (1, len(found)), (0.6, 0.15, 0.65, 0.75), (0.7, 0), group)
     for i, (ax, (system, (table, gap))) in enumerate(zip(axes[0], found.items(), strict=True)):
         ax.plot([0, 1], [0, 1], color="0.6", linewidth=0.8, linestyle="--")
         ax.plot(table["confidence"], table["accuracy"], color=f"C{i}", linewidth=1)
