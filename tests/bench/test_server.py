@@ -1,0 +1,122 @@
+"""``mlflow server`` as teams have it, on SQLite and on PostgreSQL, with several commands writing at once."""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from bench.cli import main
+from tests.bench.test_run import SMALL
+
+PATIENCE = 180  # seconds for a server to answer
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def program(name):
+    """A program of PostgreSQL, which Debian keeps off the path."""
+    found = sorted(Path("/usr/lib/postgresql").glob(f"*/bin/{name}"))
+    return shutil.which(name) or (str(found[-1]) if found else None)
+
+
+@contextmanager
+def started(command, ready, **how):
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **how)
+    try:
+        end = time.time() + PATIENCE
+        while not ready():
+            assert process.poll() is None and time.time() < end, process.communicate(timeout=5)[1][-2000:]
+            time.sleep(0.2)
+        yield
+    finally:
+        process.terminate()
+        process.communicate(timeout=60)
+
+
+@contextmanager
+def postgres(folder):
+    """The address of a PostgreSQL server with an empty database; it does not run as root."""
+    if program("initdb") is None:
+        pytest.skip("PostgreSQL is not installed")
+    pytest.importorskip("psycopg2")
+    import pwd
+
+    user = {}
+    if os.getuid() == 0:
+        if not any(p.pw_name == "postgres" for p in pwd.getpwall()):
+            pytest.skip("root cannot start PostgreSQL, and there is no user postgres")
+        user = {"user": "postgres"}
+    folder = Path(subprocess.run(["mktemp", "-d"], capture_output=True, text=True, check=True, **user).stdout.strip())
+    made = [program("initdb"), "-D", folder / "db", "-U", "bench", "-A", "trust", "-E", "UTF8", "--no-sync"]
+    try:
+        subprocess.run(made, check=True, capture_output=True, cwd="/", **user)
+        port = free_port()
+        command = [program("postgres"), "-D", folder / "db", "-p", str(port), "-h", "127.0.0.1", "-k", folder, "-F"]
+        place = f"bench@127.0.0.1:{port}/postgres"
+
+        def ready():
+            import psycopg2
+
+            try:
+                psycopg2.connect(f"postgresql://{place}").close()
+            except psycopg2.OperationalError:
+                return False
+            return True
+
+        with started(command, ready, cwd="/", **user):
+            yield f"postgresql+psycopg2://{place}"
+    finally:
+        shutil.rmtree(folder)
+
+
+@contextmanager
+def sqlite(folder):
+    yield f"sqlite:///{folder / 'server.db'}"
+
+
+@pytest.mark.parametrize("backend", [sqlite, postgres])
+def test_several_commands_write_to_one_server_at_once(backend, tmp_path, monkeypatch):
+    with backend(tmp_path) as store:
+        port = free_port()
+        server = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", store, "--artifacts-destination",
+                  str(tmp_path / "artifacts"), "--port", str(port), "--workers", "1"]  # fmt: skip
+
+        def ready():
+            try:
+                return urllib.request.urlopen(f"http://127.0.0.1:{port}/health").status == 200
+            except OSError:
+                return False
+
+        with started(server, ready, env=os.environ | {"MLFLOW_DISABLE_TELEMETRY": "true"}):
+            monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{port}")
+            code = "import sys; from bench.cli import main; sys.exit(main())"
+            commands = [("run", "model=svm"), ("run", "model=bayes"), ("stream", "model=svm")]
+            running = [
+                subprocess.Popen([sys.executable, "-c", code, *c, *SMALL[:-1], "jobs=1"], cwd=tmp_path,
+                                 stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                                 env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])})
+                for c in commands
+            ]  # fmt: skip
+            for process in running:
+                said = process.communicate(timeout=PATIENCE)[0]
+                assert process.returncode == 0, said
+            import mlflow
+
+            client = mlflow.MlflowClient(f"http://127.0.0.1:{port}")
+            runs = client.search_runs([client.get_experiment_by_name("touchbench").experiment_id])
+            assert len(runs) == 3 + 3 * 4 and {r.info.status for r in runs} == {"FINISHED"}
+            kinds = [r.data.tags["touchbench.kind"] for r in runs]
+            assert {k: kinds.count(k) for k in kinds} == {"cell": 2, "fold": 8, "stream": 1, "stream_fold": 4}
+            assert main(["report"]) == 0 and Path("report/index.html").stat().st_size > 50_000
+            assert not Path("mlflow.db").exists()
