@@ -62,7 +62,8 @@ def connect() -> object:
             mlflow.set_tracking_uri(uri)
             client = mlflow.MlflowClient(uri)
             if client.get_experiment_by_name(EXPERIMENT) is None:
-                client.create_experiment(EXPERIMENT)
+                # The page then opens on runs and their metrics, not on traces of language models.
+                client.create_experiment(EXPERIMENT, tags={"mlflow.experimentKind": "custom_model_development"})
         except MlflowException as e:
             raise InputError(f"MLflow store {uri} cannot be used: {str(e).splitlines()[0]}") from e
     return client
@@ -111,6 +112,9 @@ class CellRun:
         self.client = client
         self.experiment = client.get_experiment_by_name(EXPERIMENT).experiment_id
         self.rate_hz = corpus.rate_hz
+        self.system = cell.system()
+        data = cell.data + (" (synthetic)" if corpus.synthetic else "")
+        self.group = ", ".join([data, cell.where or "all", *([cell.target] if cell.target != "gesture" else []), label])
         found = find_cell(client, key, self.kind)
         self.run_id = found.info.run_id if found else self._create(cell, corpus, key, label, threads)
         self.finished = bool(found) and found.info.status == "FINISHED"
@@ -133,6 +137,7 @@ class CellRun:
         tags = {
             "mlflow.runName": title,
             "mlflow.note.content": about,
+            "mlflow.source.name": "bench",
             "touchbench.kind": self.kind,
             "touchbench.cell": key,
             "protocol": str(cell.protocol),
@@ -234,7 +239,11 @@ class CellRun:
 
     def write_tables(self, predictions: pd.DataFrame, results: list[FoldResult], folder: Path) -> None:
         """Write what is kept with the parent run."""
+        from reports.details import confusion_figure
+
         _write_tables(predictions, folder)
+        labelled, classes = scores.captures(predictions), scores.classes_of(predictions)
+        confusion_figure(scores.confusion(labelled, classes), self.system, self.group, folder, "confusion")
 
     def interrupt(self) -> None:
         """Mark the run as killed; what is stored stays and is found again."""

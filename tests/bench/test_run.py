@@ -79,7 +79,14 @@ def test_a_run_is_tracked_whole(capsys):
     child = next(f for f in folds if f.data.tags["mlflow.parentRunId"] == cnn.info.run_id)
     assert [m.step for m in client.get_metric_history(child.info.run_id, "loss")] == [1, 2]
     kept = {a.path for a in client.list_artifacts(svm.info.run_id)}
-    assert kept == {"predictions.parquet", "confusion.csv", "per_subject.csv", "per_class.csv"}
+    assert kept == {
+        "predictions.parquet",
+        "confusion.csv",
+        "confusion.png",
+        "confusion.svg",
+        "per_subject.csv",
+        "per_class.csv",
+    }
 
     assert main(["run", "model=svm", *SMALL]) == 0  # the same again computes nothing
     assert "stored before" in capsys.readouterr().err and len(runs("cell")[1]) == 2
