@@ -12,7 +12,7 @@ from bench.stream import writable
 CORPUS = ("data=synth", "data.subjects=6", "data.variants=normal", "data.repetitions=2")
 STEPS = (
     ("run", *CORPUS, "model=bayes,svm,rf,xgb"),
-    ("run", *CORPUS, "model=cnn85", "model.frames=40,85", "model.epochs=15"),
+    ("run", *CORPUS, "model=cnn85", "model.frames=20,40,85", "model.epochs=5"),
     ("stress", *CORPUS, "model=svm,rf", "train_subjects=2,4"),
     ("stream", *CORPUS, "model=svm,rf", "out=stream"),
     ("report",),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bench.cells import parse
 from bench.errors import InputError
-from bench.tracking import connect, store_uri
+from bench.tracking import EXPERIMENT, connect, store_uri
 
 
 def report(arguments: list[str]) -> int:
@@ -34,6 +34,8 @@ def ui(arguments: list[str]) -> int:
     port = parse(arguments, {"port"}).get("port", "5000")
     if not port.isdecimal():
         raise InputError(f"port={port}: give a number")
-    connect()
+    experiment = connect().get_experiment_by_name(EXPERIMENT).experiment_id
+    # MLflow's front page is about language models; this one is the table of runs.
+    print(f"http://127.0.0.1:{port}/#/experiments/{experiment}/runs?workflowType=machine_learning", flush=True)
     command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store_uri(), "--port", port]
     os.execv(sys.executable, [*command, "--host", "127.0.0.1"])

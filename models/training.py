@@ -150,6 +150,9 @@ def train(
 
     Returns:
         Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.
+
+    Raises:
+        FloatingPointError: the loss is not finite any more.
     """
     order = np.random.default_rng(seed)
     device = next(net.parameters()).device
@@ -175,6 +178,11 @@ def train(
             before_epoch(epoch, batches, step)
         losses = [step(rows) for rows in batches]
         history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
+        if not np.isfinite(history[-1]["loss"]):
+            raise FloatingPointError(
+                f"training diverged: the loss of epoch {epoch + 1} is not finite at a learning rate of "
+                f"{optimiser.rate:g}; give a lower one, or more captures"
+            )
         if judge:
             history[-1]["held_accuracy"] = accuracy = judge()
             if best is None or accuracy > best[0]:

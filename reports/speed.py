@@ -74,8 +74,9 @@ def speed_chart(table: pd.DataFrame, group: str, folder: Path, name: str, most: 
     high = max(2.8, LINE * len(kept) + 0.2)
     rows = -(-len(shown) // 2)
     names = width_of(kept["system"]) + 0.3
-    size = (9.5 + 2 * names, (high + 0.55) * rows + 0.4)
-    figure, axes = new_figure(size, (rows, 2), (0.6, names, 0.55, 0.35), (0.65 + names, 0.6), group)
+    size = (9.5 + 2 * names, (high + 0.55) * rows + 0.55)
+    title = f"{group}\nfilled: published systems, hollow: others; line and bold names: Pareto front"
+    figure, axes = new_figure(size, (rows, 2), (0.6, names, 0.55, 0.5), (0.65 + names, 0.6), title)
     axes = list(axes.flat)
     for ax, cost in zip(axes, shown, strict=False):
         _panel(ax, kept[kept[cost] > 0].reset_index(drop=True), cost, high)

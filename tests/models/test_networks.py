@@ -15,7 +15,7 @@ from bench.corpus import InputError
 from models.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
 from models.ren2023 import Ren2023Transformer
 from models.time_blocks import TimeConv3d
-from models.training import Sequences, Windows, activations, train
+from models.training import Sequences, Torch, Windows, activations, train
 from models.window import votes
 from models.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 from tests.conftest import random_corpus, with_other_values
@@ -263,6 +263,15 @@ def test_the_best_epoch_is_kept_and_training_stops_when_the_loss_stands_still():
     assert [row["held_accuracy"] for row in history] == [0.2, 0.7, 0.7, 0.1]
     assert net[1].bias.tolist() == [2.0, 2.0]
     assert len(train(net, windows, target, Still(), 50, len(windows), 0, patience=3)) == 6
+
+
+def test_a_training_that_diverges_says_where():
+    corpus = random_corpus(subjects=1)
+    windows = Windows(corpus, 5, 5)
+    net = nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
+    sgd = Torch(torch.optim.SGD(net.parameters(), 1e38))
+    with pytest.raises(FloatingPointError, match=r"the loss of epoch \d is not finite at a learning rate of 1e\+38"):
+        train(net, windows, np.arange(len(windows)) % 2, sgd, 4, 8, 0)
 
 
 def test_a_device_that_is_not_there():
