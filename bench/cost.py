@@ -11,7 +11,8 @@ def sizes(estimator: ClassifierMixin, taxels: int) -> dict[str, int]:
     """Learnt numbers, and bytes in flash and in memory with 32 and 8 bits a number, as far as they are known."""
     found = {}
     if (parameters := parameter_count(estimator)) is not None:
-        found = {"parameters": parameters} | {f"flash_bytes{k}": parameters * b for k, b in BYTES.items()}
+        kept = parameters + constants(estimator)
+        found = {"parameters": parameters} | {f"flash_bytes{k}": kept * b for k, b in BYTES.items()}
     if (numbers := working_numbers(estimator, taxels)) is not None:
         found |= {f"ram_bytes{k}": numbers * b for k, b in BYTES.items()}
     return found
@@ -33,6 +34,18 @@ def working_numbers(estimator: ClassifierMixin, taxels: int) -> int | None:
     if hasattr(chosen, "steps") and (features := getattr(chosen[-1], "n_features_in_", None)):
         return int(taxels + features + len(chosen.classes_))
     return None
+
+
+def constants(estimator: ClassifierMixin) -> int:
+    """Numbers that must be kept besides the learnt ones: the scaling of features, what batch norms divide by."""
+    chosen = getattr(estimator, "best_", estimator)
+    if hasattr(chosen, "members"):
+        return sum(constants(member) for member in chosen.members)
+    if hasattr(chosen, "net_"):
+        return sum(b.numel() for b in chosen.net_.buffers() if b.is_floating_point())
+    if not hasattr(chosen, "steps"):
+        return 0
+    return sum(2 * step.n_features_in_ for step in chosen[1:-1] if hasattr(step, "scale_"))
 
 
 def parameter_count(estimator: ClassifierMixin) -> int | None:

@@ -157,6 +157,8 @@ def _warnings(plans: list[tuple]) -> list[str]:
         if cell.protocol.make().mixes_subjects:
             lines.append(f"warning: protocol={cell.protocol} mixes subjects: scores are optimistic for a new person")
         frames = cell.model.parameters.get("frames")
+        if seconds := cell.model.parameters.get("seconds"):
+            frames = round(seconds * corpus.rate_hz)
         if isinstance(frames, int) and (short := int((corpus.lengths < frames).sum())):
             lines.append(
                 f"warning: {cell.data}: {short} of {len(corpus)} captures are shorter than the {frames}-frame window "

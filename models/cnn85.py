@@ -31,6 +31,7 @@ class CNN85(WindowNet):
 
     Args:
         frames: length of a window; 85 frames are 630 ms of CoST.
+        seconds: the same in seconds at the corpus's rate, 0 for what ``frames`` says.
         hop: frames from one training window to the next, None for windows that do not overlap; those that are scored
             never do.
         padding: of the last window of a capture: ``zero``, as published, or ``edge``, which repeats its last frame.
@@ -39,11 +40,13 @@ class CNN85(WindowNet):
         epochs: passes over the training windows.
         batch: windows per step.
         seed: of the weights and the shuffles.
+        device: of PyTorch.
     """
 
     def __init__(
         self,
         frames: int = 85,
+        seconds: float = 0.0,
         hop: int | None = None,
         padding: str = "zero",
         rates: str = "paper",
@@ -51,8 +54,10 @@ class CNN85(WindowNet):
         epochs: int = 50,
         batch: int = 250,
         seed: int = 0,
+        device: str = "cpu",
     ) -> None:
         self.frames = frames
+        self.seconds = seconds
         self.hop = hop
         self.padding = padding
         self.rates = rates
@@ -60,35 +65,44 @@ class CNN85(WindowNet):
         self.epochs = epochs
         self.batch = batch
         self.seed = seed
+        self.device = device
 
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run.
 
         Raises:
-            InputError: a count below 1, no width, or an unknown padding or list of rates.
+            InputError: a count below 1, no width, an unknown padding or list of rates.
         """
         super().check()
-        if (self.hop or 1) > self.frames:
-            raise InputError(f"model.hop={self.hop}: frames between windows of {self.frames} would never be seen")
         if not 0 < self.width <= 16:
             raise InputError(f"model.width={self.width:g}: give a share of the published width, above 0 and up to 16")
         for name, known in (("padding", ("zero", "edge")), ("rates", tuple(RATES))):
             if (value := getattr(self, name)) not in known:
                 raise InputError(f"model.{name}={value}: give {' or '.join(known)}")
 
+    def check_training(self, X: Corpus, y: np.ndarray) -> np.ndarray:
+        """No training subject is held out, bool [captures].
+
+        Raises:
+            InputError: training windows that leave frames out.
+        """
+        if (self.hop or 1) > (frames := self.length(X.rate_hz)):
+            raise InputError(f"model.hop={self.hop}: frames between windows of {frames} would never be seen")
+        return super().check_training(X, y)
+
     def samples(self, corpus: Corpus) -> Windows:
         """Windows that do not overlap."""
-        return Windows(corpus, self.frames, self.frames, self.padding)
+        return Windows(corpus, self.window, self.window, self.padding)
 
     def training_samples(self, corpus: Corpus) -> Windows:
         """Windows that are trained on."""
-        return Windows(corpus, self.frames, self.hop or self.frames, self.padding)
+        return Windows(corpus, self.window, self.hop or self.window, self.padding)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """909 070 parameters for 8 x 8 taxels, 85 frames and 14 classes."""
         a, b, c, d = (max(round(n * self.width), 1) for n in (64, 128, 256, 512))
         return nn.Sequential(
-            nn.Conv2d(self.frames, a, 3, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
+            nn.Conv2d(self.window, a, 3, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
             nn.Conv2d(a, b, 2, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
             nn.Conv2d(b, c, 3, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
             nn.Flatten(), nn.LazyLinear(d), nn.ReLU(), nn.Linear(d, classes),

@@ -22,6 +22,7 @@ from models.window import WindowNet
 # By corpus: rate in Hz, frames and hop of a window, then filters and kernel (frames, rows, columns) of both layers.
 COST = (135.0, 45, 15, (30, (20, 2, 2)), (10, (5, 2, 2)))
 HAART = (54.0, 27, 9, (30, (10, 3, 3)), (20, (5, 2, 2)))
+CHUNKS = {COST: 270, HAART: 432}  # frames of a sequence of single frames
 UNITS = 50
 ENCODER = (200, 100, 50, 25, 10)
 PATIENCE = 10
@@ -52,7 +53,7 @@ class Hughes2017CNN(WindowNet):
 
     def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
         """Train on captures and their class names."""
-        self.design_ = min(COST, HAART, key=lambda design: abs(np.log(design[0] / X.rate_hz)))
+        self.design_ = nearest(X.rate_hz)
         return super().fit(X, y)
 
     def samples(self, corpus: Corpus) -> Windows:
@@ -117,10 +118,11 @@ class Hughes2017CNNRNN(Hughes2017CNN):
 
 
 class Hughes2017AERNN(WindowNet):
-    """The code of an autoencoder of single frames, a recurrent layer over them; majority vote over chunks of 2 s.
+    """The code of an autoencoder of single frames, a recurrent layer over them; majority vote over chunks of frames.
 
     The autoencoder, 64-200-100-50-25-10 and back, learns to reconstruct training frames; then the recurrent layer is
-    attached to its code and everything is trained. A chunk of at most 270 frames is what a decision is of.
+    attached to its code and everything is trained. A chunk, which is what a decision is of, has at most 270 frames
+    (2 s) with CoST, and 432, a whole capture, with HAART, whichever corpus's rate is nearer.
 
     Args:
         epochs: most passes over the training chunks.
@@ -157,9 +159,14 @@ class Hughes2017AERNN(WindowNet):
         if self.pretraining < 1:
             raise InputError(f"model.pretraining={self.pretraining}: give at least 1")
 
+    def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
+        """Train on captures and their class names."""
+        self.chunk_ = CHUNKS[nearest(X.rate_hz)]
+        return super().fit(X, y)
+
     def samples(self, corpus: Corpus) -> Sequences:
         """Chunks of frames."""
-        return Sequences(Windows(corpus, 1, 1), 270)
+        return Sequences(Windows(corpus, 1, 1), self.chunk_)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """40 949 parameters for CoST, 40 767 for HAART, and the decoder, which is not kept."""
@@ -256,6 +263,11 @@ class _States(torch.autograd.Function):
         for before, now in zip(states.split(ctx.running), steps[1:], strict=False):
             for_weight.addmm_(now.T, before[: len(now)])
         return gradient, for_weight, None
+
+
+def nearest(rate_hz: float) -> tuple:
+    """The design for the corpus whose rate is nearer."""
+    return min(COST, HAART, key=lambda design: abs(np.log(design[0] / rate_hz)))
 
 
 def convolutions(design: tuple, rows: int, cols: int) -> list[nn.Module]:

@@ -23,6 +23,7 @@ class Ren2023Transformer(WindowNet):
 
     Args:
         frames: length of a window; windows do not overlap, a capture of HAART has three.
+        seconds: the same in seconds at the corpus's rate, 0 for what ``frames`` says.
         epochs: passes over the training windows, of which the best for the held-out subject is kept.
         batch: windows per step.
         rate: learning rate.
@@ -35,6 +36,7 @@ class Ren2023Transformer(WindowNet):
     def __init__(
         self,
         frames: int = 144,
+        seconds: float = 0.0,
         epochs: int = 100,
         batch: int = 64,
         rate: float = 1e-4,
@@ -42,6 +44,7 @@ class Ren2023Transformer(WindowNet):
         device: str = "cpu",
     ) -> None:
         self.frames = frames
+        self.seconds = seconds
         self.epochs = epochs
         self.batch = batch
         self.rate = rate
@@ -51,10 +54,10 @@ class Ren2023Transformer(WindowNet):
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """6.42 million parameters for 8 x 8 taxels and 7 classes."""
         return nn.Sequential(
-            nn.Flatten(2), nn.Linear(rows * cols, WIDTH), nn.BatchNorm1d(self.frames),
+            nn.Flatten(2), nn.Linear(rows * cols, WIDTH), nn.BatchNorm1d(self.window),
             *(_Attention() for _ in range(LAYERS)),
             nn.Linear(WIDTH, 128), nn.ReLU(), nn.Linear(128, 16), nn.ReLU(), nn.Linear(16, 4), nn.ReLU(), nn.Flatten(),
-            nn.Linear(4 * self.frames, classes),
+            nn.Linear(4 * self.window, classes),
         )  # fmt: skip
 
     def learn(

@@ -53,6 +53,10 @@ class Windows:
     def __len__(self) -> int:
         return len(self.capture)
 
+    def one(self) -> torch.Tensor:
+        """The first window, a batch of one."""
+        return self.batch(np.arange(1))
+
     def batch(self, rows: np.ndarray) -> torch.Tensor:
         """Windows scaled to 0..1, float32 [rows, frames, grid rows, grid cols], in memory grid first."""
         seen = self.seen[rows]
@@ -92,6 +96,10 @@ class Sequences:
 
     def __len__(self) -> int:
         return len(self._first)
+
+    def one(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """The first window, as a sequence of one step."""
+        return self._windows.one(), torch.ones(1, dtype=torch.int64)
 
     def batch(self, rows: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
         """The windows of some sequences, one sequence after another, and how many each has."""
@@ -152,7 +160,7 @@ def train(
         Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.
 
     Raises:
-        FloatingPointError: the loss is not finite any more.
+        FloatingPointError: the loss is not finite any more, and no epoch was judged before.
     """
     order = np.random.default_rng(seed)
     device = next(net.parameters()).device
@@ -179,9 +187,11 @@ def train(
         losses = [step(rows) for rows in batches]
         history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
         if not np.isfinite(history[-1]["loss"]):
+            if best:
+                break
             raise FloatingPointError(
                 f"training diverged: the loss of epoch {epoch + 1} is not finite at a learning rate of "
-                f"{optimiser.rate:g}; give a lower one, or more captures"
+                f"{optimiser.rate:g}; give a lower one"
             )
         if judge:
             history[-1]["held_accuracy"] = accuracy = judge()
@@ -235,7 +245,7 @@ def activations(net: nn.Module, one: object) -> tuple[int, int]:
     """Numbers that are in memory while one sample goes through a network: its input and the outputs of its layers.
 
     Layers that can overwrite their input (ReLU, normalisation, dropout) add nothing. Hughes et al. 2017, Table VIII,
-    counts in this way.
+    counts in this way. Self-attention holds queries, keys, values, scores and what they give besides its output.
 
     Args:
         net: the network.
@@ -248,10 +258,18 @@ def activations(net: nn.Module, one: object) -> tuple[int, int]:
 
     def note(layer: nn.Module, given: object, output: object) -> None:
         tensor = output[0] if isinstance(output, tuple) else output
-        outputs.append((layer, tensor.numel()))
+        inside = 0
+        if isinstance(layer, nn.MultiheadAttention):
+            steps = given[0].shape[1]
+            inside = 4 * given[0].numel() + len(given[0]) * layer.num_heads * steps**2
+        outputs.append((layer, tensor.numel() + inside))
 
-    leaves = [m for m in net.modules() if not list(m.children()) and not isinstance(m, IN_PLACE)]
-    hooks = [leaf.register_forward_hook(note) for leaf in leaves]
+    attention = [m for m in net.modules() if isinstance(m, nn.MultiheadAttention)]
+    within = {id(m) for layer in attention for m in layer.modules()}
+    leaves = [
+        m for m in net.modules() if not list(m.children()) and not isinstance(m, IN_PLACE) and id(m) not in within
+    ]
+    hooks = [layer.register_forward_hook(note) for layer in [*leaves, *attention]]
     try:
         net.eval()
         with torch.inference_mode():

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -173,7 +174,8 @@ class Search(ClassifierMixin, BaseEstimator):
         """The inner folds of a training part.
 
         Raises:
-            InputError: it has fewer than two subjects, or an inner training part has only one class.
+            InputError: it has fewer than two subjects, an inner training part has only one class, or a model refuses a
+                combination of listed values or an inner training part.
         """
         folds = inner_folds(X.subjects.astype(str), self.inner)
         if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
@@ -181,7 +183,20 @@ class Search(ClassifierMixin, BaseEstimator):
                 f"parameters are chosen by leaving training subjects out, which here leaves one class; "
                 f"choose another inner= than {self.inner}, or more captures"
             )
+        for chosen in self._listed():
+            model = self._make(chosen, "passthrough" if self.features else None)
+            if hasattr(model, "check"):
+                model.check()
+            for train, _ in folds if hasattr(model, "check_training") else ():
+                model.check_training(X[train], np.asarray(y)[train])
         return folds
+
+    def _listed(self) -> Iterator[dict[str, object]]:
+        """Every combination of listed values of each model, ranges left at their defaults."""
+        for name, space in self.spaces.items():
+            lists = {f"{name}.{k}": v for k, v in space.items() if not isinstance(v, Range)}
+            for values in itertools.product(*lists.values()):
+                yield {"model": name} | dict(zip(lists, values, strict=True))
 
     def study_key(self) -> dict[str, object]:
         """What trials depend on besides captures and labels; not on how many there are, so that a study can grow."""

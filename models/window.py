@@ -19,18 +19,17 @@ from models.training import Samples, Windows, activations, moved, probabilities
 class WindowNet(ClassifierMixin, BaseEstimator):
     """Cuts captures into samples, decides on each, and labels a capture by the mean of its probabilities.
 
-    A system gives ``network(rows, cols, classes)`` and ``learn(net, samples, target)``, and has ``frames``, ``epochs``,
-    ``batch`` and ``seed`` among its parameters, ``device`` if it can use another than the CPU. One whose sample is not
+    A system gives ``network(rows, cols, classes)`` and ``learn(net, samples, target)``, and has ``epochs``,
+    ``batch``, ``seed`` and ``device`` among its parameters. One whose sample is not
     a window that follows the last one has its own ``samples``, and ``training_samples`` if it trains on others.
 
     Attributes:
         classes_: class names.
         net_: the trained network.
         history_: per epoch what the training loop reports.
-        activations_: numbers in memory while it decides on one sample (`activations`).
+        activations_: numbers in memory while it decides on one window, or takes one step of a sequence (`activations`).
     """
 
-    device = "cpu"
     holds_out = False  # whether one training subject chooses the epoch
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
@@ -47,9 +46,18 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         """Train the network in place and return its history; ``judge`` is that of `train`."""
         raise NotImplementedError
 
+    def length(self, rate_hz: float) -> int:
+        """Frames of a window at some rate: ``seconds`` of it, or ``frames`` at any."""
+        return max(1, round(self.seconds * rate_hz)) if self.seconds else self.frames
+
+    @property
+    def window(self) -> int:
+        """Frames of a window, ``seconds`` at the rate of the training captures."""
+        return getattr(self, "window_", self.frames)
+
     def samples(self, corpus: Corpus) -> Samples:
         """What captures are cut into: windows that do not overlap."""
-        return Windows(corpus, self.frames, self.frames)
+        return Windows(corpus, self.window, self.window)
 
     def training_samples(self, corpus: Corpus) -> Samples:
         """What training captures are cut into."""
@@ -59,14 +67,19 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         """Refuse parameters that cannot be, before anything is run.
 
         Raises:
-            InputError: a count below 1, or a device that is not there.
+            InputError: a count below 1, a time or rate that cannot be, or a device that is not there.
         """
         for name in ("frames", "hop", "epochs", "batch"):
             value = getattr(self, name, None)
             if value is not None and value < 1:
                 raise InputError(f"model.{name}={value}: give at least 1")
+        if not 0 <= getattr(self, "seconds", 0.0) < float("inf"):
+            raise InputError(f"model.seconds={self.seconds:g}: give a number above 0, or 0 for what frames says")
+        rate = getattr(self, "rate", 1.0)
+        if not 0 < rate < float("inf"):
+            raise InputError(f"model.rate={rate:g}: give a number above 0")
         try:
-            torch.zeros(1, device=self.device)
+            torch.zeros(1, device=self.device).item()
         except (RuntimeError, AssertionError) as e:
             raise InputError(f"model.device={self.device}: {str(e).splitlines()[0]}; give cpu") from e
 
@@ -92,6 +105,8 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         self.check()
         self.classes_, codes = np.unique(y, return_inverse=True)
         held = self.check_training(X, y)
+        if hasattr(self, "seconds"):
+            self.window_ = self.length(X.rate_hz)
         samples = self.training_samples(X[~held])
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
@@ -102,7 +117,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
             self.net_ = net
             judge = partial(self._accuracy, X[held], codes[held]) if held.any() else None
             self.history_ = self.learn(net, samples, codes[~held][samples.capture], judge)
-        self.activations_ = activations(net, moved(samples.batch(np.arange(1)), torch.device(self.device)))[0]
+        self.activations_ = activations(net, moved(samples.one(), torch.device(self.device)))[0]
         return self
 
     def _accuracy(self, X: Corpus, codes: np.ndarray) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from bench.corpus import InputError
+from bench.corpus import Corpus, InputError
 from models.training import Torch, Windows, train
 from models.volumes import volumes
 from models.window import WindowNet
@@ -28,6 +28,7 @@ class Zhou2016(WindowNet):
 
     Args:
         frames: length of a window, zero-padded at the end.
+        seconds: the same in seconds at the corpus's rate, 0 for what ``frames`` says.
         average: frames that are averaged into one; 1 for the full rate, which takes four times as long.
         epochs: passes over the training windows, of which the best for one held-out training subject is kept.
         batch: windows per step.
@@ -41,6 +42,7 @@ class Zhou2016(WindowNet):
     def __init__(
         self,
         frames: int = 432,
+        seconds: float = 0.0,
         average: int = 4,
         epochs: int = 60,
         batch: int = 32,
@@ -49,6 +51,7 @@ class Zhou2016(WindowNet):
         device: str = "cpu",
     ) -> None:
         self.frames = frames
+        self.seconds = seconds
         self.average = average
         self.epochs = epochs
         self.batch = batch
@@ -56,15 +59,15 @@ class Zhou2016(WindowNet):
         self.seed = seed
         self.device = device
 
-    def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
+    def check_training(self, X: Corpus, y: np.ndarray) -> np.ndarray:
+        """Captures of the training subject that chooses the epoch, bool [captures].
 
         Raises:
-            InputError: a count below 1, or more frames averaged than there are.
+            InputError: fewer than one or more frames averaged than a window has, or one training subject.
         """
-        super().check()
-        if not 1 <= self.average <= self.frames:
-            raise InputError(f"model.average={self.average}: give 1 to {self.frames}, the frames of a window")
+        if not 1 <= self.average <= (frames := self.length(X.rate_hz)):
+            raise InputError(f"model.average={self.average}: give 1 to {frames}, the frames of a window")
+        return super().check_training(X, y)
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
         """What ``net(x)`` gives, the stack of convolutions as `volumes` runs it."""
@@ -89,8 +92,8 @@ class Zhou2016CNN3D(Zhou2016):
     """Four layers of 16, 32, 64 and 128 kernels of 3 x 3 x 3, a dense layer of 256 with dropout."""
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
-        """304 647 parameters and the dense layer's for 8 x 8 taxels."""
-        shape = (self.frames // self.average, rows, cols)
+        """490 119 parameters for 8 x 8 taxels and 7 classes."""
+        shape = (self.window // self.average, rows, cols)
         poolings = ((2, 1, 1), (2, 2, 2), (2, 2, 2), (2, 2, 2))
         return nn.Sequential(
             _Averaged(self.average), *_stack(shape, (3, 3, 3), poolings), nn.Flatten(),
@@ -104,7 +107,7 @@ class Zhou2016CNN2D(Zhou2016):
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
         return nn.Sequential(
-            _Averaged(self.average), *_frames_alone((self.frames // self.average, rows, cols)), _MeanOverTime(),
+            _Averaged(self.average), *_frames_alone((self.window // self.average, rows, cols)), _MeanOverTime(),
             nn.LazyLinear(256), nn.ReLU(), nn.Dropout(0.5), nn.Linear(256, classes),
         )  # fmt: skip
 
@@ -114,7 +117,7 @@ class Zhou2016LRCN(Zhou2016):
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
-        shape = (self.frames // self.average, rows, cols)
+        shape = (self.window // self.average, rows, cols)
         size = _size_after(shape, FILTERS[-1])
         return nn.Sequential(
             _Averaged(self.average), *_frames_alone(shape), _ByTime(), _Last(nn.LSTM(size, UNITS, batch_first=True)),
