@@ -36,6 +36,7 @@ def gallery(arguments: list[str]) -> int:
                 if code := main([*step]):
                     return code
     finally:
+        os.environ.pop("MLFLOW_TRACKING_URI", None)  # MLflow sets it
         if before is not None:
             os.environ["MLFLOW_TRACKING_URI"] = before
     print(f"report/ is the page with its figures, stress/ and stream/ have the rest, all in {out}")

@@ -51,7 +51,7 @@ def stress(arguments: list[str]) -> int:
         raise InputError(f"{out} cannot be written ({e.strerror}); choose another out=") from e
     client = begun(plans, jobs)
     options = {"faults": ", ".join(f.name for f in faults), "train_subjects": ", ".join(map(str, fewer)) or "all"}
-    found: list[tuple[str, stability.Analysis]] = []
+    found: list[tuple[str, stability.Analysis, str]] = []
     failed: list[str] = []
     for plan in plans:
         cell, corpus, *_, threads = plan
@@ -63,7 +63,7 @@ def stress(arguments: list[str]) -> int:
             return interrupted()
         failed += [f"{cell.system()}, {cell.data}, {cell.protocol}: fold {name}" for name in errors]
         if analysed:
-            found.append(analysed)
+            found.append((*analysed, corpus.digest))
     _report(client, found, out)
     return ended([], plans, failed)
 
@@ -163,17 +163,17 @@ def _accuracy(units: pd.DataFrame) -> float:
     return float((units["true"] == units["predicted"]).mean())
 
 
-def _report(client: object, found: list[tuple[str, stability.Analysis]], out: Path) -> None:
-    """Print, write and track the tables and figures of the methods of each data, subset and protocol."""
+def _report(client: object, found: list[tuple[str, stability.Analysis, str]], out: Path) -> None:
+    """Print, write and track the tables and figures of the methods of each corpus, subset and protocol."""
     contexts: dict[tuple, list[tuple[str, stability.Analysis]]] = {}
-    for run, analysis in found:
-        contexts.setdefault(analysis.context, []).append((run, analysis))
+    for run, analysis, digest in found:
+        contexts.setdefault((*analysis.context, digest), []).append((run, analysis))
     screen = output()
     used: set[Path] = set()
     for context, members in contexts.items():
         folder = out
         if len(contexts) > 1:
-            name = re.sub(r"[^A-Za-z0-9]+", "-", " ".join(context)).strip("-").lower()
+            name = re.sub(r"[^A-Za-z0-9]+", "-", " ".join(context[:-1])).strip("-").lower()
             folder = out / name if out / name not in used else out / f"{name}-{len(used) + 1}"
         used.add(folder)
         analyses = [analysis for _, analysis in members]

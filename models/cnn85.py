@@ -31,7 +31,6 @@ class CNN85(WindowNet):
 
     Args:
         frames: length of a window; 85 frames are 630 ms of CoST.
-        seconds: the same in seconds at the corpus's rate, 0 for what ``frames`` says.
         hop: frames from one training window to the next, None for windows that do not overlap; those that are scored
             never do.
         padding: of the last window of a capture: ``zero``, as published, or ``edge``, which repeats its last frame.
@@ -41,12 +40,12 @@ class CNN85(WindowNet):
         batch: windows per step.
         seed: of the weights and the shuffles.
         device: of PyTorch.
+        seconds: length of a window in seconds at the corpus's rate; 0 for what ``frames`` says.
     """
 
     def __init__(
         self,
         frames: int = 85,
-        seconds: float = 0.0,
         hop: int | None = None,
         padding: str = "zero",
         rates: str = "paper",
@@ -55,9 +54,9 @@ class CNN85(WindowNet):
         batch: int = 250,
         seed: int = 0,
         device: str = "cpu",
+        seconds: float = 0.0,
     ) -> None:
         self.frames = frames
-        self.seconds = seconds
         self.hop = hop
         self.padding = padding
         self.rates = rates
@@ -66,6 +65,7 @@ class CNN85(WindowNet):
         self.batch = batch
         self.seed = seed
         self.device = device
+        self.seconds = seconds
 
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run.

@@ -23,12 +23,12 @@ class Ren2023Transformer(WindowNet):
 
     Args:
         frames: length of a window; windows do not overlap, a capture of HAART has three.
-        seconds: the same in seconds at the corpus's rate, 0 for what ``frames`` says.
         epochs: passes over the training windows, of which the best for the held-out subject is kept.
         batch: windows per step.
         rate: learning rate.
         seed: of the weights, the shuffles and the held-out subject.
         device: of PyTorch.
+        seconds: length of a window in seconds at the corpus's rate; 0 for what ``frames`` says.
     """
 
     holds_out = True
@@ -36,20 +36,20 @@ class Ren2023Transformer(WindowNet):
     def __init__(
         self,
         frames: int = 144,
-        seconds: float = 0.0,
         epochs: int = 100,
         batch: int = 64,
         rate: float = 1e-4,
         seed: int = 0,
         device: str = "cpu",
+        seconds: float = 0.0,
     ) -> None:
         self.frames = frames
-        self.seconds = seconds
         self.epochs = epochs
         self.batch = batch
         self.rate = rate
         self.seed = seed
         self.device = device
+        self.seconds = seconds
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """6.42 million parameters for 8 x 8 taxels and 7 classes."""

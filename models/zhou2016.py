@@ -28,13 +28,13 @@ class Zhou2016(WindowNet):
 
     Args:
         frames: length of a window, zero-padded at the end.
-        seconds: the same in seconds at the corpus's rate, 0 for what ``frames`` says.
         average: frames that are averaged into one; 1 for the full rate, which takes four times as long.
         epochs: passes over the training windows, of which the best for one held-out training subject is kept.
         batch: windows per step.
         rate: learning rate.
         seed: of the weights, the shuffles and the held-out subject.
         device: of PyTorch.
+        seconds: length of a window in seconds at the corpus's rate; 0 for what ``frames`` says.
     """
 
     holds_out = True
@@ -42,22 +42,22 @@ class Zhou2016(WindowNet):
     def __init__(
         self,
         frames: int = 432,
-        seconds: float = 0.0,
         average: int = 4,
         epochs: int = 60,
         batch: int = 32,
         rate: float = 1e-3,
         seed: int = 0,
         device: str = "cpu",
+        seconds: float = 0.0,
     ) -> None:
         self.frames = frames
-        self.seconds = seconds
         self.average = average
         self.epochs = epochs
         self.batch = batch
         self.rate = rate
         self.seed = seed
         self.device = device
+        self.seconds = seconds
 
     def check_training(self, X: Corpus, y: np.ndarray) -> np.ndarray:
         """Captures of the training subject that chooses the epoch, bool [captures].

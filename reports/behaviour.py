@@ -23,17 +23,17 @@ def stress_blocks(client: object, folder: Path) -> list[Block]:
     blocks: list[Block] = []
     for number, (context, runs) in enumerate(contexts(client, "stress", SAME).items(), 1):
         losses = pd.DataFrame({streaming.method(r.data.tags): _under(r, "loss.") for r in runs}).T
-        if not losses.size:  # learning curves alone
-            continue
         clean = [r.data.metrics["accuracy"] for r in runs]
         caption = "Points of accuracy lost under each fault, mean over five severities: the costliest fault first."
-        blocks.append(_picture(heat_map(losses, clean, context), folder, f"0-stress-{number}", context, caption))
+        if losses.size:  # else learning curves alone
+            blocks.append(_picture(heat_map(losses, clean, context), folder, f"0-stress-{number}", context, caption))
         blocks.append(
             Table(pd.DataFrame([_failing(r) for r in runs]),
                   f"{context}: where each method fails. Half of the margin over chance is lost at the severity of 1 to "
                   "5 that stands behind each fault. Failing slices are subjects, gestures, conditions, faults and "
                   "pairs of these that are significantly below the method's own accuracy (Benjamini-Hochberg); each "
-                  "is in stability/stability_slices.csv of the run.")
+                  "is in stability/stability_slices.csv of the run, beside the curves over severities, training "
+                  "subjects and lengths of captures.")
         )  # fmt: skip
     return blocks
 

@@ -31,17 +31,19 @@ def program(name):
 
 
 @contextmanager
-def started(command, ready, **how):
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **how)
+def started(command, ready, said, **how):
+    """A server, ended again; what it said goes to a file, as a full pipe would stop it."""
+    with said.open("w") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=log, **how)
     try:
         end = time.time() + PATIENCE
         while not ready():
-            assert process.poll() is None and time.time() < end, process.communicate(timeout=5)[1][-2000:]
+            assert process.poll() is None and time.time() < end, said.read_text()[-2000:]
             time.sleep(0.2)
         yield
     finally:
         process.terminate()
-        process.communicate(timeout=60)
+        process.wait(timeout=60)
 
 
 @contextmanager
@@ -52,7 +54,7 @@ def postgres(folder):
     pytest.importorskip("psycopg2")
     import pwd
 
-    user = {}
+    user, log = {}, folder / "postgres.txt"
     if os.getuid() == 0:
         if not any(p.pw_name == "postgres" for p in pwd.getpwall()):
             pytest.skip("root cannot start PostgreSQL, and there is no user postgres")
@@ -74,7 +76,7 @@ def postgres(folder):
                 return False
             return True
 
-        with started(command, ready, cwd="/", **user):
+        with started(command, ready, log, cwd="/", **user):
             yield f"postgresql+psycopg2://{place}"
     finally:
         shutil.rmtree(folder)
@@ -98,7 +100,7 @@ def test_several_commands_write_to_one_server_at_once(backend, tmp_path, monkeyp
             except OSError:
                 return False
 
-        with started(server, ready, env=os.environ | {"MLFLOW_DISABLE_TELEMETRY": "true"}):
+        with started(server, ready, tmp_path / "server.txt", env=os.environ | {"MLFLOW_DISABLE_TELEMETRY": "true"}):
             monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{port}")
             code = "import sys; from bench.cli import main; sys.exit(main())"
             commands = [("run", "model=svm"), ("run", "model=bayes"), ("stream", "model=svm")]
@@ -108,9 +110,13 @@ def test_several_commands_write_to_one_server_at_once(backend, tmp_path, monkeyp
                                  env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])})
                 for c in commands
             ]  # fmt: skip
-            for process in running:
-                said = process.communicate(timeout=PATIENCE)[0]
-                assert process.returncode == 0, said
+            try:
+                for process in running:
+                    said = process.communicate(timeout=PATIENCE)[0]
+                    assert process.returncode == 0, said
+            finally:
+                for process in running:
+                    process.kill()
             import mlflow
 
             client = mlflow.MlflowClient(f"http://127.0.0.1:{port}")

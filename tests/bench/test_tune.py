@@ -9,6 +9,7 @@ import pytest
 
 from bench.cli import main
 from bench.registry import names
+from bench.run import planned
 from bench.systems import command
 from features.jung28 import Jung28
 from reports.comparison import published
@@ -71,6 +72,13 @@ def test_a_published_system_says_its_features():
     assert parent.data.tags["features"] == "jung28" and parent.data.tags["system"] == "jung2014_bayes"
 
 
+def test_values_are_judged_together(monkeypatch):
+    """A hop that is too long for the default window is none for the listed ones."""
+    monkeypatch.setattr("bench.tune.execute", lambda cells, jobs: len(planned(cells, jobs)))
+    assert main(["tune", "model=cnn85", "model.frames=100,200", "model.hop=90", *SMALL]) == 1
+    assert main(["tune", "model=zhou2016_gm_lstm", "model.frames=2,3", "model.average=1", *SMALL]) == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -99,6 +107,23 @@ def test_a_published_system_says_its_features():
         (["extract", "out=a.xlsx"], "out=a.xlsx: give a file name that ends in .parquet or .csv"),
         (["extract", "out=a.csv", "features=jung28,jung54"], "one table; give one value"),
         (["extract", "out=none/a.csv", "data.subjects=1", "data.repetitions=1"], "cannot be written"),
+        (["tune", "model=cnn85", "model.frames=10,200", "model.hop=90"], "model.hop=90: frames between windows of 10"),
+        (["choose", "model=cnn85", "over=frames", "model.hop=20"], "model.hop=20: frames between windows of 10"),
+        (
+            ["tune", "model=zhou2016_gm_lstm", "model.frames=16,32", "model.average=20"],
+            "model.average=20: give 1 to 16",
+        ),
+        (
+            [
+                "tune",
+                "model=zhou2016_gm_lstm",
+                "model.frames=16,32",
+                "protocol=groupkfold",
+                "protocol.folds=2",
+                "inner=2",
+            ],
+            "lets one training subject choose the epoch; train on two or more",
+        ),
         (["run", "features=gaus", "features.families=sd+sad"], "features.families=sd+sad: give some of sd+bmh"),
         (["run", "features=balli", "features.selected=-1"], "features.selected=-1: give"),
     ],

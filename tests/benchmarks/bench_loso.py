@@ -23,7 +23,7 @@ def main(model: str = "cnn85", count: str = "4") -> None:
         rows = result.predictions
         classes = [c for c in rows if c.startswith("p_")]
         correct = rows[classes].idxmax(axis=1).str.removeprefix("p_") == rows["true"]
-        told = f"rates {sorted({h['rate'] for h in result.history})}" if result.history else ""
+        told = f"rates {sorted({h['rate'] for h in result.history if 'rate' in h})}" if result.history else ""
         if result.chosen:
             told = f"search {result.metrics['search_seconds']:.0f} s, {result.chosen}"
             told += f", given up {(result.trials['state'] == 'pruned').sum()} of {len(result.trials)}"

@@ -3,6 +3,7 @@
 import pickle
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from hypothesis import given, settings
@@ -11,7 +12,8 @@ from sklearn.base import clone
 from sklearn.model_selection import LeaveOneGroupOut
 from torch import nn
 
-from bench.corpus import InputError
+from bench.corpus import Corpus, InputError
+from models.cnn85 import CNN85
 from models.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
 from models.ren2023 import Ren2023Transformer
 from models.time_blocks import TimeConv3d
@@ -21,6 +23,18 @@ from models.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou20
 from tests.conftest import random_corpus, with_other_values
 
 FOURTEEN = tuple("abcdefghijklmn")
+
+
+SYSTEMS = {
+    "hughes2017_cnn": lambda epochs=2, seed=0: Hughes2017CNN(epochs, 16, seed=seed),
+    "hughes2017_cnn_rnn": lambda epochs=2, seed=0: Hughes2017CNNRNN(epochs, 8, seed=seed),
+    "hughes2017_ae_rnn": lambda epochs=2, seed=0: Hughes2017AERNN(epochs, 1, 8, seed=seed),
+    "zhou2016_3dcnn": lambda epochs=2, seed=0: Zhou2016CNN3D(16, 4, epochs, 16, seed=seed),
+    "zhou2016_2dcnn": lambda epochs=2, seed=0: Zhou2016CNN2D(16, 4, epochs, 16, seed=seed),
+    "zhou2016_lrcn": lambda epochs=2, seed=0: Zhou2016LRCN(16, 4, epochs, 16, seed=seed),
+    "zhou2016_gm_lstm": lambda epochs=2, seed=0: Zhou2016GMLSTM(16, 4, epochs, 16, seed=seed),
+    "ren2023_transformer": lambda epochs=2, seed=0: Ren2023Transformer(12, epochs, 16, seed=seed),
+}
 
 
 def at(rate, **kwargs):
@@ -42,6 +56,8 @@ def fitted(system, rate, classes, longest=60):
         (Hughes2017CNNRNN, 54.0, 7, 22_207),
         (Hughes2017AERNN, 135.0, 14, 40_949),
         (Hughes2017AERNN, 54.0, 7, 40_767),
+        (Ren2023Transformer, 54.0, 7, 6_415_291),  # printed as 6.42 million
+        (Zhou2016CNN3D, 54.0, 7, 490_119),
     ],
 )
 def test_published_sizes(system, rate, classes, parameters):
@@ -62,6 +78,61 @@ def test_published_memory(system, rate, classes, pooled, whole):
     model, corpus = fitted(system, rate, classes, longest=12)
     one = at(rate, subjects=1, per_class=1, longest=2)[:1]  # a capture of one frame: one window, one step
     assert activations(model.net_, model.samples(one).batch(np.arange(1))) == (whole, pooled)
+    longest = corpus[np.argsort(-corpus.lengths)]
+    assert system(epochs=1).fit(longest, longest.gestures).activations_ == whole  # of a step, however long it was
+
+
+def test_memory_of_attention_by_hand():
+    model, _ = fitted(Ren2023Transformer, 54.0, 7)
+    layers = 144 * 64 + 144 * 512 + 144 * (128 + 16 + 4) + 7  # input, embedding, the head
+    attention = 5 * 144 * 512 + 8 * 144**2  # queries, keys, values, their mix, output; scores of 8 heads
+    assert model.activations_ == layers + 6 * attention
+
+
+@pytest.mark.parametrize(("rate", "lengths", "chunks"), [(54.0, [432, 500], [432, 432, 68]),
+                                                         (135.0, [270, 600, 1], [270, 270, 270, 60, 1])])  # fmt: skip
+def test_chunks_of_the_autoencoder_system(rate, lengths, chunks):
+    frames = [np.ones((n, 8, 8), dtype=np.uint16) for n in lengths]
+    about = pd.DataFrame({"subject": ["1"] * len(lengths), "gesture": ["pat", "rub", "pat"][: len(lengths)]})
+    corpus = Corpus.from_captures(frames, about, rate)
+    model = Hughes2017AERNN(epochs=1, pretraining=1).fit(corpus, corpus.gestures)
+    assert model.samples(corpus).steps.tolist() == chunks
+
+
+@pytest.mark.parametrize("system", [CNN85, Zhou2016GMLSTM, Ren2023Transformer])
+def test_windows_in_seconds_follow_the_rate(system):
+    for rate, frames in ((100.0, 8), (54.0, 4)):
+        corpus = at(rate, longest=30)
+        model = system(epochs=1, seconds=0.08).fit(corpus, corpus.gestures)
+        assert model.samples(corpus).frames == frames
+        assert np.array_equal(clone(model).set_params(seconds=0.0, frames=frames).fit(corpus, corpus.gestures)
+                              .predict_proba(corpus), model.predict_proba(corpus))  # fmt: skip
+    with pytest.raises(InputError, match="model.seconds=-1: give a number above 0"):
+        system(seconds=-1.0).check()
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_captures_of_one_frame(name):
+    corpus = random_corpus(longest=2)
+    assert set(corpus.lengths) == {1}
+    model = SYSTEMS[name]().fit(corpus, corpus.gestures)
+    assert np.isfinite(model.predict_proba(corpus)).all() and len(model.predict(corpus[:1])) == 1
+
+
+def test_padding_changes_nothing_where_there_is_none(corpus):
+    model = CNN85(frames=10, epochs=1, batch=16).fit(corpus, corpus.gestures)
+    whole = Corpus.from_captures([np.ones((n, 8, 8), dtype=np.uint16) * n for n in (10, 30)],
+                                 corpus.captures[:2], corpus.rate_hz)  # fmt: skip
+    ragged = Corpus.from_captures([np.ones((15, 8, 8), dtype=np.uint16) * 900], corpus.captures[:1], corpus.rate_hz)
+    for part, same in ((whole, True), (ragged, False)):
+        zero = model.set_params(padding="zero").predict_proba(part)
+        assert np.array_equal(model.set_params(padding="edge").predict_proba(part), zero) == same
+
+
+@pytest.mark.parametrize("values", [{"rate": -1.0}, {"rate": 0.0}, {"rate": float("nan")}, {"device": "meta"}])
+def test_impossible_rates_and_devices_are_refused(values):
+    with pytest.raises(InputError, match=f"model.{next(iter(values))}="):
+        Hughes2017CNN(**values).check()
 
 
 @pytest.mark.parametrize(("design", "maps"), [
@@ -181,18 +252,6 @@ def test_votes_by_hand():
     assert np.array_equal(votes(proba, np.ones(5, dtype=int)), proba)
 
 
-SYSTEMS = {
-    "hughes2017_cnn": lambda epochs=2, seed=0: Hughes2017CNN(epochs, 16, seed=seed),
-    "hughes2017_cnn_rnn": lambda epochs=2, seed=0: Hughes2017CNNRNN(epochs, 8, seed=seed),
-    "hughes2017_ae_rnn": lambda epochs=2, seed=0: Hughes2017AERNN(epochs, 1, 8, seed=seed),
-    "zhou2016_3dcnn": lambda epochs=2, seed=0: Zhou2016CNN3D(16, 4, epochs, 16, seed=seed),
-    "zhou2016_2dcnn": lambda epochs=2, seed=0: Zhou2016CNN2D(16, 4, epochs, 16, seed=seed),
-    "zhou2016_lrcn": lambda epochs=2, seed=0: Zhou2016LRCN(16, 4, epochs, 16, seed=seed),
-    "zhou2016_gm_lstm": lambda epochs=2, seed=0: Zhou2016GMLSTM(16, 4, epochs, 16, seed=seed),
-    "ren2023_transformer": lambda epochs=2, seed=0: Ren2023Transformer(12, epochs, 16, seed=seed),
-}
-
-
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_contract_of_a_network(name, corpus):
     train_part = corpus[corpus.subjects != "4"]
@@ -265,11 +324,25 @@ def test_the_best_epoch_is_kept_and_training_stops_when_the_loss_stands_still():
     assert len(train(net, windows, target, Still(), 50, len(windows), 0, patience=3)) == 6
 
 
+def poison(net, accuracy):
+    """What a judge returns, after which the network can only diverge; what it judged was kept before."""
+    if accuracy == 0.5:
+        net.register_forward_hook(lambda *_: torch.full((8, 2), np.nan, requires_grad=True))
+    return accuracy
+
+
 def test_a_training_that_diverges_says_where():
     corpus = random_corpus(subjects=1)
     windows = Windows(corpus, 5, 5)
     net = nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
     sgd = Torch(torch.optim.SGD(net.parameters(), 1e38))
+    judged = iter([0.5, 0.1, 0.1, 0.1])
+    fresh = nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
+    late = Torch(torch.optim.SGD(fresh.parameters(), 1e-9))
+    history = train(
+        fresh, windows, np.arange(len(windows)) % 2, late, 4, 8, 0, judge=lambda: poison(fresh, next(judged))
+    )
+    assert len(history) == 2 and torch.isfinite(fresh[1].weight).all()  # the first epoch, which was judged, is kept
     with pytest.raises(FloatingPointError, match=r"the loss of epoch \d is not finite at a learning rate of 1e\+38"):
         train(net, windows, np.arange(len(windows)) % 2, sgd, 4, 8, 0)
 
