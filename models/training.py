@@ -154,7 +154,7 @@ def train(
         forward: a faster way to compute ``net(x)`` (`WindowNet.forward`).
         judge: accuracy of the network on captures it is not trained on; the epoch with the highest, the first of equal
             ones, is the one that is kept.
-        patience: stop when the mean loss of this many epochs is not 0.1 % below that of as many before them.
+        patience: stop when the median loss of this many epochs is not 0.1 % below that of as many before them.
 
     Returns:
         Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.
@@ -207,7 +207,8 @@ def train(
 def _stands_still(losses: list[float], patience: int) -> bool:
     if len(losses) < 2 * patience:
         return False
-    return np.mean(losses[-patience:]) > 0.999 * np.mean(losses[-2 * patience : -patience])
+    # Medians: a recurrent network on long sequences now and then falls back for an epoch.
+    return np.median(losses[-patience:]) > 0.999 * np.median(losses[-2 * patience : -patience])
 
 
 class Torch:
