@@ -122,7 +122,7 @@ class Search(ClassifierMixin, BaseEstimator):
         """
         self.check()
         subjects = X.subjects.astype(str)
-        folds = self.check_training(X, y)
+        folds = self._folds(X, y)
         tables = _Tables(self.features or {}, X, y, folds)
         directions = ["maximize", "minimize"] if self.objective == "accuracy+time" else ["maximize"]
         with open_study(self.study_key(), X, y, directions, WORSE) as study:
@@ -170,25 +170,29 @@ class Search(ClassifierMixin, BaseEstimator):
         grid = {"model": [model]} | ({"features": list(self.features)} if self.features else {})
         return grid | {f"{model}.{k}": list(v) for k, v in spaces[0].items()}
 
-    def check_training(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The inner folds of a training part.
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse a training part, or listed values, before anything is run.
 
         Raises:
             InputError: it has fewer than two subjects, an inner training part has only one class, or a model refuses a
                 combination of listed values or an inner training part.
         """
-        folds = inner_folds(X.subjects.astype(str), self.inner)
-        if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
-            raise InputError(
-                f"parameters are chosen by leaving training subjects out, which here leaves one class; "
-                f"choose another inner= than {self.inner}, or more captures"
-            )
+        folds = self._folds(X, y)
         for chosen in self._listed():
             model = self._make(chosen, "passthrough" if self.features else None)
             if hasattr(model, "check"):
                 model.check()
             for train, _ in folds if hasattr(model, "check_training") else ():
                 model.check_training(X[train], np.asarray(y)[train])
+
+    def _folds(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The inner folds of a training part."""
+        folds = inner_folds(X.subjects.astype(str), self.inner)
+        if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
+            raise InputError(
+                f"parameters are chosen by leaving training subjects out, which here leaves one class; "
+                f"choose another inner= than {self.inner}, or more captures"
+            )
         return folds
 
     def _listed(self) -> Iterator[dict[str, object]]:
