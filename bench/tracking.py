@@ -284,6 +284,7 @@ def log_setup(
 ) -> None:
     """Log every parameter that a run depends on, and the captures that it saw (``context``: training, evaluation)."""
     from mlflow.entities import Dataset, DatasetInput, InputTag, Param
+    from mlflow.exceptions import MlflowException
 
     params = {"data": cell.data, "where": cell.where or "all", "target": cell.target, "corpus_digest": corpus.digest}
     params |= {f"data.{k}": v for k, v in cell.data_parameters.items()} | more
@@ -297,7 +298,15 @@ def log_setup(
     source = json.dumps({"uri": corpus.info.get("source", "")})
     profile = json.dumps({"num_rows": len(corpus), "num_elements": int(corpus.lengths.sum())})
     dataset = Dataset(cell.data, corpus.digest[:36], "local", source, profile=profile)
-    client.log_inputs(run_id, [DatasetInput(dataset, [InputTag("mlflow.data.context", context)])])
+    inputs = [DatasetInput(dataset, [InputTag("mlflow.data.context", context)])]
+    for pause in (0.2, 0.5, 1.0, 2.0, None):
+        try:
+            client.log_inputs(run_id, inputs)
+            break
+        except MlflowException:  # another run has made the same dataset at this moment; the next try finds it
+            if pause is None:
+                raise
+            time.sleep(pause)
 
 
 def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float) -> dict[str, float]:

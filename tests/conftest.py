@@ -1,6 +1,7 @@
 """What tests share: a data folder of their own, and small ragged corpora."""
 
 import os
+import sys
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on two threads than on one
 
@@ -10,6 +11,13 @@ import pytest
 from hypothesis import settings
 
 from bench.corpus import Corpus
+
+# The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
+BENCH = [
+    sys.executable, "-c",
+    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from bench.cli import main; sys.exit(main())",
+]  # fmt: skip
 
 settings.register_profile("patient", parent=settings(), deadline=None)  # a busy machine is no failure
 settings.load_profile("patient")

@@ -20,7 +20,7 @@ from bench.fold import decisions
 from bench.runner import folds_of, share_cores
 from bench.tracking import connect
 from tests.bench.wayward import Wayward
-from tests.conftest import random_corpus
+from tests.conftest import BENCH, random_corpus
 
 SMALL = ["data.subjects=4", "data.variants=normal", "jobs=2"]
 
@@ -140,8 +140,7 @@ def test_an_interrupted_run_goes_on_and_ends_the_same_bit_for_bit(tmp_path, monk
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_control_c_keeps_the_finished_folds(tmp_path):
-    command = [sys.executable, "-c", "import sys; from bench.cli import main; sys.exit(main())"]
-    command += ["run", "model=rf", "model.trees=500", "data.subjects=12", "jobs=1"]
+    command = [*BENCH, "run", "model=rf", "model.trees=500", "data.subjects=12", "jobs=1"]
     process = subprocess.Popen(
         command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -194,6 +193,24 @@ def test_stores_created_by_several_processes_at_once_are_whole(tmp_path):
     ]
     said = [p.communicate(timeout=300)[0].split()[-1] for p in started]
     assert len(set(said)) == 1 and all(p.returncode == 0 for p in started)
+
+
+def test_a_dataset_that_another_run_makes_at_the_same_moment_is_no_failure(monkeypatch):
+    from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
+
+    tried, real = [], MlflowClient.log_inputs
+
+    def crossed(self, *args, **kwargs):
+        tried.append(1)
+        if len(tried) < 3:
+            raise MlflowException("UNIQUE constraint failed: datasets.experiment_id, datasets.name, datasets.digest")
+        real(self, *args, **kwargs)
+
+    monkeypatch.setattr(MlflowClient, "log_inputs", crossed)
+    assert main(["run", "model=svm", *SMALL]) == 0
+    _, (run_,) = runs("cell")
+    assert len(run_.inputs.dataset_inputs) == 1 and len(tried) == 3
 
 
 def test_a_system_that_cannot_be_trained_is_refused_before_anything_runs(capsys):

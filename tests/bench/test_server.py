@@ -14,6 +14,7 @@ import pytest
 
 from bench.cli import main
 from tests.bench.test_run import SMALL
+from tests.conftest import BENCH
 
 PATIENCE = 180  # seconds for a server to answer
 
@@ -102,10 +103,9 @@ def test_several_commands_write_to_one_server_at_once(backend, tmp_path, monkeyp
 
         with started(server, ready, tmp_path / "server.txt", env=os.environ | {"MLFLOW_DISABLE_TELEMETRY": "true"}):
             monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{port}")
-            code = "import sys; from bench.cli import main; sys.exit(main())"
             commands = [("run", "model=svm"), ("run", "model=bayes"), ("stream", "model=svm")]
             running = [
-                subprocess.Popen([sys.executable, "-c", code, *c, *SMALL[:-1], "jobs=1"], cwd=tmp_path,
+                subprocess.Popen([*BENCH, *c, *SMALL[:-1], "jobs=1"], cwd=tmp_path,
                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                                  env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])})
                 for c in commands

@@ -39,7 +39,7 @@ from bench.replay import (
 )
 from features.jung54 import Jung54
 from tests.bench.test_run import predictions, runs
-from tests.conftest import random_corpus, with_other_values
+from tests.conftest import BENCH, random_corpus, with_other_values
 
 SMALL = ["model=bayes", "data.subjects=3", "data.variants=normal", "hop_ms=600", "jobs=2"]
 PLAIN = Calibration(1.0, 1.0, 1.0, 1.0)
@@ -486,9 +486,8 @@ def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(saved, monkeyp
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_decisions_come_while_frames_come_and_control_c_ends_it(saved):
-    command = [sys.executable, "-c", "import sys; from bench.cli import main; sys.exit(main())"]
     process = subprocess.Popen(
-        [*command, "stream", "source=-", f"model={saved}", "hop_ms=20"],
+        [*BENCH, "stream", "source=-", f"model={saved}", "hop_ms=20"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0, start_new_session=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
     )  # fmt: skip
