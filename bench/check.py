@@ -8,10 +8,9 @@ for the whole gate, shared evenly (Bonferroni).
 
 from __future__ import annotations
 
-import json
 import shlex
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -21,6 +20,7 @@ from rich.console import Console
 from scipy.stats import binom
 
 from bench import scores
+from bench.baseline import NAMES, Measured, read, text
 from bench.cells import Cell, cells, convert, parse
 from bench.errors import InputError
 from bench.run import KEYS as RUN_KEYS
@@ -30,33 +30,9 @@ OPTIONS = {"baseline": "reports/baseline.json", "update": False, "run": True, "j
 LIMITS = {"error": 1.0, "changes": 0.2, "slower": 2.0}
 KEYS = RUN_KEYS | OPTIONS.keys() | LIMITS.keys()
 LARGER = 1.1  # times the learnt numbers of the baseline
-FORMAT = 1
-NAMES = ("data", "corpus_digest", "subset", "target", "protocol", "system", "seed")
 COSTS = {"relative": "predict_relative", "flash": "flash_bytes"}  # what is compared, and what it is tracked as
 SPARED = 2  # subjects that may be no worse where a loss on all the others is to be an alarm
 NEGLIGIBLE = 1e-18  # probability at the ends of a distribution
-
-
-@dataclass(frozen=True)
-class Measured:
-    """What one run of a system came to; a baseline holds one for each.
-
-    Attributes:
-        run: the arguments of ``bench run`` that make it.
-        names: data, digest, subset, target, protocol, system and seed as they are tracked.
-        environment: processor, threads and versions.
-        costs: as far as they are known, ``relative``, processor time of a prediction as a multiple of the reference
-            workload, and ``flash`` bytes.
-        labels: one row per tested capture: ``fold``, ``capture``, ``subject``, ``true``, ``predicted``.
-        synthetic: whether the captures were generated.
-    """
-
-    run: str
-    names: dict[str, str]
-    environment: dict[str, str]
-    costs: dict[str, float]
-    labels: pd.DataFrame
-    synthetic: bool
 
 
 @dataclass(frozen=True)
@@ -327,71 +303,6 @@ def _measured(client: object, row: dict[str, object], run: str) -> Measured:
         labelled[["fold", "capture", "subject", "true", "predicted"]].astype({"fold": str, "subject": str}),
         row["synthetic"] == "true",
     )
-
-
-def read(path: Path) -> list[Measured]:
-    """Load a baseline.
-
-    Raises:
-        InputError: there is none, or the file is no complete baseline.
-    """
-    try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
-        if stored["format"] != FORMAT:
-            raise ValueError(f"format {stored['format']}, not {FORMAT}")
-        found = [_loaded(dict(entry)) for entry in stored["systems"]]
-    except FileNotFoundError as e:
-        raise InputError(
-            f"baseline={path}: there is no such file; write one, for example: bench check baseline={path} update=true "
-            "model=svm,rf"
-        ) from e
-    except (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError) as e:
-        raise InputError(
-            f"baseline={path} is damaged or no baseline ({type(e).__name__}: {e}); restore it, or move it away and "
-            "write a new one with update=true"
-        ) from e
-    if not found:
-        raise InputError(f"baseline={path} holds no system; add some with update=true")
-    return found
-
-
-def _loaded(entry: dict) -> Measured:
-    classes = np.array(entry.pop("classes"), dtype=object)
-    tables = [
-        pd.DataFrame(
-            {
-                "fold": str(row["fold"]),
-                "capture": np.array(row["captures"], dtype=np.int64),
-                "subject": str(row["subject"]),
-                "true": classes[row["true"]],
-                "predicted": classes[row["predicted"]],
-            }
-        )
-        for row in entry.pop("tested")
-    ]
-    measured = Measured(**entry, labels=pd.concat(tables, ignore_index=True))
-    if set(measured.names) != set(NAMES):
-        raise KeyError(", ".join(set(NAMES) ^ set(measured.names)))
-    parse(shlex.split(measured.run), RUN_KEYS)
-    return replace(measured, costs={k: float(v) for k, v in measured.costs.items()})
-
-
-def text(baseline: list[Measured]) -> str:
-    """A baseline as JSON, with a line for each system and each of its subjects so that differences can be read."""
-    entries = []
-    for measured in baseline:
-        labels = measured.labels
-        classes = sorted(set(labels["true"]) | set(labels["predicted"]))
-        code = {name: i for i, name in enumerate(classes)}
-        rows = [
-            {"fold": fold, "subject": subject, "captures": rows["capture"].tolist()}
-            | {k: rows[k].map(code).tolist() for k in ("true", "predicted")}
-            for (fold, subject), rows in labels.groupby(["fold", "subject"], sort=False)
-        ]
-        head = {k: v for k, v in vars(measured).items() if k != "labels"} | {"classes": classes}
-        tested = ",\n  ".join(json.dumps(row, ensure_ascii=False) for row in rows)
-        entries.append(f'{json.dumps(head, ensure_ascii=False)[:-1]}, "tested": [\n  {tested}]}}')
-    return f'{{"format": {FORMAT}, "systems": [\n' + ",\n".join(entries) + "\n]}\n"
 
 
 def _update(path: Path, added: list[str], jobs: int | None, limits: dict[str, float]) -> int:

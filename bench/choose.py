@@ -22,7 +22,6 @@ from bench.registry import load, nearest, parameters
 from bench.replay import standing
 from bench.run import KEYS as RUN_KEYS
 from bench.run import execute, jobs_of, output
-from bench.tune import check_values
 from models.tuning import Search
 
 COSTS = {"flash": "kB", "ram": "kB", "predict": "ms", "decision": "ms"}  # what a system may cost, and its unit
@@ -113,7 +112,7 @@ def candidates(values: dict[str, str]) -> tuple[pd.DataFrame, str, pd.DataFrame]
     Raises:
         InputError: no run is tracked for these values, or runs on several corpora or protocols are.
     """
-    from bench.tracking import connect
+    from bench.tracking import connect, context_of
     from reports.comparison import tracked
 
     client = connect()
@@ -140,10 +139,7 @@ def candidates(values: dict[str, str]) -> tuple[pd.DataFrame, str, pd.DataFrame]
             accuracy.append(pd.concat([units[unit][1] for units in each], axis=1).mean(axis=1))
     subjects = pd.DataFrame(accuracy).reset_index(drop=True)
     table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
-    kind = kinds.iloc[0]
-    synthetic = " (synthetic)" if (runs["synthetic"] == "true").any() else ""
-    where = "" if kind["subset"] == "all" else f", {kind['subset']}"
-    return table, f"{kind['data']}{synthetic}{where}, {kind['protocol_label']}", subjects
+    return table, ", ".join(context_of(runs.iloc[0])), subjects
 
 
 def _asked(runs: pd.DataFrame, values: dict[str, str]) -> pd.DataFrame:
@@ -330,6 +326,4 @@ def _tuning(cell: Cell, over: str, listed: str | None, inner: str) -> dict[str, 
         chosen = {convert(f"model.{over}", text, usual[over]) for text in items(f"model.{over}", listed)}
     if not chosen:
         raise InputError(f"over={over}: its default is {usual[over]}; give values, such as model.{over}=1,2")
-    for value in sorted(chosen):
-        check_values(load("models", cell.model.name), {over: value})
     return {"space": fixed | {over: sorted(chosen)}} | how

@@ -201,7 +201,8 @@ then bench stress, bench stream and bench report. Takes some minutes; an interru
 UI = """\
 bench ui [port=5000]
 
-Opens MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI, on this machine only.
+Serves MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI, on this machine only, and prints the
+address of the table of runs there. Ctrl-C ends it.
 """
 COMMANDS = {
     "run": ("bench.run:run", "run recognisers under a protocol and track them", RUN),

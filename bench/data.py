@@ -33,6 +33,8 @@ def _options(arguments: list[str]) -> dict[str, str]:
         key, equals, value = argument.partition("=")
         if not equals or not key or not value:
             raise InputError(f"{argument!r} is not key=value; see bench data --help")
+        if key in options:
+            raise InputError(f"{key}= is given twice; give it once")
         options[key] = value
     return options
 

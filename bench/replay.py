@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 from bench.corpus import Corpus, InputError
 from bench.fold import TIMED_CAPTURES, FoldResult, decisions, fitted, footprint, latency, milliseconds, torch_threads
 from bench.scores import PREFIX, classes_of, subject_interval, windows
-from models.tuning import inner_folds
+from models.inner import inner_folds
 
 if TYPE_CHECKING:
     from bench.cells import Cell

@@ -156,10 +156,9 @@ def _warnings(plans: list[tuple]) -> list[str]:
         lines += [f"warning: {cell.data}: {w}" for w in corpus.info.get("warnings", [])]
         if cell.protocol.make().mixes_subjects:
             lines.append(f"warning: protocol={cell.protocol} mixes subjects: scores are optimistic for a new person")
-        frames = cell.model.parameters.get("frames")
-        if seconds := cell.model.parameters.get("seconds"):
-            frames = round(seconds * corpus.rate_hz)
-        if isinstance(frames, int) and (short := int((corpus.lengths < frames).sum())):
+        estimator = cell.estimator()
+        frames = estimator.length(corpus.rate_hz) if getattr(estimator, "frames", 0) else 0
+        if short := int((corpus.lengths < frames).sum()):
             lines.append(
                 f"warning: {cell.data}: {short} of {len(corpus)} captures are shorter than the {frames}-frame window "
                 f"of {cell.model.name}; they are padded"

@@ -1,10 +1,12 @@
-"""The source code that a result depends on, as a hash: a change of code is never mistaken for the code before it."""
+"""The code that a result depends on: its hash, so that no change is mistaken for the code before it, and versions."""
 
 from __future__ import annotations
 
 import ast
 import hashlib
 import inspect
+import shutil
+import subprocess
 import sys
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
@@ -61,3 +63,17 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:  # xgboost has two distributions, one of them is installed; aeon is optional
             continue
     return found
+
+
+def git_revision() -> str:
+    """Revision of the checkout that touchbench runs from, with ``+changes`` if it has any; empty without git."""
+    if not shutil.which("git"):
+        return ""
+    here = Path(__file__).parent
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(["git", "-C", here, *arguments], capture_output=True, text=True, check=False)
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    revision = git("rev-parse", "--short=12", "HEAD")
+    return revision + "+changes" if revision and git("status", "--porcelain", "--untracked-files=no") else revision

@@ -19,8 +19,8 @@ from bench.replay import INNER, Replay, by_instant, by_threshold, learned_point,
 from bench.run import begun, console, ended, interrupted, jobs_of, planned, run_cell
 from bench.runner import Fold
 from bench.source import source_digest
-from bench.tracking import CellRun, costs, tags_of
-from models.tuning import inner_folds
+from bench.tracking import CellRun, costs
+from models.inner import inner_folds
 from reports.streaming import SHOWN_MS, figure, write_streaming
 
 KEYS = {"data", "where", "target", "seed", "jobs", "hop_ms", "start", "out", "source", "window_ms", *PARTS}
@@ -140,7 +140,7 @@ class StreamRun(CellRun):
 
     def __init__(self, replay: Replay, made: list, client: object, cell: Cell, corpus: Corpus, *more: object) -> None:
         self.options = {f"stream.{k}": v for k, v in asdict(replay).items()}
-        self.shown = tags_of(cell, corpus) | {"protocol_label": more[1], "start": replay.start}
+        self.start = replay.start
         super().__init__(client, cell, corpus, *more)
         made.append(self)
 
@@ -173,7 +173,7 @@ class StreamRun(CellRun):
         for name, table in tables.items():
             table.to_csv(folder / f"{name}.csv", index=False)
         point = learned_point(predictions, {r.name: r.chosen["threshold"] for r in results}, self.rate_hz)
-        figure([self.shown | tables | {"adaptive": point}], folder)
+        figure([self.tags | tables | {"start": self.start, "adaptive": point}], folder)
 
 
 def _shown(predictions: pd.DataFrame, rate_hz: float) -> dict[int, float]:

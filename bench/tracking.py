@@ -11,9 +11,6 @@ from __future__ import annotations
 import json
 import logging
 import os
-import platform
-import shutil
-import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
@@ -29,7 +26,8 @@ from bench import scores
 from bench.cells import Cell
 from bench.corpus import Corpus, InputError, home
 from bench.fold import FoldResult
-from bench.source import versions
+from bench.machine import cpu_model, simd
+from bench.source import git_revision, versions
 
 EXPERIMENT = "touchbench"
 
@@ -62,8 +60,7 @@ def connect() -> object:
             mlflow.set_tracking_uri(uri)
             client = mlflow.MlflowClient(uri)
             if client.get_experiment_by_name(EXPERIMENT) is None:
-                # The page then opens on runs and their metrics, not on traces of language models.
-                client.create_experiment(EXPERIMENT, tags={"mlflow.experimentKind": "custom_model_development"})
+                client.create_experiment(EXPERIMENT)
         except MlflowException as e:
             raise InputError(f"MLflow store {uri} cannot be used: {str(e).splitlines()[0]}") from e
     return client
@@ -87,10 +84,25 @@ def _check_writable(path: Path) -> None:
 
 def find_cell(client: object, key: str, kind: str = "cell") -> object | None:
     """The parent run of a cell, None where there is none."""
-    experiment = client.get_experiment_by_name(EXPERIMENT).experiment_id
-    known = f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'"
-    found = client.search_runs([experiment], known, max_results=1)
+    found = runs_of(client, f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'")
     return found[0] if found else None
+
+
+def runs_of(client: object, asked: str) -> list:
+    """Every run of the experiment that MLflow's filter lets through, newest first; none where nothing was tracked."""
+    experiment = client.get_experiment_by_name(EXPERIMENT)
+    found, token = [], None
+    while experiment:  # MLflow gives them in pages
+        page = client.search_runs([experiment.experiment_id], asked, max_results=1000, page_token=token)
+        found += page
+        if not (token := page.token):
+            break
+    return found
+
+
+def folds_of(client: object, run_id: str) -> list:
+    """The child runs of a run, newest first."""
+    return runs_of(client, f"tags.`mlflow.parentRunId` = '{run_id}'")
 
 
 class CellRun:
@@ -112,14 +124,12 @@ class CellRun:
         self.client = client
         self.experiment = client.get_experiment_by_name(EXPERIMENT).experiment_id
         self.rate_hz = corpus.rate_hz
-        self.system = cell.system()
-        data = cell.data + (" (synthetic)" if corpus.synthetic else "")
-        self.group = ", ".join([data, cell.where or "all", *([cell.target] if cell.target != "gesture" else []), label])
+        self.tags = tags_of(cell, corpus) | {"protocol_label": label}
         found = find_cell(client, key, self.kind)
         self.run_id = found.info.run_id if found else self._create(cell, corpus, key, label, threads)
         self.finished = bool(found) and found.info.status == "FINISHED"
         self.done: dict[str, FoldResult] = {}
-        for child in self._children() if found else []:
+        for child in folds_of(client, self.run_id) if found else []:
             if child.info.status == "FINISHED":
                 self.done[child.data.tags["touchbench.fold"]] = self._load(child)
             else:  # failed, or cut off while it was written: it is run again
@@ -141,26 +151,12 @@ class CellRun:
             "touchbench.kind": self.kind,
             "touchbench.cell": key,
             "protocol": str(cell.protocol),
-            "protocol_label": label,
         }
-        run = self.client.create_run(self.experiment, run_name=title, tags=tags | tags_of(cell, corpus))
+        run = self.client.create_run(self.experiment, run_name=title, tags=tags | self.tags)
         protocol = {"protocol": cell.protocol.name}
         protocol |= {f"protocol.{k}": v for k, v in cell.protocol.parameters.items()}
         log_setup(self.client, run.info.run_id, cell, corpus, threads, protocol | self.options, "evaluation")
         return run.info.run_id
-
-    def _children(self) -> list:
-        """All child runs, also of a cell with more folds than MLflow gives in one page."""
-        found, token = [], None
-        while token or not found:
-            page = self.client.search_runs(
-                [self.experiment], f"tags.`mlflow.parentRunId` = '{self.run_id}'", max_results=1000, page_token=token
-            )
-            found += page
-            token = page.token
-            if not token:
-                break
-        return found
 
     def _load(self, child: object) -> FoldResult:
         folder = Path(self.client.download_artifacts(child.info.run_id, "fold"))
@@ -243,7 +239,8 @@ class CellRun:
 
         _write_tables(predictions, folder)
         labelled, classes = scores.captures(predictions), scores.classes_of(predictions)
-        confusion_figure(scores.confusion(labelled, classes), self.system, self.group, folder, "confusion")
+        counts, group = scores.confusion(labelled, classes), ", ".join(context_of(self.tags))
+        confusion_figure(counts, method_of(self.tags), group, folder, "confusion")
 
     def interrupt(self) -> None:
         """Mark the run as killed; what is stored stays and is found again."""
@@ -271,6 +268,18 @@ def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
         "system": cell.system(),
         "seed": str((cell.tuning or cell.model.parameters).get("seed", "none")),
     }
+
+
+def context_of(tags: dict[str, str]) -> tuple[str, str, str]:
+    """What must agree for runs to be compared, in words: data, subset with the target, protocol."""
+    data = tags["data"] + (" (synthetic)" if tags["synthetic"] == "true" else "")
+    target = f", {tags['target']}" if tags["target"] != "gesture" else ""
+    return data, tags["subset"] + target, tags["protocol_label"]
+
+
+def method_of(tags: dict[str, str]) -> str:
+    """System, and its seed where that is not the usual one."""
+    return tags["system"] + (f", seed {tags['seed']}" if tags["seed"] not in ("0", "none") else "")
 
 
 def log_setup(
@@ -377,36 +386,3 @@ def lock_folder() -> Path:
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e}); set TOUCHBENCH_HOME to a folder that can") from e
     return folder
-
-
-def cpu_model() -> str:
-    """The processor as the system names it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
-
-
-def simd() -> str:
-    """The processor's vector instructions: libraries choose by them, and so does the rounding; empty if not known."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        flags = next(line.split(":", 1)[1].split() for line in lines if line.startswith(("flags", "Features")))
-    except (OSError, StopIteration):
-        return ""
-    return " ".join(sorted(f for f in flags if f.startswith(("avx", "fma", "amx", "asimd", "sve"))))
-
-
-def git_revision() -> str:
-    """Revision of the checkout that touchbench runs from, with ``+changes`` if it has any; empty without git."""
-    if not shutil.which("git"):
-        return ""
-    here = Path(__file__).parent
-
-    def git(*arguments: str) -> str:
-        done = subprocess.run(["git", "-C", here, *arguments], capture_output=True, text=True, check=False)
-        return done.stdout.strip() if done.returncode == 0 else ""
-
-    revision = git("rev-parse", "--short=12", "HEAD")
-    return revision + "+changes" if revision and git("status", "--porcelain", "--untracked-files=no") else revision

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from inspect import signature
 
 from bench.cells import PARTS, Cell, cells, convert, items, parse
 from bench.errors import InputError
@@ -52,9 +50,6 @@ def _tuning(cell: Cell, given: dict[str, str], how: dict[str, object]) -> dict[s
         for name, text in given.items()
         if name in usual
     }
-    for name, values in space.items():
-        for value in values:
-            check_values(model, {name: value})
     if all(len(values) == 1 for values in space.values()):
         if not hasattr(model, "space"):
             raise InputError(
@@ -64,11 +59,3 @@ def _tuning(cell: Cell, given: dict[str, str], how: dict[str, object]) -> dict[s
         space = dict(model.space) | space
     whole = all(isinstance(values, list) for values in space.values())
     return {"space": space} | ({} if whole else {"trials": OPTIONS["trials"]}) | how
-
-
-def check_values(model: Callable, values: dict[str, object]) -> None:
-    """Refuse a value that the model refuses, before anything is run."""
-    handed = {"features": "passthrough"} if "features" in signature(model).parameters else {}
-    made = model(**handed, **values)
-    if hasattr(made, "check"):
-        made.check()

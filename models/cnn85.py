@@ -80,15 +80,15 @@ class CNN85(WindowNet):
             if (value := getattr(self, name)) not in known:
                 raise InputError(f"model.{name}={value}: give {' or '.join(known)}")
 
-    def check_training(self, X: Corpus, y: np.ndarray) -> np.ndarray:
-        """No training subject is held out, bool [captures].
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse a training part before anything is run.
 
         Raises:
             InputError: training windows that leave frames out.
         """
         if (self.hop or 1) > (frames := self.length(X.rate_hz)):
             raise InputError(f"model.hop={self.hop}: frames between windows of {frames} would never be seen")
-        return super().check_training(X, y)
+        super().check_training(X, y)
 
     def samples(self, corpus: Corpus) -> Windows:
         """Windows that do not overlap."""

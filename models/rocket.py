@@ -17,7 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpus import Corpus, InputError
 from features.signals import Touch, blocks
-from models.tuning import inner_folds
+from models.inner import inner_folds
 
 KERNELS = {"minirocket": 10_000, "multirocket_hydra": 6_250}  # as published
 CHANNELS = ("signals", "taxels", "both")
@@ -84,13 +84,13 @@ class Rocket(ClassifierMixin, BaseEstimator):
                 "model=rocket needs the package aeon: pip install 'touchbench[rocket]', or '.[rocket]' in a clone"
             )
 
-    def check_training(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Inner folds of a training part: each of its subjects is left out once.
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse a training part before anything is run.
 
         Raises:
             InputError: it has fewer than two subjects.
         """
-        return inner_folds(X.subjects.astype(str), "loso")
+        inner_folds(X.subjects.astype(str), "loso")
 
     def fit(self, X: Corpus, y: np.ndarray) -> Rocket:
         """Learn from captures and their class names.
@@ -99,7 +99,7 @@ class Rocket(ClassifierMixin, BaseEstimator):
             InputError: fewer than two subjects, or what `check` refuses.
         """
         self.check()
-        left_out = [one for _, one in self.check_training(X, y)]
+        left_out = [one for _, one in inner_folds(X.subjects.astype(str), "loso")]
         with _own_randomness():
             for transform in self._transforms(84):  # so that numba compiles outside of what is timed
                 transform.fit_transform(np.zeros((2, self._level(X[:1]).n_features_in_, SHORTEST), dtype=np.float32))

@@ -5,22 +5,21 @@ from __future__ import annotations
 import inspect
 import itertools
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin, clone
-from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
 from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted
 
 from bench.corpus import Corpus, InputError
+from models.inner import Tables, inner_folds, milliseconds_of
 from models.study import identity, open_study
 
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a combination is not followed further
 OBJECTIVES = ("accuracy", "accuracy+time", "smallest")
-TIMED = 3  # single captures whose prediction is timed
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,7 @@ class Search(ClassifierMixin, BaseEstimator):
         self.check()
         subjects = X.subjects.astype(str)
         folds = self._folds(X, y)
-        tables = _Tables(self.features or {}, X, y, folds)
+        tables = Tables(self.features or {}, X, y, folds)
         directions = ["maximize", "minimize"] if self.objective == "accuracy+time" else ["maximize"]
         with open_study(self.study_key(), X, y, directions, WORSE) as study:
             finished = _finished(study)
@@ -230,7 +229,7 @@ class Search(ClassifierMixin, BaseEstimator):
         grid = self._grid()
         return grid is not None and self._size() == float(np.prod([len(v) for v in grid.values()]))
 
-    def _try(self, study: object, number: int, tables: _Tables, y: np.ndarray, subjects: np.ndarray) -> None:
+    def _try(self, study: object, number: int, tables: Tables, y: np.ndarray, subjects: np.ndarray) -> None:
         """Score one combination, or the one that was cut off.
 
         What is tried depends on the seed and the finished trials alone, so that a resumed search is the same.
@@ -265,7 +264,7 @@ class Search(ClassifierMixin, BaseEstimator):
                     trial.set_user_attr("seconds", time.perf_counter() - started)
                     study.tell(trial, state=TrialState.PRUNED)
                     return
-        spent = tables.milliseconds(name) + _milliseconds(model.predict, tables.alone(name, fold))
+        spent = tables.milliseconds(name) + milliseconds_of(model.predict, tables.alone(name, fold))
         trial.set_user_attr("predict_ms", spent)
         trial.set_user_attr("subjects", accuracy)
         trial.set_user_attr("seconds", time.perf_counter() - started)
@@ -380,21 +379,6 @@ class Average(ClassifierMixin, BaseEstimator):
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
 
-def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
-    """(train, test) positions of inner folds; nobody is on both sides.
-
-    Raises:
-        InputError: fewer than two subjects, which leaves nobody to judge by.
-    """
-    count = len(np.unique(subjects))
-    if count < 2:
-        raise InputError(f"parameters are chosen by leaving training subjects out, and there is {count}; train on more")
-    splitter = (
-        LeaveOneGroupOut() if inner == "loso" else GroupKFold(min(int(inner), count), shuffle=True, random_state=0)
-    )
-    return list(splitter.split(subjects, groups=subjects))
-
-
 def front(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
     """Which points no other one beats in both: at least as accurate and as cheap, and better in one; bool [points].
 
@@ -403,67 +387,6 @@ def front(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
     better = (accuracy[:, None] >= accuracy) & (cost[:, None] <= cost)
     strictly = (accuracy[:, None] > accuracy) | (cost[:, None] < cost)
     return np.isfinite(cost) & ~(better & strictly).any(axis=0)
-
-
-class _Tables:
-    """What models are fitted to and judged by in each inner fold: tables of features, or captures."""
-
-    def __init__(self, features: dict[str, TransformerMixin], X: Corpus, y: np.ndarray, folds: list) -> None:
-        self.features = {name: clone(part) for name, part in features.items()}
-        self.X = X
-        self.y = y
-        self.folds = folds
-        self.whole: dict[str, pd.DataFrame] = {}
-        self.learnt: dict[tuple[str, int], tuple[pd.DataFrame, pd.DataFrame]] = {}
-        self.spent: dict[str, float] = {}
-
-    def train(self, name: str | None, fold: int) -> Corpus | pd.DataFrame:
-        return self._part(name, fold, 0)
-
-    def test(self, name: str | None, fold: int) -> Corpus | pd.DataFrame:
-        return self._part(name, fold, 1)
-
-    def _part(self, name: str | None, fold: int, side: int) -> Corpus | pd.DataFrame:
-        part = self.folds[fold][side]
-        if not name:
-            return self.X[part]
-        features = self.features[name]
-        if not getattr(features, "learns", True):
-            if name not in self.whole:
-                self.whole[name] = features.fit(self.X, self.y).transform(self.X)
-            return self.whole[name].iloc[part]
-        if (name, fold) not in self.learnt:
-            train, test = self.folds[fold]
-            fitted = features.fit(self.X[train], self.y[train])
-            self.learnt[name, fold] = fitted.transform(self.X[train]), fitted.transform(self.X[test])
-        return self.learnt[name, fold][side]
-
-    def alone(self, name: str | None, fold: int) -> list[Corpus | pd.DataFrame]:
-        """A few of what is judged, one by one."""
-        judged = self.test(name, fold)
-        rows = judged.iloc if isinstance(judged, pd.DataFrame) else judged
-        return [rows[[i % len(judged)]] for i in range(TIMED)]
-
-    def milliseconds(self, name: str | None) -> float:
-        """Time to compute the features of one capture."""
-        if not name:
-            return 0.0
-        if name not in self.spent:
-            self._part(name, 0, 0)  # fits it
-            some = np.linspace(0, len(self.X) - 1, TIMED).astype(int)
-            alone = [self.X[i : i + 1].detached() for i in some]
-            self.spent[name] = _milliseconds(self.features[name].transform, alone)
-        return self.spent[name]
-
-
-def _milliseconds(call: Callable, each: Iterable[object]) -> float:
-    """Median time of a call, once with each of some arguments."""
-    times = []
-    for one in each:
-        started = time.perf_counter()
-        call(one)
-        times.append((time.perf_counter() - started) * 1000)
-    return float(np.median(times))
 
 
 def _named(params: dict[str, object]) -> str:

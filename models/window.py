@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from inspect import signature
 
 import numpy as np
 import pandas as pd
@@ -48,7 +49,8 @@ class WindowNet(ClassifierMixin, BaseEstimator):
 
     def length(self, rate_hz: float) -> int:
         """Frames of a window at some rate: ``seconds`` of it, or ``frames`` at any."""
-        return max(1, round(self.seconds * rate_hz)) if self.seconds else self.frames
+        seconds = getattr(self, "seconds", 0)
+        return max(1, round(seconds * rate_hz)) if seconds else self.frames
 
     @property
     def window(self) -> int:
@@ -75,6 +77,8 @@ class WindowNet(ClassifierMixin, BaseEstimator):
                 raise InputError(f"model.{name}={value}: give at least 1")
         if not 0 <= getattr(self, "seconds", 0.0) < float("inf"):
             raise InputError(f"model.seconds={self.seconds:g}: give a number above 0, or 0 for what frames says")
+        if getattr(self, "seconds", 0) and self.frames != signature(type(self)).parameters["frames"].default:
+            raise InputError(f"model.frames={self.frames} and model.seconds={self.seconds:g}: give one of them")
         rate = getattr(self, "rate", 1.0)
         if not 0 < rate < float("inf"):
             raise InputError(f"model.rate={rate:g}: give a number above 0")
@@ -83,17 +87,20 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         except (RuntimeError, AssertionError) as e:
             raise InputError(f"model.device={self.device}: {str(e).splitlines()[0]}; give cpu") from e
 
-    def check_training(self, X: Corpus, y: np.ndarray) -> np.ndarray:
-        """Captures of the training subject that chooses the epoch, bool [captures], before anything is run.
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse a training part before anything is run.
 
         Raises:
             InputError: a system that lets one training subject choose the epoch has only one.
         """
+        if self.holds_out and len(set(X.subjects.astype(str))) < 2:
+            raise InputError(f"{type(self).__name__} lets one training subject choose the epoch; train on two or more")
+
+    def _held_out(self, X: Corpus) -> np.ndarray:
+        """Captures of the training subject that chooses the epoch, bool [captures]."""
         if not self.holds_out:
             return np.zeros(len(X), dtype=bool)
         names = np.unique(X.subjects.astype(str))
-        if len(names) < 2:
-            raise InputError(f"{type(self).__name__} lets one training subject choose the epoch; train on two or more")
         return X.subjects == names[np.random.default_rng(self.seed).integers(len(names))]
 
     def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
@@ -104,7 +111,8 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         """
         self.check()
         self.classes_, codes = np.unique(y, return_inverse=True)
-        held = self.check_training(X, y)
+        self.check_training(X, y)
+        held = self._held_out(X)
         if hasattr(self, "seconds"):
             self.window_ = self.length(X.rate_hz)
         samples = self.training_samples(X[~held])
@@ -113,7 +121,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
             net = self.network(*X.grid, len(self.classes_)).to(self.device)
             with torch.no_grad():  # gives lazy layers their size before an optimiser asks for parameters
                 net.eval()
-                net(moved(samples.batch(np.arange(1)), torch.device(self.device)))
+                net(moved(samples.one(), torch.device(self.device)))
             self.net_ = net
             judge = partial(self._accuracy, X[held], codes[held]) if held.any() else None
             self.history_ = self.learn(net, samples, codes[~held][samples.capture], judge)

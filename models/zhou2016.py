@@ -59,15 +59,15 @@ class Zhou2016(WindowNet):
         self.device = device
         self.seconds = seconds
 
-    def check_training(self, X: Corpus, y: np.ndarray) -> np.ndarray:
-        """Captures of the training subject that chooses the epoch, bool [captures].
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse a training part before anything is run.
 
         Raises:
             InputError: fewer than one or more frames averaged than a window has, or one training subject.
         """
         if not 1 <= self.average <= (frames := self.length(X.rate_hz)):
             raise InputError(f"model.average={self.average}: give 1 to {frames}, the frames of a window")
-        return super().check_training(X, y)
+        super().check_training(X, y)
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
         """What ``net(x)`` gives, the stack of convolutions as `volumes` runs it."""

@@ -9,6 +9,8 @@ from urllib.parse import unquote, urlparse
 import numpy as np
 import pandas as pd
 
+from bench.tracking import folds_of
+
 
 def path_of(client: object, run: dict, name: str) -> Path | None:
     """A run's artifact as a local file, None where it has none of that name.
@@ -47,15 +49,7 @@ def predictions(client: object, run: dict) -> pd.DataFrame | None:
 
 def folds(client: object, run: dict) -> list[object]:
     """The finished child runs, in the order in which they were stored."""
-    found, token = [], None
-    while token or not found:
-        page = client.search_runs(
-            [run["experiment"]], f"tags.`mlflow.parentRunId` = '{run['run_id']}'", max_results=1000, page_token=token
-        )
-        found += page
-        token = page.token
-        if not token:
-            break
+    found = folds_of(client, run["run_id"])
     return sorted((f for f in found if f.info.status == "FINISHED"), key=lambda f: f.info.start_time)
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import pandas as pd
 from mlflow.entities import Run
 
+from bench.tracking import context_of, method_of, runs_of
 from reports import streaming
-from reports.comparison import EXPERIMENT, seed_number
+from reports.comparison import seed_number
 from reports.figures import Picture, save
 from reports.layout import Block, Table
 from reports.stability_figures import heat_map
@@ -22,7 +23,7 @@ def stress_blocks(client: object, folder: Path) -> list[Block]:
     """The loss under each fault, and where each method fails first, of the newest complete stress runs."""
     blocks: list[Block] = []
     for number, (context, runs) in enumerate(contexts(client, "stress", SAME).items(), 1):
-        losses = pd.DataFrame({streaming.method(r.data.tags): _under(r, "loss.") for r in runs}).T
+        losses = pd.DataFrame({method_of(r.data.tags): _under(r, "loss.") for r in runs}).T
         clean = [r.data.metrics["accuracy"] for r in runs]
         caption = "Points of accuracy lost under each fault, mean over five severities: the costliest fault first."
         if losses.size:  # else learning curves alone
@@ -61,11 +62,7 @@ def contexts(client: object, kind: str, same: tuple[str, ...]) -> dict[str, list
     Returns:
         At most `CONTEXTS` groups, people first and the largest first, each with its `METHODS` most accurate methods.
     """
-    experiment = client.get_experiment_by_name(EXPERIMENT)
-    asked = f"tags.`touchbench.kind` = '{kind}' and attributes.status = 'FINISHED'"
-    runs = client.search_runs(
-        [experiment.experiment_id], asked, order_by=["attributes.start_time DESC"], max_results=1000
-    )
+    runs = runs_of(client, f"tags.`touchbench.kind` = '{kind}' and attributes.status = 'FINISHED'")
     groups: dict[tuple, dict[str, Run]] = {}
     for run in sorted(runs, key=lambda r: (seed_number(r.data.tags["seed"]), -len(_under(r, "loss.")))):
         params = run.data.params
@@ -75,7 +72,7 @@ def contexts(client: object, kind: str, same: tuple[str, ...]) -> dict[str, list
             | {k: params.get(f"stream.{k}_ms", params.get(f"stream.{k}", "")) for k in ("start", "hop")}
         )
         groups.setdefault(tuple(about[k] for k in same), {}).setdefault(run.data.tags["system"], run)
-    ordered = sorted(groups.values(), key=lambda g: (_synthetic([*g.values()]), -len(g)))
+    ordered = sorted(groups.values(), key=lambda g: (next(iter(g.values())).data.tags["synthetic"], -len(g)))
     found = {}
     for members in ordered[:CONTEXTS]:
         best = sorted(members.values(), key=lambda r: -r.data.metrics["accuracy"])[:METHODS]
@@ -84,18 +81,12 @@ def contexts(client: object, kind: str, same: tuple[str, ...]) -> dict[str, list
 
 
 def _context(run: Run, left_out: int) -> str:
-    tags, params = run.data.tags, run.data.params
-    parts = [tags["data"] + (" (synthetic)" if _synthetic([run]) else ""), tags["subset"]]
-    parts += [tags["target"]] if tags["target"] != "gesture" else []
-    parts += [tags["protocol_label"]]
+    params = run.data.params
+    parts = [*context_of(run.data.tags)]
     parts += ["from the middle of the capture"] if params.get("stream.start") == "middle" else []
     parts += [f"a decision every {hop} ms"] if (hop := params.get("stream.hop_ms", "None")) != "None" else []
     parts += [f"{left_out} less accurate methods left out"] if left_out else []
     return ", ".join(parts)
-
-
-def _synthetic(runs: list[Run]) -> bool:
-    return runs[0].data.tags.get("synthetic") == "true"
 
 
 def _under(run: Run, prefix: str) -> dict[str, float]:
@@ -105,7 +96,7 @@ def _under(run: Run, prefix: str) -> dict[str, float]:
 def _failing(run: Run) -> dict[str, str]:
     measured, halves = run.data.metrics, sorted(_under(run, "half_margin.").items(), key=lambda item: item[1])
     return {
-        "method": streaming.method(run.data.tags),
+        "method": method_of(run.data.tags),
         "clean %": f"{100 * measured['accuracy']:.1f}",
         "half of the margin is lost at": ", ".join(f"{k.replace('_', ' ')} {v:.1f}" for k, v in halves) or "nowhere",
         "failing of tested slices": f"{measured['failing_slices']:.0f} of {measured['tested_slices']:.0f}",
@@ -120,7 +111,7 @@ def _over_time(run: Run) -> dict[str, str]:
         return f"{100 * measured[name]:.1f}" if name in measured else "-"
 
     return {
-        "method": streaming.method(run.data.tags),
+        "method": method_of(run.data.tags),
         **{f"{ms} ms": percent(f"accuracy_at_{ms}_ms") for ms in streaming.SHOWN_MS},
         "whole": percent("accuracy"),
         "adaptive": percent("adaptive_accuracy"),

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from bench.errors import InputError
+from bench.tracking import context_of, runs_of
 
-EXPERIMENT = "touchbench"
 SAME = ["data", "subset_key", "target_key", "protocol_key", "system"]  # of published.csv, and without _key of a run
 UNITS = {"capture": "", "capture vote": "vote_", "window": "window_"}
 
@@ -26,24 +26,16 @@ def tracked(client: object, kind: str = "cell") -> pd.DataFrame:
     Raises:
         InputError: there is none.
     """
-    experiment = client.get_experiment_by_name(EXPERIMENT)
-    rows, token = [], None
-    while experiment:
-        page = client.search_runs(
-            [experiment.experiment_id], f"tags.`touchbench.kind` = '{kind}'", max_results=1000, page_token=token
-        )
-        rows += [
-            {"target": "gesture"}
-            | r.data.params
-            | r.data.tags
-            | r.data.metrics
-            | {"run_id": r.info.run_id, "status": r.info.status, "started": r.info.start_time}
-            | {"artifacts": r.info.artifact_uri, "experiment": r.info.experiment_id}
-            for r in page
-            if "accuracy" in r.data.metrics
-        ]
-        if not (token := page.token):
-            break
+    rows = [
+        {"target": "gesture"}
+        | r.data.params
+        | r.data.tags
+        | r.data.metrics
+        | {"run_id": r.info.run_id, "status": r.info.status, "started": r.info.start_time}
+        | {"artifacts": r.info.artifact_uri}
+        for r in runs_of(client, f"tags.`touchbench.kind` = '{kind}'")
+        if "accuracy" in r.data.metrics
+    ]
     if not rows:
         raise InputError("no scored run is tracked here; make one first, for example: bench run model=svm")
     same = ["data", "corpus_digest", "subset", "target", "protocol", "protocol_label", "system", "seed"]
@@ -56,9 +48,8 @@ def with_groups(runs: pd.DataFrame) -> pd.DataFrame:
 
     Generated captures say so; where several corpora go by one name, the digest tells them apart.
     """
-    data = runs["data"] + np.where(runs["synthetic"] == "true", " (synthetic)", "")
-    target = np.where(runs["target"] == "gesture", "", ", " + runs["target"].astype(str))
-    words = data + ", " + runs["subset"] + target + ", " + runs["protocol_label"]
+    known = runs[["data", "synthetic", "subset", "target", "protocol_label"]].to_dict("records")
+    words = pd.Series([", ".join(context_of(tags)) for tags in known], runs.index)
     digests = runs.groupby(words)["corpus_digest"].transform("nunique")
     return runs.assign(group=words + np.where(digests > 1, ", corpus " + runs["corpus_digest"].str[:8], ""))
 
@@ -76,12 +67,13 @@ def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
             if pd.isna(run.get(f"{prefix}accuracy", np.nan)):
                 continue
             whole = unit != "window"
+            data, subset, protocol = context_of(run)
             rows.append(
                 {
                     "system": run["system"],
-                    "data": run["data"] + (" (synthetic)" if run["synthetic"] == "true" else ""),
-                    "subset": run["subset"] + (f", {run['target']}" if run["target"] != "gesture" else ""),
-                    "protocol": run["protocol_label"],
+                    "data": data,
+                    "subset": subset,
+                    "protocol": protocol,
                     "unit": "capture, mean probability" if unit == "capture" and run.get("windows", 0) > 0 else unit,
                     "seed": run["seed"],
                     "accuracy": 100 * run[f"{prefix}accuracy"],

@@ -16,6 +16,7 @@ import pandas as pd
 from scipy.stats import binom, false_discovery_control, kendalltau
 
 from bench import scores
+from bench.tracking import context_of, method_of
 
 CLEAN = "none"
 NOT_CONDITIONS = {"fold", "capture", "true", "length", "fault", "severity", "amount", "train_subjects", "predicted",
@@ -30,16 +31,16 @@ LENGTH_BINS = 5
 
 @dataclass(frozen=True)
 class Analysis:
-    """One tracked run and what its table says; ``seed`` is ``none`` for a system without one.
+    """One tracked run and what its table says; ``method`` is the system with its seed unless that is the usual one.
 
+    ``context`` is what must agree for methods to be compared: data, subset, protocol.
     ``clean`` and ``chance`` are accuracies: of the captures as they are, and of always naming the most frequent class.
     """
 
     system: str
     seed: str
-    data: str
-    subset: str
-    protocol: str
+    method: str
+    context: tuple[str, str, str]
     units: pd.DataFrame
     clean: float
     chance: float
@@ -49,16 +50,6 @@ class Analysis:
     learning: pd.DataFrame
     slices: pd.DataFrame
 
-    @property
-    def context(self) -> tuple[str, str, str]:
-        """What must agree for methods to be compared: data, subset, protocol."""
-        return self.data, self.subset, self.protocol
-
-    @property
-    def method(self) -> str:
-        """System, and its seed where that is not the usual one."""
-        return self.system + (f", seed {self.seed}" if self.seed not in ("0", "none") else "")
-
 
 def analyse(tags: dict[str, str], table: pd.DataFrame) -> Analysis:
     """All tables of one run from its tags in MLflow and its table."""
@@ -67,11 +58,10 @@ def analyse(tags: dict[str, str], table: pd.DataFrame) -> Analysis:
     units = unharmed(table)
     clean, chance = float(units["hit"].mean()), float(units["true"].value_counts(normalize=True).max())
     found = curves(table)
-    subset = tags["subset"] + (f", {tags['target']}" if tags["target"] != "gesture" else "")
     return Analysis(
-        tags["system"], tags["seed"], tags["data"] + (" (synthetic)" if tags["synthetic"] == "true" else ""), subset,
-        tags["protocol_label"], units, clean, chance, found, half_margins(found, clean, chance),
-        conditions(units, tags["target"]), learning(table), slices(table, tags["target"]),
+        tags["system"], tags["seed"], method_of(tags), context_of(tags), units, clean, chance, found,
+        half_margins(found, clean, chance), conditions(units, tags["target"]), learning(table),
+        slices(table, tags["target"]),
     )  # fmt: skip
 
 

@@ -66,7 +66,7 @@ def title(one: Analysis) -> str:
 def markdown(analyses: list[Analysis]) -> str:
     """What the console shows, as a page."""
     lines = ["# Stability", "", f"{title(analyses[0])}.", ""]
-    if "(synthetic)" in analyses[0].data:
+    if "(synthetic)" in analyses[0].context[0]:
         lines += ["Generated captures: this says nothing about people.", ""]
     for heading, note, table in sections(analyses):
         lines += [f"## {heading}", "", *([note, ""] if note else []), *([md_table(table), ""] if len(table) else [])]

@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.errors import InputError
+from bench.tracking import context_of, method_of
 from reports.figures import MARKERS
 
 DASHES = ("-", "--", "-.", ":")
@@ -82,15 +83,15 @@ def draw(rows: list[dict[str, object]]) -> object:
     groups: dict[tuple, list[dict]] = {}
     for row in rows:
         groups.setdefault(tuple(row[k] for k in SAME), []).append(row)
-    systems = list(dict.fromkeys(method(row) for row in rows))
+    systems = list(dict.fromkeys(method_of(row) for row in rows))
     names = len(systems) + 3
     fig = Figure(figsize=(11.5, 4.4 * len(groups) + 0.22 * names), layout="constrained")
     axes = fig.subplots(len(groups), 2, squeeze=False, sharey="row")
-    for (seen, mean), ((data, subset, target, protocol, start), members) in zip(axes, groups.items(), strict=True):
+    for (seen, mean), (group, members) in zip(axes, groups.items(), strict=True):
         low, high = (1000 / rate for rate in PUBLISHED_PER_SECOND[::-1])
         seen.axvspan(low, high, color="0.85", zorder=0)
         for row in members:
-            kind = systems.index(method(row))
+            kind = systems.index(method_of(row))
             look = {"color": f"C{kind % 10}", "marker": MARKERS[kind % len(MARKERS)], "markersize": 5}
             fixed, stopping, point = row["instants"], row["stopping"].sort_values("mean_ms"), row["adaptive"]
             seen.plot(fixed["ms"], 100 * fixed["accuracy"], DASHES[kind % len(DASHES)], **look)
@@ -105,10 +106,9 @@ def draw(rows: list[dict[str, object]]) -> object:
                 point["mean_ms"], accuracy, yerr=None if point["low"] != point["low"] else bars, fmt="*",
                 markersize=15, color=look["color"], markeredgecolor="black", capsize=3, zorder=5,
             )  # fmt: skip
-        synthetic = " (synthetic)" if members[0]["synthetic"] == "true" else ""
-        told = "" if target == "gesture" else f", {target}"
-        begin = "from the onset" if start == "onset" else "from the middle of the capture"
-        seen.set_title(f"{data}{synthetic}, {subset}{told}\n{protocol}", fontsize=9)
+        data, subset, protocol = context_of(members[0])
+        begin = "from the onset" if group[-1] == "onset" else "from the middle of the capture"
+        seen.set_title(f"{data}, {subset}\n{protocol}", fontsize=9)
         mean.set_title(f"{begin}\nfixed windows and adaptive stopping", fontsize=9)
         seen.set_xlabel("ms of touch seen; a capture that has ended keeps its label")
         mean.set_xlabel("mean ms of touch seen before the label")
@@ -135,8 +135,3 @@ def draw(rows: list[dict[str, object]]) -> object:
     ]
     fig.legend(handles, systems + told, loc="outside lower left", fontsize=8, frameon=False, handlelength=4)
     return fig
-
-
-def method(row: dict[str, object]) -> str:
-    """System, and its seed where that is not the usual one."""
-    return row["system"] + (f", seed {row['seed']}" if row["seed"] not in ("0", "none") else "")

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from bench.check import read
+from bench.baseline import read
 from bench.cli import main
 
 BASELINE = Path(__file__).parents[2] / "reports" / "baseline.json"

@@ -101,6 +101,7 @@ def test_mistakes_are_one_line_and_exit_code_2(arguments, message, capsys):
     [
         (["rnu"], "no command is called 'rnu'; did you mean run"),
         (["data", "imprt"], "not understood"),
+        (["data", "export", "synth", "x.csv", "seed=1", "seed=2"], "seed= is given twice"),
         (["data", "import", "cots", "x.csv"], "format=cots: not known; did you mean cost"),
         (["data", "import", "cost", "x.csv"], "x.csv: cannot be read"),
         (["data", "import", "table", "x.csv"], "format table also needs rate_hz="),

@@ -1,50 +1,30 @@
-"""The gate: its tests against enumeration, seeded faults in copies of systems, and the command as a whole."""
+"""The gate: its tests against enumeration, its verdicts, and the command as a whole."""
 
 import itertools
 import json
 import sys
 from collections import Counter
 from dataclasses import replace
-from functools import cache, partial
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
-from sklearn.base import BaseEstimator, TransformerMixin
 
-from bench import registry, scores
-from bench.check import (
-    LIMITS,
-    Measured,
-    Verdict,
-    compare,
-    drawn,
-    held,
-    interval,
-    junit,
-    p_value,
-    read,
-    text,
-    units_of,
-)  # fmt: skip
+from bench import registry
+from bench.baseline import Measured, read, text
+from bench.check import LIMITS, Verdict, compare, drawn, held, interval, junit, p_value, units_of
 from bench.cli import main
 from bench.corpora.synth import generate
 from bench.errors import InputError
-from bench.fold import FoldResult, decisions, latency, reference
+from bench.fold import FoldResult, latency, reference
 from bench.tracking import costs
 from features.jung54 import Jung54
-from models.bayes import bayes
-from models.cnn85 import CNN85
-from models.rf import rf
 from models.svm import svm
-from models.training import Windows
-from protocols.subjects import LOSO
 
 NAMES = {"data": "toy", "corpus_digest": "d", "subset": "all", "target": "gesture", "protocol": "loso",
          "system": "s", "seed": "none"}  # fmt: skip
@@ -279,157 +259,6 @@ def test_junit_has_a_case_for_each_system():
     good, bad, none = suite
     assert good.get("name") == "s <1>" and good.find("system-out").text == "same     s <1>: fine & well"
     assert bad.find("failure").get("message") == "worse    t: 1  " and none.find("error") is not None
-
-
-# Seeded faults in copies of systems, on generated captures
-
-
-@cache
-def corpus():
-    return generate(subjects=8, repetitions=2, variants=("normal",))
-
-
-def swapped(captures):
-    """The same captures with two rows of the grid swapped."""
-    frames = captures.frames.copy()
-    frames[:, [2, 3]] = frames[:, [3, 2]]
-    return replace(captures, frames=frames)
-
-
-@cache
-def table(rows_swapped=False):
-    return Jung54().transform(swapped(corpus()) if rows_swapped else corpus())
-
-
-class Stored(TransformerMixin, BaseEstimator):
-    """Features of `corpus` that are computed once for all tests."""
-
-    def __init__(self, rows_swapped=False):
-        self.rows_swapped = rows_swapped
-
-    def fit(self, X, y=None):
-        return self
-
-    def transform(self, X):
-        return table(self.rows_swapped).iloc[X.index]
-
-    def __sklearn_is_fitted__(self):
-        return True
-
-
-def copy_of(make, fault="", share=0.05):
-    """Fits a copy of a system that has a scaler, or none, with a fault or without."""
-
-    def fit(fold, train, labels, test):
-        if fault == "shuffled":
-            labels = shuffled(labels, fold, share)
-        fitted = make(features=Stored()).fit(train, labels)
-        if fault == "leak":
-            both = corpus()[np.sort(np.concatenate([train.index, test.index]))]
-            scaler = fitted["scaler"].fit(fitted["features"].transform(both))
-            fitted["classifier"].fit(scaler.transform(fitted["features"].transform(train)), labels)
-        if fault == "rows":
-            fitted["features"].set_params(rows_swapped=True)
-        return fitted
-
-    return fit
-
-
-def shuffled(labels, seed, share):
-    """The labels of some of the captures, dealt to them anew."""
-    rng = np.random.default_rng(seed)
-    labels, chosen = labels.copy(), rng.choice(len(labels), round(share * len(labels)), replace=False)
-    labels[chosen] = labels[rng.permutation(chosen)]
-    return labels
-
-
-class FrontPadded(Windows):
-    def batch(self, rows):
-        whole = super().batch(rows)
-        return torch.stack([w.roll(self.frames - int(n), 0) for w, n in zip(whole, self.seen[rows], strict=True)])
-
-
-class WronglyPadded(CNN85):
-    def samples(self, corpus):
-        return FrontPadded(corpus, self.frames, self.frames)
-
-    training_samples = samples
-
-
-def small_net(kind):
-    return lambda fold, train, labels, test: kind(frames=120, epochs=4, batch=20).fit(train, labels)
-
-
-def run_of(fit, captures, seed="none", system="svm"):
-    """Leave-one-subject-out with a copy of a system, as a baseline holds it.
-
-    Args:
-        fit: called with the number of the fold, the training captures, their labels and the test captures; gives the
-            fitted classifier.
-        captures: the corpus.
-        seed: as tracked.
-        system: as tracked.
-    """
-    tables = []
-    for i, (train, test) in enumerate(LOSO().split(captures)):
-        tables.append(
-            decisions(fit(i, captures[train], captures.gestures[train], captures[test]), captures, str(i), test)
-        )
-    labels = scores.captures(pd.concat(tables, ignore_index=True))[["fold", "capture", "subject", "true", "predicted"]]
-    return Measured("", NAMES | {"seed": seed, "system": system}, HERE, {}, labels, True)
-
-
-def forest(seed, trees=20):
-    return run_of(copy_of(partial(rf, trees=trees, seed=seed)), corpus(), str(seed), "rf")
-
-
-@cache
-def sound():
-    """What a gate of four systems would hold."""
-    nets = generate(subjects=3, repetitions=2, variants=("normal",))
-    return {
-        "svm": run_of(copy_of(svm), corpus(), system="svm"),
-        "bayes": run_of(copy_of(bayes), corpus(), system="bayes"),
-        "rf": forest(0),
-        "cnn": run_of(small_net(CNN85), nets, "0", "cnn"),
-    }
-
-
-def alarms(faulty):
-    """What a gate says of a copy in place of one of its systems, the others unchanged."""
-    (name,) = {k for k, run in sound().items() if run.names["system"] == faulty.names["system"]}
-    current = [faulty if k == name else run for k, run in sound().items()]
-    found = dict(zip(sound(), compare(list(sound().values()), current, **LIMITS), strict=True))
-    assert not any(v.wrong for k, v in found.items() if k != name)
-    return found[name].wrong
-
-
-def test_copies_without_a_fault_raise_no_alarm():
-    for name, make in (("svm", svm), ("bayes", bayes)):
-        assert alarms(run_of(copy_of(make), corpus(), system=name)) == ()
-
-
-@pytest.mark.parametrize("fault", ["rows", "leak", "shuffled"])
-def test_a_faulty_copy_is_caught(fault):
-    for name, make in (("svm", svm), ("bayes", bayes)):
-        assert alarms(run_of(copy_of(make, fault), corpus(), system=name))
-    if fault != "leak":  # a forest scales nothing
-        assert alarms(run_of(copy_of(partial(rf, trees=20, seed=0), fault), corpus(), "0", "rf"))
-
-
-def test_wrong_padding_is_caught():
-    nets = generate(subjects=3, repetitions=2, variants=("normal",))
-    assert alarms(run_of(small_net(WronglyPadded), nets, "0", "cnn"))
-
-
-def test_accuracy_alone_finds_a_loss_that_is_large():
-    faulty = run_of(copy_of(partial(rf, trees=20, seed=1), "shuffled", share=0.7), corpus(), "1", "rf")
-    assert alarms(faulty) == ("worse",)
-
-
-def test_ten_seeds_of_a_forest_raise_no_alarm():
-    for seed in range(1, 11):
-        assert alarms(forest(seed)) == ()
 
 
 # The command

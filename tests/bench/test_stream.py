@@ -1,11 +1,5 @@
 """Prefixes, calibration and stopping against naive slices and hand calculation; whole commands; standard input."""
 
-import io
-import os
-import signal
-import subprocess
-import sys
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,7 +14,6 @@ from sklearn.metrics import log_loss
 from bench import run
 from bench.cli import main
 from bench.corpus import Corpus, InputError, open_folder, write_folder
-from bench.live import decided_at, frames_of
 from bench.replay import (
     Calibration,
     Replay,
@@ -39,7 +32,7 @@ from bench.replay import (
 )
 from features.jung54 import Jung54
 from tests.bench.test_run import predictions, runs
-from tests.conftest import BENCH, random_corpus, with_other_values
+from tests.conftest import random_corpus, with_other_values
 
 SMALL = ["model=bayes", "data.subjects=3", "data.variants=normal", "hop_ms=600", "jobs=2"]
 PLAIN = Calibration(1.0, 1.0, 1.0, 1.0)
@@ -375,126 +368,3 @@ def test_what_cannot_be_streamed_is_refused(arguments, told, capsys):
     assert main(["stream", *arguments]) == 2
     error = capsys.readouterr().err
     assert told in error and error.count("\n") == 1
-
-
-def frames(n, start=0):
-    return [np.full(2, start + i, dtype=float) for i in range(n)]
-
-
-@settings(max_examples=60)
-@given(lengths_of, st.floats(10, 200), st.integers(1, 12))
-def test_a_decision_every_hop_and_one_where_a_capture_ends(lengths, hop_ms, longest):
-    given_, naive = [], []
-    for c, n in enumerate(lengths, 1):
-        given_ += [*frames(n, 100 * c), None]
-        hops = {int(np.ceil(k * hop_ms / 10 - 1e-6)) for k in range(1, 1 + int(n * 10 / hop_ms + 1e-6))}
-        naive += [(c, seen) for seen in sorted({s for s in hops if s <= n} | {n})]
-    found = list(decided_at(iter(given_[:-1]), 100.0, hop_ms, longest))
-    assert [(c, seen) for c, seen, _ in found] == naive
-    for c, seen, window in found:
-        assert [f[0] for f in window] == [100 * c + i for i in range(seen)][-longest:]
-
-
-def test_an_endless_stream_needs_no_more_than_the_window():
-    def endless():
-        while True:
-            yield np.zeros(2)
-
-    taken = 0
-    for _, seen, window in decided_at(endless(), 100.0, 50.0, 7):
-        taken += 1
-        assert len(window) == min(seen, 7)
-        if taken == 2000:
-            break
-
-
-def test_a_decision_is_out_before_the_next_frame_is_read():
-    read = []
-
-    def source():
-        for i in range(10):
-            read.append(i)
-            yield np.zeros(2)
-
-    for _, seen, _ in decided_at(source(), 100.0, 30.0, 5):
-        assert len(read) == seen
-
-
-def test_lines_are_frames():
-    text = b"1,2,3\n 4 5\t6\r\n\n\n7, 8 ,9.5\n"
-    found = list(frames_of(io.BytesIO(text), 3, 10.0))
-    assert [f if f is None else f.tolist() for f in found] == [[1, 2, 3], [4, 5, 6], None, None, [7, 8, 9.5]]
-
-
-@pytest.mark.parametrize(
-    ("line", "told"),
-    [
-        (b"1,2", "2 values instead of 3"),
-        (b"1,2,3,", "4 values instead of 3"),
-        (b"1,x,3", "'x' is not a number"),
-        (b"1,,3", "'' is not a number"),
-        (b"1,1_0,3", "'1_0' is not a number"),
-        (b"1,\xff,3", "is not a number"),
-        (b"1,nan,3", "nan is not within 0"),
-        (b"1,-1,3", "-1 is not within 0"),
-        (b"1,11,3", "11 is not within 0 and the full scale 10"),
-        (b"1" * 500, "longer than"),
-    ],
-)
-def test_a_line_that_is_no_frame_is_named(line, told):
-    stream = frames_of(io.BytesIO(b"1,2,3\n" + line + b"\n1,2,3\n"), 3, 10.0)
-    assert next(stream) is not None
-    with pytest.raises(InputError, match="line 2: ") as e:
-        next(stream)
-    assert told in str(e.value)
-
-
-@pytest.fixture
-def saved(tmp_path):
-    """A model of captures at 100 Hz on 2 x 3 whose class stands in the first taxel."""
-    import mlflow
-
-    from bench.saved import Recogniser, quiet
-
-    corpus = coded_corpus()
-    made = Recogniser(Rising().fit(corpus, corpus.gestures), corpus)
-    with quiet():
-        mlflow.pyfunc.save_model(str(tmp_path / "model"), **made.model([], corpus[0][:2]))
-    return str(tmp_path / "model")
-
-
-def test_standard_input_is_decided_on(saved, monkeypatch, capsys):
-    lines = ["0,9,9,9,9,9"] * 7 + [""] + ["2 9 9 9 9 9"] * 5
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode())))
-    assert main(["stream", "source=-", f"model={saved}", "hop_ms=30"]) == 0
-    captured = capsys.readouterr()
-    # 30 ms are three frames: Rising is wrong, one class too far, and 3/4 sure
-    assert captured.out.splitlines() == [
-        "capture,ms,label,confidence",
-        *("1,30,b,0.750", "1,60,a,0.857", "1,70,a,0.875", "2,30,a,0.750", "2,50,c,0.833"),
-    ]
-    assert "frames of 2x3 from 0 to 1023, 100 a second" in captured.err and "last 120 ms" in captured.err
-
-
-def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(saved, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(b"0,9,9,9,9,9\n" * 4 + b"0,9,9,9,9,9999\n")))
-    assert main(["stream", "source=-", f"model={saved}", "hop_ms=20", "window_ms=20"]) == 2
-    captured = capsys.readouterr()
-    assert captured.out.splitlines()[1:] == ["1,20,b,0.667", "1,40,b,0.667"]
-    assert captured.err.splitlines()[-1] == "bench: line 5: 9999 is not within 0 and the full scale 1023"
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_decisions_come_while_frames_come_and_control_c_ends_it(saved):
-    process = subprocess.Popen(
-        [*BENCH, "stream", "source=-", f"model={saved}", "hop_ms=20"],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0, start_new_session=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
-    )  # fmt: skip
-    assert process.stdout.readline() == b"capture,ms,label,confidence\n"
-    process.stdin.write(b"1,9,9,9,9,9\n1,9,9,9,9,9\n")
-    assert process.stdout.readline() == b"1,20,c,0.667\n"  # stdin stays open: nothing else is needed
-    time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=300)
-    assert process.returncode == 130 and b"Traceback" not in error

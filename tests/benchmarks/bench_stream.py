@@ -19,7 +19,7 @@ from bench.replay import Calibration, Replay, decision_latency, replayed
 from bench.runner import folds_of
 from bench.scores import classes_of
 from bench.store import open_corpus
-from models.tuning import inner_folds
+from models.inner import inner_folds
 
 
 def arrays(table: pd.DataFrame, rate_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

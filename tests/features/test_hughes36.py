@@ -1,16 +1,13 @@
 """Likelihoods against sums over all state paths, gesture-level features against loops, and what may be learnt."""
 
-import itertools
 import subprocess
 import sys
 
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.special import logsumexp
-from scipy.stats import norm
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LinearRegression
@@ -19,7 +16,6 @@ from bench import source
 from bench.corpora.synth import generate
 from bench.corpus import Corpus, InputError, open_folder, write_folder
 from features import hughes36
-from features.hmm import GaussianHMMs
 from features.hughes36 import Hughes36, moments
 from tests.conftest import random_corpus
 
@@ -33,121 +29,6 @@ def quick(**parameters):
 def corpus_of(arrays, gestures=None, rate=100.0, full_scale=1023.0):
     about = pd.DataFrame({"subject": ["1"] * len(arrays), "gesture": gestures or ["pat"] * len(arrays)})
     return Corpus.from_captures(arrays, about, rate, full_scale=full_scale)
-
-
-def random_models(rng, classes=2, states=3, values=2):
-    models = GaussianHMMs(states, 1)
-    models.start_ = rng.dirichlet(np.ones(states), classes)
-    models.transition_ = rng.dirichlet(np.ones(states), (classes, states))
-    models.mean_ = rng.normal(size=(classes, states, values))
-    models.variance_ = rng.uniform(0.1, 2, (classes, states, values))
-    return models
-
-
-def paths(models, c, frames):
-    """Every path of states through one sequence with its log-probability and that of the frames together."""
-    states = len(models.start_[c])
-    density = norm.logpdf(frames[:, None], models.mean_[c], np.sqrt(models.variance_[c])).sum(axis=2)
-    for path in itertools.product(range(states), repeat=len(frames)):
-        log = np.log(models.start_[c, path[0]]) + sum(density[t, s] for t, s in enumerate(path))
-        yield path, log + sum(np.log(models.transition_[c, a, b]) for a, b in itertools.pairwise(path))
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10_000), st.lists(st.integers(1, 5), min_size=1, max_size=4), st.integers(1, 3))
-def test_likelihood_is_the_sum_over_all_paths(seed, lengths, states):
-    rng = np.random.default_rng(seed)
-    models = random_models(rng, states=states)
-    sequences = [rng.normal(size=(n, 2)) for n in lengths]
-    found = models.log_likelihood(np.concatenate(sequences), np.array(lengths))
-    expected = [[logsumexp([log for _, log in paths(models, c, s)]) for c in range(2)] for s in sequences]
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
-
-
-@settings(max_examples=15, deadline=None)
-@given(st.integers(0, 10_000), st.lists(st.integers(1, 40), min_size=1, max_size=6), st.sampled_from([0.1, 1, 30]))
-def test_likelihood_equals_a_loop_over_frames_in_logs(seed, lengths, far):
-    rng = np.random.default_rng(seed)
-    models = random_models(rng, classes=3, states=4)
-    sequences = [far * rng.normal(size=(n, 2)) for n in lengths]
-    found = models.log_likelihood(np.concatenate(sequences), np.array(lengths))
-    for i, frames in enumerate(sequences):
-        for c in range(3):
-            density = norm.logpdf(frames[:, None], models.mean_[c], np.sqrt(models.variance_[c])).sum(axis=2)
-            log = np.log(models.start_[c]) + density[0]
-            for t in range(1, len(frames)):
-                log = logsumexp(log[:, None] + np.log(models.transition_[c]), axis=0) + density[t]
-            assert found[i, c] == pytest.approx(logsumexp(log), rel=1e-9)
-
-
-@settings(max_examples=15, deadline=None)
-@given(st.integers(0, 10_000))
-def test_an_iteration_equals_expectations_over_all_paths(seed):
-    rng = np.random.default_rng(seed)
-    begin = random_models(rng, states=2)
-    lengths = np.array([3, 1, 5, 2, 4, 5, 2])
-    classes = np.array([1, 0, 1, 0, 0, 1, 1])
-    frames = rng.normal(size=(lengths.sum(), 2))
-    models = GaussianHMMs(2, 1)
-    models._begin = lambda parts: vars(models).update({k: v.copy() for k, v in vars(begin).items() if k[-1] == "_"})
-    models.fit(frames, lengths, classes)
-    sequences = np.split(frames, np.cumsum(lengths)[:-1])
-    for c in range(2):
-        start, moves, weight, first, second = np.zeros(2), np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2)), 0
-        total = 0
-        for own in (sequences[i] for i in np.flatnonzero(classes == c)):
-            every = list(paths(begin, c, own))
-            likelihood = logsumexp([log for _, log in every])
-            total += likelihood
-            for path, log in every:
-                share = np.exp(log - likelihood)
-                start[path[0]] += share
-                for a, b in itertools.pairwise(path):
-                    moves[a, b] += share
-                for t, s in enumerate(path):
-                    weight[s] += share
-                    first[s] += share * own[t]
-                    second = second + share * np.outer(np.arange(2) == s, own[t] ** 2)
-        assume(weight.min() > 0.01 and moves.sum(axis=1).min() > 0.01)
-        mean = first / weight[:, None]
-        assert models.history_[0, c] == pytest.approx(total)
-        np.testing.assert_allclose(models.start_[c], start / start.sum(), atol=2e-6)
-        np.testing.assert_allclose(models.transition_[c], moves / moves.sum(axis=1, keepdims=True), atol=2e-6)
-        np.testing.assert_allclose(models.mean_[c], mean, atol=1e-9)
-        np.testing.assert_allclose(
-            models.variance_[c], np.maximum(second / weight[:, None] - mean**2, 1e-3), rtol=1e-7, atol=1e-9
-        )
-
-
-@settings(max_examples=10, deadline=None)
-@given(st.integers(0, 10_000), st.integers(1, 5))
-def test_iterations_never_lower_the_likelihood(seed, states):
-    rng = np.random.default_rng(seed)
-    lengths = rng.integers(1, 40, 20)
-    frames = rng.normal(size=(lengths.sum(), 3)).cumsum(axis=0)
-    frames /= frames.std(axis=0)
-    classes = np.arange(20) % 3
-    models = GaussianHMMs(states, 15, seed).fit(frames, lengths, classes)
-    after = models.log_likelihood(frames, lengths)[np.arange(20), classes]
-    history = np.vstack([models.history_, np.bincount(classes, weights=after)])
-    assert (np.diff(history, axis=0) > -2e-3).all()  # floors cost a little
-    assert states == 1 or (history[-1] > history[0]).all()
-
-
-def test_two_states_are_recovered_for_each_class():
-    rng = np.random.default_rng(0)
-    mean, stay = np.array([[-1.0, 1.0], [1.5, 0.0]]), np.array([0.95, 0.8])
-    lengths, classes = rng.integers(1, 200, 60), np.arange(60) % 2
-    frames = []
-    for length, c in zip(lengths, classes, strict=True):
-        state = np.cumsum(rng.random(length) > stay[c]) % 2
-        frames.append(mean[c][state][:, None] + 0.1 * rng.normal(size=(length, 1)))
-    models = GaussianHMMs(2, 20).fit(np.concatenate(frames), lengths, classes)
-    np.testing.assert_allclose(np.sort(models.mean_[:, :, 0]), np.sort(mean), atol=0.02)
-    np.testing.assert_allclose(np.sqrt(models.variance_), 0.1, atol=0.01)
-    for c in range(2):
-        np.testing.assert_allclose(np.diag(models.transition_[c]), stay[c], atol=0.03)
-    assert (models.log_likelihood(np.concatenate(frames), lengths).argmax(axis=1) == classes).all()
 
 
 def naive(frames, rate, full_scale):

@@ -17,7 +17,7 @@ from models.cnn85 import CNN85
 from models.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
 from models.ren2023 import Ren2023Transformer
 from models.time_blocks import TimeConv3d
-from models.training import Sequences, Torch, Windows, activations, train
+from models.training import Sequences, Torch, Windows, _stands_still, activations, train
 from models.window import votes
 from models.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 from tests.conftest import random_corpus, with_other_values
@@ -109,6 +109,8 @@ def test_windows_in_seconds_follow_the_rate(system):
                               .predict_proba(corpus), model.predict_proba(corpus))  # fmt: skip
     with pytest.raises(InputError, match="model.seconds=-1: give a number above 0"):
         system(seconds=-1.0).check()
+    with pytest.raises(InputError, match="model.frames=7 and model.seconds=0.5: give one"):
+        system(seconds=0.5, frames=7).check()
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
@@ -322,6 +324,13 @@ def test_the_best_epoch_is_kept_and_training_stops_when_the_loss_stands_still():
     assert [row["held_accuracy"] for row in history] == [0.2, 0.7, 0.7, 0.1]
     assert net[1].bias.tolist() == [2.0, 2.0]
     assert len(train(net, windows, target, Still(), 50, len(windows), 0, patience=3)) == 6
+
+
+def test_single_epochs_with_a_high_loss_neither_stop_training_nor_keep_it_going():
+    falling = [1.5, 1.4, 1.3, 1.2, 1.1, 1.0]
+    assert not _stands_still([*falling[:5], 9.0], 3)  # the mean of the last three rises
+    assert _stands_still([1.0, 9.0, 1.0, 1.0, 1.0, 1.0], 3)  # the mean falls
+    assert not _stands_still(falling, 3) and not _stands_still([1.0] * 5, 3)
 
 
 def poison(net, accuracy):

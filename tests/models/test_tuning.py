@@ -22,10 +22,11 @@ from features.ta273 import Ta273
 from models import study, tuning
 from models.auto import auto
 from models.cnn85 import CNN85
+from models.inner import inner_folds
 from models.jung2014 import jung2014_svm
 from models.rf import et, rf
 from models.svm import svm
-from models.tuning import Range, Search, front, inner_folds
+from models.tuning import Range, Search, front
 from tests.conftest import random_corpus, with_other_values
 
 GRID = {"C": [0.125, 8.0, 512.0], "gamma": [0.01, 1.0]}
@@ -205,8 +206,7 @@ def test_learnt_features_never_see_the_subjects_that_judge(learnt):
     labels[judges] = "pat"
     other = with_other_values(corpus, judges)
     tables = [
-        tuning._Tables({"f": learnt}, c, y, folds).train("f", 0)
-        for c, y in ((corpus, corpus.gestures), (other, labels))
+        tuning.Tables({"f": learnt}, c, y, folds).train("f", 0) for c, y in ((corpus, corpus.gestures), (other, labels))
     ]
     pd.testing.assert_frame_equal(*tables)
 
