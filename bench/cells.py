@@ -84,6 +84,10 @@ class Cell:
             return {type(fixed).__name__.lower(): fixed}
         return dict(getattr(estimator, "features", None) or {})
 
+    def packages(self) -> tuple[str, ...]:
+        """Packages that this system alone depends on."""
+        return getattr(load("models", self.model.name), "packages", ())
+
     def _searching(self) -> list[str]:
         """Modules that a search depends on besides its parts."""
         selection = ["features.selection"] if self.tuning and self.tuning.get("over") == "features" else []
@@ -100,7 +104,7 @@ class Cell:
             "search": [source_digest(importlib.import_module(name)) for name in self._searching()],
             "parts": [(p.room, p.name, p.parameters, source_digest(load(p.room, p.name))) for p in parts],
             "harness": source_digest(importlib.import_module("bench.fold")),
-            "versions": versions(),
+            "versions": versions(self.packages()),
             "threads": threads,
         }
         return hashlib.sha256(json.dumps(same, sort_keys=True, default=str).encode()).hexdigest()[:20]

@@ -21,7 +21,7 @@ from bench.errors import InputError
 from bench.registry import load, nearest, parameters
 from bench.replay import standing
 from bench.run import KEYS as RUN_KEYS
-from bench.run import execute, jobs_of, output
+from bench.run import console, execute, jobs_of, output
 from models.tuning import Search
 
 COSTS = {"flash": "kB", "ram": "kB", "predict": "ms", "decision": "ms"}  # what a system may cost, and its unit
@@ -70,6 +70,9 @@ def choose(arguments: list[str]) -> int:
     margin = quantity("margin", values["margin"]) if "margin" in values else None
     found, about, subjects = candidates(values)
     choice = decide(found, subjects, by, budgets, margin)
+    if (by == "predict" or "predict" in budgets) and found["cpu"].nunique() > 1:
+        console.print(f"warning: times are of several processors: {'; '.join(sorted(set(found['cpu'])))}",
+                      style="yellow", markup=False, highlight=False, soft_wrap=True)  # fmt: skip
     _print(choice, about, by, budgets, margin, len(subjects.columns))
     return 0 if choice.chosen is not None else 1
 
@@ -98,16 +101,17 @@ def candidates(values: dict[str, str]) -> tuple[pd.DataFrame, str, pd.DataFrame]
     """Every way in which a tracked system labels what it is given.
 
     A system that decides on windows is there twice: labelling whole captures, and by one window alone, which is sooner.
-    Where there is a budget of ``max_decision``, systems that ``bench stream`` has replayed are there, too, deciding on
-    as much of the beginning of a capture as the budget allows. Seeds of a system are averaged.
+    Systems that ``bench stream`` has replayed are there, too: where there is a budget of ``max_decision``, deciding on
+    as much of the beginning of a capture as it allows, and with ``by=decision`` at every instant. Seeds of a system are
+    averaged.
 
     Args:
         values: as typed; ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` choose among the runs.
 
     Returns:
         One row per candidate (``system``, ``unit``, ``accuracy`` in percent as a mean over subjects, ``flash`` and
-        ``ram`` in kB, ``predict`` and ``decision`` in ms); what they are all on, in words; and accuracies in percent
-        [candidates, subjects].
+        ``ram`` in kB, ``predict`` and ``decision`` in ms, ``cpu``); what they are all on, in words; and accuracies in
+        percent [candidates, subjects].
 
     Raises:
         InputError: no run is tracked for these values, or runs on several corpora or protocols are.
@@ -118,7 +122,7 @@ def candidates(values: dict[str, str]) -> tuple[pd.DataFrame, str, pd.DataFrame]
     client = connect()
     runs = _asked(tracked(client), values)
     most = quantity("max_decision", values["max_decision"]) if "max_decision" in values else None
-    if most is not None:
+    if most is not None or values.get("by") == "decision":
         with suppress(InputError):  # nothing was replayed
             runs = pd.concat([runs, _asked(tracked(client, "stream"), values)], ignore_index=True)
     same = ["data", "subset", "protocol", "protocol_label", "corpus_digest"]
@@ -135,7 +139,7 @@ def candidates(values: dict[str, str]) -> tuple[pd.DataFrame, str, pd.DataFrame]
         each = [_units(client, run, within) for run in group.to_dict("records")]
         for unit in each[0]:
             costs = pd.DataFrame([units[unit][0] for units in each]).mean()
-            rows.append({"system": system, "unit": unit, **costs})
+            rows.append({"system": system, "unit": unit, **costs, "cpu": ", ".join(sorted(set(group["cpu"])))})
             accuracy.append(pd.concat([units[unit][1] for units in each], axis=1).mean(axis=1))
     subjects = pd.DataFrame(accuracy).reset_index(drop=True)
     table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
@@ -157,7 +161,10 @@ def _asked(runs: pd.DataFrame, values: dict[str, str]) -> pd.DataFrame:
 
 
 def _units(client: object, run: dict, within: float | None) -> dict[str, tuple[dict[str, float], pd.Series]]:
-    """Costs and accuracy by subject, in percent, of each way in which a run labels (replayed: within so many ms)."""
+    """Costs and accuracy by subject, in percent, of each way in which a run labels.
+
+    A replayed one labels at the last instant within so many ms, or at each.
+    """
     predictions = pd.read_parquet(client.download_artifacts(run["run_id"], "predictions.parquet"))
 
     def of(labelled: pd.DataFrame) -> pd.Series:
@@ -167,12 +174,14 @@ def _units(client: object, run: dict, within: float | None) -> dict[str, tuple[d
     size = {name: run.get(f"{name}_bytes", np.nan) / 1000 for name in ("flash", "ram")}
     if run["touchbench.kind"] == "stream":
         instants = pd.read_csv(client.download_artifacts(run["run_id"], "instants.csv"))["ms"]
-        ms = instants[instants <= within]
-        if not len(ms):
-            return {}
-        frames = np.sort(predictions["instant"].unique())[ms.idxmax()]
-        cost = size | {"predict": run["decide_ms_p50"], "decision": ms.max() + run["decide_ms_p50"]}
-        return {f"first {ms.max():.0f} ms": (cost, of(standing(predictions, frames)))}
+        seen = np.sort(predictions["instant"].unique())  # frames
+        chosen = instants.index if within is None else instants.index[instants <= within][-1:]
+        cost = size | {"predict": run["decide_ms_p50"]}
+        return {
+            f"first {instants[i]:.0f} ms": (cost | {"decision": instants[i] + run["decide_ms_p50"]},
+                                            of(standing(predictions, seen[i])))
+            for i in chosen
+        }  # fmt: skip
     found = {"capture": (size | {"predict": run["predict_ms_p50"], "decision": run["capture_decision_ms"]},
                          of(scores.captures(predictions)))}  # fmt: skip
     if run.get("windows", 0) > 0:

@@ -7,32 +7,39 @@ from sklearn.base import ClassifierMixin
 BYTES = {"": 4, "_int8": 1}  # of a number, by what follows the name of the metric
 
 
-def sizes(estimator: ClassifierMixin, taxels: int) -> dict[str, int]:
-    """Learnt numbers, and bytes in flash and in memory with 32 and 8 bits a number, as far as they are known."""
+def sizes(estimator: ClassifierMixin, taxels: int, frames: int) -> dict[str, int]:
+    """Learnt numbers, and bytes in flash and in memory with 32 and 8 bits a number, as far as they are known.
+
+    Args:
+        estimator: fitted.
+        taxels: of a frame.
+        frames: of the longest capture that it must label.
+    """
     found = {}
     if (parameters := parameter_count(estimator)) is not None:
         kept = parameters + constants(estimator)
         found = {"parameters": parameters} | {f"flash_bytes{k}": kept * b for k, b in BYTES.items()}
-    if (numbers := working_numbers(estimator, taxels)) is not None:
+    if (numbers := working_numbers(estimator, taxels, frames)) is not None:
         found |= {f"ram_bytes{k}": numbers * b for k, b in BYTES.items()}
     return found
 
 
-def working_numbers(estimator: ClassifierMixin, taxels: int) -> int | None:
+def working_numbers(estimator: ClassifierMixin, taxels: int, frames: int) -> int | None:
     """Numbers in memory while the system decides once, None where the kind is not known.
 
     A network counts its input and the outputs of its layers (`models.training.activations`). A classifier on features
-    counts one frame, as most features can be summed up frame by frame, the features and a score per class; sets that
-    need the whole capture at once, such as medians and spectra, need its frames besides.
+    counts what the features are computed from (`features.base.FeatureSet.keeps`; the whole capture where a set does not
+    say), the features, and a score per class.
     """
     chosen = getattr(estimator, "best_", estimator)
     if hasattr(chosen, "members"):  # one after the other
-        numbers = [working_numbers(member, taxels) for member in chosen.members]
+        numbers = [working_numbers(member, taxels, frames) for member in chosen.members]
         return None if None in numbers else max(numbers)
     if hasattr(chosen, "activations_"):
         return int(chosen.activations_)
     if hasattr(chosen, "steps") and (features := getattr(chosen[-1], "n_features_in_", None)):
-        return int(taxels + features + len(chosen.classes_))
+        kept = chosen[0].keeps(frames, taxels) if hasattr(chosen[0], "keeps") else frames * taxels
+        return int(kept + features + len(chosen.classes_))
     return None
 
 

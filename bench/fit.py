@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from bench.cells import cells, parse
 from bench.corpora.table import read_unlabelled
 from bench.corpus import InputError
-from bench.fold import FoldResult, fitted, footprint, latency, torch_threads
+from bench.fold import FoldResult, fitted, footprint, forget_peak, latency, torch_threads
 from bench.registry import nearest
 from bench.run import corpus_of, fill_cache
 from bench.runner import usable_cores
@@ -46,6 +46,7 @@ def fit(arguments: list[str]) -> int:
 
     client = connect()
     threads = usable_cores()
+    forget_peak()
     fill_cache(cell, corpus)
     with threadpool_limits(threads):
         torch_threads(threads)
@@ -101,6 +102,8 @@ def predict(arguments: list[str]) -> int:
         name, _, value = option.partition("=")
         if name not in ("out", "rate_hz") or not value:
             raise InputError(f"{option!r}: no such option; {nearest(name, ['out', 'rate_hz'])}")
+        if name in values:
+            raise InputError(f"{name}= is given twice; give it once")
         values[name] = value
     from bench.saved import load
     from bench.stream import number

@@ -7,7 +7,9 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,6 +47,7 @@ class FoldResult:
 
 def run_fold(cell: Cell, corpus: Corpus, name: str, train: np.ndarray, test: np.ndarray, threads: int) -> FoldResult:
     """Fit on the training captures, decide on the test captures; an exception becomes the result's ``error``."""
+    forget_peak()
     try:
         estimator = cell.estimator()  # imports what it needs, so that its thread pools are there to be limited
         with threadpool_limits(threads):
@@ -76,9 +79,27 @@ def fitted(estimator: object, corpus: Corpus) -> dict[str, float]:
 
 
 def footprint(estimator: object, corpus: Corpus) -> dict[str, float]:
-    """Most memory that this process has held, and the sizes of a fitted system."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    return {"peak_rss_bytes": peak} | sizes(estimator, corpus.grid[0] * corpus.grid[1])
+    """Most memory that this process has held since `forget_peak`, and the sizes of a fitted system."""
+    taxels = corpus.grid[0] * corpus.grid[1]
+    return {"peak_rss_bytes": peak_memory()} | sizes(estimator, taxels, int(corpus.lengths.max()))
+
+
+def forget_peak() -> None:
+    """Begin anew to watch for the most memory that this process holds: a worker runs fold after fold.
+
+    Only Linux can do this. Elsewhere the peak is that of the whole process, which may have run larger systems before.
+    """
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_memory() -> int:
+    """Most bytes of memory that this process has held at once."""
+    with suppress(OSError, StopIteration):
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return 1024 * int(next(line for line in lines if line.startswith("VmHWM:")).split()[1])
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return most if sys.platform == "darwin" else 1024 * most
 
 
 def decisions(

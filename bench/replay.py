@@ -19,7 +19,17 @@ from scipy.special import logsumexp, softmax
 from threadpoolctl import threadpool_limits
 
 from bench.corpus import Corpus, InputError
-from bench.fold import TIMED_CAPTURES, FoldResult, decisions, fitted, footprint, latency, milliseconds, torch_threads
+from bench.fold import (
+    TIMED_CAPTURES,
+    FoldResult,
+    decisions,
+    fitted,
+    footprint,
+    forget_peak,
+    latency,
+    milliseconds,
+    torch_threads,
+)
 from bench.scores import PREFIX, classes_of, subject_interval, windows
 from models.inner import inner_folds
 
@@ -274,6 +284,7 @@ def stream_fold(
 
     ``trials`` of the result is what each threshold gives on training subjects, ``chosen`` what was learned from them.
     """
+    forget_peak()
     try:
         begun = replay.begun(corpus)
         instants = replay.instants(int(begun.lengths.max()), corpus.rate_hz)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing, suppress
+from dataclasses import replace
 
 from rich.console import Console
 from rich.markup import escape
@@ -156,9 +157,10 @@ def _warnings(plans: list[tuple]) -> list[str]:
         lines += [f"warning: {cell.data}: {w}" for w in corpus.info.get("warnings", [])]
         if cell.protocol.make().mixes_subjects:
             lines.append(f"warning: protocol={cell.protocol} mixes subjects: scores are optimistic for a new person")
-        estimator = cell.estimator()
-        frames = estimator.length(corpus.rate_hz) if getattr(estimator, "frames", 0) else 0
-        if short := int((corpus.lengths < frames).sum()):
+        frames = cell.model.parameters.get("frames")
+        if isinstance(frames, int) and hasattr(model := replace(cell, tuning=None).estimator(), "length"):
+            frames = model.length(corpus.rate_hz)
+        if isinstance(frames, int) and (short := int((corpus.lengths < frames).sum())):
             lines.append(
                 f"warning: {cell.data}: {short} of {len(corpus)} captures are shorter than the {frames}-frame window "
                 f"of {cell.model.name}; they are padded"

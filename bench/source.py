@@ -8,6 +8,7 @@ import inspect
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -53,14 +54,14 @@ def imported(source: bytes) -> frozenset[str]:
     return frozenset(node.module for node in ast.parse(source).body if isinstance(node, ast.ImportFrom) and node.module)
 
 
-def versions() -> dict[str, str]:
-    """Versions of the packages that results depend on."""
+def versions(also: Iterable[str] = ()) -> dict[str, str]:
+    """Versions of the packages that results depend on, and of those that one system needs besides."""
     found = {"python": ".".join(map(str, sys.version_info[:3]))}
     names = ("touchbench", "numpy", "pandas", "scipy", "scikit-learn", "optuna", "xgboost", "xgboost-cpu", "torch")
-    for name in (*names, "aeon", "numba"):
+    for name in (*names, *also):
         try:
             found[name] = version(name)
-        except PackageNotFoundError:  # xgboost has two distributions, one of them is installed; aeon is optional
+        except PackageNotFoundError:  # xgboost has two distributions, one of them is installed
             continue
     return found
 

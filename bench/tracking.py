@@ -302,7 +302,7 @@ def log_setup(
             params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
     params |= {f"tuning.{k}": v for k, v in (cell.tuning or {}).items()}
     params |= {"threads": threads, "cpu": cpu_model(), "simd": simd(), "git": git_revision()}
-    params |= {f"version.{k}": v for k, v in versions().items()}
+    params |= {f"version.{k}": v for k, v in versions(cell.packages()).items()}
     client.log_batch(run_id, params=[Param(k, str(v)) for k, v in params.items()])
     source = json.dumps({"uri": corpus.info.get("source", "")})
     profile = json.dumps({"num_rows": len(corpus), "num_elements": int(corpus.lengths.sum())})

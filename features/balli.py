@@ -98,6 +98,10 @@ class Balli(FeatureSet):
         if self.selected < 0:
             raise InputError(f"features.selected={self.selected}: give at least 1, or 0 for all 208")
 
+    def keeps(self, frames: int, taxels: int) -> int:
+        """Signals of the capture and one frame."""
+        return len(SIGNALS) * frames + taxels
+
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the 208 features of every capture."""
         self.check()

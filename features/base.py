@@ -62,6 +62,13 @@ class FeatureSet(TransformerMixin, BaseEstimator):
         check_is_fitted(self, "names_")
         return self.names_.to_numpy(dtype=object)
 
+    def keeps(self, frames: int, taxels: int) -> int:
+        """Numbers in memory while the features of a capture of so many frames are computed.
+
+        That is the whole capture, unless a set says that signals of it are enough.
+        """
+        return frames * taxels
+
     def cache_key(self, digest: str) -> str:
         """Hash of corpus, class, parameters and source code."""
         parts = [digest, type(self).__name__, repr(sorted(self.get_params().items())), source_digest(type(self))]

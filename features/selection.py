@@ -51,6 +51,10 @@ class Subset(FeatureSet):
         check_is_fitted(self, "names_")
         return self.features_.transform(X)[self.names_]
 
+    def keeps(self, frames: int, taxels: int) -> int:
+        """What the feature set keeps, whatever few of its features are asked for."""
+        return self.features.keeps(frames, taxels)
+
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "names_")
 

@@ -60,6 +60,8 @@ class Rocket(ClassifierMixin, BaseEstimator):
         fit_seconds_: wall and CPU seconds of the last fit, without what was compiled before.
     """
 
+    packages = ("aeon", "numba")
+
     def __init__(
         self, transform: str = "minirocket", channels: str = "signals", kernels: int | None = None, seed: int = 0
     ) -> None:

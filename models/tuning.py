@@ -19,6 +19,7 @@ from models.inner import Tables, inner_folds, milliseconds_of
 from models.study import identity, open_study
 
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a combination is not followed further
+COMBINATIONS = 1000  # at most so many are checked one by one before anything is run
 OBJECTIVES = ("accuracy", "accuracy+time", "smallest")
 
 
@@ -150,8 +151,9 @@ class Search(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "best_")
         return self.best_.predict(X)
 
+    @available_if(lambda self: not hasattr(self, "best_") or hasattr(self.best_, "predict_proba"))
     def predict_proba(self, X: Corpus) -> np.ndarray:
-        """Class probabilities [captures, classes]."""
+        """Class probabilities [captures, classes], where the recogniser has them."""
         check_is_fitted(self, "best_")
         return self.best_.predict_proba(X)
 
@@ -195,11 +197,17 @@ class Search(ClassifierMixin, BaseEstimator):
         return folds
 
     def _listed(self) -> Iterator[dict[str, object]]:
-        """Every combination of listed values of each model, ranges left at their defaults."""
+        """Combinations of listed values of each model, ranges left at their defaults.
+
+        Each value is there, and every combination where there are not too many of them to be made.
+        """
         for name, space in self.spaces.items():
             lists = {f"{name}.{k}": v for k, v in space.items() if not isinstance(v, Range)}
-            for values in itertools.product(*lists.values()):
-                yield {"model": name} | dict(zip(lists, values, strict=True))
+            first = {"model": name} | {k: v[0] for k, v in lists.items()}
+            yield from ({**first, k: value} for k, v in lists.items() for value in v)
+            if np.prod([len(v) for v in lists.values()], dtype=float) <= COMBINATIONS:
+                for values in itertools.product(*lists.values()):
+                    yield {"model": name} | dict(zip(lists, values, strict=True))
 
     def study_key(self) -> dict[str, object]:
         """What trials depend on besides captures and labels; not on how many there are, so that a study can grow."""
@@ -360,7 +368,7 @@ class Search(ClassifierMixin, BaseEstimator):
 
 
 class Average(ClassifierMixin, BaseEstimator):
-    """Fitted recognisers that decide together by their mean probability.
+    """Fitted recognisers that decide together by their mean probability; one without probabilities gives its label 1.
 
     Args:
         members: recognisers of the same classes.
@@ -372,7 +380,12 @@ class Average(ClassifierMixin, BaseEstimator):
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probability [captures, classes]."""
-        return np.mean([member.predict_proba(X) for member in self.members], axis=0)
+        return np.mean([self._proba(member, X) for member in self.members], axis=0)
+
+    def _proba(self, member: ClassifierMixin, X: Corpus) -> np.ndarray:
+        if hasattr(member, "predict_proba"):
+            return member.predict_proba(X)
+        return np.asarray(member.predict(X))[:, None] == self.classes_
 
     def predict(self, X: Corpus) -> np.ndarray:
         """Class name of each capture."""

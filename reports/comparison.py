@@ -21,7 +21,7 @@ def published() -> pd.DataFrame:
 
 
 def tracked(client: object, kind: str = "cell") -> pd.DataFrame:
-    """Tags, parameters and metrics of every scored parent run of a kind, the newest of equal ones.
+    """Tags, parameters and metrics of every scored parent run of a kind, the newest of equal ones, complete ones first.
 
     Raises:
         InputError: there is none.
@@ -39,8 +39,10 @@ def tracked(client: object, kind: str = "cell") -> pd.DataFrame:
     if not rows:
         raise InputError("no scored run is tracked here; make one first, for example: bench run model=svm")
     same = ["data", "corpus_digest", "subset", "target", "protocol", "protocol_label", "system", "seed"]
-    found = pd.DataFrame(rows).sort_values("started")
-    return found.drop_duplicates([*same, *(c for c in found if c.startswith("stream."))], keep="last")
+    found = pd.DataFrame(rows)
+    found = found.assign(complete=found["status"] == "FINISHED").sort_values(["complete", "started"])
+    same += [c for c in found if c.startswith("stream.") or c in ("faults", "train_subjects")]
+    return found.drop(columns="complete").drop_duplicates(same, keep="last").sort_values("started")
 
 
 def with_groups(runs: pd.DataFrame) -> pd.DataFrame:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,11 @@ def assemble(
     """All blocks of the report in order, and the tables that go into CSV files; figures are drawn into ``folder``."""
     beside = against(papers, runs, client)
     table = comparison(runs, papers)
-    from_runs = provenance(runs)
+    everything = [runs]
+    for kind in ("stress", "stream"):
+        with suppress(InputError):  # there is none
+            everything.append(with_groups(tracked(client, kind)))
+    from_runs = provenance(pd.concat(everything, ignore_index=True))
     tables = {"comparison": table, "published": beside, "recomputed": recomputed.recomputed(papers)}
     blocks: list[Block] = [Heading("Recognisers of social touch: published and repeated", 1), *opening(runs)]
     blocks += [Heading("Every published system"), *published_blocks(beside)]

@@ -7,6 +7,8 @@ import shlex
 
 import pandas as pd
 
+from bench.faults import known
+
 HOW = ("trials", "budget", "inner", "objective")
 
 
@@ -19,7 +21,9 @@ def command(run: dict) -> str:
     space = run.get("tuning.space")
     tuned = isinstance(space, str)
     chosen = isinstance(run.get("tuning.over"), str)
-    words = [f"bench {'choose' if chosen else 'tune' if tuned else 'run'}", f"data={run['data']}"]
+    kind = run.get("touchbench.kind", "cell")
+    verb = kind if kind != "cell" else "choose" if chosen else "tune" if tuned else "run"
+    words = [f"bench {verb}", f"data={run['data']}"]
     words += [f"{k}={v}" for k, v in sorted(run.items()) if k.startswith("data.") and isinstance(v, str)]
     words += [] if run["subset"] == "all" else [f"where={run['subset']}"]
     words += [] if run["target"] == "gesture" else [f"target={run['target']}"]
@@ -30,6 +34,10 @@ def command(run: dict) -> str:
     if tuned:
         words += _searched(run, space, chosen)
     words += [] if run["seed"] in ("none", "0") else [f"seed={run['seed']}"]
+    usual = {"faults": ", ".join(known()), "train_subjects": "all", "stream.hop_ms": "None", "stream.start": "onset"}
+    for key, value in usual.items() if kind != "cell" else ():
+        if run.get(key, value) != value and isinstance(run[key], str):
+            words.append(f"{key.removeprefix('stream.')}={run[key].replace(' ', '')}")
     return " ".join([words[0], *(shlex.quote(w) for w in words[1:])])
 
 

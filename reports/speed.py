@@ -14,10 +14,16 @@ from reports.figures import LINE, Picture, new_figure, plain, save, spread, widt
 COSTS = {
     "predict_ms_p50": ("ms to label one capture (p50, one thread)", 1),
     "capture_decision_ms": ("ms until the label: touch observed and computing", 1),
-    "fit_seconds": ("s to fit one fold", 1),
+    "fit_seconds": ("s to fit one fold, its search included", 1),
     "flash_bytes": ("kB of flash: learnt numbers, 32 bits each", 1e3),
     "ram_bytes": ("kB of RAM during one decision, 32 bits a number", 1e3),
     "peak_rss_bytes": ("MB, peak memory of the process", 1e6),
+}
+
+MARKS = {  # of a system: marker, face, edge
+    "published": ("o", "tab:blue", "tab:blue"),
+    "changed": ("o", "white", "tab:blue"),
+    "other": ("s", "white", "tab:red"),
 }
 
 
@@ -30,17 +36,19 @@ def points(runs: pd.DataFrame, subjects: pd.DataFrame, papers: pd.DataFrame) -> 
         papers: `reports.comparison.published`, to tell which systems are published ones.
 
     Returns:
-        ``system``, ``accuracy``, ``low``, ``high`` (percent; NaN for a single subject), ``published`` (bool) and a
+        ``system``, ``accuracy``, ``low``, ``high`` (percent; NaN for a single subject), ``kind`` (of `MARKS`) and a
         column per cost; NaN where a cost is not known.
     """
     known = set(papers["system"]) - {""}
     complete = runs[runs["status"] == "FINISHED"]
-    costs = complete.reindex(columns=["system", *COSTS]).groupby("system").mean()
+    costs = complete.reindex(columns=["system", *COSTS, "search_seconds"])
+    costs["fit_seconds"] += costs.pop("search_seconds").fillna(0)
+    costs = costs.groupby("system").mean()
     rows = []
     for system, accuracy in subjects.iterrows():
         low, high = statistics.interval(accuracy.to_numpy(dtype=float))
         row = {"system": system, "accuracy": accuracy.mean(), "low": max(low, 0), "high": min(high, 100)}
-        row |= {"published": system.split("[")[0] in known}
+        row |= {"kind": "published" if system in known else "changed" if system.split("[")[0] in known else "other"}
         rows.append(row | {c: costs.loc[system, c] / unit for c, (_, unit) in COSTS.items()})
     return pd.DataFrame(rows)
 
@@ -75,7 +83,8 @@ def speed_chart(table: pd.DataFrame, group: str, folder: Path, name: str, most: 
     rows = -(-len(shown) // 2)
     names = width_of(kept["system"]) + 0.3
     size = (9.5 + 2 * names, (high + 0.55) * rows + 0.55)
-    title = f"{group}\nfilled: published systems, hollow: others; line and bold names: Pareto front"
+    title = f"{group}\nfilled: published systems; hollow circles: these with other settings; "
+    title += "squares: others\nline and bold names: Pareto front"
     figure, axes = new_figure(size, (rows, 2), (0.6, names, 0.55, 0.5), (0.65 + names, 0.6), title)
     axes = list(axes.flat)
     for ax, cost in zip(axes, shown, strict=False):
@@ -85,8 +94,9 @@ def speed_chart(table: pd.DataFrame, group: str, folder: Path, name: str, most: 
     left = len(table) - len(kept)
     caption = (
         "Mean over subjects of captures labelled correctly, with 95 % t-intervals over subjects, against each cost. "
-        "Filled circles are published systems, run here; hollow squares are others. The line and bold names are the "
-        "Pareto front: no other system is both cheaper and more accurate. Seeds are averaged."
+        "Filled circles are published systems, run here; hollow circles are these with other settings, such as fewer "
+        "epochs; hollow squares are others. The line and bold names are the Pareto front: no other system is both "
+        "cheaper and more accurate. Seeds are averaged."
         + (f" {left} systems of lower accuracy are left out." if left else "")
     )
     return save(figure, folder, name, "speed", group, caption)
@@ -100,10 +110,9 @@ def _panel(ax: object, table: pd.DataFrame, cost: str, high: float) -> None:
     best = front(x, y)
     bars = np.nan_to_num([y - table["low"], table["high"] - y])
     ax.errorbar(x, y, yerr=bars, fmt="none", ecolor="0.75", elinewidth=0.7, zorder=1)
-    for published, marker, face in ((True, "o", "tab:blue"), (False, "s", "white")):
-        chosen = (table["published"] == published).to_numpy()
-        ax.scatter(x[chosen], y[chosen], 34, face, marker=marker, zorder=3,
-                   edgecolors="tab:blue" if published else "tab:red")  # fmt: skip
+    for kind, (marker, face, edge) in MARKS.items():
+        chosen = (table["kind"] == kind).to_numpy()
+        ax.scatter(x[chosen], y[chosen], 34, face, marker=marker, zorder=3, edgecolors=edge)
     ax.plot(x[best], y[best], color="0.2", linewidth=1, drawstyle="steps-post", zorder=2)
     ax.set_xscale("log")
     decades = np.log10(max(x.max() / x.min(), 3))
@@ -142,7 +151,7 @@ def chart_data(tables: dict[str, pd.DataFrame]) -> dict[str, object]:
         rows = [
             {
                 "name": row["system"],
-                "published": bool(row["published"]),
+                "kind": row["kind"],
                 "y": [_number(row[k]) for k in ("accuracy", "low", "high")],
                 "x": [_number(row[c]) for c in COSTS],
             }

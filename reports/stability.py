@@ -255,7 +255,8 @@ def _tested(
     difference = np.where(there, right / np.where(there, counts, 1) - usual, 0)
     # A subject who is only inside the slice, or only outside, says nothing on the difference.
     compared = (there & ((counts < units) | (found["fault"] != "").to_numpy()[:, None])).sum(axis=1)
-    floor = np.where(single, binom.cdf(0, total, own), np.maximum(0.5**compared, 1 / FLIPS))
+    lowest = np.maximum(binom.cdf(0, total, expected), 1 / FLIPS)
+    floor = np.where(single, binom.cdf(0, total, own), np.maximum(0.5**compared, lowest))
     p = np.where(single, by_count, np.maximum(by_count, flipped(difference)))
     tested = (total >= FEWEST) & (floor <= ALPHA)
     corrected = np.full(len(p), np.nan)
@@ -312,16 +313,21 @@ def seeds(analyses: list[Analysis]) -> pd.DataFrame:
 
 
 def ranks(analyses: list[Analysis]) -> pd.DataFrame:
-    """Rank of each method (1 is best, ties share) when clean and under each fault, by mean accuracy over severities.
+    """Rank of each system (1 is best, ties share) when clean and under each fault, by mean accuracy over severities.
+
+    Seeds of a system are averaged.
 
     ``kendall_tau`` compares the order with the clean one: 1 is the same, -1 the reverse, NaN for a
-    single method or where all are equal.
+    single system or where all are equal.
     """
-    accuracy = {CLEAN: {a.method: a.clean for a in analyses}}
+    rows = []
     for a in analyses:
-        for fault, value in a.curves.groupby("fault", sort=False)["accuracy"].mean().items():
-            accuracy.setdefault(fault, {})[a.method] = value
-    means = pd.DataFrame(accuracy).T
+        rows.append((a.system, CLEAN, a.clean))
+        by_fault = a.curves.groupby("fault", sort=False)["accuracy"].mean()
+        rows += [(a.system, fault, value) for fault, value in by_fault.items()]
+    table = pd.DataFrame(rows, columns=["system", "fault", "accuracy"])
+    means = table.groupby(["fault", "system"], sort=False)["accuracy"].mean().unstack()
+    means = means.reindex(index=table["fault"].unique(), columns=table["system"].unique())
     found = means.rank(axis=1, ascending=False)
     alone = len(means.columns) < 2
     tau = [np.nan if alone else kendalltau(means.loc[CLEAN], means.loc[fault]).statistic for fault in means.index]

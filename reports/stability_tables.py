@@ -90,8 +90,8 @@ def sections(analyses: list[Analysis]) -> list[tuple[str, str, pd.DataFrame]]:
         faulty = a.slices["fault"] != ""
         found.append((f"Failing slices: {a.method}", _about_tests(a.slices, ~faulty), _slice_table(a, ~faulty)))
         if faulty.any():
-            table = _slice_table(a, faulty & ~_as_such(a.slices))
-            heading = f"Pairs that fail under a fault which as such does not yet: {a.method}"
+            table = _slice_table(a, faulty & ~_as_such(a.slices) & ~_before(a.slices))
+            heading = f"What fails under a fault and not before, where the fault as such does not yet: {a.method}"
             found.append((heading, _about_tests(a.slices, faulty), table))
     if len(analyses) > 1 and len(analyses[0].curves):
         found.append(("Ranks", "By mean accuracy over severities; Kendall's tau with the clean order.",
@@ -187,12 +187,24 @@ def _as_such(found: pd.DataFrame) -> pd.Series:
     )
 
 
+def _before(found: pd.DataFrame) -> pd.Series:
+    """Slices under a fault that fail without it."""
+    failing = set(found.loc[found["failing"] & (found["fault"] == ""), "slice"])
+    return (found["fault"] != "") & _bare(found).isin(failing)
+
+
+def _bare(found: pd.DataFrame) -> pd.Series:
+    """Names of slices without the fault."""
+    words = found[["slice", "fault", "amount"]].to_numpy()
+    return pd.Series([name.removesuffix(f"{fault} {amount}").removesuffix(", ") for name, fault, amount in words],
+                     found.index, dtype=object)  # fmt: skip
+
+
 def _slice_table(a: Analysis, mask: pd.Series) -> pd.DataFrame:
     """The worst failing slices; of a fault, only the lowest severity at which each fails."""
     failing = a.slices[mask & a.slices["failing"]]
     if (failing["fault"] != "").any():
-        bare = [n.removesuffix(f"{f} {m}") for n, f, m in failing[["slice", "fault", "amount"]].to_numpy()]
-        failing = failing.assign(bare=bare).sort_values("severity").drop_duplicates(["bare", "fault"])
+        failing = failing.assign(bare=_bare(failing)).sort_values("severity").drop_duplicates(["bare", "fault"])
         failing = failing.sort_values(["severity", "gap"], ascending=[True, False])
     else:
         failing = failing.sort_values("gap", ascending=False)

@@ -3,7 +3,12 @@
 import re
 from pathlib import Path
 
+import numpy as np
 from sklearn.model_selection import LeaveOneGroupOut, cross_val_score
+
+from bench.cli import COMMANDS
+from bench.fold import decisions
+from models.tuning import Search
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -17,6 +22,28 @@ def test_the_example_recogniser_runs_as_written(corpus):
         names["Level"](power=0.5), corpus, corpus.gestures, groups=corpus.subjects, cv=LeaveOneGroupOut()
     )
     assert found.mean() > 0.9
+
+
+def test_its_parameter_can_be_searched_though_it_has_no_probabilities(corpus):
+    """As `bench tune model=level model.power=0.5,1,2` does in each fold."""
+    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    names = {}
+    exec(code, names)
+    train, test = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
+    search = Search({"level": names["Level"]}, {"level": {"power": [0.5, 1.0, 2.0]}}).fit(
+        corpus[train], corpus.gestures[train]
+    )
+    assert not hasattr(search, "predict_proba")
+    table = decisions(search, corpus, "1", test)
+    labels = table[["p_pat", "p_rub", "p_tap"]].to_numpy()
+    assert (labels.max(axis=1) == 1).all() and (labels.sum(axis=1) == 1).all()
+    expected = names["Level"](search.chosen_["level.power"]).fit(corpus[train], corpus.gestures[train])
+    assert (np.array(["pat", "rub", "tap"])[labels.argmax(axis=1)] == expected.predict(corpus[test])).all()
+
+
+def test_every_command_is_introduced():
+    for command in COMMANDS:
+        assert f"bench {command}" in README, command
 
 
 def test_commands_are_single_lines_and_ci_runs_the_readmes():

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from scipy.stats import ttest_rel
 
+from bench import tracking
 from bench.choose import candidates, decide, quantity, sentences
 from bench.cli import main
 from bench.errors import InputError
@@ -98,6 +99,15 @@ def test_choosing_among_tracked_runs(capsys):
     assert "no complete run is tracked" in capsys.readouterr().err
 
 
+def test_times_of_several_processors_are_warned_of(monkeypatch, capsys):
+    assert main(["run", "model=bayes", "features=jung28", *SMALL]) == 0
+    monkeypatch.setattr(tracking, "cpu_model", lambda: "another")
+    assert main(["run", "model=tree", "features=jung28", *SMALL]) == 0
+    capsys.readouterr()
+    assert main(["choose", "max_predict=9s"]) == 0 and "several processors: " in capsys.readouterr().err
+    assert main(["choose"]) == 0 and "several processors" not in capsys.readouterr().err
+
+
 def test_a_replayed_system_decides_within_the_budget(capsys, tmp_path):
     assert main(["stream", "model=bayes", "features=jung28", f"out={tmp_path}", *SMALL]) == 0
     assert main(["run", "model=bayes", "features=jung28", *SMALL]) == 0
@@ -112,6 +122,9 @@ def test_a_replayed_system_decides_within_the_budget(capsys, tmp_path):
     assert found["decision"][1] == pytest.approx(33 / 0.135 + run.data.metrics["decide_ms_p50"])
     assert main(["choose", "max_decision=345ms"]) == 0
     assert "Choose bayes · jung28 (first 244 ms)" in capsys.readouterr().out
+    at_each, *_ = candidates({"by": "decision"})
+    assert len(at_each) > 5 and at_each["unit"][0] == "capture" and "first 244 ms" in set(at_each["unit"])
+    assert at_each["decision"][1:].is_monotonic_increasing
     found, *_ = candidates({"max_decision": "1ms"})
     assert list(found["unit"]) == ["capture"]
     assert main(["stream", "model=bayes", "features=jung28", "hop_ms=150", f"out={tmp_path}", *SMALL]) == 0

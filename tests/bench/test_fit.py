@@ -124,6 +124,7 @@ def test_what_cannot_be_fitted_or_loaded_is_refused(capsys, tmp_path):
         (["fit", "where=gesture == 'pat'"], "only one gesture is left"),
         (["predict", "x"], "give a model and a file"),
         (["predict", "x", "y.csv", "o=z"], "no such option"),
+        (["predict", "x", "y.csv", "out=a", "out=b"], "out= is given twice"),
         (["predict", "http://somewhere/model", "y.csv"], "not a saved model"),
         (["predict", "runs:/0123/model", "y.csv"], "cannot be loaded"),
         (["predict", "models:/m-0123", "y.csv"], "cannot be loaded"),

@@ -13,11 +13,12 @@ import pytest
 from filelock import FileLock
 from joblib.externals.loky import get_reusable_executor
 
-from bench import registry, run
+from bench import cells, registry, run
 from bench.cli import main
 from bench.corpus import home
-from bench.fold import decisions
+from bench.fold import decisions, forget_peak, peak_memory
 from bench.runner import folds_of, share_cores
+from bench.store import open_corpus
 from bench.tracking import connect
 from tests.bench.wayward import Wayward
 from tests.conftest import BENCH, random_corpus
@@ -52,6 +53,41 @@ def finished_folds():
 
 def predictions(client, run_):
     return pd.read_parquet(client.download_artifacts(run_.info.run_id, "predictions.parquet"))
+
+
+def test_short_captures_are_warned_of_whatever_has_windows(monkeypatch):
+    """A system of the user's with a parameter ``frames`` has no length in seconds."""
+
+    class Windowed(Wayward):
+        def __init__(self, frames=50):
+            super().__init__()
+            self.frames = frames
+
+    found = registry.load
+    monkeypatch.setattr(cells, "load", lambda room, name: Windowed if name == "windowed" else found(room, name))
+    corpus = open_corpus("synth", {"subjects": 2, "variants": ("normal",)})
+
+    def warned(model, parameters):
+        part = cells.Part("models", model, parameters)
+        cell = cells.Cell("synth", {}, "", "gesture", cells.Part("protocols", "loso", {}), None, part)
+        (line,) = run._warnings([(cell, corpus)]) or [""]
+        return int(line.split()[2]) if line else 0
+
+    assert warned("windowed", {"frames": 50}) == (corpus.lengths < 50).sum() > 0
+    assert warned("windowed", {"frames": 1}) == 0
+    usual = {"frames": 85, "seconds": 0.0}
+    assert warned("cnn85", usual) == (corpus.lengths < 85).sum()
+    assert warned("cnn85", usual | {"seconds": 0.5}) == (corpus.lengths < 68).sum()  # of 135 Hz, rounded to even
+
+
+def test_peak_memory_is_that_of_the_fold_alone():
+    forget_peak()
+    before = peak_memory()
+    held = np.ones(60_000_000)  # 480 MB
+    assert peak_memory() > before + held.nbytes / 2
+    del held
+    forget_peak()
+    assert peak_memory() < before + 240_000_000
 
 
 def test_a_run_is_tracked_whole(capsys):

@@ -1,18 +1,24 @@
 """``mlflow server`` as teams have it, on SQLite and on PostgreSQL, with several commands writing at once."""
 
+import io
+import json
 import os
 import shutil
 import socket
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from bench.cli import main
+from tests.bench.test_fit import as_table
 from tests.bench.test_run import SMALL
 from tests.conftest import BENCH
 
@@ -83,6 +89,57 @@ def postgres(folder):
         shutil.rmtree(folder)
 
 
+def answers(address):
+    try:
+        return urllib.request.urlopen(address).status == 200
+    except OSError:
+        return False
+
+
+def test_the_ui_serves_the_runs_under_the_address_it_prints(tmp_path):
+    assert main(["run", "model=bayes", *SMALL]) == 0
+    port, said = free_port(), tmp_path / "said.txt"
+    here = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    place = f"http://127.0.0.1:{port}"
+    with started([*BENCH, "ui", f"port={port}"], lambda: answers(f"{place}/health"), said, env=here, cwd=tmp_path):
+        address = said.read_text().splitlines()[0]
+        assert address.startswith(f"{place}/#/experiments/") and answers(address)
+        import mlflow
+
+        runs = mlflow.MlflowClient(place).search_runs([address.split("/experiments/")[1].split("/")[0]])
+    assert {r.info.run_name for r in runs} >= {"bayes · jung54 | synth | loso", "1", "2"}
+
+
+def test_a_saved_system_is_served(tmp_path, capsys):
+    from bench.corpora.synth import generate
+
+    assert main(["fit", "model=bayes", "features=jung28", *SMALL[1:-1], "out=saved"]) == 0
+    corpus = generate(subjects=1, repetitions=1, variants=("normal",))[:5]
+    table = as_table(corpus)
+    table.to_csv("new.csv", index=False)
+    capsys.readouterr()
+    assert main(["predict", "saved", "new.csv"]) == 0
+    expected = pd.read_csv(io.StringIO(capsys.readouterr().out))
+    port = free_port()
+    server = [sys.executable, "-m", "mlflow", "models", "serve", "-m", "saved", "--env-manager", "local", "--port",
+              str(port)]  # fmt: skip
+
+    def asked(**more):
+        body = json.dumps({"dataframe_split": table.to_dict("split", index=False)} | more).encode()
+        request = urllib.request.Request(
+            f"http://127.0.0.1:{port}/invocations", body, {"Content-Type": "application/json"}
+        )
+        return json.load(urllib.request.urlopen(request))["predictions"]
+
+    place = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    with started(server, lambda: answers(f"http://127.0.0.1:{port}/ping"), tmp_path / "s.txt", env=os.environ | place):
+        assert [row["label"] for row in asked()] == expected["label"].tolist()
+        assert [row["label"] for row in asked(params={"rate_hz": 135.0})] == expected["label"].tolist()
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            asked(params={"rate_hz": 54.0})
+        assert refused.value.code == 400 and "resample" in refused.value.read().decode()
+
+
 @contextmanager
 def sqlite(folder):
     yield f"sqlite:///{folder / 'server.db'}"
@@ -95,12 +152,7 @@ def test_several_commands_write_to_one_server_at_once(backend, tmp_path, monkeyp
         server = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", store, "--artifacts-destination",
                   str(tmp_path / "artifacts"), "--port", str(port), "--workers", "1"]  # fmt: skip
 
-        def ready():
-            try:
-                return urllib.request.urlopen(f"http://127.0.0.1:{port}/health").status == 200
-            except OSError:
-                return False
-
+        ready = partial(answers, f"http://127.0.0.1:{port}/health")
         with started(server, ready, tmp_path / "server.txt", env=os.environ | {"MLFLOW_DISABLE_TELEMETRY": "true"}):
             monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{port}")
             commands = [("run", "model=svm"), ("run", "model=bayes"), ("stream", "model=svm")]

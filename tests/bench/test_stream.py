@@ -1,4 +1,4 @@
-"""Prefixes, calibration and stopping against naive slices and hand calculation; whole commands; standard input."""
+"""Prefixes, calibration and stopping against naive slices and hand calculation; whole commands."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Likelihoods against sums over all state paths, gesture-level features against loops, and what may be learnt."""
+"""Gesture-level features against loops, and what may be learnt."""
 
 import subprocess
 import sys

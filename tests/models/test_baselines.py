@@ -9,9 +9,12 @@ from sklearn.svm import SVC
 from sklearn.tree import DecisionTreeClassifier
 
 from bench.cost import parameter_count, sizes
+from features.balli import Balli
 from features.gaus import Gaus
 from features.hughes36 import Hughes36
 from features.jung28 import Jung28
+from features.jung54 import Jung54
+from features.selection import Subset
 from features.ta273 import Ta273
 from features.wingerden45 import Wingerden45
 from models.balli2015 import balli2015_rf
@@ -91,7 +94,7 @@ def test_contract_of_a_system(name, corpus):
     np.testing.assert_allclose(proba.sum(axis=1), 1, rtol=1e-5)
     assert np.array_equal(model.predict(corpus), model.classes_[proba.argmax(axis=1)])
     assert parameter_count(model) > 0
-    found = sizes(model, 64)
+    found = sizes(model, 64, 40)
     assert found["flash_bytes"] == 4 * found["flash_bytes_int8"] >= 4 * found["parameters"]
     assert found["ram_bytes"] == 4 * found["ram_bytes_int8"] > 0
     again = clone(model).fit(train, train.gestures)
@@ -126,11 +129,15 @@ def test_parameter_counts_by_hand():
     machine = SVC(kernel="linear").fit(X, y)
     n = machine.support_vectors_.shape[0]
     assert parameter_count(machine) == n * 3 + 2 * n + 3
-    assert parameter_count(object()) is None and sizes(object(), 64) == {}
+    assert parameter_count(object()) is None and sizes(object(), 64, 40) == {}
     corpus = random_corpus()
     machine = svm(Jung28()).fit(corpus, corpus.gestures)
-    found = sizes(machine, 64)
-    assert found["ram_bytes"] == 4 * (64 + 28 + 3)
+    found = sizes(machine, 64, 40)
+    assert found["ram_bytes"] == 4 * (40 + 2 * 64 + 28 + 3)  # the summed pressure, two frames, features, scores
+    whole = svm(Jung54()).fit(corpus, corpus.gestures)  # spatial peaks are above a share of the whole's maximum
+    assert sizes(whole, 64, 40)["ram_bytes"] == 4 * (40 * 64 + 54 + 3)
+    assert Balli().keeps(40, 64) == 16 * 40 + 64 and Subset(Jung28(), 5).keeps(40, 64) == 40 + 2 * 64
+    assert Jung28(area="capture").keeps(40, 64) == Ta273().keeps(40, 64) == 40 * 64
     assert found["flash_bytes"] == 4 * (found["parameters"] + 2 * 28)  # low end and width of each feature
 
 

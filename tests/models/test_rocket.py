@@ -149,7 +149,7 @@ def test_any_grid_and_any_length(transform, channels):
         corpus = random_corpus(grid=grid, per_class=1, longest=14)
         model = small(transform, channels=channels, kernels=84).fit(corpus, corpus.gestures)
         assert np.isfinite(model.predict_proba(corpus)).all()
-        assert sizes(model, grid[0] * grid[1])["ram_bytes"] > 0
+        assert sizes(model, grid[0] * grid[1], 40)["ram_bytes"] > 0
 
 
 @BOTH
@@ -231,7 +231,7 @@ def test_sizes(corpus):
     drawn = len(counts) + len(chosen) + len(dilations) + len(each) + 168
     numbers = drawn + 2 * 5 + 2 * 168 + 168 * 3 + 3 + 1
     memory = (13 * 5 + 1) * model.length_ + 168 + 3
-    found = sizes(model, 64)
+    found = sizes(model, 64, 40)
     assert (found["parameters"], found["flash_bytes"], found["ram_bytes"]) == (numbers, 4 * numbers, 4 * memory)
     hydra = small("multirocket_hydra", kernels=84).fit(corpus, corpus.gestures)
     dilated = len(hydra.transforms_[1]._hydra.dilations)

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sklearn.base import BaseEstimator
 from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
 from sklearn.preprocessing import MinMaxScaler
 from sklearn.svm import SVC
@@ -283,6 +284,38 @@ def test_several_members_decide_together():
     assert parameter_count(search) == sum(parameter_count(member) for member in members)
     with pytest.raises(InputError, match="model.members=0: give at least 1"):
         auto(members=0).check()
+
+
+def test_members_without_probabilities_vote():
+    class Says:
+        classes_ = np.array(["a", "b"])
+
+        def __init__(self, label):
+            self.label = label
+
+        def predict(self, X):
+            return np.full(len(X), self.label)
+
+    assert tuning.Average([Says("a"), Says("b"), Says("b")]).predict_proba([0]).tolist() == [[1 / 3, 2 / 3]]
+
+
+def test_huge_lists_are_checked_value_by_value():
+    """Ten lists of ten values are ten thousand million combinations."""
+    made = []
+
+    class Many(BaseEstimator):
+        def __init__(self, **values):
+            made.append(values)
+
+        def check(self):
+            if made[-1].get("p9") == 7:
+                raise InputError("7 cannot be")
+
+    search = Search({"many": Many}, {"many": {f"p{i}": list(range(10)) for i in range(10)}}, trials=3, inner="2")
+    corpus = random_corpus()
+    with pytest.raises(InputError, match="7 cannot be"):
+        search.check_training(corpus, corpus.gestures)
+    assert len(made) <= 100
 
 
 def test_one_standard_error_by_hand():

@@ -178,6 +178,15 @@ def test_corpora_of_one_name_are_told_apart(client):
     assert groups == {f"synth (synthetic), all, LOSO (3 subjects), corpus {d * 8}" for d in "12"}
 
 
+def test_a_newer_run_with_failed_folds_hides_no_complete_one(client):
+    table = made_up()
+    whole = tracked_run(client, "a", table)
+    tracked_run(client, "a", table, failed=1)
+    assert tracked(client)["run_id"].tolist() == [whole]
+    newer = tracked_run(client, "a", table)
+    assert tracked(client)["run_id"].tolist() == [newer]
+
+
 def test_seeds_are_in_the_order_of_numbers(client):
     for seed in (10, 9, 100):
         tracked_run(client, "a", made_up(3), seed=seed)
@@ -214,6 +223,15 @@ def test_published_numbers_stand_beside_the_runs_they_belong_to(client):
           "tuning.space": "{'C': [8.0, 32.0], 'gamma': [0.1, 1.0]}", "tuning.trials": "3"},
          "bench tune data=haart protocol=loso model=svm features=gaus model.C=8.0,32.0 model.gamma=0.1,1.0 "
          "trials=3 objective=smallest"),
+        ({"system": "svm · jung54", "model": "svm", "seed": "2", "touchbench.kind": "stress", "faults": "noise, shift",
+          "train_subjects": "2, 4", "stream.hop_ms": np.nan},
+         "bench stress data=haart protocol=loso model=svm features=jung54 seed=2 "
+         "faults=noise,shift train_subjects=2,4"),
+        ({"system": "rf", "model": "rf", "seed": "0", "touchbench.kind": "stream", "stream.hop_ms": "125.0",
+          "stream.start": "middle", "faults": np.nan},
+         "bench stream data=haart protocol=loso model=rf hop_ms=125.0 start=middle"),
+        ({"system": "rf", "model": "rf", "seed": "0", "touchbench.kind": "stream", "stream.hop_ms": "None",
+          "stream.start": "onset"}, "bench stream data=haart protocol=loso model=rf"),
     ],
 )  # fmt: skip
 def test_commands_from_what_is_tracked(run, line):

@@ -122,6 +122,27 @@ def test_what_few_subjects_cannot_show_is_said():
     assert "With 6 subjects no p of a slice of several subjects is below 0.016" in said
 
 
+def test_small_slices_of_weak_methods_that_could_never_fail_are_not_tested():
+    """Ten captures of five subjects, each right one time in five: even with none right the binomial p is 0.8^10."""
+    rng = np.random.default_rng(0)
+    rows = [(str(s), 100 * s + c, "a" if c < 2 else "b", c % 5 == 0) for s in range(5) for c in range(40)]
+    table = pd.DataFrame(rows, columns=["subject", "capture", "true", "hit"])
+    table = table.assign(predicted=np.where(table["hit"], table["true"], "c"), fold=table["subject"], fault="none",
+                         severity=0, amount="", train_subjects=4, length=rng.integers(5, 6, len(table)))  # fmt: skip
+    found = slices(table, "gesture").set_index("slice")
+    assert found.loc["gesture a", "captures"] == 10 and found.loc["gesture a", "floor"] == pytest.approx(0.8**10)
+    assert not found.loc["gesture a", "tested"] and found.loc["gesture b", "tested"]
+
+
+def test_what_failed_before_is_not_listed_as_failing_under_a_fault():
+    table = made_up(subjects=8, failing=lambda r: 0.0 if r["subject"] == "1" else None)
+    found = {heading: part for heading, _, part in sections([analyse(TAGS, table)])}
+    (alone,) = [part for heading, part in found.items() if heading.startswith("Failing slices")]
+    assert "subject 1" in set(alone["slice"])
+    (under,) = [part for heading, part in found.items() if heading.startswith("What fails under a fault")]
+    assert not len(under) or not under["slice"].str.startswith("subject 1,").any()
+
+
 def test_conditions_that_differ_between_subjects_only_are_not_tested():
     table = made_up(subjects=12)
     found = found_in(table.assign(site=np.where(table["subject"].astype(int) < 6, "here", "there")))
@@ -167,6 +188,10 @@ def test_ranks_and_seeds_by_hand():
     assert found.loc["noise", ["best", "frail", "firm"]].tolist() == [1, 3, 2]
     assert found.loc["noise", "kendall_tau"] == pytest.approx(1 / 3)  # two of three pairs keep their order
     assert np.isnan(ranks(methods[:1])["kendall_tau"]).all()
+    seeded = [*methods, analyse(TAGS | {"system": "best", "seed": "1"}, mid)]
+    assert ranks(seeded).columns.tolist() == ["fault", "best", "frail", "firm", "kendall_tau"]
+    clean = ranks(seeded).set_index("fault").loc["none", ["best", "frail", "firm"]]
+    assert clean.tolist() == [1.5, 1.5, 3]  # all right and all wrong are half, as frail's every other one
 
     again = right.copy()
     changed = again.index[(again["fault"] == "none")][:7]
