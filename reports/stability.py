@@ -19,8 +19,8 @@ from bench import scores
 from bench.tracking import context_of, method_of
 
 CLEAN = "none"
-NOT_CONDITIONS = {"fold", "capture", "true", "length", "fault", "severity", "amount", "train_subjects", "predicted",
-                  "p_true", "hit"}  # fmt: skip
+NOT_CONDITIONS = {"fold", "capture", "split", "true", "length", "fault", "severity", "amount", "train_subjects",
+                  "predicted", "p_true", "hit"}  # fmt: skip
 ALPHA = 0.05
 FAMILIES = ("single slices", "pairs", "single slices under faults", "pairs under faults")
 FEWEST = 10  # units of a slice

@@ -147,6 +147,8 @@ def test_conditions_that_differ_between_subjects_only_are_not_tested():
     table = made_up(subjects=12)
     found = found_in(table.assign(site=np.where(table["subject"].astype(int) < 6, "here", "there")))
     assert not found.loc["site here", "tested"] and found.loc["cover fur", "tested"]
+    split = found_in(table.assign(split=np.where(table["subject"].astype(int) < 6, "train", "test")))
+    assert not split.index.str.contains("split").any()  # of a protocol, not a condition
 
 
 def test_curves_by_hand():
