@@ -83,8 +83,8 @@ def speed_chart(table: pd.DataFrame, group: str, folder: Path, name: str, most: 
     rows = -(-len(shown) // 2)
     names = width_of(kept["system"]) + 0.3
     size = (9.5 + 2 * names, (high + 0.55) * rows + 0.55)
-    title = f"{group}\nfilled: published systems; hollow circles: these with other settings; "
-    title += "squares: others\nline and bold names: Pareto front"
+    title = f"{group}\nfilled circles: published systems; hollow circles: with other settings; squares: others; "
+    title += "line and bold names: Pareto front"
     figure, axes = new_figure(size, (rows, 2), (0.6, names, 0.55, 0.5), (0.65 + names, 0.6), title)
     axes = list(axes.flat)
     for ax, cost in zip(axes, shown, strict=False):
