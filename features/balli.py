@@ -201,7 +201,8 @@ def convex_area(mask: np.ndarray) -> np.ndarray:
             line = corner[:, a, None] * (b - a - share) + corner[:, b, None] * share
             np.maximum(hull[:, a + 1 : b], line / (b - a), out=hull[:, a + 1 : b])
     width = hull[0] + hull[1]
-    return np.maximum((width[:-1] + width[1:]) / 2, 0).sum(axis=0)
+    # One row after the other: numpy's sum adds in another order where there is one frame.
+    return sum(np.maximum((width[:-1] + width[1:]) / 2, 0), start=np.zeros(frames))
 
 
 def euler_number(mask: np.ndarray, area: np.ndarray) -> np.ndarray:
