@@ -34,11 +34,15 @@ def command(run: dict) -> str:
     if tuned:
         words += _searched(run, space, chosen)
     words += [] if run["seed"] in ("none", "0") else [f"seed={run['seed']}"]
-    usual = {"faults": ", ".join(known()), "train_subjects": "all", "stream.hop_ms": "None", "stream.start": "onset"}
-    for key, value in usual.items() if kind != "cell" else ():
-        if run.get(key, value) != value and isinstance(run[key], str):
-            words.append(f"{key.removeprefix('stream.')}={run[key].replace(' ', '')}")
+    words += _how(run) if kind != "cell" else []
     return " ".join([words[0], *(shlex.quote(w) for w in words[1:])])
+
+
+def _how(run: dict) -> list[str]:
+    """Options of ``bench stress`` and ``bench stream`` that are not the default."""
+    usual = {"faults": ", ".join(known()), "train_subjects": "all", "stream.hop_ms": "None", "stream.start": "onset"}
+    given = {k: run[k] for k, value in usual.items() if isinstance(run.get(k), str) and run[k] != value}
+    return [f"{k.removeprefix('stream.')}={v.replace(' ', '')}" for k, v in given.items()]
 
 
 def _part(run: dict, key: str, text: str) -> list[str]:

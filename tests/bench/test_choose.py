@@ -14,7 +14,7 @@ from bench.errors import InputError
 from bench.store import open_corpus
 from bench.tracking import connect
 
-SMALL = ["data.subjects=4", "data.repetitions=2"]
+SMALL = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
 
 
 def table(accuracies, **costs):

@@ -48,7 +48,7 @@ SYSTEMS = {
     "rf on ta273": lambda: rf(Ta273(), trees=20),
     "softmax on hughes36": lambda: softmax(Hughes36(states=2, iterations=3, epochs=2)),
     "jung2017_bayes": jung2017_bayes,
-    "cnn85": lambda: CNN85(frames=10, epochs=15, batch=16),
+    "cnn85": lambda: CNN85(frames=10, epochs=4, batch=16),
 }
 
 
