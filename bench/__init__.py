@@ -1,1 +1,33 @@
-"""touchbench: which recogniser of touch gestures should I ship?"""
+"""touchbench: recognisers of social touch on the same captures under the same protocol.
+
+    import bench
+
+    corpus = bench.corpus("synth", subjects=6)
+    table = bench.run(data="synth", protocol="loso", model=["svm", "bayes"], data__subjects=6)
+    bench.choose(data="synth", protocol="loso", max_flash="256kB")
+
+The functions take the names of the command line (see ``bench run --help``): lists instead of commas, ``model__C=8`` for
+``model.C=8``, and scikit-learn estimators, feature sets and splitters besides names. Nothing heavy is loaded before
+one of them is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+
+API = ("choose", "corpus", "fit", "results", "run", "stream", "stress", "tune")
+VALUES = {"Corpus": "bench.corpora.corpus", "InputError": "bench.errors", "fault": "bench.work.faults"}
+__all__ = [*API, *VALUES]
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f"module 'bench' has no attribute {name!r}")
+    from bench.registry import check_rooms
+
+    check_rooms()
+    return getattr(importlib.import_module("bench.api" if name in API else VALUES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -6,8 +6,8 @@ import importlib
 import os
 import sys
 
-from bench.errors import InputError
-from bench.registry import names, nearest
+from bench.errors import InputError, nearest
+from bench.registry import check_rooms, names
 
 RUN = """\
 bench run [key=value ...]
@@ -205,28 +205,28 @@ Serves MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI,
 address of the table of runs there. Ctrl-C ends it.
 """
 COMMANDS = {
-    "run": ("bench.run:run", "run recognisers under a protocol and track them", RUN),
-    "tune": ("bench.tune:tune", "search the parameters of recognisers inside each training part", TUNE),
-    "choose": ("bench.choose:choose", "find the cheapest system that is as good as the best", CHOOSE),
+    "run": ("bench.commands.run:run", "run recognisers under a protocol and track them", RUN),
+    "tune": ("bench.commands.tune:tune", "search the parameters of recognisers inside each training part", TUNE),
+    "choose": ("bench.commands.choose:choose", "find the cheapest system that is as good as the best", CHOOSE),
     "stress": (
-        "bench.stress:stress",
+        "bench.commands.stress:stress",
         "find where recognisers fail: faults of the sensor, subjects, conditions",
         STRESS,
     ),
     "stream": (
-        "bench.stream:stream",
+        "bench.commands.stream:stream",
         "replay captures as a robot sees them, or decide on frames from standard input",
         STREAM,
     ),
-    "fit": ("bench.fit:fit", "train one system on all captures and save it as an MLflow model", FIT),
-    "predict": ("bench.fit:predict", "label the captures of a file with a saved model", PREDICT),
-    "check": ("bench.check:check", "compare with a stored baseline, a gate for CI", CHECK),
-    "systems": ("bench.systems:systems", "list every published number and the command that repeats it", SYSTEMS),
-    "extract": ("bench.extract:extract", "write a table of features", EXTRACT),
-    "data": ("bench.data:data", "list, import and export corpora", DATA),
-    "report": ("bench.show:report", "rebuild the published comparison, its statistics and figures from MLflow", REPORT),
-    "gallery": ("bench.gallery:gallery", "draw every kind of figure, from generated captures", GALLERY),
-    "ui": ("bench.show:ui", "open MLflow's page on the runs", UI),
+    "fit": ("bench.commands.fit:fit", "train one system on all captures and save it as an MLflow model", FIT),
+    "predict": ("bench.commands.fit:predict", "label the captures of a file with a saved model", PREDICT),
+    "check": ("bench.commands.check:check", "compare with a stored baseline, a gate for CI", CHECK),
+    "systems": ("bench.commands.systems:systems", "list published numbers and the commands that repeat them", SYSTEMS),
+    "extract": ("bench.commands.extract:extract", "write a table of features", EXTRACT),
+    "data": ("bench.commands.data:data", "list, import and export corpora", DATA),
+    "report": ("bench.commands.report:report", "rebuild the published comparison from MLflow", REPORT),
+    "gallery": ("bench.commands.gallery:gallery", "draw every kind of figure, from generated captures", GALLERY),
+    "ui": ("bench.commands.report:ui", "open MLflow's page on the runs", UI),
 }
 
 
@@ -244,6 +244,7 @@ def main(arguments: list[str] | None = None) -> int:
 
             print(f"touchbench {version('touchbench')}")
             return 0
+        check_rooms()
         name, *rest = arguments
         if name not in COMMANDS:
             raise InputError(f"no command is called {name!r}; {nearest(name, COMMANDS)}")
@@ -260,8 +261,8 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:  # whoever read the output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except KeyboardInterrupt:
-        print("bench: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as e:
+        print(f"bench: {e or 'interrupted'}", file=sys.stderr)
         return 130
 
 

@@ -1,5 +1,18 @@
 """The one error that a user is meant to see; apart so that raising it imports nothing heavy."""
 
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
 
 class InputError(Exception):
     """What the user gave cannot be used; the message is one line: what, where, what to do."""
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The end of an error message: the likeliest names first, then all of them."""
+    known = sorted(known)
+    close = difflib.get_close_matches(word, known, n=3, cutoff=0.6)
+    hint = f"did you mean {' or '.join(close)}? " if close else ""
+    return f"{hint}known: {', '.join(known) or 'none'}"

@@ -1,38 +1,71 @@
-"""The parts by name: built-in ones and those of installed packages (entry points ``touchbench.<room>``)."""
+"""The parts by name: built-in ones, those of installed packages (entry points ``touchbench.<room>``), and files.
+
+A room names its parts as text (``models.svm:svm``), so nothing of it is imported before it is used, and this module
+knows no room but by name.
+"""
 
 from __future__ import annotations
 
-import difflib
+import hashlib
 import importlib
+import importlib.util
 import inspect
-from collections.abc import Callable, Iterable
+import sys
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import entry_points
+from pathlib import Path
 
-from bench.corpora import READERS
-from bench.errors import InputError
-from features import FEATURES
-from models import MODELS
-from protocols import PROTOCOLS
+from bench.errors import InputError, nearest
 
-ROOMS = {"corpora": READERS, "features": FEATURES, "models": MODELS, "protocols": PROTOCOLS}
+ROOMS = {"corpora": "bench.corpora", "features": "features", "models": "models", "protocols": "protocols"}
+FILE_MODULE = "touchbench_file_"  # what modules of files are called
 KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}
+
+
+def check_rooms() -> None:
+    """Find out whether a stranger's folder hides one of touchbench's own.
+
+    ``features``, ``models``, ``protocols`` and ``reports`` are names that others use too; what stands first on the
+    path is imported.
+
+    Raises:
+        InputError: one of them is somebody else's.
+    """
+    home = Path(__file__).resolve().parent.parent
+    for name in ("features", "models", "protocols", "reports"):
+        module = sys.modules.get(name)
+        spec = module.__spec__ if module else importlib.util.find_spec(name)
+        if spec is None:  # a saved system carries its own code, and no reports
+            continue
+        places = list(spec.submodule_search_locations or []) or [spec.origin or ""]
+        if home / name not in [Path(place).resolve() for place in places] and (home / name).is_dir():
+            raise InputError(
+                f"{places[0]} hides touchbench's own package {name!r}; rename it, or work in another folder"
+            )
 
 
 @cache
 def names(room: str) -> dict[str, str]:
     """Every known part of a room and the ``module:object`` that makes it; nothing of it is imported."""
     plugins = {e.name: e.value for e in entry_points(group=f"touchbench.{room}")}
-    return plugins | ROOMS[room]
+    return plugins | importlib.import_module(ROOMS[room]).PARTS
 
 
 def load(room: str, name: str) -> Callable:
     """Import one part: a class or a function whose keyword arguments are its parameters.
 
+    Args:
+        room: one of `ROOMS`.
+        name: a known one, or ``file.py:Name`` for a class or function of a file.
+
     Raises:
-        InputError: no part has that name, or its package cannot be imported.
+        InputError: no part has that name, or it cannot be imported.
     """
     known = names(room)
+    file, _, attribute = name.rpartition(":")
+    if file.endswith(".py"):
+        return _from_file(f"{KEYS[room]}={name}", Path(file), attribute)
     if name not in known:
         raise InputError(f"{KEYS[room]}={name}: not known; {nearest(name, known)}")
     module, _, attribute = known[name].partition(":")
@@ -42,15 +75,38 @@ def load(room: str, name: str) -> Callable:
         raise InputError(f"{KEYS[room]}={name} cannot be loaded from {known[name]}: {e}") from e
 
 
+def _from_file(said: str, path: Path, attribute: str) -> Callable:
+    """A class or function of a file, imported once for each state of the file."""
+    path = path.resolve()
+    try:
+        content = path.read_bytes()
+    except OSError as e:
+        raise InputError(f"{said}: {path} cannot be read ({e.strerror}); give file.py:Name") from e
+    module_name = f"{FILE_MODULE}{hashlib.sha256(str(path).encode() + content).hexdigest()[:16]}"
+    if module_name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(module_name, path)
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[module_name] = module
+        try:
+            spec.loader.exec_module(module)
+        except Exception as e:  # a file of the user's may raise anything
+            del sys.modules[module_name]
+            raise InputError(f"{said}: {path.name} cannot be imported: {type(e).__name__}: {e}") from e
+    module = sys.modules[module_name]
+    if not callable(getattr(module, attribute, None)):
+        own = [n for n, v in vars(module).items() if callable(v) and getattr(v, "__module__", "") == module_name]
+        raise InputError(f"{said}: {path.name} has no {attribute!r}; {nearest(attribute, own)}")
+    return getattr(module, attribute)
+
+
 def parameters(part: Callable) -> dict[str, object]:
-    """Keyword parameters of a part and their defaults; ``features`` is handed over by the harness."""
+    """Keyword parameters of a part and their defaults; one without a default is handed over by the harness."""
     found = inspect.signature(part).parameters.values()
     return {p.name: p.default for p in found if p.default is not inspect.Parameter.empty}
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """The end of an error message: the likeliest names first, then all of them."""
-    known = sorted(known)
-    close = difflib.get_close_matches(word, known, n=3, cutoff=0.6)
-    hint = f"did you mean {' or '.join(close)}? " if close else ""
-    return f"{hint}known: {', '.join(known) or 'none'}"
+def required(part: Callable) -> list[str]:
+    """Parameters of a part that have no default: what the harness hands over, whatever they are called."""
+    kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    found = inspect.signature(part).parameters.values()
+    return [p.name for p in found if p.default is inspect.Parameter.empty and p.kind not in kinds]

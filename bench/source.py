@@ -14,27 +14,43 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 ROOMS = {"bench", "features", "models", "protocols"}
+# Modules that find, move and keep things and change no number; a change in them is no other result.
+INDIFFERENT = {
+    "bench.corpora.folder",
+    "bench.corpora.library",
+    "bench.errors",
+    "bench.outcomes.comparable",
+    "bench.registry",
+    "bench.source",
+    "bench.work.experiment",
+    "features.kept",
+}
 
 
-def source_digest(part: object) -> str:
-    """Hash of a module, or of the module that defines a class or function, and of every module it takes names from.
+def source_digest(*parts: object) -> str:
+    """Hash of what modules compute, or those that define classes or functions, and every module these take names from.
 
-    Modules of other packages are left out; their versions identify them.
+    Comments, docstrings and layout are left out, and so are modules that change no number (`INDIFFERENT`). Modules of
+    other packages are left out too; their versions identify them.
     """
-    name = part.__name__ if inspect.ismodule(part) else part.__module__
-    own = ROOMS | {name.split(".")[0]}
-    todo, found = [name], {}
+    todo = [part.__name__ if inspect.ismodule(part) else part.__module__ for part in parts]
+    own = ROOMS | {name.split(".")[0] for name in todo}
+    found: dict[str, bytes] = {}
     while todo:
         name = todo.pop()
-        if name in found:
+        if name in found or name in INDIFFERENT:
             continue
         module = sys.modules[name]
         path = getattr(module, "__file__", None)
-        found[name] = content(path, Path(path).stat().st_mtime_ns) if path else b""
-        used = {value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
-                for value in vars(module).values()}  # fmt: skip
+        used = {
+            value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
+            for value in vars(module).values()
+        }
         if path and path.endswith(".py"):
-            used |= imported(found[name])  # a constant does not tell where it comes from
+            found[name], imported = meaning(path, Path(path).stat().st_mtime_ns)
+            used |= imported  # a constant does not tell where it comes from
+        else:  # typed into a notebook
+            found[name] = _typed_in(parts, name)
         todo += [o for o in used if isinstance(o, str) and o.split(".")[0] in own and o in sys.modules]
     h = hashlib.sha256()
     for name in sorted(found):
@@ -42,16 +58,35 @@ def source_digest(part: object) -> str:
     return h.hexdigest()
 
 
-@lru_cache(maxsize=256)
-def content(path: str, changed: int) -> bytes:
-    """A file's bytes, read again when its time of change is another."""
-    return Path(path).read_bytes()
+@lru_cache(maxsize=512)
+def meaning(path: str, changed: int) -> tuple[bytes, frozenset[str]]:
+    """What a file says to Python, and the modules it imports names from when it is loaded itself, not in a function.
+
+    Read again when its time of change is another.
+    """
+    tree = ast.parse(Path(path).read_bytes())
+    modules = {node.module for node in tree.body if isinstance(node, ast.ImportFrom) and node.module}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and _documented(node):
+            node.body = node.body[1:]
+    return ast.dump(tree).encode(), frozenset(modules)
 
 
-@lru_cache(maxsize=256)
-def imported(source: bytes) -> frozenset[str]:
-    """Modules that a source file imports names from when it is loaded itself, not later in a function."""
-    return frozenset(node.module for node in ast.parse(source).body if isinstance(node, ast.ImportFrom) and node.module)
+def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    first = node.body[0] if node.body else None
+    return isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str)
+
+
+def _typed_in(parts: tuple[object, ...], module: str) -> bytes:
+    """Source of the classes and functions themselves, where their module is no file."""
+    text = []
+    for part in parts:
+        if not inspect.ismodule(part) and part.__module__ == module:
+            try:
+                text.append(inspect.getsource(part))
+            except (OSError, TypeError):  # nobody remembers it, so that no two are the same
+                text.append(f"{part!r} {id(part)}")
+    return "\n".join(text).encode()
 
 
 def versions(also: Iterable[str] = ()) -> dict[str, str]:

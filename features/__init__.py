@@ -1,6 +1,6 @@
 """The published feature sets, one file each; names and where they are made (nothing is imported before it is used)."""
 
-FEATURES = {
+PARTS = {
     "jung28": "features.jung28:Jung28",
     "jung54": "features.jung54:Jung54",
     "wingerden45": "features.wingerden45:Wingerden45",

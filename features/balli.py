@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpus import Corpus, InputError
-from features.base import FeatureSet
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from features.base import FLAT, FeatureSet
 from features.selection import select
 from features.signals import Touch, table, weighted
 
@@ -25,7 +26,6 @@ STATISTICS = (
 NAMES = pd.Index([f"{signal}_{statistic}" for signal, statistic in product(SIGNALS, STATISTICS)])
 ORDER = 4
 SHORTEST_CHUNK = 8  # frames
-FLAT = 1e-9  # a signal with a standard deviation below this share of its largest magnitude is constant but for rounding
 AR_RIDGE = 1e-9  # share of the variance
 
 
@@ -126,7 +126,7 @@ class Balli(FeatureSet):
         return Balli(0).transform(X)[self.names_]  # one stored table for every ``selected``
 
     def __sklearn_is_fitted__(self) -> bool:
-        return not self.selected or hasattr(self, "names_")
+        return not self.selected or "names_" in vars(self)
 
 
 def _columns(touch: Touch) -> list[np.ndarray]:

@@ -11,7 +11,8 @@ from scipy.fft import rfft
 from scipy.special import expit
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpus import Corpus, InputError
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from features.base import FeatureSet
 from features.hmm import GaussianHMMs
 from features.signals import Touch, blocks, table
@@ -136,7 +137,7 @@ class Hughes36(FeatureSet):
         return models + encoder + sum(a.size for pair in self.standard_ for a in pair)
 
     def __sklearn_is_fitted__(self) -> bool:
-        return hasattr(self, "names_")
+        return "names_" in vars(self)
 
     def _observers(self) -> list[Callable[[Corpus], np.ndarray]]:
         return [moments, lambda corpus: _code(_values(corpus), self.encoder_)]

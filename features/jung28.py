@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
-from bench.corpus import Corpus
+from bench.corpora.corpus import Corpus
 from features.base import FeatureSet, one_of
 from features.signals import Touch, table
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
-from bench.corpus import Corpus
+from bench.corpora.corpus import Corpus
 from features.base import FeatureSet, one_of
 from features.jung28 import first_columns, first_names
 from features.signals import Touch, table, weighted
@@ -62,8 +62,16 @@ class Jung54(FeatureSet):
         columns = first_columns(touch, self.area, touch.local_maxima(touch.total))
         change = columns[2] / touch.taxels
         peaks = spatial_peaks(touch, columns[1])[:-1]
-        return [*columns, *touch.distribution(BINS), *peaks, *derivatives(touch), change, _variance(touch),
-                *_movement(touch), touch.dominant_frequency(touch.centre)]  # fmt: skip
+        return [
+            *columns,
+            *touch.distribution(BINS),
+            *peaks,
+            *derivatives(touch),
+            change,
+            _variance(touch),
+            *_movement(touch),
+            touch.dominant_frequency(touch.centre),
+        ]
 
 
 @cache

@@ -8,10 +8,10 @@ from sklearn.base import clone
 from sklearn.model_selection import GroupKFold
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpus import Corpus, InputError
-from features.base import FeatureSet
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from features.base import FLAT, FeatureSet
 
-FLAT = 1e-9  # a column whose spread is below this share of its largest magnitude is constant but for rounding
 LDA_RIDGE = 1e-3  # of standardised columns
 FOLDS = 5
 COUNTS = (2, 4, 8, 16, 32)  # of columns, besides all of them, where the smallest number that suffices is sought
@@ -56,7 +56,7 @@ class Subset(FeatureSet):
         return self.features.keeps(frames, taxels)
 
     def __sklearn_is_fitted__(self) -> bool:
-        return hasattr(self, "names_")
+        return "names_" in vars(self)
 
 
 def select(values: np.ndarray, label: np.ndarray, subject: np.ndarray, selected: int) -> np.ndarray:
@@ -68,7 +68,7 @@ def select(values: np.ndarray, label: np.ndarray, subject: np.ndarray, selected:
         subject: whose capture it is [captures].
         selected: how many to keep.
     """
-    fold = inner_folds(label, subject)
+    fold = left_out(label, subject)
     if len(np.unique(label)) < 2 or len(np.unique(fold)) < 2:
         return np.arange(values.shape[1])
     usable = np.flatnonzero(np.ptp(values, axis=0) > FLAT * np.abs(values).max(axis=0))
@@ -80,7 +80,7 @@ def select(values: np.ndarray, label: np.ndarray, subject: np.ndarray, selected:
     return usable[_float(parts, len(usable), selected)]
 
 
-def inner_folds(label: np.ndarray, subject: np.ndarray) -> np.ndarray:
+def left_out(label: np.ndarray, subject: np.ndarray) -> np.ndarray:
     """Fold in which each capture is left out, int [captures]."""
     people = len(np.unique(subject))
     if people == 1:

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.fft import rfft
 
-from bench.corpus import Corpus
+from bench.corpora.corpus import Corpus
 
 
 class Touch:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.fft import dct, rfft
 
-from bench.corpus import Corpus
+from bench.corpora.corpus import Corpus
 from features.base import FeatureSet, one_of
 from features.signals import Touch, blocks, table
 

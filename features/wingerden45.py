@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
-from bench.corpus import Corpus
+from bench.corpora.corpus import Corpus
 from features.base import FeatureSet
 from features.jung28 import first_columns, first_names
 from features.jung54 import BINS, derivatives, spatial_peaks
@@ -45,8 +45,15 @@ def _columns(touch: Touch) -> list[np.ndarray]:
     mean_change = touch.step_mean(change)
     square = (change - mean_change[touch.capture]) ** 2
     square[touch.first] = 0  # a first frame is no step
-    return [*columns, *touch.distribution(BINS), *peaks, *derivatives(touch), mean_change,
-            touch.step_mean(square), peak_change]  # fmt: skip
+    return [
+        *columns,
+        *touch.distribution(BINS),
+        *peaks,
+        *derivatives(touch),
+        mean_change,
+        touch.step_mean(square),
+        peak_change,
+    ]
 
 
 @cache

@@ -3,7 +3,7 @@
 The first ones go with any feature set, the others are published systems as a whole.
 """
 
-MODELS = {
+PARTS = {
     "bayes": "models.bayes:bayes",
     "tree": "models.tree:tree",
     "svm": "models.svm:svm",

@@ -8,9 +8,9 @@ from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
-from bench.corpus import InputError
+from bench.errors import InputError
 from models.scaling import ZScaler
-from models.tuning import Range
+from models.space import Range
 
 
 class GaussianBayes(ClassifierMixin, BaseEstimator):

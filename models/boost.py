@@ -5,8 +5,8 @@ from sklearn.ensemble import AdaBoostClassifier
 from sklearn.pipeline import Pipeline
 from sklearn.tree import DecisionTreeClassifier
 
-from bench.corpus import InputError
-from models.tuning import Range
+from bench.errors import InputError
+from models.space import Range
 
 
 def boost(features: TransformerMixin, rounds: int = 300, depth: int = 8, seed: int = 0) -> Pipeline:

@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from bench.corpus import Corpus, InputError
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from models.taxel_major import taxel_major
 from models.training import Samples, Step, Windows, train
 from models.window import WindowNet
@@ -102,11 +103,20 @@ class CNN85(WindowNet):
         """909 070 parameters for 8 x 8 taxels, 85 frames and 14 classes."""
         a, b, c, d = (max(round(n * self.width), 1) for n in (64, 128, 256, 512))
         return nn.Sequential(
-            nn.Conv2d(self.window, a, 3, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
-            nn.Conv2d(a, b, 2, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
-            nn.Conv2d(b, c, 3, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
-            nn.Flatten(), nn.LazyLinear(d), nn.ReLU(), nn.Linear(d, classes),
-        )  # fmt: skip
+            nn.Conv2d(self.window, a, 3, padding=1),
+            nn.ReLU(),
+            nn.MaxPool2d(2, ceil_mode=True),
+            nn.Conv2d(a, b, 2, padding=1),
+            nn.ReLU(),
+            nn.MaxPool2d(2, ceil_mode=True),
+            nn.Conv2d(b, c, 3, padding=1),
+            nn.ReLU(),
+            nn.MaxPool2d(2, ceil_mode=True),
+            nn.Flatten(),
+            nn.LazyLinear(d),
+            nn.ReLU(),
+            nn.Linear(d, classes),
+        )
 
     def learn(
         self, net: nn.Module, samples: Samples, target: np.ndarray, judge: Callable[[], float] | None

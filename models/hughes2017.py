@@ -14,7 +14,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from bench.corpus import Corpus, InputError
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from models.time_blocks import TimeConv3d, pooled
 from models.training import Forward, Sequences, Torch, Windows, moved, train
 from models.window import WindowNet
@@ -64,8 +65,10 @@ class Hughes2017CNN(WindowNet):
         """11 204 parameters for CoST, 17 157 for HAART."""
         return nn.Sequential(
             *convolutions(self.design_, rows, cols),
-            nn.LazyLinear(UNITS), nn.ReLU(), nn.Linear(UNITS, classes),
-        )  # fmt: skip
+            nn.LazyLinear(UNITS),
+            nn.ReLU(),
+            nn.Linear(UNITS, classes),
+        )
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
         """What ``net(x)`` gives, the first layer pooled before its bias is added."""

@@ -10,7 +10,9 @@ import pandas as pd
 from sklearn.base import TransformerMixin, clone
 from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
 
-from bench.corpus import Corpus, InputError
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from models import contract
 
 TIMED = 3  # single captures whose prediction is timed
 
@@ -55,7 +57,7 @@ class Tables:
         if not name:
             return self.X[part]
         features = self.features[name]
-        if not getattr(features, "learns", True):
+        if not contract.learns(features):
             if name not in self.whole:
                 self.whole[name] = features.fit(self.X, self.y).transform(self.X)
             return self.whole[name].iloc[part]

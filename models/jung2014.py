@@ -4,10 +4,8 @@ from sklearn.pipeline import Pipeline
 
 from features.jung28 import Jung28
 from models.bayes import bayes
-from models.svm import svm
+from models.svm import PENALTIES, svm
 from models.tuning import Search
-
-PENALTIES = [2.0**k for k in range(-5, 16, 2)]
 
 
 def jung2014_bayes(ridge: float = 1e-2) -> Pipeline:

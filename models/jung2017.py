@@ -8,9 +8,8 @@ from sklearn.pipeline import Pipeline
 
 from features.jung54 import Jung54
 from models.bayes import bayes
-from models.jung2014 import PENALTIES
 from models.mlp import mlp
-from models.svm import svm
+from models.svm import PENALTIES, svm
 from models.tree import tree
 from models.tuning import Search
 

@@ -10,7 +10,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import Pipeline
 
-from bench.corpus import InputError
+from bench.errors import InputError
 from models.scaling import RangeScaler, ZScaler
 
 BATCH = 32

@@ -54,11 +54,19 @@ class Ren2023Transformer(WindowNet):
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """6.42 million parameters for 8 x 8 taxels and 7 classes."""
         return nn.Sequential(
-            nn.Flatten(2), nn.Linear(rows * cols, WIDTH), nn.BatchNorm1d(self.window),
+            nn.Flatten(2),
+            nn.Linear(rows * cols, WIDTH),
+            nn.BatchNorm1d(self.window),
             *(_Attention() for _ in range(LAYERS)),
-            nn.Linear(WIDTH, 128), nn.ReLU(), nn.Linear(128, 16), nn.ReLU(), nn.Linear(16, 4), nn.ReLU(), nn.Flatten(),
+            nn.Linear(WIDTH, 128),
+            nn.ReLU(),
+            nn.Linear(128, 16),
+            nn.ReLU(),
+            nn.Linear(16, 4),
+            nn.ReLU(),
+            nn.Flatten(),
             nn.Linear(4 * self.window, classes),
-        )  # fmt: skip
+        )
 
     def learn(
         self, net: nn.Module, samples: Windows, target: np.ndarray, judge: Callable[[], float] | None

@@ -4,8 +4,8 @@ from sklearn.base import ClassifierMixin, TransformerMixin
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from sklearn.pipeline import Pipeline
 
-from bench.corpus import InputError
-from models.tuning import Range
+from bench.errors import InputError
+from models.space import Range
 
 
 def rf(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float = 0.0, seed: int = 0) -> Pipeline:

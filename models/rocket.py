@@ -15,14 +15,12 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpus import Corpus, InputError
-from features.signals import Touch, blocks
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from models.inner import inner_folds
+from models.series import CHANNELS, SHORTEST, Series
 
 KERNELS = {"minirocket": 10_000, "multirocket_hydra": 6_250}  # as published
-CHANNELS = ("signals", "taxels", "both")
-CONTACT = 0.05  # of full scale, above which a taxel is touched
-SHORTEST = 10  # frames: the 9 of a kernel, and one more for the differences of MultiRocket
 SAMPLE = 2**26  # numbers in the sample of training captures that biases are drawn from
 PENALTIES = np.logspace(0, 6, 13)
 COLUMNS = 1024  # of the feature matrix in double precision at a time
@@ -54,7 +52,7 @@ class Rocket(ClassifierMixin, BaseEstimator):
 
     Attributes:
         classes_: class names.
-        length_: frames of a series.
+        series_: how captures become series.
         penalty_: of the ridge regression.
         temperature_: by which scores are divided before the softmax.
         fit_seconds_: wall and CPU seconds of the last fit, without what was compiled before.
@@ -103,12 +101,12 @@ class Rocket(ClassifierMixin, BaseEstimator):
         self.check()
         left_out = [one for _, one in inner_folds(X.subjects.astype(str), "loso")]
         with _own_randomness():
+            channels = Series(self.channels).fit(X[:1]).channels_
             for transform in self._transforms(84):  # so that numba compiles outside of what is timed
-                transform.fit_transform(np.zeros((2, self._level(X[:1]).n_features_in_, SHORTEST), dtype=np.float32))
+                transform.fit_transform(np.zeros((2, channels, SHORTEST), dtype=np.float32))
             wall, cpu = time.perf_counter(), time.process_time()
             self.classes_, codes = np.unique(y, return_inverse=True)
-            self.level_ = self._level(X)
-            self.length_ = max(int(np.median(X.lengths)), SHORTEST)
+            self.series_ = Series(self.channels).fit(X)
             self.transforms_ = self._transforms(self.kernels or KERNELS[self.transform])
             sample = self._sample(X)
             for transform in self.transforms_:
@@ -151,38 +149,15 @@ class Rocket(ClassifierMixin, BaseEstimator):
         hydra = HydraTransformer(random_state=self.seed, output_type="numpy")
         return [MultiRocket(kernels, random_state=self.seed), hydra]
 
-    def _signals(self, touch: Touch) -> np.ndarray:
-        """The channels of some captures, float64 [frames, channels]."""
-        area = touch.share_above(np.full(len(touch.peak), CONTACT * touch.full_scale))
-        signals = [touch.total, touch.centre, touch.peak, area]
-        chosen = {"signals": signals, "taxels": [touch.frames], "both": [touch.frames, *signals]}[self.channels]
-        return np.column_stack(chosen).astype(np.float64)
-
-    def _level(self, X: Corpus) -> StandardScaler:
-        """Mean and SD of each channel over all frames."""
-        level = StandardScaler()
-        for block in blocks(X):
-            level.partial_fit(self._signals(Touch(X[block])))
-        return level
-
-    def _series(self, X: Corpus) -> Iterator[np.ndarray]:
-        """Each capture as series of one length, float32 [channels, length_]."""
-        for block in blocks(X):
-            touch = Touch(X[block])
-            signals = (self._signals(touch) - self.level_.mean_) / self.level_.scale_
-            for one in np.split(signals, touch.first[1:]):
-                frames, at = np.arange(len(one)), np.linspace(0, len(one) - 1, self.length_)
-                yield np.stack([np.interp(at, frames, channel) for channel in one.T]).astype(np.float32)
-
     def _sample(self, X: Corpus) -> np.ndarray:
         """Series of the training captures, or of some of them where all would take too much memory."""
-        most = max(SAMPLE // (self.level_.n_features_in_ * self.length_), 2)
+        most = max(SAMPLE // (self.series_.channels_ * self.series_.length_), 2)
         some = np.sort(np.random.default_rng(self.seed).permutation(len(X))[:most])
-        return np.stack(list(self._series(X[some])))
+        return self.series_.transform(X[some])
 
     def _features(self, X: Corpus) -> np.ndarray:
         """What the transforms make of each capture, float32 [captures, n_features]."""
-        for i, one in enumerate(self._series(X)):
+        for i, one in enumerate(self.series_.each(X)):
             parts = [transform.transform(one[None])[0] for transform in self.transforms_]
             if len(parts) > 1:  # Hydra counts, and its authors take the square root
                 parts[1] = np.sqrt(np.maximum(parts[1], 0))
@@ -201,13 +176,13 @@ class Rocket(ClassifierMixin, BaseEstimator):
         """Numbers learnt or drawn: for channels, convolutions (not their 84 fixed kinds), features and ridge."""
         check_is_fitted(self, "coef_")
         drawn = sum(np.asarray(a).size for transform in self.transforms_ for a in _drawn(transform))
-        return drawn + 2 * (self.level_.n_features_in_ + len(self.coef_)) + self.coef_.size + self.intercept_.size + 1
+        return drawn + 2 * (self.series_.channels_ + len(self.coef_)) + self.coef_.size + self.intercept_.size + 1
 
     @property
     def activations_(self) -> int:
         """Numbers in memory while aeon transforms one capture, and features and scores besides."""
         check_is_fitted(self, "coef_")
-        channels = self.level_.n_features_in_
+        channels = self.series_.channels_
         # of each channel the series, its negative, its triple, a sum, nine shifted copies; then one convolution
         numbers = 13 * channels + 1
         if len(self.transforms_) > 1:
@@ -216,7 +191,7 @@ class Rocket(ClassifierMixin, BaseEstimator):
             groups = hydra._hydra.h
             # with the differences besides; Hydra: the channels that each group picks, their sum, its responses
             numbers = max(numbers + channels, 2 * channels + groups * (picked + 1 + hydra.n_kernels))
-        return numbers * self.length_ + sum(self.coef_.shape)
+        return numbers * self.series_.length_ + sum(self.coef_.shape)
 
 
 class Ridge:
@@ -273,11 +248,12 @@ def _tempered(scores: np.ndarray, codes: np.ndarray) -> tuple[float, float]:
 
 def _drawn(transform: TransformerMixin) -> list:
     """The arrays that a transform of aeon has drawn or learnt."""
-    if hasattr(transform, "_hydra"):
-        return [transform._hydra.W, *transform._hydra.idx]
-    return (
-        [*transform.parameters] if hasattr(transform, "parameters") else [*transform.parameter, *transform.parameter1]
-    )
+    match type(transform).__name__:
+        case "HydraTransformer":
+            return [transform._hydra.W, *transform._hydra.idx]
+        case "MiniRocket":
+            return [*transform.parameters]
+    return [*transform.parameter, *transform.parameter1]
 
 
 @contextmanager

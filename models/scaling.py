@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
-FLAT = 1e-9  # a feature that moves by less than this share of its largest magnitude is constant but for rounding
+from features.base import FLAT
 
 
 class RangeScaler(MinMaxScaler):

@@ -4,9 +4,9 @@ from sklearn.base import TransformerMixin
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import Pipeline
 
-from bench.corpus import InputError
+from bench.errors import InputError
 from models.scaling import ZScaler
-from models.tuning import Range
+from models.space import Range
 
 
 def softmax(features: TransformerMixin, C: float = 1.0) -> Pipeline:

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from filelock import FileLock
 
-from bench.corpus import Corpus, home
+from bench.corpora.corpus import Corpus
+from bench.corpora.folder import home
 from bench.source import source_digest, versions
 
 

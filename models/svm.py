@@ -6,9 +6,11 @@ from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 from sklearn.svm import SVC
 
-from bench.corpus import InputError
+from bench.errors import InputError
 from models.scaling import RangeScaler, ZScaler
-from models.tuning import Range
+from models.space import Range
+
+PENALTIES = [2.0**k for k in range(-5, 16, 2)]  # of the published grids
 
 
 class RankedSVC(SVC):

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from bench.corpus import Corpus
+from bench.corpora.corpus import Corpus
 
 
 class Windows:

@@ -8,7 +8,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 from sklearn.tree import DecisionTreeClassifier
 
-from bench.corpus import InputError
+from bench.errors import InputError
 
 
 class PrunedTree(ClassifierMixin, BaseEstimator):

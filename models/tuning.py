@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 import itertools
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pandas as pd
@@ -14,25 +12,18 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin, clone
 from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpus import Corpus, InputError
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.pareto import front
+from bench.registry import parameters
+from models import contract
 from models.inner import Tables, inner_folds, milliseconds_of
+from models.space import Range, Space
 from models.study import identity, open_study
 
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a combination is not followed further
 COMBINATIONS = 1000  # at most so many are checked one by one before anything is run
 OBJECTIVES = ("accuracy", "accuracy+time", "smallest")
-
-
-@dataclass(frozen=True)
-class Range:
-    """Values from low to high, whole numbers if both are; ``log`` spreads them over orders of magnitude."""
-
-    low: float
-    high: float
-    log: bool = False
-
-
-Space = dict[str, "Range | Sequence"]
 
 
 class Search(ClassifierMixin, BaseEstimator):
@@ -69,6 +60,8 @@ class Search(ClassifierMixin, BaseEstimator):
             accuracy against time.
         fit_seconds_: wall and CPU seconds of the last fit, ``search_seconds_`` those of all combinations.
     """
+
+    searches = True
 
     def __init__(
         self,
@@ -111,8 +104,7 @@ class Search(ClassifierMixin, BaseEstimator):
         if self.trials is None and self.budget == float("inf") and not self._grid():
             raise InputError("this search has no end: give a number of trials, or a budget in seconds")
         for part in (self.features or {}).values():
-            if hasattr(part, "check"):
-                part.check()
+            contract.check(part)
 
     def fit(self, X: Corpus, y: np.ndarray) -> Search:
         """Search on the captures and their class names, then fit the best recogniser to all of them.
@@ -151,13 +143,13 @@ class Search(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "best_")
         return self.best_.predict(X)
 
-    @available_if(lambda self: not hasattr(self, "best_") or hasattr(self.best_, "predict_proba"))
+    @available_if(lambda self: contract.inside(self) is self or contract.has_probabilities(self.best_))
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Class probabilities [captures, classes], where the recogniser has them."""
         check_is_fitted(self, "best_")
         return self.best_.predict_proba(X)
 
-    @available_if(lambda self: hasattr(self.best_, "decide"))
+    @available_if(lambda self: contract.inside(self) is not self and contract.decides_often(self.best_))
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """Decisions of a recogniser that makes several per capture."""
         return self.best_.decide(X)
@@ -181,10 +173,9 @@ class Search(ClassifierMixin, BaseEstimator):
         folds = self._folds(X, y)
         for chosen in self._listed():
             model = self._make(chosen, "passthrough" if self.features else None)
-            if hasattr(model, "check"):
-                model.check()
-            for train, _ in folds if hasattr(model, "check_training") else ():
-                model.check_training(X[train], np.asarray(y)[train])
+            contract.check(model)
+            for train, _ in folds:
+                contract.check_training(model, X[train], np.asarray(y)[train])
 
     def _folds(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """The inner folds of a training part."""
@@ -321,10 +312,9 @@ class Search(ClassifierMixin, BaseEstimator):
     def _make(self, chosen: dict[str, object], features: object) -> ClassifierMixin:
         name = chosen["model"]
         factory = self.models[name]
-        takes = inspect.signature(factory).parameters
-        handed = {"features": features} if "features" in takes else {}
-        handed |= {"seed": self.seed} if "seed" in takes else {}
-        return factory(**handed | {k.partition(".")[2]: v for k, v in chosen.items() if k.startswith(f"{name}.")})
+        values = {"seed": self.seed} if "seed" in parameters(factory) else {}
+        values |= {k.partition(".")[2]: v for k, v in chosen.items() if k.startswith(f"{name}.")}
+        return contract.build(factory, features, **values)
 
     def _table(self, finished: list) -> pd.DataFrame:
         rows = []
@@ -380,32 +370,49 @@ class Average(ClassifierMixin, BaseEstimator):
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probability [captures, classes]."""
-        return np.mean([self._proba(member, X) for member in self.members], axis=0)
-
-    def _proba(self, member: ClassifierMixin, X: Corpus) -> np.ndarray:
-        if hasattr(member, "predict_proba"):
-            return member.predict_proba(X)
-        return np.asarray(member.predict(X))[:, None] == self.classes_
+        return np.mean([contract.probabilities(member, X) for member in self.members], axis=0)
 
     def predict(self, X: Corpus) -> np.ndarray:
         """Class name of each capture."""
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
 
-def front(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
-    """Which points no other one beats in both: at least as accurate and as cheap, and better in one; bool [points].
+def tuned(
+    name: str, factory: Callable, features: dict[str, TransformerMixin] | None, shown: str, tuning: dict[str, object]
+) -> Search:
+    """The search that `bench tune` and `bench choose over=` ask for.
 
-    A point without a cost (nan) is on no front.
+    Args:
+        name: of the model.
+        factory: of the model.
+        features: one feature set by name, None for a model that reads captures.
+        shown: the feature set as it is named in tables.
+        tuning: ``space`` of the model's parameters, ``over`` (``features`` for the smallest subset of these that
+            suffices), and further arguments of `Search`.
     """
-    better = (accuracy[:, None] >= accuracy) & (cost[:, None] <= cost)
-    strictly = (accuracy[:, None] > accuracy) | (cost[:, None] < cost)
-    return np.isfinite(cost) & ~(better & strictly).any(axis=0)
+    if tuning.get("over") == "features":
+        from features.selection import COUNTS, Subset
+
+        (whole,) = features.values()
+        features = {f"{n} best of {shown}": Subset(clone(whole), n) for n in COUNTS} | features
+    how = {k: v for k, v in tuning.items() if k not in ("space", "over")}
+    return Search({name: factory}, {name: tuning["space"]}, features, **how)
+
+
+def machinery(tuning: dict[str, object]) -> list[object]:
+    """Modules that such a search depends on besides its parts."""
+    import features.selection
+
+    return [Search, *([features.selection] if tuning.get("over") == "features" else [])]
 
 
 def _named(params: dict[str, object]) -> str:
     """A combination in words: ``et · jung54 (leaf=1, tried=0.4)``."""
-    values = [f"{k.partition('.')[2]}={v:.4g}" if isinstance(v, float) else f"{k.partition('.')[2]}={v}"
-              for k, v in params.items() if "." in k]  # fmt: skip
+    values = [
+        f"{k.partition('.')[2]}={v:.4g}" if isinstance(v, float) else f"{k.partition('.')[2]}={v}"
+        for k, v in params.items()
+        if "." in k
+    ]
     parts = [str(params[k]) for k in ("model", "features") if k in params]
     return f"{' · '.join(parts)} ({', '.join(values)})"
 

@@ -55,8 +55,10 @@ def _convolution(grid: torch.Tensor, weight: torch.Tensor, padding: tuple[int, i
         rows, cols, frames = (n - k + 1 for n, k in zip(padded.shape, (high, wide, long), strict=False))
         taps = [
             padded[i : i + rows, j : j + cols, k : k + frames]
-            for k in range(long) for i in range(high) for j in range(wide)
-        ]  # fmt: skip
+            for k in range(long)
+            for i in range(high)
+            for j in range(wide)
+        ]
         found = torch.stack(taps).flatten(1).T @ weight.flatten(1).T
         return found.view(rows, cols, frames, -1, filters)
     if long > 1:

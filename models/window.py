@@ -13,7 +13,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.validation import check_is_fitted
 from torch import nn
 
-from bench.corpus import Corpus, InputError
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from models.training import Samples, Windows, activations, moved, probabilities
 
 
@@ -32,6 +33,10 @@ class WindowNet(ClassifierMixin, BaseEstimator):
     """
 
     holds_out = False  # whether one training subject chooses the epoch
+    frames: int | None = None  # parameters that some have
+    hop: int | None = None
+    seconds = 0.0
+    rate = 1.0
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
@@ -49,13 +54,12 @@ class WindowNet(ClassifierMixin, BaseEstimator):
 
     def length(self, rate_hz: float) -> int:
         """Frames of a window at some rate: ``seconds`` of it, or ``frames`` at any."""
-        seconds = getattr(self, "seconds", 0)
-        return max(1, round(seconds * rate_hz)) if seconds else self.frames
+        return max(1, round(self.seconds * rate_hz)) if self.seconds else self.frames
 
     @property
     def window(self) -> int:
         """Frames of a window, ``seconds`` at the rate of the training captures."""
-        return getattr(self, "window_", self.frames)
+        return vars(self).get("window_", self.frames)
 
     def samples(self, corpus: Corpus) -> Samples:
         """What captures are cut into: windows that do not overlap."""
@@ -71,17 +75,16 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: a count below 1, a time or rate that cannot be, or a device that is not there.
         """
-        for name in ("frames", "hop", "epochs", "batch"):
-            value = getattr(self, name, None)
+        counts = {"frames": self.frames, "hop": self.hop, "epochs": self.epochs, "batch": self.batch}
+        for name, value in counts.items():
             if value is not None and value < 1:
                 raise InputError(f"model.{name}={value}: give at least 1")
-        if not 0 <= getattr(self, "seconds", 0.0) < float("inf"):
+        if not 0 <= self.seconds < float("inf"):
             raise InputError(f"model.seconds={self.seconds:g}: give a number above 0, or 0 for what frames says")
-        if getattr(self, "seconds", 0) and self.frames != signature(type(self)).parameters["frames"].default:
+        if self.seconds and self.frames != signature(type(self)).parameters["frames"].default:
             raise InputError(f"model.frames={self.frames} and model.seconds={self.seconds:g}: give one of them")
-        rate = getattr(self, "rate", 1.0)
-        if not 0 < rate < float("inf"):
-            raise InputError(f"model.rate={rate:g}: give a number above 0")
+        if not 0 < self.rate < float("inf"):
+            raise InputError(f"model.rate={self.rate:g}: give a number above 0")
         try:
             torch.zeros(1, device=self.device).item()
         except (RuntimeError, AssertionError) as e:
@@ -113,8 +116,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         self.classes_, codes = np.unique(y, return_inverse=True)
         self.check_training(X, y)
         held = self._held_out(X)
-        if hasattr(self, "seconds"):
-            self.window_ = self.length(X.rate_hz)
+        self.window_ = self.length(X.rate_hz)
         samples = self.training_samples(X[~held])
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)

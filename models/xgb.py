@@ -5,8 +5,8 @@ import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
-from bench.corpus import InputError
-from models.tuning import Range
+from bench.errors import InputError
+from models.space import Range
 
 
 class BoostedTrees(ClassifierMixin, BaseEstimator):

@@ -14,7 +14,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from bench.corpus import Corpus, InputError
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from models.training import Torch, Windows, train
 from models.volumes import volumes
 from models.window import WindowNet
@@ -96,9 +97,14 @@ class Zhou2016CNN3D(Zhou2016):
         shape = (self.window // self.average, rows, cols)
         poolings = ((2, 1, 1), (2, 2, 2), (2, 2, 2), (2, 2, 2))
         return nn.Sequential(
-            _Averaged(self.average), *_stack(shape, (3, 3, 3), poolings), nn.Flatten(),
-            nn.LazyLinear(256), nn.ReLU(), nn.Dropout(0.5), nn.Linear(256, classes),
-        )  # fmt: skip
+            _Averaged(self.average),
+            *_stack(shape, (3, 3, 3), poolings),
+            nn.Flatten(),
+            nn.LazyLinear(256),
+            nn.ReLU(),
+            nn.Dropout(0.5),
+            nn.Linear(256, classes),
+        )
 
 
 class Zhou2016CNN2D(Zhou2016):
@@ -107,9 +113,14 @@ class Zhou2016CNN2D(Zhou2016):
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
         return nn.Sequential(
-            _Averaged(self.average), *_frames_alone((self.window // self.average, rows, cols)), _MeanOverTime(),
-            nn.LazyLinear(256), nn.ReLU(), nn.Dropout(0.5), nn.Linear(256, classes),
-        )  # fmt: skip
+            _Averaged(self.average),
+            *_frames_alone((self.window // self.average, rows, cols)),
+            _MeanOverTime(),
+            nn.LazyLinear(256),
+            nn.ReLU(),
+            nn.Dropout(0.5),
+            nn.Linear(256, classes),
+        )
 
 
 class Zhou2016LRCN(Zhou2016):
@@ -120,9 +131,12 @@ class Zhou2016LRCN(Zhou2016):
         shape = (self.window // self.average, rows, cols)
         size = _size_after(shape, FILTERS[-1])
         return nn.Sequential(
-            _Averaged(self.average), *_frames_alone(shape), _ByTime(), _Last(nn.LSTM(size, UNITS, batch_first=True)),
+            _Averaged(self.average),
+            *_frames_alone(shape),
+            _ByTime(),
+            _Last(nn.LSTM(size, UNITS, batch_first=True)),
             nn.Linear(UNITS, classes),
-        )  # fmt: skip
+        )
 
 
 class Zhou2016GMLSTM(Zhou2016):
@@ -131,9 +145,13 @@ class Zhou2016GMLSTM(Zhou2016):
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
         return nn.Sequential(
-            _Averaged(self.average), _Moments(rows, cols), nn.LazyBatchNorm1d(), _ByTime(),
-            _Last(nn.LSTM(10, UNITS, batch_first=True)), nn.Linear(UNITS, classes),
-        )  # fmt: skip
+            _Averaged(self.average),
+            _Moments(rows, cols),
+            nn.LazyBatchNorm1d(),
+            _ByTime(),
+            _Last(nn.LSTM(10, UNITS, batch_first=True)),
+            nn.Linear(UNITS, classes),
+        )
 
 
 class _Averaged(nn.Module):

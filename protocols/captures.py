@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 from sklearn.model_selection import StratifiedKFold, StratifiedShuffleSplit
 
-from bench.corpus import Corpus, InputError
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 
 
 class CaptureKFold:
@@ -18,8 +19,6 @@ class CaptureKFold:
         folds: number of folds.
         seed: of the shuffle.
     """
-
-    mixes_subjects = True
 
     def __init__(self, folds: int = 10, seed: int = 0) -> None:
         self.folds = folds
@@ -57,8 +56,6 @@ class Holdout:
         test: share of captures that is tested.
         seed: of the draw.
     """
-
-    mixes_subjects = True
 
     def __init__(self, test: float = 0.35, seed: int = 0) -> None:
         self.test = test

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.corpus import Corpus, InputError
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from protocols.subjects import natural_order
 
 
@@ -20,8 +21,6 @@ class Challenge:
         seed: of the draws.
     """
 
-    mixes_subjects = False
-
     def __init__(self, repeats: int = 5, seed: int = 0) -> None:
         self.repeats = repeats
         self.seed = seed
@@ -34,6 +33,10 @@ class Challenge:
         train = _training_subjects(corpus)
         rest = len(set(corpus.subjects)) - train
         return f"{self.repeats} random subject splits {train} / {rest}, seed {self.seed}, not the official split"
+
+    def official_split(self, corpus: Corpus) -> bool:
+        """Whether the corpus declares the split of the challenge."""
+        return _declared(corpus)
 
     def get_n_splits(self, X: Corpus, y: object = None, groups: object = None) -> int:
         """1 where the corpus declares its split, else the number of repeats."""

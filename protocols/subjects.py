@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from sklearn.model_selection import GroupKFold
 
-from bench.corpus import Corpus, InputError
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 
 
 def natural_order(names: np.ndarray) -> list[str]:
@@ -15,8 +16,6 @@ def natural_order(names: np.ndarray) -> list[str]:
 
 class LOSO:
     """Leave one subject out: as many folds as subjects, each tested on one of them."""
-
-    mixes_subjects = False
 
     def label(self, corpus: Corpus) -> str:
         """The words that stand in every row of results."""
@@ -52,8 +51,6 @@ class SubjectKFold:
         folds: number of folds, at most the number of subjects.
         seed: order in which subjects are dealt to folds.
     """
-
-    mixes_subjects = False
 
     def __init__(self, folds: int = 10, seed: int = 0) -> None:
         self.folds = folds

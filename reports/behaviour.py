@@ -7,54 +7,58 @@ from pathlib import Path
 import pandas as pd
 from mlflow.entities import Run
 
-from bench.tracking import context_of, method_of, runs_of
+from bench.outcomes.comparable import comparable, context_of, method_of, seed_number
+from bench.outcomes.stopping import SHOWN_MS
+from bench.outcomes.store import Store
 from reports import streaming
-from reports.comparison import seed_number
 from reports.figures import Picture, save
 from reports.layout import Block, Table
 from reports.stability_figures import heat_map
 
 CONTEXTS = 3  # captures-and-protocol groups that are drawn
 METHODS = 10  # of a context
-SAME = ("data", "corpus_digest", "subset", "target", "protocol_label")
 
 
-def stress_blocks(client: object, folder: Path) -> list[Block]:
+def stress_blocks(store: Store, folder: Path) -> list[Block]:
     """The loss under each fault, and where each method fails first, of the newest complete stress runs."""
     blocks: list[Block] = []
-    for number, (context, runs) in enumerate(contexts(client, "stress", SAME).items(), 1):
+    for number, (context, runs) in enumerate(contexts(store, "stress").items(), 1):
         losses = pd.DataFrame({method_of(r.data.tags): _under(r, "loss.") for r in runs}).T
         clean = [r.data.metrics["accuracy"] for r in runs]
         caption = "Points of accuracy lost under each fault, mean over five severities: the costliest fault first."
         if losses.size:  # else learning curves alone
             blocks.append(_picture(heat_map(losses, clean, context), folder, f"0-stress-{number}", context, caption))
         blocks.append(
-            Table(pd.DataFrame([_failing(r) for r in runs]),
-                  f"{context}: where each method fails. Half of the margin over chance is lost at the severity of 1 to "
-                  "5 that stands behind each fault. Failing slices are subjects, gestures, conditions, faults and "
-                  "pairs of these that are significantly below the method's own accuracy (Benjamini-Hochberg); each "
-                  "is in stability/stability_slices.csv of the run, beside the curves over severities, training "
-                  "subjects and lengths of captures.")
-        )  # fmt: skip
+            Table(
+                pd.DataFrame([_failing(r) for r in runs]),
+                f"{context}: where each method fails. Half of the margin over chance is lost at the severity of 1 to "
+                "5 that stands behind each fault. Failing slices are subjects, gestures, conditions, faults and "
+                "pairs of these that are significantly below the method's own accuracy (Benjamini-Hochberg); each "
+                "is in stability/stability_slices.csv of the run, beside the curves over severities, training "
+                "subjects and lengths of captures.",
+            )
+        )
     return blocks
 
 
-def stream_blocks(client: object, folder: Path) -> list[Block]:
+def stream_blocks(store: Store, folder: Path) -> list[Block]:
     """Accuracy against touch seen, and what stopping at the learned threshold gives."""
     blocks: list[Block] = []
-    for number, (context, runs) in enumerate(contexts(client, "stream", (*SAME, "start", "hop")).items(), 1):
-        rows = [streaming.stream_of(client, r.info.run_id) for r in runs]
+    for number, (context, runs) in enumerate(contexts(store, "stream").items(), 1):
+        rows = [streaming.stream_of(store, r.info.run_id) for r in runs]
         caption = "Left, accuracy against milliseconds of touch seen; right, fixed windows beside adaptive stopping."
         blocks.append(_picture(streaming.draw(rows), folder, f"0-stream-{number}", context, caption))
         blocks.append(
-            Table(pd.DataFrame([_over_time(r) for r in runs]),
-                  f"{context}: accuracy of captures in percent after some milliseconds of touch, and of adaptive "
-                  "stopping with the mean of what it saw; computing time of a decision.")
-        )  # fmt: skip
+            Table(
+                pd.DataFrame([_over_time(r) for r in runs]),
+                f"{context}: accuracy of captures in percent after some milliseconds of touch, and of adaptive "
+                "stopping with the mean of what it saw; computing time of a decision.",
+            )
+        )
     return blocks
 
 
-def contexts(client: object, kind: str, same: tuple[str, ...]) -> dict[str, list[Run]]:
+def contexts(store: Store, kind: str) -> dict[str, list[Run]]:
     """Complete runs by what must agree for them to be compared: of each system and its lowest seed the newest.
 
     A run that met more faults stands before a newer one that met fewer.
@@ -62,16 +66,11 @@ def contexts(client: object, kind: str, same: tuple[str, ...]) -> dict[str, list
     Returns:
         At most `CONTEXTS` groups, people first and the largest first, each with its `METHODS` most accurate methods.
     """
-    runs = runs_of(client, f"tags.`touchbench.kind` = '{kind}' and attributes.status = 'FINISHED'")
+    runs = store.of_kind(kind, finished=True)
     groups: dict[tuple, dict[str, Run]] = {}
     for run in sorted(runs, key=lambda r: (seed_number(r.data.tags["seed"]), -len(_under(r, "loss.")))):
-        params = run.data.params
-        about = (
-            params
-            | run.data.tags
-            | {k: params.get(f"stream.{k}_ms", params.get(f"stream.{k}", "")) for k in ("start", "hop")}
-        )
-        groups.setdefault(tuple(about[k] for k in same), {}).setdefault(run.data.tags["system"], run)
+        same = comparable(run.data.params | run.data.tags)
+        groups.setdefault(same, {}).setdefault(run.data.tags["system"], run)
     ordered = sorted(groups.values(), key=lambda g: (next(iter(g.values())).data.tags["synthetic"], -len(g)))
     found = {}
     for members in ordered[:CONTEXTS]:
@@ -112,7 +111,7 @@ def _over_time(run: Run) -> dict[str, str]:
 
     return {
         "method": method_of(run.data.tags),
-        **{f"{ms} ms": percent(f"accuracy_at_{ms}_ms") for ms in streaming.SHOWN_MS},
+        **{f"{ms} ms": percent(f"accuracy_at_{ms}_ms") for ms in SHOWN_MS},
         "whole": percent("accuracy"),
         "adaptive": percent("adaptive_accuracy"),
         "after ms": f"{measured['adaptive_ms']:.0f}",

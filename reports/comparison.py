@@ -7,8 +7,8 @@ from importlib.resources import files
 import numpy as np
 import pandas as pd
 
-from bench.errors import InputError
-from bench.tracking import context_of, runs_of
+from bench.outcomes.comparable import context_of, seed_number
+from bench.outcomes.runs import with_groups
 
 SAME = ["data", "subset_key", "target_key", "protocol_key", "system"]  # of published.csv, and without _key of a run
 UNITS = {"capture": "", "capture vote": "vote_", "window": "window_"}
@@ -18,42 +18,6 @@ def published() -> pd.DataFrame:
     """The numbers of the papers, one row each; ``*_key`` columns are in the words that runs are tracked with."""
     with (files("reports") / "published.csv").open() as f:
         return pd.read_csv(f, dtype={"system": str}, keep_default_na=True).fillna({"system": ""})
-
-
-def tracked(client: object, kind: str = "cell") -> pd.DataFrame:
-    """Tags, parameters and metrics of every scored parent run of a kind, the newest of equal ones, complete ones first.
-
-    Raises:
-        InputError: there is none.
-    """
-    rows = [
-        {"target": "gesture"}
-        | r.data.params
-        | r.data.tags
-        | r.data.metrics
-        | {"run_id": r.info.run_id, "status": r.info.status, "started": r.info.start_time}
-        | {"artifacts": r.info.artifact_uri}
-        for r in runs_of(client, f"tags.`touchbench.kind` = '{kind}'")
-        if "accuracy" in r.data.metrics
-    ]
-    if not rows:
-        raise InputError("no scored run is tracked here; make one first, for example: bench run model=svm")
-    same = ["data", "corpus_digest", "subset", "target", "protocol", "protocol_label", "system", "seed"]
-    found = pd.DataFrame(rows)
-    found = found.assign(complete=found["status"] == "FINISHED").sort_values(["complete", "started"])
-    same += [c for c in found if c.startswith("stream.") or c in ("faults", "train_subjects")]
-    return found.drop(columns="complete").drop_duplicates(same, keep="last").sort_values("started")
-
-
-def with_groups(runs: pd.DataFrame) -> pd.DataFrame:
-    """The runs with a column ``group``: in words, the captures and the protocol that make runs comparable.
-
-    Generated captures say so; where several corpora go by one name, the digest tells them apart.
-    """
-    known = runs[["data", "synthetic", "subset", "target", "protocol_label"]].to_dict("records")
-    words = pd.Series([", ".join(context_of(tags)) for tags in known], runs.index)
-    digests = runs.groupby(words)["corpus_digest"].transform("nunique")
-    return runs.assign(group=words + np.where(digests > 1, ", corpus " + runs["corpus_digest"].str[:8], ""))
 
 
 def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
@@ -106,11 +70,6 @@ def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
         ["data", "subset", "protocol", "best", "system", "number"], kind="stable"
     )
     return order.drop(columns=["best", "number"]).reset_index(drop=True)
-
-
-def seed_number(seed: str) -> int:
-    """A tracked seed as a number to sort by, 0 for a system that has none."""
-    return int(seed) if seed.lstrip("-").isdecimal() else 0
 
 
 def _published(run: dict, unit: str, numbers: dict[tuple, list]) -> str:

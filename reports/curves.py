@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import re
+import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from reports import artifacts
+from bench.outcomes import runs as tracked
+from bench.outcomes.store import Store
 from reports.figures import MARKERS, Picture, new_figure, plain, save
 
 HISTORY = {"loss": "training loss", "held_accuracy": "accuracy on held-out training subjects", "rate": "learning rate"}
@@ -18,17 +19,19 @@ CAPTION = "Training by epoch, one line for each of at most ten folds, the lowest
 FOLDS = 10  # of a run that are read and drawn
 
 
-def histories(client: object, run: dict) -> dict[str, dict[str, np.ndarray]]:
+def histories(store: Store, run: dict) -> dict[str, dict[str, np.ndarray]]:
     """What training tracked, by metric and fold, [epochs, 2]: epoch and value.
 
     The first `FOLDS` folds; empty for a system without epochs.
     """
-    folds = artifacts.folds(client, run)[:FOLDS]
+    folds = store.finished_folds(run["run_id"])[:FOLDS]
     tracked = [m for m in HISTORY if any(m in f.data.metrics for f in folds)]
     if "loss" not in tracked:
         return {}
-    found = {m: {f.data.tags["touchbench.fold"]: artifacts.history(client, f, m) for f in folds if m in f.data.metrics}
-             for m in tracked}  # fmt: skip
+    found = {
+        m: {f.data.tags["touchbench.fold"]: store.history(f.info.run_id, m) for f in folds if m in f.data.metrics}
+        for m in tracked
+    }
     return {m: by_fold for m, by_fold in found.items() if any(len(v) > 1 for v in by_fold.values())}
 
 
@@ -68,25 +71,25 @@ def training_figure(found: dict[str, dict], group: str, folder: Path, name: str)
     return save(figure, folder, name, "training", group, CAPTION)
 
 
-def lengths(client: object, runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
+def lengths(store: Store, runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Accuracy against window length of systems that are tracked at several, with all else the same.
 
     Args:
-        client: an `mlflow.MlflowClient` on the store; one predictions table a system is read for the frame rate.
+        store: where they are; one predictions table a system is read for the frame rate.
         runs: of one group.
 
     Returns:
         By system without its frames: ``frames``, ``ms``, ``accuracy``, ``low``, ``high`` (percent, means over seeds).
     """
-    if "model.frames" not in runs:
+    if not {"model.frames", "touchbench.arguments"} <= set(runs):
         return {}
     runs = runs[(runs["status"] == "FINISHED") & runs["model.frames"].astype(str).str.fullmatch(r"\d+")]
-    runs = runs.assign(frames=runs["model.frames"].astype(int), base=runs["system"].map(_without_frames))
+    runs = runs.assign(frames=runs["model.frames"].astype(int), base=runs["touchbench.arguments"].map(_without_frames))
     found = {}
     for base, part in runs.groupby("base"):
-        if part["frames"].nunique() < 2:
+        if not base or part["frames"].nunique() < 2:
             continue
-        predictions = artifacts.predictions(client, part.iloc[0].to_dict())
+        predictions = tracked.predictions(store, part.iloc[0].to_dict())
         if predictions is None:
             continue
         ms = part["observed_ms"].iloc[0] / predictions["frames"].median()
@@ -96,9 +99,15 @@ def lengths(client: object, runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return found
 
 
-def _without_frames(system: str) -> str:
-    inside = re.sub(r"\bframes=\d+(, )?", "", system)
-    return inside.replace(", ]", "]").replace("[]", "")
+def _without_frames(arguments: object) -> str:
+    """A system by its typed arguments but for the frames of a window: ``cnn85[epochs=2]``; ``""`` if not known."""
+    if not isinstance(arguments, str):
+        return ""
+    typed = json.loads(arguments)
+    values = [
+        f"{k.removeprefix('model.')}={v}" for k, v in typed.items() if k.startswith("model.") and k != "model.frames"
+    ]
+    return typed["model"] + (f"[{', '.join(values)}]" if values else "")
 
 
 def length_figure(found: dict[str, pd.DataFrame], group: str, folder: Path, name: str) -> Picture:
@@ -115,8 +124,17 @@ def length_figure(found: dict[str, pd.DataFrame], group: str, folder: Path, name
     for i, (system, table) in enumerate(found.items()):
         y = table["accuracy"].to_numpy()
         bars = np.nan_to_num([y - table["low"], table["high"] - y]).clip(0)
-        ax.errorbar(table["frames"], y, yerr=bars, marker=MARKERS[i % len(MARKERS)], color=f"C{i}", capsize=3,
-                    elinewidth=0.8, linewidth=1, label=plain([system])[0])  # fmt: skip
+        ax.errorbar(
+            table["frames"],
+            y,
+            yerr=bars,
+            marker=MARKERS[i % len(MARKERS)],
+            color=f"C{i}",
+            capsize=3,
+            elinewidth=0.8,
+            linewidth=1,
+            label=plain([system])[0],
+        )
     table = next(iter(found.values()))
     ms = table["ms"].iloc[0] / table["frames"].iloc[0]
     above = ax.secondary_xaxis("top", functions=(lambda f: f * ms, lambda t: t / ms))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench import scores
+from bench.outcomes import scores
 from reports.figures import LINE, MARKERS, Picture, new_figure, plain, save, width_of
 
 BINS = 10
@@ -42,8 +42,15 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str, folder: Path
         if k <= WRITTEN:
             for i, j in np.ndindex(k, k):
                 if shown[i, j]:
-                    ax.text(j, i, f"{shown[i, j]:.0f}", ha="center", va="center", fontsize=7,
-                            color="white" if share[i, j] > 60 else "black")  # fmt: skip
+                    ax.text(
+                        j,
+                        i,
+                        f"{shown[i, j]:.0f}",
+                        ha="center",
+                        va="center",
+                        fontsize=7,
+                        color="white" if share[i, j] > 60 else "black",
+                    )
     unwritten = "" if k <= WRITTEN else " The numbers are in the run's confusion.csv."
     caption = f"Confusion of captures by {system}: counts, and percent of each true gesture.{unwritten}"
     return save(figure, folder, name, "confusion", group, caption)
@@ -96,8 +103,17 @@ def gesture_figure(tables: dict[str, pd.DataFrame], group: str, folder: Path, na
         y = np.arange(len(classes)) + 0.7 * ((i + 0.5) / len(tables) - 0.5)
         recall = table["recall"].to_numpy()
         bars = np.nan_to_num([recall - table["low"], table["high"] - recall]).clip(0)
-        ax.errorbar(recall, y, xerr=bars, fmt=MARKERS[i % len(MARKERS)], color=f"C{i}", markersize=5, elinewidth=0.9,
-                    capsize=2, label=plain([system])[0])  # fmt: skip
+        ax.errorbar(
+            recall,
+            y,
+            xerr=bars,
+            fmt=MARKERS[i % len(MARKERS)],
+            color=f"C{i}",
+            markersize=5,
+            elinewidth=0.9,
+            capsize=2,
+            label=plain([system])[0],
+        )
     ax.set_yticks(np.arange(len(classes)), plain(classes), fontsize=9)
     ax.set_ylim(len(classes) - 0.4, -0.6)
     ax.set_xlim(-2, 102)

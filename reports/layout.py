@@ -90,8 +90,10 @@ def _markdown(block: Block, folder: Path) -> str:
 def md_table(frame: pd.DataFrame, code: Collection[str] = ()) -> str:
     """A table in markdown; ``code`` are columns that hold commands."""
     rows = [frame.columns.tolist(), ["---"] * len(frame.columns)]
-    rows += [[_code(c) if k in code else md_escape(c) for k, c in zip(frame, row, strict=True)]
-             for row in frame.values.tolist()]  # fmt: skip
+    rows += [
+        [_code(c) if k in code else md_escape(c) for k, c in zip(frame, row, strict=True)]
+        for row in frame.values.tolist()
+    ]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
@@ -173,8 +175,10 @@ def _table(block: Table, number: int) -> str:
     head = "".join(f'<th scope="col">{escape(str(n))}</th>' for n in names)
     rows = []
     for position, row in enumerate(block.frame.values.tolist()):
-        cells = [f"<td><code>{escape(str(c))}</code></td>" if k in block.code else f"<td>{escape(str(c))}</td>"
-                 for k, c in zip(block.frame, row, strict=True)]  # fmt: skip
+        cells = [
+            f"<td><code>{escape(str(c))}</code></td>" if k in block.code else f"<td>{escape(str(c))}</td>"
+            for k, c in zip(block.frame, row, strict=True)
+        ]
         if any(block.marks):
             cells.append(
                 "<td>" + ", ".join(f'<a href="#t{number}-{m}">{m}</a>' for m in block.marks[position]) + "</td>"

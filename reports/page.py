@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench import scores
 from bench.errors import InputError
-from reports import artifacts, behaviour, curves, details, ranks, recomputed, speed, statistics
-from reports.comparison import comparison, published, seed_number, shown, tracked, with_groups
+from bench.outcomes import scores, statistics
+from bench.outcomes.comparable import facts_of, seed_number
+from bench.outcomes.runs import by_subject, predictions, tracked, with_groups
+from bench.outcomes.store import Store
+from reports import behaviour, curves, details, ranks, recomputed, speed
+from reports.comparison import comparison, published, shown
 from reports.figures import Picture
 from reports.layout import Block, Chart, Heading, Table, Text, footnotes, markdown, page
 from reports.provenance import provenance, software
@@ -21,14 +24,13 @@ from reports.verdicts import against
 GROUPS = 3  # captures-and-protocol groups that get statistics and figures
 SYSTEMS = 2  # systems of a group whose predictions are read and drawn
 ROWS = 300  # of a table on the page; the CSV files hold all
-MIXED = "subjects mixed"  # what the labels of protocols say that do not leave out whole subjects
 
 
-def write_report(client: object, folder: Path) -> list[Path]:
+def write_report(store: Store, folder: Path) -> list[Path]:
     """Write ``index.html``, ``comparison.md``, a CSV file for each table and the figures as PNG and SVG.
 
     Args:
-        client: an `mlflow.MlflowClient` on the store.
+        store: where the runs are.
         folder: where they go; it is created.
 
     Returns:
@@ -37,10 +39,10 @@ def write_report(client: object, folder: Path) -> list[Path]:
     Raises:
         InputError: the store holds no scored run, or the folder cannot be written.
     """
-    runs, papers = with_groups(tracked(client)), published()
+    runs, papers = with_groups(tracked(store)), published()
     try:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
-        blocks, tables = assemble(client, runs, papers, folder / "figures")
+        blocks, tables = assemble(store, runs, papers, folder / "figures")
         for name, table in tables.items():
             table.to_csv(folder / f"{name}.csv", index=False)
         written = {path for block in blocks if isinstance(block, Picture) for path in block.paths}
@@ -54,15 +56,15 @@ def write_report(client: object, folder: Path) -> list[Path]:
 
 
 def assemble(
-    client: object, runs: pd.DataFrame, papers: pd.DataFrame, folder: Path
+    store: Store, runs: pd.DataFrame, papers: pd.DataFrame, folder: Path
 ) -> tuple[list[Block], dict[str, pd.DataFrame]]:
     """All blocks of the report in order, and the tables that go into CSV files; figures are drawn into ``folder``."""
-    beside = against(papers, runs, client)
+    beside = against(papers, runs, store)
     table = comparison(runs, papers)
     everything = [runs]
     for kind in ("stress", "stream"):
         with suppress(InputError):  # there is none
-            everything.append(with_groups(tracked(client, kind)))
+            everything.append(with_groups(tracked(store, kind)))
     from_runs = provenance(pd.concat(everything, ignore_index=True))
     tables = {"comparison": table, "published": beside, "recomputed": recomputed.recomputed(papers)}
     blocks: list[Block] = [Heading("Recognisers of social touch: published and repeated", 1), *opening(runs)]
@@ -70,7 +72,7 @@ def assemble(
     blocks += [Heading("Published numbers, recomputed"), *recomputed_blocks(papers)]
     blocks += [Heading("All runs"), *run_blocks(table)]
     groups, left_out = largest_groups(runs)
-    each = {group: group_blocks(client, part, papers, folder, i) for i, (group, part) in enumerate(groups.items(), 1)}
+    each = {group: group_blocks(store, part, papers, folder, i) for i, (group, part) in enumerate(groups.items(), 1)}
     clouds = {group: points for group, (_, _, points) in each.items() if len(points)}
     if clouds:
         blocks += [Heading("Accuracy and cost"), Text(SPEED), Chart(speed.chart_data(clouds))]
@@ -82,8 +84,9 @@ def assemble(
     for group, (own, _, _) in each.items():
         blocks += [Heading(group[0].upper() + group[1:]), *own]
     for title, found in {
-        "Stress": behaviour.stress_blocks(client, folder), "Stream": behaviour.stream_blocks(client, folder)
-    }.items():  # fmt: skip
+        "Stress": behaviour.stress_blocks(store, folder),
+        "Stream": behaviour.stream_blocks(store, folder),
+    }.items():
         blocks += [Heading(title), *found] if found else []
     blocks += [Heading("Provenance"), *provenance_blocks(runs, from_runs)]
     tables["statistics"] = pd.concat([found.assign(group=g) for g, (_, found, _) in each.items()], ignore_index=True)
@@ -108,12 +111,17 @@ def opening(runs: pd.DataFrame) -> list[Block]:
         )
     ]
     if len(people) < len(runs):
-        blocks.append(Text("Rows and figures marked (synthetic) come from generated captures and say nothing about "
-                           "people.", warning=True))  # fmt: skip
+        blocks.append(
+            Text(
+                "Rows and figures marked (synthetic) come from generated captures and say nothing about people.",
+                warning=True,
+            )
+        )
     if len(failed := runs[runs["folds_failed"] > 0]):
         systems = ", ".join(sorted(set(failed["system"])))
-        blocks.append(Text(f"Runs with failed folds are scored on the others and compared with nothing: {systems}.",
-                           warning=True))  # fmt: skip
+        blocks.append(
+            Text(f"Runs with failed folds are scored on the others and compared with nothing: {systems}.", warning=True)
+        )
     return blocks
 
 
@@ -152,10 +160,19 @@ def published_blocks(beside: pd.DataFrame) -> list[Block]:
             "it, always under 31 subjects and 14 gestures; the footnotes say where subset, protocol or unit are "
             "others."
         ),
-        *([Text(f"{few} verdicts rest on fewer than {statistics.FEW_SUBJECTS} subjects (the challenge's test part of "
-                "HAART has 3): such an interval is hardly worth anything.", warning=True)] if few else []),
+        *(
+            [
+                Text(
+                    f"{few} verdicts rest on fewer than {statistics.FEW_SUBJECTS} subjects (the challenge's test part "
+                    "of HAART has 3): such an interval is hardly worth anything.",
+                    warning=True,
+                )
+            ]
+            if few
+            else []
+        ),
         Table(frame, caption, marks, notes),
-    ]  # fmt: skip
+    ]
 
 
 def _verdict(row: object) -> str:
@@ -225,7 +242,7 @@ def largest_groups(runs: pd.DataFrame) -> tuple[dict[str, pd.DataFrame], list[st
 
 
 def group_blocks(
-    client: object, runs: pd.DataFrame, papers: pd.DataFrame, folder: Path, number: int
+    store: Store, runs: pd.DataFrame, papers: pd.DataFrame, folder: Path, number: int
 ) -> tuple[list[Block], pd.DataFrame, pd.DataFrame]:
     """Statistics and figures of the runs on the same captures under the same protocol.
 
@@ -233,7 +250,7 @@ def group_blocks(
         The blocks, the statistics, and the points of the speed chart.
     """
     group = runs["group"].iloc[0]
-    subjects, seeds = statistics.by_subject(client, runs)
+    subjects, seeds = by_subject(store, runs)
     if not len(subjects):
         return (
             [Text("No run is complete, so that nothing can be compared.", warning=True)],
@@ -242,12 +259,14 @@ def group_blocks(
         )
     first = runs[runs["status"] == "FINISHED"].iloc[0].to_dict()
     kept = subjects.iloc[: statistics.RANKED]
-    ratio = statistics.shared_training(first)
-    rows = statistics.against_best(kept, fold_table(client, runs, kept, ratio), ratio)
+    facts = facts_of(first)
+    ratio = facts.test_over_train
+    rows = statistics.against_best(kept, fold_table(store, runs, kept, ratio), ratio)
     rows = rows.assign(seeds=rows["system"].map(seeds))
-    said = statistics.warnings(subjects.shape[1], len(kept), int(first["folds"]), MIXED in first["protocol_label"])
-    blocks: list[Block] = [Text(line, warning=i == 0 and subjects.shape[1] < statistics.FEW_SUBJECTS)
-                           for i, line in enumerate(said)]  # fmt: skip
+    said = statistics.warnings(subjects.shape[1], len(kept), int(first["folds"]), facts.mixes_subjects)
+    blocks: list[Block] = [
+        Text(line, warning=i == 0 and subjects.shape[1] < statistics.FEW_SUBJECTS) for i, line in enumerate(said)
+    ]
     caption = f"{group}: every system against the best one, paired over {subjects.shape[1]} subjects. " + STATISTICS
     if len(subjects) > len(kept):
         caption += f" The {len(kept)} most accurate of {len(subjects)} systems."
@@ -260,7 +279,7 @@ def group_blocks(
     blocks.append(ranks.strip_plot(subjects, group, folder, f"{name}-subjects"))
     points = speed.points(runs, subjects, papers)
     blocks.append(speed.speed_chart(points, group, folder, f"{name}-speed"))
-    blocks += detail_figures(client, runs, subjects, group, folder, name)
+    blocks += detail_figures(store, runs, subjects, group, folder, name)
     return blocks, rows, points
 
 
@@ -272,12 +291,12 @@ STATISTICS = (
 )
 
 
-def fold_table(client: object, runs: pd.DataFrame, kept: pd.DataFrame, ratio: float | None) -> pd.DataFrame | None:
+def fold_table(store: Store, runs: pd.DataFrame, kept: pd.DataFrame, ratio: float | None) -> pd.DataFrame | None:
     """Accuracy in percent [systems, folds], means over seeds; None where folds are subjects or share nothing."""
-    if ratio is None or runs["protocol"].iloc[0].startswith("loso"):
-        return None
     complete = runs[(runs["status"] == "FINISHED") & runs["system"].isin(kept.index)]
-    rows = [artifacts.fold_accuracy(client, run) for run in complete.to_dict("records")]
+    if ratio is None or set(store.fold_accuracy(complete["run_id"].iloc[0])) == set(kept.columns):
+        return None
+    rows = [store.fold_accuracy(run_id) for run_id in complete["run_id"]]
     table = pd.DataFrame(rows, index=complete["system"].to_numpy())
     return table.groupby(level=0).mean().loc[kept.index]
 
@@ -301,7 +320,7 @@ def statistics_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def detail_figures(
-    client: object, runs: pd.DataFrame, subjects: pd.DataFrame, group: str, folder: Path, name: str
+    store: Store, runs: pd.DataFrame, subjects: pd.DataFrame, group: str, folder: Path, name: str
 ) -> list[Block]:
     """Figures that need predictions or histories, of the most accurate systems, one seed each, not the luckiest."""
     complete = (
@@ -313,7 +332,7 @@ def detail_figures(
     chosen = {s: complete.loc[s].to_dict() | {"system": s} for s in subjects.index}
     read = {}
     for system in [*chosen][:SYSTEMS]:
-        if (found := artifacts.predictions(client, chosen[system])) is not None:
+        if (found := predictions(store, chosen[system])) is not None:
             read[system] = found
     blocks: list[Block] = []
     recalls, reliability = {}, {}
@@ -337,11 +356,11 @@ def detail_figures(
     found = {}
     networks = [run for run in chosen.values() if run["features"] == "raw frames"]
     for run in networks[: 5 * SYSTEMS]:  # not all that read raw frames are trained in epochs
-        if len(found) < SYSTEMS and (history := curves.histories(client, run)):
+        if len(found) < SYSTEMS and (history := curves.histories(store, run)):
             found[run["system"]] = history
     if found:
         blocks.append(curves.training_figure(found, group, folder, f"{name}-training"))
-    if by_length := curves.lengths(client, runs):
+    if by_length := curves.lengths(store, runs):
         blocks.append(curves.length_figure(by_length, group, folder, f"{name}-lengths"))
     return blocks
 

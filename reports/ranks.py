@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from reports import statistics
+from bench.outcomes import statistics
 from reports.figures import LINE, Picture, new_figure, plain, save, width_of
 
 

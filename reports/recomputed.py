@@ -132,8 +132,13 @@ def recomputed(papers: pd.DataFrame) -> pd.DataFrame:
         found = hughes_counts(number)
         if found is None:
             percent = hughes_percent(number).to_numpy()
-            found = {"right": np.nan, "of": np.nan, "pooled": np.nan, "macro_recall": percent.diagonal().mean(),
-                     "macro_precision": np.nan}  # fmt: skip
+            found = {
+                "right": np.nan,
+                "of": np.nan,
+                "pooled": np.nan,
+                "macro_recall": percent.diagonal().mean(),
+                "macro_precision": np.nan,
+            }
         else:
             found = measures(*found)
         name = f"Hughes et al. 2017, Table {number} ({'CoST' if data == 'cost' else 'HAART'})"

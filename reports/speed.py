@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from reports import statistics
+from bench import pareto
+from bench.outcomes import statistics
 from reports.figures import LINE, Picture, new_figure, plain, save, spread, width_of
 
 # Column of tracked metrics: words, and what it is divided by.
@@ -32,7 +33,7 @@ def points(runs: pd.DataFrame, subjects: pd.DataFrame, papers: pd.DataFrame) -> 
 
     Args:
         runs: of the group.
-        subjects: accuracy in percent [systems, subjects], from `reports.statistics.by_subject`.
+        subjects: accuracy in percent [systems, subjects], from `bench.outcomes.runs.by_subject`.
         papers: `reports.comparison.published`, to tell which systems are published ones.
 
     Returns:
@@ -40,6 +41,7 @@ def points(runs: pd.DataFrame, subjects: pd.DataFrame, papers: pd.DataFrame) -> 
         column per cost; NaN where a cost is not known.
     """
     known = set(papers["system"]) - {""}
+    models = runs.drop_duplicates("system").set_index("system")["model_name"]
     complete = runs[runs["status"] == "FINISHED"]
     costs = complete.reindex(columns=["system", *COSTS, "search_seconds"])
     costs["fit_seconds"] += costs.pop("search_seconds").fillna(0)
@@ -48,7 +50,7 @@ def points(runs: pd.DataFrame, subjects: pd.DataFrame, papers: pd.DataFrame) -> 
     for system, accuracy in subjects.iterrows():
         low, high = statistics.interval(accuracy.to_numpy(dtype=float))
         row = {"system": system, "accuracy": accuracy.mean(), "low": max(low, 0), "high": min(high, 100)}
-        row |= {"kind": "published" if system in known else "changed" if system.split("[")[0] in known else "other"}
+        row |= {"kind": "published" if system in known else "changed" if models[system] in known else "other"}
         rows.append(row | {c: costs.loc[system, c] / unit for c, (_, unit) in COSTS.items()})
     return pd.DataFrame(rows)
 
@@ -58,12 +60,9 @@ def front(cost: np.ndarray, accuracy: np.ndarray) -> np.ndarray:
 
     A point is beaten by one that is as cheap or cheaper and more accurate, or cheaper and as accurate.
     """
-    order = [i for i in np.lexsort((-accuracy, cost)) if np.isfinite(cost[i])]
-    kept: list[int] = []
-    for i in order:
-        if not kept or accuracy[i] > accuracy[kept[-1]]:
-            kept.append(i)
-    return np.array(kept, dtype=int)
+    on = np.flatnonzero(pareto.front(accuracy, cost))
+    _, first = np.unique(cost[on], return_index=True)  # of equal points the first one
+    return on[first]
 
 
 def speed_chart(table: pd.DataFrame, group: str, folder: Path, name: str, most: int = 20) -> Picture:

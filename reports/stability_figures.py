@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from reports.figures import MARKERS
 
 if TYPE_CHECKING:
-    from reports.stability import Analysis
+    from bench.outcomes.stability import Analysis
 
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
 PANELS = 4  # side by side
@@ -66,8 +66,9 @@ def heat_map(losses: pd.DataFrame, clean: list[float], context: str) -> Figure:
         dark = image.norm(value) > 0.55
         text = "-" if np.isnan(value) else f"{value:.0f}".replace("-0", "0")
         ax.text(j, i, text, ha="center", va="center", color="white" if dark else "black")
-    ax.set_xticks(range(faults), [f.replace("_", " ") for f in points.columns], rotation=40, ha="right",
-                  rotation_mode="anchor")  # fmt: skip
+    ax.set_xticks(
+        range(faults), [f.replace("_", " ") for f in points.columns], rotation=40, ha="right", rotation_mode="anchor"
+    )
     ax.set_yticks(range(methods), [f"{m} ({100 * c:.0f} % clean)" for m, c in zip(points.index, clean, strict=True)])
     ax.set_xticks(np.arange(faults - 1) + 0.5, minor=True)
     ax.set_yticks(np.arange(methods - 1) + 0.5, minor=True)
@@ -161,8 +162,13 @@ def _with_bars(ax: object, k: int, x: np.ndarray, rows: pd.DataFrame, label: str
 
 
 def _style(k: int) -> dict[str, object]:
-    return {"linestyle": DASHES[k % len(DASHES)], "marker": MARKERS[k % len(MARKERS)], "color": f"C{k % 10}",
-            "markersize": 5, "linewidth": 1.4}  # fmt: skip
+    return {
+        "linestyle": DASHES[k % len(DASHES)],
+        "marker": MARKERS[k % len(MARKERS)],
+        "color": f"C{k % 10}",
+        "markersize": 5,
+        "linewidth": 1.4,
+    }
 
 
 def _legend(figure: object, ax: object) -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench import scores
 from bench.errors import InputError
+from bench.outcomes import scores
+from bench.outcomes.stability import ALPHA, CLEAN, FAMILIES, Analysis, families, ranks, seeds
 from reports import stability_figures as figures
 from reports.layout import md_table
-from reports.stability import ALPHA, CLEAN, FAMILIES, Analysis, families, ranks, seeds
 
 TOP = 10  # rows of a table
 
@@ -75,8 +75,13 @@ def markdown(analyses: list[Analysis]) -> str:
 
 def sections(analyses: list[Analysis]) -> list[tuple[str, str, pd.DataFrame]]:
     """Heading, remark and table (of text) of everything that is shown to a reader, in percent and points."""
-    found = [("Clean", f"Chance is the share of the most frequent class: {percent(analyses[0].chance)} %.",
-              _clean_table(analyses))]  # fmt: skip
+    found = [
+        (
+            "Clean",
+            f"Chance is the share of the most frequent class: {percent(analyses[0].chance)} %.",
+            _clean_table(analyses),
+        )
+    ]
     if len(table := _condition_table(analyses)):
         found.append(("By class, condition and length", "Accuracy in percent; subjects are in the CSV.", table))
     if len(analyses[0].curves):
@@ -94,8 +99,9 @@ def sections(analyses: list[Analysis]) -> list[tuple[str, str, pd.DataFrame]]:
             heading = f"What fails under a fault and not before, where the fault as such does not yet: {a.method}"
             found.append((heading, _about_tests(a.slices, faulty), table))
     if len(analyses) > 1 and len(analyses[0].curves):
-        found.append(("Ranks", "By mean accuracy over severities; Kendall's tau with the clean order.",
-                      _rank_table(analyses)))  # fmt: skip
+        found.append(
+            ("Ranks", "By mean accuracy over severities; Kendall's tau with the clean order.", _rank_table(analyses))
+        )
     if len(varied := seeds(analyses)):
         shown = varied.assign(**{c: varied[c].map(percent) for c in ("accuracy", "sd", "lowest", "highest")})
         shown["changed"] = [f"{r.changed} of {r.captures} ({percent(r.share_changed)} %)" for r in varied.itertuples()]
@@ -138,11 +144,16 @@ def _worst_faults(a: Analysis) -> pd.DataFrame:
     failing = a.slices[(a.slices["kind"] == "fault") & a.slices["failing"]]
     lowest = failing.groupby("fault")["severity"].min()
     rows = [
-        {"method": a.method, "fault": r.fault, **{str(s): percent(by.loc[r.fault, s]) for s in by.columns},
-         "loss": f"{100 * r.loss:.1f}", "fails from": str(lowest.get(r.fault, "-")),
-         "half of the margin is lost at": r.where}
+        {
+            "method": a.method,
+            "fault": r.fault,
+            **{str(s): percent(by.loc[r.fault, s]) for s in by.columns},
+            "loss": f"{100 * r.loss:.1f}",
+            "fails from": str(lowest.get(r.fault, "-")),
+            "half of the margin is lost at": r.where,
+        }
         for r in worst.itertuples()
-    ]  # fmt: skip
+    ]
     return pd.DataFrame(rows)
 
 
@@ -196,8 +207,11 @@ def _before(found: pd.DataFrame) -> pd.Series:
 def _bare(found: pd.DataFrame) -> pd.Series:
     """Names of slices without the fault."""
     words = found[["slice", "fault", "amount"]].to_numpy()
-    return pd.Series([name.removesuffix(f"{fault} {amount}").removesuffix(", ") for name, fault, amount in words],
-                     found.index, dtype=object)  # fmt: skip
+    return pd.Series(
+        [name.removesuffix(f"{fault} {amount}").removesuffix(", ") for name, fault, amount in words],
+        found.index,
+        dtype=object,
+    )
 
 
 def _slice_table(a: Analysis, mask: pd.Series) -> pd.DataFrame:
@@ -209,11 +223,17 @@ def _slice_table(a: Analysis, mask: pd.Series) -> pd.DataFrame:
     else:
         failing = failing.sort_values("gap", ascending=False)
     rows = [
-        {"slice": r.slice, "right": f"{r.right} of {r.captures}", "subjects": str(r.subjects),
-         "accuracy": percent(r.accuracy), "below own by": f"{100 * r.gap:.1f}", "p": f"{r.p:.2g}",
-         "corrected p": f"{r.p_corrected:.2g}"}
+        {
+            "slice": r.slice,
+            "right": f"{r.right} of {r.captures}",
+            "subjects": str(r.subjects),
+            "accuracy": percent(r.accuracy),
+            "below own by": f"{100 * r.gap:.1f}",
+            "p": f"{r.p:.2g}",
+            "corrected p": f"{r.p_corrected:.2g}",
+        }
         for r in failing.head(TOP).itertuples()
-    ]  # fmt: skip
+    ]
     return pd.DataFrame(rows)
 
 
@@ -226,8 +246,10 @@ def _rank_table(analyses: list[Analysis]) -> pd.DataFrame:
 
 def _learning_table(analyses: list[Analysis]) -> pd.DataFrame:
     shown = {
-        a.method: {f"{r.train_subjects:g}": f"{percent(r.accuracy)} [{percent(r.low)}, {percent(r.high)}]"
-                   for r in a.learning.itertuples()}
+        a.method: {
+            f"{r.train_subjects:g}": f"{percent(r.accuracy)} [{percent(r.low)}, {percent(r.high)}]"
+            for r in a.learning.itertuples()
+        }
         for a in analyses
-    }  # fmt: skip
+    }
     return pd.DataFrame(shown).fillna("-").rename_axis("training subjects").reset_index()

@@ -7,20 +7,20 @@ from pathlib import Path
 import pandas as pd
 
 from bench.errors import InputError
-from bench.tracking import context_of, method_of
+from bench.outcomes.comparable import comparable, context_of, method_of
+from bench.outcomes.store import Store
 from reports.figures import MARKERS
 
 DASHES = ("-", "--", "-.", ":")
-SHOWN_MS = (250, 500, 1000, 2000)  # what is printed of the curve
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature
-SAME = ["data", "subset", "target", "protocol_label", "start"]
+TOLD = ("data", "synthetic", "subset", "target", "protocol_label", "start")  # of a run, in its tables
 
 
-def write_streaming(client: object, run_ids: list[str], folder: Path) -> list[Path]:
+def write_streaming(store: Store, run_ids: list[str], folder: Path) -> list[Path]:
     """Write ``streaming.csv``, ``stopping.csv`` and ``streaming.png`` / ``.svg`` of some runs.
 
     Args:
-        client: an `mlflow.MlflowClient` on the store.
+        store: where they are.
         run_ids: of parent runs of ``bench stream``; those without a fold that went well are left out.
         folder: where they go; it is created.
 
@@ -30,14 +30,14 @@ def write_streaming(client: object, run_ids: list[str], folder: Path) -> list[Pa
     Raises:
         InputError: the folder cannot be written.
     """
-    rows = [stream_of(client, run_id) for run_id in run_ids]
+    rows = [stream_of(store, run_id) for run_id in run_ids]
     if not rows:
         return []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         paths = []
         for name, table in (("streaming", "instants"), ("stopping", "stopping")):
-            about = [{k: row[k] for k in ("system", "data", "synthetic", *SAME[1:])} for row in rows]
+            about = [{k: row[k] for k in ("system", *TOLD)} for row in rows]
             parts = [row[table].assign(**a)[[*a, *row[table]]] for row, a in zip(rows, about, strict=True)]
             paths.append(folder / f"{name}.csv")
             pd.concat(parts, ignore_index=True).to_csv(paths[-1], index=False)
@@ -46,14 +46,15 @@ def write_streaming(client: object, run_ids: list[str], folder: Path) -> list[Pa
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
 
 
-def stream_of(client: object, run_id: str) -> dict[str, object]:
+def stream_of(store: Store, run_id: str) -> dict[str, object]:
     """Tags of a run, its tables ``instants`` and ``stopping``, and the learned point ``adaptive``."""
-    run = client.get_run(run_id)
-    tables = {n: pd.read_csv(client.download_artifacts(run_id, f"{n}.csv")) for n in ("instants", "stopping")}
+    run = store.run(run_id)
+    tables = {n: pd.read_csv(store.fetched(run_id, f"{n}.csv")) for n in ("instants", "stopping")}
     metrics = run.data.metrics
     point = {"mean_ms": metrics["adaptive_ms"]}
     point |= {k: metrics.get(f"adaptive_{k}", float("nan")) for k in ("accuracy", "low", "high")}
-    return run.data.tags | {"start": run.data.params["stream.start"], "adaptive": point} | tables
+    about = run.data.tags | {"corpus_digest": run.data.params["corpus_digest"]}
+    return about | {"start": run.data.params["stream.start"], "adaptive": point} | tables
 
 
 def figure(rows: list[dict[str, object]], folder: Path) -> list[Path]:
@@ -82,7 +83,7 @@ def draw(rows: list[dict[str, object]]) -> object:
 
     groups: dict[tuple, list[dict]] = {}
     for row in rows:
-        groups.setdefault(tuple(row[k] for k in SAME), []).append(row)
+        groups.setdefault((*comparable(row), row["start"]), []).append(row)
     systems = list(dict.fromkeys(method_of(row) for row in rows))
     names = len(systems) + 3
     fig = Figure(figsize=(11.5, 4.4 * len(groups) + 0.22 * names), layout="constrained")
@@ -103,9 +104,16 @@ def draw(rows: list[dict[str, object]]) -> object:
             accuracy = 100 * point["accuracy"]
             bars = [[max(accuracy - 100 * point["low"], 0)], [max(100 * point["high"] - accuracy, 0)]]
             mean.errorbar(
-                point["mean_ms"], accuracy, yerr=None if point["low"] != point["low"] else bars, fmt="*",
-                markersize=15, color=look["color"], markeredgecolor="black", capsize=3, zorder=5,
-            )  # fmt: skip
+                point["mean_ms"],
+                accuracy,
+                yerr=None if point["low"] != point["low"] else bars,
+                fmt="*",
+                markersize=15,
+                color=look["color"],
+                markeredgecolor="black",
+                capsize=3,
+                zorder=5,
+            )
         data, subset, protocol = context_of(members[0])
         begin = "from the onset" if group[-1] == "onset" else "from the middle of the capture"
         seen.set_title(f"{data}, {subset}\n{protocol}", fontsize=9)

@@ -12,9 +12,11 @@ from importlib.resources import files
 import numpy as np
 import pandas as pd
 
-from bench import scores
-from reports import artifacts, statistics
-from reports.comparison import SAME, seed_number
+from bench.outcomes import scores, statistics
+from bench.outcomes.comparable import facts_of, seed_number
+from bench.outcomes.runs import predictions, subject_accuracy
+from bench.outcomes.store import Store
+from reports.comparison import SAME
 
 # unit_key of published.csv: prefix and name of the metric that is tracked for it.
 UNITS = {
@@ -27,7 +29,7 @@ UNITS = {
 }
 
 
-def against(papers: pd.DataFrame, runs: pd.DataFrame, client: object) -> pd.DataFrame:
+def against(papers: pd.DataFrame, runs: pd.DataFrame, store: Store) -> pd.DataFrame:
     """One row per published number and seed of ours; one without ours where there is none.
 
     Only complete runs of the very system count, with the parameters of the paper, on captures of people. Numbers are
@@ -36,12 +38,12 @@ def against(papers: pd.DataFrame, runs: pd.DataFrame, client: object) -> pd.Data
 
     Args:
         papers: `reports.comparison.published`.
-        runs: `reports.comparison.tracked`.
-        client: an `mlflow.MlflowClient` on the store; predictions are read for units whose interval is not tracked.
+        runs: `bench.outcomes.runs.tracked`.
+        store: where they are; predictions are read for units whose interval is not tracked.
     """
     real = runs[runs["synthetic"] != "true"]
     here = set(real["data"])
-    real = real.assign(base=real["system"].str.split("[", regex=False).str[0])
+    real = real.assign(base=real["model_name"])
     real = real[real["base"].isin(papers["system"])]
     own = {key: part.to_dict("records") for key, part in real.groupby([k.removesuffix("_key") for k in SAME])}
     changed = real[real["system"] != real["base"]].rename(columns={"system": "as_run", "base": "system"})
@@ -51,11 +53,28 @@ def against(papers: pd.DataFrame, runs: pd.DataFrame, client: object) -> pd.Data
     for paper, correction in zip(papers.itertuples(), told.itertuples(), strict=True):
         key = tuple(getattr(paper, k) for k in SAME)
         notes = [correction.correction] if isinstance(correction.correction, str) else []
-        about = {c: getattr(paper, c) for c in ("id", "reference", "year", "data", "subset", "protocol", "unit",
-                 "features", "n_features", "classifier", "accuracy", "sd", "confidence", "system")}  # fmt: skip
+        about = {
+            c: getattr(paper, c)
+            for c in (
+                "id",
+                "reference",
+                "year",
+                "data",
+                "subset",
+                "protocol",
+                "unit",
+                "features",
+                "n_features",
+                "classifier",
+                "accuracy",
+                "sd",
+                "confidence",
+                "system",
+            )
+        }
         about = {"published" if k == "accuracy" else "published_sd" if k == "sd" else k: v for k, v in about.items()}
         about |= {"table4": correction.table4, "table4_sd": correction.table4_sd}
-        found = [m for run in own.get(key, []) if (m := _measured(client, run, paper.unit_key))]
+        found = [m for run in own.get(key, []) if (m := _measured(store, run, paper.unit_key))]
         missing = _why_not(paper, here, others.get(key, []))
         for ours in sorted(found, key=lambda m: seed_number(m["seed"])) or [{}]:
             rows.append(about | _judged(paper, ours, notes, missing))
@@ -100,7 +119,7 @@ def _why_not(paper: object, here: set[str], others: list[str]) -> tuple[str, lis
     return "not run", [f"Run with other parameters: {', '.join(others)}."] if others else []
 
 
-def _measured(client: object, run: dict, unit: str) -> dict[str, object] | None:
+def _measured(store: Store, run: dict, unit: str) -> dict[str, object] | None:
     """Our number in a published unit with its interval over subjects, None if the run has no such unit."""
     if unit not in UNITS:
         return None
@@ -110,35 +129,42 @@ def _measured(client: object, run: dict, unit: str) -> dict[str, object] | None:
     value = 100 * run.get(f"{prefix}{metric}", np.nan)
     if np.isnan(value):
         return None
-    low, high = _interval(client, run, prefix, metric)
+    low, high = _interval(store, run, prefix, metric)
     subjects = int(run.get("subjects", 0))
     folds = f"{run['folds']:.0f} of {run['folds'] + run['folds_failed']:.0f}"
     notes = [f"{subjects} subjects: this interval is hardly worth anything."] * (subjects < statistics.FEW_SUBJECTS)
-    if "not the official split" in run["protocol_label"]:
+    if facts_of(run).official_split is False:
         notes.append("Our split is drawn at random, not the official one.")
     return {
-        "ours": value, "low": low, "high": high, "ours_sd": 100 * run.get(f"{prefix}subject_accuracy_sd", np.nan),
-        "subjects": subjects, "seed": run["seed"], "folds": folds, "run_id": run["run_id"],
-        "complete": run["status"] == "FINISHED", "notes": notes,
-    }  # fmt: skip
+        "ours": value,
+        "low": low,
+        "high": high,
+        "ours_sd": 100 * run.get(f"{prefix}subject_accuracy_sd", np.nan),
+        "subjects": subjects,
+        "seed": run["seed"],
+        "folds": folds,
+        "run_id": run["run_id"],
+        "complete": run["status"] == "FINISHED",
+        "notes": notes,
+    }
 
 
-def _interval(client: object, run: dict, prefix: str, metric: str) -> tuple[float, float]:
+def _interval(store: Store, run: dict, prefix: str, metric: str) -> tuple[float, float]:
     """In percent; as tracked, or from the run's predictions. NaN for a single subject, or where they are gone."""
     if metric == "subject_accuracy_mean":
-        values = np.array(list(artifacts.subject_accuracy(client, run).values()))
+        values = np.array(list(subject_accuracy(store, run).values()))
         return statistics.interval(values)
     if (prefix, metric) == ("", "accuracy"):
         return 100 * run.get("accuracy_low", np.nan), 100 * run.get("accuracy_high", np.nan)
-    predictions = artifacts.predictions(client, run)
-    if predictions is None:
+    table = predictions(store, run)
+    if table is None:
         return np.nan, np.nan
     vote = prefix == "vote_"
-    labelled = scores.windows(predictions) if prefix == "window_" else scores.captures(predictions, vote=vote)
+    labelled = scores.windows(table) if prefix == "window_" else scores.captures(table, vote=vote)
     if metric == "accuracy":
         low, high = scores.subject_interval(labelled)
     else:
-        low, high = macro_interval(labelled, scores.classes_of(predictions), metric)
+        low, high = macro_interval(labelled, scores.classes_of(table), metric)
     return 100 * low, 100 * high
 
 

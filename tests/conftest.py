@@ -10,14 +10,15 @@ import pandas as pd
 import pytest
 from hypothesis import settings
 
-from bench.corpus import Corpus
+from bench.corpora.corpus import Corpus
 
 # The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
 BENCH = [
-    sys.executable, "-c",
+    sys.executable,
+    "-c",
     "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
     "from bench.cli import main; sys.exit(main())",
-]  # fmt: skip
+]
 
 settings.register_profile("patient", parent=settings(), deadline=None)  # a busy machine is no failure
 settings.load_profile("patient")

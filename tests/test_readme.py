@@ -7,7 +7,7 @@ import numpy as np
 from sklearn.model_selection import LeaveOneGroupOut, cross_val_score
 
 from bench.cli import COMMANDS
-from bench.fold import decisions
+from bench.work.fold import decisions
 from models.tuning import Search
 
 ROOT = Path(__file__).parent.parent

@@ -1,6 +1,9 @@
-"""The corpora: one file per format that can be imported, and the generator (nothing is imported before it is used)."""
+"""The corpora: the value, where it is kept, one file per format that can be imported, and the generator.
 
-READERS = {
+Nothing is imported before it is used.
+"""
+
+PARTS = {
     "cost": "bench.corpora.cost:read",
     "haart": "bench.corpora.haart:read",
     "table": "bench.corpora.table:read",

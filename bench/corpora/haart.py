@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bench.corpora.corpus import Corpus
 from bench.corpora.text import FrameFile, capture_starts
-from bench.corpus import Corpus, InputError
+from bench.errors import InputError
 
 TRAINING = "training.csv"
 TEST = "testWITHLABELS.csv"

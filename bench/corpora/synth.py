@@ -14,8 +14,9 @@ import numpy as np
 import pandas as pd
 from scipy.signal import lfilter
 
+from bench.corpora.corpus import Corpus
 from bench.corpora.cost import FULL_SCALE, VARIANTS
-from bench.corpus import Corpus, InputError
+from bench.errors import InputError
 
 PAD_MM = 160.0  # side of the sensitive area
 SHORTEST_S, LONGEST_S = 10 / 135, 1747 / 135
@@ -60,10 +61,21 @@ GESTURES = {
     "tickle": Movement(2.491, 1.446, 0.25, 0.09, 911, 4, 25, 0, 0.4, 0.5, 4.0, 18, 0, 0.1, 14),
 }
 LOOKALIKE = {
-    "grab": "squeeze", "squeeze": "grab", "pat": "tap", "tap": "pat", "rub": "stroke", "stroke": "rub",
-    "scratch": "tickle", "tickle": "scratch", "hit": "slap", "slap": "hit", "poke": "tap", "press": "pinch",
-    "pinch": "poke", "massage": "rub",
-}  # fmt: skip
+    "grab": "squeeze",
+    "squeeze": "grab",
+    "pat": "tap",
+    "tap": "pat",
+    "rub": "stroke",
+    "stroke": "rub",
+    "scratch": "tickle",
+    "tickle": "scratch",
+    "hit": "slap",
+    "slap": "hit",
+    "poke": "tap",
+    "press": "pinch",
+    "pinch": "poke",
+    "massage": "rub",
+}
 # Durations and contact areas are known for each gesture, so a lookalike lends everything but these.
 OWN = ("duration", "duration_sd", "area", "area_sd", "pressure")
 VARIANT_FORCE = {"gentle": 0.72, "normal": 1.0, "rough": 1.55}

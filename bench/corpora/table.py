@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bench.corpora.corpus import RESERVED, Corpus
 from bench.corpora.text import FrameFile, capture_starts
-from bench.corpus import Corpus, InputError
+from bench.errors import InputError
 
 LABELS = ["subject", "gesture", "frame"]
-RESERVED = {"fold", "capture", "start", "frames", "true", "predicted"}  # columns of the predictions table
 
 
 def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0) -> Corpus:

@@ -15,7 +15,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as pacsv
 
-from bench.corpus import InputError
+from bench.errors import InputError
 
 
 class FrameFile:

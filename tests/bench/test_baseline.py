@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from bench.baseline import read
 from bench.cli import main
+from bench.outcomes.baseline import read
 
 BASELINE = Path(__file__).parents[2] / "reports" / "baseline.json"
 

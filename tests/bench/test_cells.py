@@ -3,11 +3,12 @@ import sys
 
 import pytest
 
-from bench.cells import cells, parse
 from bench.cli import main
 from bench.errors import InputError
-from bench.run import KEYS
+from bench.plan.arguments import parse
+from bench.plan.cells import cells
 from bench.source import source_digest
+from bench.work.loop import KEYS
 
 
 def asked(*arguments):
@@ -22,16 +23,21 @@ def test_a_comma_makes_a_grid():
     found = asked("data=haart", "protocol=challenge,loso", "model=bayes,svm", "features=jung28,jung54")
     assert len(found) == 8
     assert named(found)[:3] == [
-        "bayes · jung28 | haart | challenge", "bayes · jung54 | haart | challenge", "svm · jung28 | haart | challenge"
-    ]  # fmt: skip
+        "bayes · jung28 | haart | challenge",
+        "bayes · jung54 | haart | challenge",
+        "svm · jung28 | haart | challenge",
+    ]
 
 
 def test_defaults_and_what_a_part_does_not_take():
     assert named(asked()) == ["svm · jung54 | synth | loso"]
     # One cell for a network whatever the feature sets, one for a model without a seed whatever the seeds.
     assert named(asked("model=cnn85,svm", "features=jung28,jung54", "seed=0,1")) == [
-        "cnn85 | synth | loso", "cnn85 | synth | loso", "svm · jung28 | synth | loso", "svm · jung54 | synth | loso"
-    ]  # fmt: skip
+        "cnn85 | synth | loso",
+        "cnn85 | synth | loso",
+        "svm · jung28 | synth | loso",
+        "svm · jung54 | synth | loso",
+    ]
     assert [c.model.parameters["seed"] for c in asked("model=cnn85", "seed=3,5")] == [3, 5]
 
 

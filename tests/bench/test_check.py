@@ -16,18 +16,25 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 from bench import registry
-from bench.baseline import Measured, read, text
-from bench.check import LIMITS, Verdict, compare, drawn, held, interval, junit, p_value, units_of
 from bench.cli import main
 from bench.corpora.synth import generate
 from bench.errors import InputError
-from bench.fold import FoldResult, latency, reference
-from bench.tracking import costs
+from bench.outcomes.baseline import Measured, read, text
+from bench.outcomes.gate import LIMITS, Verdict, compare, drawn, held, interval, junit, p_value, units_of
+from bench.outcomes.results import FoldResult, costs
+from bench.work.fold import latency, reference
 from features.jung54 import Jung54
 from models.svm import svm
 
-NAMES = {"data": "toy", "corpus_digest": "d", "subset": "all", "target": "gesture", "protocol": "loso",
-         "system": "s", "seed": "none"}  # fmt: skip
+NAMES = {
+    "data": "toy",
+    "corpus_digest": "d",
+    "subset": "all",
+    "target": "gesture",
+    "protocol": "loso",
+    "system": "s",
+    "seed": "none",
+}
 HERE = {"cpu": "x", "threads": "1", "version.numpy": "2"}
 
 
@@ -177,8 +184,15 @@ def test_computing_time_is_tracked_beside_the_reference():
     predict_ms, decide_ms, relative = latency(svm(Jung54()).fit(captures, captures.gestures), captures, 50)
     assert len(predict_ms) == len(decide_ms) == 20 and reference() == reference()
     assert relative["reference_ms"] > 0 and relative["predict_relative"] > 0
-    folds = [FoldResult("x", metrics={"reference_ms": r, "predict_relative": 2 * r, "flash_bytes": r, "fit_seconds": r},
-                        predict_ms=[1.0], decide_ms=[1.0]) for r in (1.0, 2.0, 9.0)]  # fmt: skip
+    folds = [
+        FoldResult(
+            "x",
+            metrics={"reference_ms": r, "predict_relative": 2 * r, "flash_bytes": r, "fit_seconds": r},
+            predict_ms=[1.0],
+            decide_ms=[1.0],
+        )
+        for r in (1.0, 2.0, 9.0)
+    ]
     found = costs(folds)
     assert (found["reference_ms"], found["predict_relative"]) == (2, 4)  # one busy moment counts for little
     assert (found["flash_bytes"], found["fit_seconds"]) == (9, 4)
@@ -213,11 +227,18 @@ def test_a_damaged_baseline_is_one_line_and_stays(tmp_path, capsys):
     path = tmp_path / "b.json"
     whole = text([measured([1, 0])])
     entry = json.loads(whole)["systems"][0]
-    broken = [whole[:-40], "", "[]", whole.replace('"format": 1', '"format": 2'), whole.replace('"classes"', '"class"'),
-              whole.replace('"seed"', '"seeds"'), whole.replace('"predicted": [0]', '"predicted": [7]'),
-              json.dumps({"format": 1, "systems": [entry | {"run": "modl=svm"}]}),
-              json.dumps({"format": 1, "systems": [entry | {"tested": []}]}),
-              '{"format": 1, "systems": []}']  # fmt: skip
+    broken = [
+        whole[:-40],
+        "",
+        "[]",
+        whole.replace('"format": 1', '"format": 2'),
+        whole.replace('"classes"', '"class"'),
+        whole.replace('"seed"', '"seeds"'),
+        whole.replace('"predicted": [0]', '"predicted": [7]'),
+        json.dumps({"format": 1, "systems": [entry | {"run": "modl=svm"}]}),
+        json.dumps({"format": 1, "systems": [entry | {"tested": []}]}),
+        '{"format": 1, "systems": []}',
+    ]
     for content in broken:
         path.write_text(content)
         for more in ([], ["update=true"], ["update=true", "model=bayes"]):

@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 from scipy.stats import ttest_rel
 
-from bench import tracking
-from bench.choose import candidates, decide, quantity, sentences
 from bench.cli import main
+from bench.corpora.library import open_corpus
 from bench.errors import InputError
-from bench.store import open_corpus
-from bench.tracking import connect
+from bench.outcomes import store as tracking
+from bench.outcomes.choice import candidates, decide, quantity, sentences
+from bench.outcomes.store import connect
 
 SMALL = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
 
@@ -70,8 +70,16 @@ def test_amounts():
     assert quantity("max_ram", "32KiB") == pytest.approx(32.768) and quantity("max_ram", "500B") == 0.5
     assert quantity("max_decision", "0.7s") == 700 and quantity("max_predict", "2ms") == 2
     assert quantity("margin", "1.5") == 1.5
-    for key, text in (("max_flash", "3ms"), ("max_predict", "2kB"), ("margin", "2ms"), ("max_ram", "0kB"),
-                      ("max_ram", "32"), ("max_ram", "much"), ("max_ram", "-1kB"), ("max_ram", "nankB")):  # fmt: skip
+    for key, text in (
+        ("max_flash", "3ms"),
+        ("max_predict", "2kB"),
+        ("margin", "2ms"),
+        ("max_ram", "0kB"),
+        ("max_ram", "32"),
+        ("max_ram", "much"),
+        ("max_ram", "-1kB"),
+        ("max_ram", "nankB"),
+    ):
         with pytest.raises(InputError, match=f"{key}={text}: give a number above 0"):
             quantity(key, text)
 
@@ -85,8 +93,11 @@ def test_choosing_among_tracked_runs(capsys):
     found, about, subjects = candidates({"protocol": "loso"})
     assert "synthetic" in about and len(subjects.columns) == 4
     named = list(zip(found["system"], found["unit"], strict=True))
-    assert named == [("bayes · jung28", "capture"), ("cnn85[frames=40, epochs=2]", "capture"),
-                     ("cnn85[frames=40, epochs=2]", "window")]  # fmt: skip
+    assert named == [
+        ("bayes · jung28", "capture"),
+        ("cnn85[frames=40, epochs=2]", "capture"),
+        ("cnn85[frames=40, epochs=2]", "window"),
+    ]
     assert found["decision"][2] - found["predict"][2] == pytest.approx(40 / 135 * 1000)  # computing comes on top
     assert found["decision"][0] - found["predict"][0] > 40 / 135 * 1000
     assert main(["choose", "protocol=loso"]) == 0
@@ -133,7 +144,7 @@ def test_a_replayed_system_decides_within_the_budget(capsys, tmp_path):
 
 
 def test_a_change_of_the_selection_is_another_run(monkeypatch):
-    from bench import cells as module
+    from bench.plan import cells as module
 
     values = {"model": "bayes", "features": "jung28", "data.subjects": "2"}
     (cell,) = module.cells(values)

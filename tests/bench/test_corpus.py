@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut, cross_validate
 
-from bench.corpus import Corpus, InputError, content_digest, open_folder, write_folder
+from bench.corpora.corpus import Corpus
+from bench.corpora.folder import content_digest, open_folder, write_folder
+from bench.errors import InputError
 from tests.conftest import random_corpus
 
 

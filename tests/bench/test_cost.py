@@ -5,8 +5,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench.corpora import cost
+from bench.corpora.corpus import Corpus
 from bench.corpora.cost import CHANNELS, GESTURES, read, write
-from bench.corpus import Corpus, InputError
+from bench.errors import InputError
 
 HEADER = "subject, variant, gesture, frame, " + ", ".join(CHANNELS)
 
@@ -102,7 +103,7 @@ BROKEN = {
     "two signs": ([*good, line(subject="--5")], "line 5: subject is '--5', not a whole number"),
     "open quote": ([*good, '"' + line(frame=4), line(frame=5)], "line 5: 1 fields instead of 68"),
     "no frames": ([], "a header and no frames"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", BROKEN)
@@ -176,8 +177,13 @@ def test_split_marks_gentle_and_normal_captures_only(tmp_path, monkeypatch):
     monkeypatch.setattr(cost, "PUBLISHED_SUBJECTS", 2)
     lines = []
     for subject, variant, gesture, frames in [
-        (1, 1, 4, 2), (1, 2, 4, 3), (1, 1, 8, 7), (1, 3, 8, 1), (2, 1, 4, 5), (2, 2, 8, 6)
-    ]:  # fmt: skip
+        (1, 1, 4, 2),
+        (1, 2, 4, 3),
+        (1, 1, 8, 7),
+        (1, 3, 8, 1),
+        (2, 1, 4, 5),
+        (2, 2, 8, 6),
+    ]:
         lines += [line(subject, variant, gesture, f) for f in range(1, frames + 1)]
     corpus = read(file(tmp_path, *lines))
     assert corpus.captures["split"].tolist() == ["train", "train", "train", "", "test", "test"]

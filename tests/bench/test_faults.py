@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench import faults
 from bench.cli import STRESS
-from bench.corpus import Corpus
-from bench.faults import FAULTS, SEVERITIES, as_shares, damaged, fault
+from bench.corpora.corpus import Corpus
+from bench.work import faults
+from bench.work.faults import FAULTS, SEVERITIES, as_shares, damaged, fault
 from tests.conftest import random_corpus
 
 ALL = list(FAULTS.values())
@@ -92,8 +92,9 @@ def test_saturation_noise_and_fewer_bits():
     assert np.allclose(under("saturation", frames, 90), [[[0.05, 0.1], [0.1, 0.1]]])
     noisy = under("noise", frames, 10, standard_normal=np.float32([[[-1, 1], [2, 1]]]))
     assert np.allclose(noisy, [[[0, 0.2], [0.4, 1]]])
-    assert np.allclose(under("fewer_bits", np.float32([[[0, 0.16, 0.17, 0.5, 0.84, 1]]]), 2),
-                       [[[0, 0, 1 / 3, 2 / 3, 1, 1]]])  # fmt: skip
+    assert np.allclose(
+        under("fewer_bits", np.float32([[[0, 0.16, 0.17, 0.5, 0.84, 1]]]), 2), [[[0, 0, 1 / 3, 2 / 3, 1, 1]]]
+    )
 
 
 def test_faults_in_time():
@@ -133,8 +134,9 @@ def test_shift_and_rotation():
 
 
 def test_a_smaller_grid_and_a_cover():
-    assert np.array_equal(under("smaller_grid", np.ones((1, 4, 8), np.float32), 50)[0],
-                          np.pad(np.ones((2, 4)), ((1, 1), (2, 2))))  # fmt: skip
+    assert np.array_equal(
+        under("smaller_grid", np.ones((1, 4, 8), np.float32), 50)[0], np.pad(np.ones((2, 4)), ((1, 1), (2, 2)))
+    )
     assert under("smaller_grid", np.ones((1, 1, 2), np.float32), 75).sum() == 1
     spread = under("cover", np.pad(np.ones((1, 1, 1), np.float32), ((0, 0), (3, 3), (3, 3))), 0.5)[0]
     side = np.exp(-(np.arange(-3, 4.0) ** 2) / 0.5)
@@ -154,9 +156,11 @@ def test_nothing_happens_at_0(one):
 
 @pytest.mark.parametrize("one", ALL, ids=lambda f: f.name)
 @given(
-    shape=st.tuples(st.integers(1, 30), st.integers(1, 5), st.integers(1, 5)), severity=st.integers(1, SEVERITIES),
-    seed=st.integers(0, 2**16), levels=st.sampled_from([0, 1, 9]),
-)  # fmt: skip
+    shape=st.tuples(st.integers(1, 30), st.integers(1, 5), st.integers(1, 5)),
+    severity=st.integers(1, SEVERITIES),
+    seed=st.integers(0, 2**16),
+    levels=st.sampled_from([0, 1, 9]),
+)
 @settings(max_examples=25, deadline=None)
 def test_any_grid_and_length_stays_a_capture(one, shape, severity, seed, levels):
     frames = (np.random.default_rng(seed).integers(0, levels + 1, shape) / max(levels, 1)).astype(np.float32)

@@ -10,12 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.cells import cells
 from bench.cli import main
+from bench.corpora.corpus import Corpus
+from bench.corpora.library import open_corpus
 from bench.corpora.table import from_frame, read_unlabelled
-from bench.corpus import Corpus, InputError
-from bench.saved import requirements
-from bench.store import open_corpus
+from bench.errors import InputError
+from bench.plan.cells import cells
+from bench.work.saved import requirements
 from tests.bench.test_run import runs
 from tests.conftest import random_corpus
 
@@ -141,7 +142,7 @@ def grown(tmp_path_factory):
     """A model of random captures at 100 Hz on 3 x 4, and the captures."""
     import mlflow
 
-    from bench.saved import Recogniser, quiet
+    from bench.work.saved import Recogniser, quiet
 
     corpus = random_corpus(grid=(3, 4))
     (cell,) = cells({"model": "bayes", "features": "jung54"})
@@ -211,8 +212,14 @@ def test_captures_without_labels_are_read(tmp_path):
     with pytest.raises(InputError, match="input: there are no frames"):
         from_frame(table[:0], channels, 100.0, (2, 3), 1023.0, "input")
     with pytest.raises(InputError, match="input, row 3: capture is empty"):
-        from_frame(table.assign(capture=[None if i == 2 else "a" for i in range(len(table))]), channels, 100.0, (2, 3),
-                   1023.0, "input")  # fmt: skip
+        from_frame(
+            table.assign(capture=[None if i == 2 else "a" for i in range(len(table))]),
+            channels,
+            100.0,
+            (2, 3),
+            1023.0,
+            "input",
+        )
 
 
 def test_a_system_with_an_extra_brings_what_the_extra_names():

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from bench import cli, gallery
-from bench.cells import cells, parse
+from bench import cli
+from bench.commands import gallery
+from bench.plan.arguments import parse
+from bench.plan.cells import cells
 
 OTHER_KEYS = {"out", "train_subjects"}
 

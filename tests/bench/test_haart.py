@@ -5,7 +5,7 @@ import pytest
 
 from bench.corpora import haart
 from bench.corpora.haart import CELLS, read
-from bench.corpus import InputError
+from bench.errors import InputError
 
 
 def training(captures, frames=432):

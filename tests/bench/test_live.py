@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.cli import main
-from bench.corpus import InputError
-from bench.live import decided_at, frames_of
+from bench.errors import InputError
+from bench.work.live import decided_at, frames_of
 from tests.bench.test_stream import Rising, coded_corpus, lengths_of
 from tests.conftest import BENCH
 
@@ -97,7 +97,7 @@ def saved(tmp_path):
     """A model of captures at 100 Hz on 2 x 3 whose class stands in the first taxel."""
     import mlflow
 
-    from bench.saved import Recogniser, quiet
+    from bench.work.saved import Recogniser, quiet
 
     corpus = coded_corpus()
     made = Recogniser(Rising().fit(corpus, corpus.gestures), corpus)
@@ -131,9 +131,13 @@ def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(saved, monkeyp
 def test_decisions_come_while_frames_come_and_control_c_ends_it(saved):
     process = subprocess.Popen(
         [*BENCH, "stream", "source=-", f"model={saved}", "hop_ms=20"],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0, start_new_session=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        bufsize=0,
+        start_new_session=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
-    )  # fmt: skip
+    )
     assert process.stdout.readline() == b"capture,ms,label,confidence\n"
     process.stdin.write(b"1,9,9,9,9,9\n1,9,9,9,9,9\n")
     assert process.stdout.readline() == b"1,20,c,0.667\n"  # stdin stays open: nothing else is needed

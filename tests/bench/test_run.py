@@ -13,13 +13,15 @@ import pytest
 from filelock import FileLock
 from joblib.externals.loky import get_reusable_executor
 
-from bench import cells, registry, run
+from bench import registry
 from bench.cli import main
-from bench.corpus import home
-from bench.fold import decisions, forget_peak, peak_memory
-from bench.runner import folds_of, share_cores
-from bench.store import open_corpus
-from bench.tracking import connect
+from bench.corpora.folder import home
+from bench.corpora.library import open_corpus
+from bench.outcomes.store import connect
+from bench.plan import cells
+from bench.plan.plan import folds_of, share_cores
+from bench.work import loop as run
+from bench.work.fold import decisions, forget_peak, peak_memory
 from tests.bench.wayward import Wayward
 from tests.conftest import BENCH, random_corpus
 
@@ -100,9 +102,23 @@ def test_a_run_is_tracked_whole(capsys):
     assert svm.info.status == "FINISHED" and svm.data.tags["synthetic"] == "true"
     assert svm.data.params["model.C"] == "512.0" and svm.data.params["features"] == "jung54"
     assert {"corpus_digest", "threads", "cpu", "version.scikit-learn", "protocol"} <= set(svm.data.params)
-    names = {"accuracy", "subject_accuracy_mean", "subject_accuracy_sd", "macro_f1", "macro_recall", "macro_precision",
-             "fit_seconds", "predict_ms_p50", "predict_ms_p95", "decision_ms", "parameters", "flash_bytes",
-             "ram_bytes", "ram_bytes_int8", "peak_rss_bytes"}  # fmt: skip
+    names = {
+        "accuracy",
+        "subject_accuracy_mean",
+        "subject_accuracy_sd",
+        "macro_f1",
+        "macro_recall",
+        "macro_precision",
+        "fit_seconds",
+        "predict_ms_p50",
+        "predict_ms_p95",
+        "decision_ms",
+        "parameters",
+        "flash_bytes",
+        "ram_bytes",
+        "ram_bytes_int8",
+        "peak_rss_bytes",
+    }
     assert names <= set(svm.data.metrics) and names | {"window_accuracy", "vote_accuracy"} <= set(cnn.data.metrics)
     assert cnn.inputs.dataset_inputs[0].dataset.name == "synth"
     table = predictions(client, svm)
@@ -203,7 +219,11 @@ def test_a_fold_that_fails_is_recorded_and_the_others_go_on(how, told, wayward, 
     assert parent.data.metrics["accuracy"] == pytest.approx(1 / 14)
     folds = {f.data.tags["touchbench.fold"]: f for f in runs("fold")[1]}
     assert {n: f.info.status for n, f in folds.items()} == {
-        "1": "FINISHED", "2": "FINISHED", "3": "FAILED", "4": "FINISHED"}  # fmt: skip
+        "1": "FINISHED",
+        "2": "FINISHED",
+        "3": "FAILED",
+        "4": "FINISHED",
+    }
     trace = Path(client.download_artifacts(folds["3"].info.run_id, "fold/traceback.txt")).read_text()
     assert told in trace
     assert main(command) == 1  # a failed fold is tried again, the others are not
@@ -211,7 +231,7 @@ def test_a_fold_that_fails_is_recorded_and_the_others_go_on(how, told, wayward, 
 
 
 def test_the_same_cell_twice_at_once_is_refused(monkeypatch, capsys):
-    from bench import tracking
+    from bench.outcomes import store as tracking
 
     monkeypatch.setattr("bench.cells.Cell.key", lambda *_: "one")
     (home() / "locks").mkdir(parents=True)
@@ -280,7 +300,7 @@ def test_a_corpus_is_imported_exported_and_selected(tmp_path, capsys):
 
 
 def test_an_import_replaces_the_old_corpus_and_an_open_one_stays_readable(tmp_path):
-    from bench.store import import_corpus, open_corpus
+    from bench.corpora.library import import_corpus, open_corpus
 
     for seed in (1, 2):
         main(["data", "export", "synth", f"{seed}.csv", "subjects=1", f"seed={seed}"])
@@ -322,7 +342,7 @@ def test_a_data_folder_that_cannot_be_written_is_one_line(tmp_path, monkeypatch,
 
 
 def test_random_splits_that_test_the_same_subject_are_different_folds():
-    from bench.cells import cells
+    from bench.plan.cells import cells
 
     (cell,) = cells({"protocol": "challenge"})
     names = [f.name for f in folds_of(cell, random_corpus(subjects=2))]
@@ -330,7 +350,7 @@ def test_random_splits_that_test_the_same_subject_are_different_folds():
 
 
 def test_folds_are_named_after_their_subject():
-    from bench.cells import cells
+    from bench.plan.cells import cells
 
     (cell,) = cells({})
     assert [f.name for f in folds_of(cell, random_corpus(subjects=3))] == ["1", "2", "3"]

@@ -9,11 +9,11 @@ import pytest
 import torch
 from sklearn.base import BaseEstimator, TransformerMixin
 
-from bench import scores
-from bench.baseline import Measured
-from bench.check import LIMITS, compare
 from bench.corpora.synth import generate
-from bench.fold import decisions
+from bench.outcomes import scores
+from bench.outcomes.baseline import Measured
+from bench.outcomes.gate import LIMITS, compare
+from bench.work.fold import decisions
 from features.jung54 import Jung54
 from models.bayes import bayes
 from models.cnn85 import CNN85

@@ -121,8 +121,19 @@ def test_a_saved_system_is_served(tmp_path, capsys):
     assert main(["predict", "saved", "new.csv"]) == 0
     expected = pd.read_csv(io.StringIO(capsys.readouterr().out))
     port = free_port()
-    server = [sys.executable, "-m", "mlflow", "models", "serve", "-m", "saved", "--env-manager", "local", "--port",
-              str(port)]  # fmt: skip
+    server = [
+        sys.executable,
+        "-m",
+        "mlflow",
+        "models",
+        "serve",
+        "-m",
+        "saved",
+        "--env-manager",
+        "local",
+        "--port",
+        str(port),
+    ]
 
     def asked(**more):
         body = json.dumps({"dataframe_split": table.to_dict("split", index=False)} | more).encode()
@@ -149,19 +160,36 @@ def sqlite(folder):
 def test_several_commands_write_to_one_server_at_once(backend, tmp_path, monkeypatch):
     with backend(tmp_path) as store:
         port = free_port()
-        server = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", store, "--artifacts-destination",
-                  str(tmp_path / "artifacts"), "--port", str(port), "--workers", "1"]  # fmt: skip
+        server = [
+            sys.executable,
+            "-m",
+            "mlflow",
+            "server",
+            "--backend-store-uri",
+            store,
+            "--artifacts-destination",
+            str(tmp_path / "artifacts"),
+            "--port",
+            str(port),
+            "--workers",
+            "1",
+        ]
 
         ready = partial(answers, f"http://127.0.0.1:{port}/health")
         with started(server, ready, tmp_path / "server.txt", env=os.environ | {"MLFLOW_DISABLE_TELEMETRY": "true"}):
             monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{port}")
             commands = [("run", "model=svm"), ("run", "model=bayes"), ("stream", "model=svm")]
             running = [
-                subprocess.Popen([*BENCH, *c, "data.subjects=3", "data.variants=normal", "jobs=1"], cwd=tmp_path,
-                                 stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                                 env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])})
+                subprocess.Popen(
+                    [*BENCH, *c, "data.subjects=3", "data.variants=normal", "jobs=1"],
+                    cwd=tmp_path,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.STDOUT,
+                    text=True,
+                    env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+                )
                 for c in commands
-            ]  # fmt: skip
+            ]
             try:
                 for process in running:
                     said = process.communicate(timeout=PATIENCE)[0]

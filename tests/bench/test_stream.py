@@ -11,25 +11,14 @@ from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics import log_loss
 
-from bench import run
 from bench.cli import main
-from bench.corpus import Corpus, InputError, open_folder, write_folder
-from bench.replay import (
-    Calibration,
-    Replay,
-    by_instant,
-    by_threshold,
-    decision_latency,
-    learn_stopping,
-    learned,
-    learned_point,
-    prefix,
-    replayed,
-    standing,
-    stopped,
-    stream_fold,
-    with_confidence,
-)
+from bench.corpora.corpus import Corpus
+from bench.corpora.folder import open_folder, write_folder
+from bench.errors import InputError
+from bench.outcomes.stopping import by_instant, by_threshold, learn_stopping, learned_point, standing, stopped
+from bench.work import loop as run
+from bench.work.replay import Calibration, Replay, decision_latency, learned, prefix, replayed, with_confidence
+from bench.work.stream import stream_fold
 from features.jung54 import Jung54
 from tests.bench.test_run import predictions, runs
 from tests.conftest import random_corpus, with_other_values
@@ -260,7 +249,7 @@ def test_stopping_never_looks_at_later_frames(seed, threshold):
 
 
 def test_no_test_subject_has_a_say_in_calibration_and_threshold():
-    from bench.cells import cells
+    from bench.plan.cells import cells
 
     corpus = random_corpus(subjects=5, per_class=2, grid=(3, 4))
     train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
@@ -303,13 +292,28 @@ def test_the_whole_capture_scores_as_bench_run_and_a_second_command_computes_not
     plain = predictions(client, cell).set_index(["fold", "capture"]).loc[whole.index]
     columns = [c for c in plain if c.startswith("p_")]
     np.testing.assert_allclose(whole[columns], plain[columns], rtol=1e-6)
-    names = {"adaptive_accuracy", "adaptive_ms", "mean_ms", "decide_ms_p99", "predict_ms_p99", "fit_cpu_seconds",
-             "decisions_per_second", "accuracy_at_1000_ms"}  # fmt: skip
+    names = {
+        "adaptive_accuracy",
+        "adaptive_ms",
+        "mean_ms",
+        "decide_ms_p99",
+        "predict_ms_p99",
+        "fit_cpu_seconds",
+        "decisions_per_second",
+        "accuracy_at_1000_ms",
+    }
     assert names <= set(parent.data.metrics) and "threshold" not in parent.data.metrics
     assert parent.data.params["stream.start"] == "onset" and parent.data.tags["synthetic"] == "true"
     kept = {a.path for a in client.list_artifacts(parent.info.run_id)}
-    assert kept == {"predictions.parquet", "instants.csv", "stopping.csv", "chosen.csv", "trials.csv",
-                    "streaming.png", "streaming.svg"}  # fmt: skip
+    assert kept == {
+        "predictions.parquet",
+        "instants.csv",
+        "stopping.csv",
+        "chosen.csv",
+        "trials.csv",
+        "streaming.png",
+        "streaming.svg",
+    }
     assert len(runs("stream_fold")[1]) == 3 and len(runs("fold")[1]) == 3
 
     assert main(["stream", *SMALL, "out=two"]) == 0

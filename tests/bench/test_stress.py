@@ -10,14 +10,17 @@ import pandas as pd
 import pytest
 from sklearn.base import BaseEstimator, ClassifierMixin
 
-from bench import run, scores, stress_fold
-from bench.cells import cells
 from bench.cli import main
-from bench.faults import FAULTS, as_shares, damaged
-from bench.fold import FoldResult, run_fold
-from bench.runner import folds_of
-from bench.stress_fold import COLUMNS, labelled, subset
-from bench.tracking import connect
+from bench.outcomes import scores
+from bench.outcomes.results import FoldResult
+from bench.outcomes.store import connect
+from bench.plan.cells import cells
+from bench.plan.plan import folds_of
+from bench.work import loop as run
+from bench.work import stress as stress_fold
+from bench.work.evaluation import run_fold
+from bench.work.faults import FAULTS, as_shares, damaged
+from bench.work.stress import COLUMNS, labelled, subset
 from tests.conftest import random_corpus, with_other_values
 
 SMALL = ["stress", "data.subjects=4", "data.variants=normal", "jobs=2"]
@@ -144,8 +147,17 @@ def test_a_command_is_tracked_written_and_found_again(monkeypatch, capsys):
     assert bayes.data.metrics["accuracy.noise.3"] == pytest.approx(hit[chosen].mean())
     clean = (table["fault"] == "none") & (table["train_subjects"] == 3)
     assert bayes.data.metrics["accuracy"] == pytest.approx(hit[clean].mean())
-    assert {"loss.noise", "loss.shift", "chance", "failing_slices", "fit_seconds", "fault_seconds",
-            "accuracy.train_subjects.2", "worst.subject", "folds"} <= set(bayes.data.metrics)  # fmt: skip
+    assert {
+        "loss.noise",
+        "loss.shift",
+        "chance",
+        "failing_slices",
+        "fit_seconds",
+        "fault_seconds",
+        "accuracy.train_subjects.2",
+        "worst.subject",
+        "folds",
+    } <= set(bayes.data.metrics)
     written = {p.name for p in Path("stress").iterdir()}
     kept = {Path(a.path).name for a in client.list_artifacts(bayes.info.run_id, "stability")}
     assert kept == written and {"stability.md", "stability_heat_map.svg", "stability_slices.csv"} <= written
@@ -258,7 +270,7 @@ def test_a_column_that_the_table_needs_is_refused(corpus, monkeypatch, capsys):
 
 
 def test_other_faults_or_training_subjects_are_another_run(corpus):
-    from bench.stress import stress_key
+    from bench.commands.stress import stress_key
 
     (cell,) = cells({"model": "bayes"})
     keys = [stress_key(cell, corpus, 1, *how) for how in ((FEW, ()), (FEW[:1], ()), (FEW, (2,)))]
@@ -267,8 +279,8 @@ def test_other_faults_or_training_subjects_are_another_run(corpus):
 
 
 def test_no_faulted_capture_reaches_the_feature_cache(tmp_path, monkeypatch):
-    from bench.corpus import home
-    from bench.store import open_corpus
+    from bench.corpora.folder import home
+    from bench.corpora.library import open_corpus
 
     (cell,) = cells({"model": "bayes", "data.subjects": "2", "data.variants": "normal"})
     corpus = open_corpus(cell.data, cell.data_parameters)

@@ -12,8 +12,9 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 from bench.corpora.cost import GESTURES
+from bench.corpora.folder import content_digest
 from bench.corpora.synth import generate
-from bench.corpus import InputError, content_digest
+from bench.errors import InputError
 from features.jung54 import Jung54
 
 # Jung et al. 2017, Table 4: mean and maximum pressure (g/cm2), contact area (feature 21), duration (ms) and its SD.

@@ -7,15 +7,18 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench.corpora.table import read
-from bench.corpus import InputError
+from bench.errors import InputError
 
 
 def rows(values=((1, 2, 3, 4, 5, 6), (7, 8, 9, 10, 11, 12), (0, 0, 0, 0, 0, 1)), origin=0):
     return pd.DataFrame(
-        [("ann", "pat", "arm", origin, *values[0]), ("ann", "pat", "arm", origin + 1, *values[1]),
-         ("bob", "rub", "leg", origin, *values[2])],
+        [
+            ("ann", "pat", "arm", origin, *values[0]),
+            ("ann", "pat", "arm", origin + 1, *values[1]),
+            ("bob", "rub", "leg", origin, *values[2]),
+        ],
         columns=["subject", "gesture", "place", "frame", *(f"x{i}" for i in range(6))],
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("origin", [0, 1])
@@ -48,7 +51,10 @@ def test_npz(tmp_path):
     np.savez(tmp_path / "a.npz", frames=frames, offsets=[0, 2, 6], subject=[1, 2], gesture=["pat", "rub"], day=[3, 4])
     corpus = read(tmp_path / "a.npz", rate_hz=100.0)
     assert np.array_equal(corpus[1], frames[2:]) and corpus.captures.to_dict("list") == {
-        "subject": ["1", "2"], "gesture": ["pat", "rub"], "day": [3, 4]}  # fmt: skip
+        "subject": ["1", "2"],
+        "gesture": ["pat", "rub"],
+        "day": [3, 4],
+    }
     with pytest.raises(InputError, match="2x2, grid= says 4x1"):
         read(tmp_path / "a.npz", rate_hz=100.0, grid="4x1")
 

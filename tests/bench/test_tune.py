@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
+from bench.commands.systems import command
 from bench.registry import names
-from bench.run import planned
-from bench.systems import command
+from bench.work.loop import planned
 from features.jung28 import Jung28
 from reports.comparison import published
 from tests.bench.test_run import SMALL, predictions, runs
@@ -153,8 +153,9 @@ def test_commands_of_systems_are_understood():
     """Every one of them, up to the corpus, which is not here; quotes are those of a shell."""
     import shlex
 
-    from bench.cells import cells, parse
-    from bench.run import KEYS
+    from bench.plan.arguments import parse
+    from bench.plan.cells import cells
+    from bench.work.loop import KEYS
 
     for row in published().itertuples():
         text = command(row)
@@ -167,8 +168,11 @@ def test_commands_of_systems_are_understood():
 def test_closed_pipes_end_quietly():
     done = subprocess.run(
         f"{sys.executable} -c 'from bench.cli import main; import sys; sys.exit(main([\"systems\"]))' | head -1",
-        shell=True, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        shell=True,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.stderr == ""
 
 
@@ -176,7 +180,7 @@ def test_features_are_written_as_a_table(tmp_path, capsys):
     few = ["data.subjects=2", "data.repetitions=1"]
     assert main(["extract", "features=jung28", "out=f.parquet", *few]) == 0
     assert "synthetic captures, 28 features" in capsys.readouterr().out
-    from bench.store import open_corpus
+    from bench.corpora.library import open_corpus
 
     corpus = open_corpus("synth", {"subjects": 2, "repetitions": 1})
     table = pd.read_parquet("f.parquet")
@@ -201,7 +205,7 @@ def test_another_target_than_the_gesture():
 
 
 def test_every_part_of_a_system_gets_the_seed():
-    from bench.cells import cells
+    from bench.plan.cells import cells
 
     (cell,) = cells({"model": "softmax", "features": "hughes36", "seed": "7"})
     assert cell.features.parameters["seed"] == 7 and cell.features.make().seed == 7

@@ -19,8 +19,8 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
-from bench.corpus import Corpus
 from features.balli import Balli
 from features.gaus import Gaus
 from features.hughes36 import Hughes36
@@ -90,16 +90,25 @@ def libraries(captures: int = 6, rounds: int = 3) -> None:
     settings = tsfel.get_features_by_domain()
     calls = {
         "tsfresh (efficient)": lambda: extract_features(
-            long, column_id="id", column_kind="variable", column_value="value", n_jobs=0, disable_progressbar=True,
+            long,
+            column_id="id",
+            column_kind="variable",
+            column_value="value",
+            n_jobs=0,
+            disable_progressbar=True,
             default_fc_parameters=EfficientFCParameters(),
         ),
         "tsfel": lambda: pd.concat(
-            [tsfel.time_series_features_extractor(settings, part.drop(columns="id").reset_index(drop=True),
-                                                  fs=corpus.rate_hz, verbose=0) for _, part in wide.groupby("id")]
+            [
+                tsfel.time_series_features_extractor(
+                    settings, part.drop(columns="id").reset_index(drop=True), fs=corpus.rate_hz, verbose=0
+                )
+                for _, part in wide.groupby("id")
+            ]
         ),
         "ta273": lambda: Ta273().fit(corpus).transform(corpus),
         "gaus": lambda: Gaus().transform(corpus),
-    }  # fmt: skip
+    }
     spent = {name: [] for name in calls}
     for _ in range(rounds):
         for name, call in calls.items():

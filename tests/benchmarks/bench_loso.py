@@ -6,9 +6,10 @@ python tests/benchmarks/bench_loso.py [model] [folds]
 import sys
 import time
 
-from bench.cells import cells
-from bench.runner import folds_of, run_folds, share_cores
-from bench.store import open_corpus
+from bench.corpora.library import open_corpus
+from bench.plan.cells import cells
+from bench.plan.plan import folds_of, share_cores
+from bench.work.workers import run_folds
 
 
 def main(model: str = "cnn85", count: str = "4") -> None:

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from bench.tracking import connect
+from bench.outcomes.store import connect
 from tests.reports.store import made_up, tracked_run
 
 GROUPS = [("cost", 31, 14), ("haart", 10, 7), ("synth", 31, 14), ("synth", 10, 7)]
@@ -59,8 +59,15 @@ def fill(runs: int) -> None:
         gestures = [f"gesture{i}" for i in range(classes)]
         table = made_up(subjects, 6, 0.6, gestures=gestures)
         real = data != "synth"
-        name = tracked_run(client, "system0", table, history=[2.0, 1.5, 1.2], data=data,
-                           synthetic=str(not real).lower(), features="raw frames")  # fmt: skip
+        name = tracked_run(
+            client,
+            "system0",
+            table,
+            history=[2.0, 1.5, 1.2],
+            data=data,
+            synthetic=str(not real).lower(),
+            features="raw frames",
+        )
         templates.append((name, Path(client.get_run(name).info.artifact_uri)))
     with sqlite3.connect("mlflow.db") as db:
         for source, folder in templates:
@@ -73,8 +80,10 @@ def fill(runs: int) -> None:
                 target = folder.parents[1] / name / "artifacts"
                 shutil.copytree(folder, target, copy_function=os.link)
                 lines = (folder / "per_subject.csv").read_text().splitlines()
-                moved = [f"{s},{min(1.0, float(a) * level * rng.uniform(0.9, 1.1))},{n}"
-                         for s, a, n in (line.split(",") for line in lines[1:])]  # fmt: skip
+                moved = [
+                    f"{s},{min(1.0, float(a) * level * rng.uniform(0.9, 1.1))},{n}"
+                    for s, a, n in (line.split(",") for line in lines[1:])
+                ]
                 (target / "per_subject.csv").unlink()
                 (target / "per_subject.csv").write_text("\n".join([lines[0], *moved]) + "\n")
                 for child in children:
@@ -99,8 +108,10 @@ def main(runs: int = 2000) -> None:
         cpu = after.children_user + after.children_system - before.children_user - before.children_system
         size = Path("report/index.html").stat().st_size / 1e6
         load = os.getloadavg()[0]
-        print(f"report: {wall:.1f} s, of which {cpu:.1f} s computing; load {load:.1f} on {os.cpu_count()} cores; "
-              f"index.html {size:.1f} MB")  # fmt: skip
+        print(
+            f"report: {wall:.1f} s, of which {cpu:.1f} s computing; load {load:.1f} on {os.cpu_count()} cores; "
+            f"index.html {size:.1f} MB"
+        )
         os.chdir("/")
 
 

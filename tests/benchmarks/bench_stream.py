@@ -14,11 +14,11 @@ import time
 import numpy as np
 import pandas as pd
 
-from bench.cells import cells
-from bench.replay import Calibration, Replay, decision_latency, replayed
-from bench.runner import folds_of
-from bench.scores import classes_of
-from bench.store import open_corpus
+from bench.corpora.library import open_corpus
+from bench.outcomes.scores import classes_of
+from bench.plan.cells import cells
+from bench.plan.plan import folds_of
+from bench.work.replay import Calibration, Replay, decision_latency, replayed
 from models.inner import inner_folds
 
 

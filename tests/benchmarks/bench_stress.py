@@ -11,12 +11,14 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.cells import cells, parse
-from bench.faults import SEVERITIES, known
-from bench.run import KEYS, jobs_of, planned
-from bench.runner import run_folds
-from bench.stress_fold import stress_fold
-from reports import stability, stability_tables
+from bench.outcomes import stability
+from bench.plan.arguments import parse
+from bench.plan.cells import cells
+from bench.work.faults import SEVERITIES, known
+from bench.work.loop import KEYS, jobs_of, planned
+from bench.work.stress import stress_fold
+from bench.work.workers import run_folds
+from reports import stability_tables
 
 
 def main(arguments: list[str]) -> None:
@@ -24,8 +26,11 @@ def main(arguments: list[str]) -> None:
     values = parse(arguments, KEYS)
     faults = tuple(known().values())
     ((cell, corpus, folds, jobs, threads),) = planned(cells(values), jobs_of(values))
-    print(f"{cell.system()}, {cell.data}, {len(corpus)} captures, {len(faults)} faults x {SEVERITIES} severities, "
-          f"{jobs} workers x {threads} threads", flush=True)  # fmt: skip
+    print(
+        f"{cell.system()}, {cell.data}, {len(corpus)} captures, {len(faults)} faults x {SEVERITIES} severities, "
+        f"{jobs} workers x {threads} threads",
+        flush=True,
+    )
     started = time.perf_counter()
     parts, spent = [], pd.DataFrame()
     for result in run_folds(cell, corpus, folds, jobs, threads, partial(stress_fold, faults=faults)):
@@ -39,8 +44,15 @@ def main(arguments: list[str]) -> None:
         f"{len(folds)} folds in {wall:.0f} s; fits {total['fit_seconds']:.0f} s, faults {total['fault_seconds']:.0f} s "
         f"({total['fault_cpu_seconds']:.0f} s of CPU), of all workers together"
     )
-    tags = {"system": cell.system(), "seed": "0", "data": cell.data, "synthetic": str(corpus.synthetic).lower(),
-            "subset": cell.where or "all", "target": cell.target, "protocol_label": str(cell.protocol)}  # fmt: skip
+    tags = {
+        "system": cell.system(),
+        "seed": "0",
+        "data": cell.data,
+        "synthetic": str(corpus.synthetic).lower(),
+        "subset": cell.where or "all",
+        "target": cell.target,
+        "protocol_label": str(cell.protocol),
+    }
     cpu, started = time.process_time(), time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         stability_tables.write([stability.analyse(tags, pd.concat(parts, ignore_index=True))], Path(folder))

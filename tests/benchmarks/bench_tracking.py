@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from bench.store import open_corpus
+from bench.corpora.library import open_corpus
 
 SIZE = ["data.subjects=31", "data.repetitions=6"]
 UNTRACKED = """
@@ -40,7 +40,7 @@ def seconds(code: str) -> float:
 
 def main(rounds: int = 3) -> None:
     """Print both in turn, and what tracking added beside what is allowed."""
-    from bench.cells import cells
+    from bench.plan.cells import cells
 
     (cell,) = cells({"data.subjects": "31", "data.repetitions": "6"})
     cell.features.make().fit_transform(open_corpus(cell.data, cell.data_parameters)[:1])  # both find them cached

@@ -20,8 +20,8 @@ import torch
 from torch import nn
 from torch.utils.data import DataLoader, TensorDataset
 
+from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
-from bench.corpus import Corpus
 from models.cnn85 import CNN85, SelectiveSGD
 from models.hughes2017 import COST, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
 from models.ren2023 import Ren2023Transformer
@@ -108,9 +108,18 @@ def skorch(net: nn.Module, optimiser: Callable, data: TensorDataset, classes: in
         return None
     rate = {f"optimizer__{k}": v for k, v in optimiser.keywords.items()}
     trainer = NeuralNetClassifier(
-        net, criterion=nn.CrossEntropyLoss, optimizer=optimiser.func, batch_size=batch, max_epochs=1, train_split=None,
-        iterator_train__shuffle=True, iterator_train__drop_last=True, classes=list(range(classes)), verbose=0, **rate,
-    )  # fmt: skip
+        net,
+        criterion=nn.CrossEntropyLoss,
+        optimizer=optimiser.func,
+        batch_size=batch,
+        max_epochs=1,
+        train_split=None,
+        iterator_train__shuffle=True,
+        iterator_train__drop_last=True,
+        classes=list(range(classes)),
+        verbose=0,
+        **rate,
+    )
     trainer.initialize()
     return partial(trainer.partial_fit, *data.tensors)
 

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
 
-from bench.store import open_corpus
+from bench.corpora.library import open_corpus
 from features.jung54 import Jung54
 from models import tuning
 from models.jung2014 import PENALTIES

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
-from bench.corpus import Corpus
 from models.hughes2017 import COST, Hughes2017CNN
 from models.training import probabilities
 from tests.benchmarks.bench_training import SYSTEMS, haart_like
@@ -49,8 +49,11 @@ def latency(name: str) -> None:
         times.append((1000 * (time.perf_counter() - wall), 1000 * (time.process_time() - cpu)))
     wall, cpu = (np.percentile(column, (50, 95, 99)) for column in np.array(times[ROUNDS // 10 :]).T)
     steps = int(model.samples(one).steps[0])
-    print(f"{name:22}{one.lengths[0]:5} frames{steps:4} steps   wall ms p50 {wall[0]:6.2f}  p95 {wall[1]:6.2f}  "
-          f"p99 {wall[2]:6.2f}   processor ms p50 {cpu[0]:6.2f}  p95 {cpu[1]:6.2f}", flush=True)  # fmt: skip
+    print(
+        f"{name:22}{one.lengths[0]:5} frames{steps:4} steps   wall ms p50 {wall[0]:6.2f}  p95 {wall[1]:6.2f}  "
+        f"p99 {wall[2]:6.2f}   processor ms p50 {cpu[0]:6.2f}  p95 {cpu[1]:6.2f}",
+        flush=True,
+    )
 
 
 def peak_bytes() -> int:

@@ -11,7 +11,9 @@ from scipy.spatial import ConvexHull
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
-from bench.corpus import Corpus, InputError, open_folder, write_folder
+from bench.corpora.corpus import Corpus
+from bench.corpora.folder import open_folder, write_folder
+from bench.errors import InputError
 from features import signals as shared
 from features.balli import NAMES, SIGNALS, STATISTICS, Balli, signals
 from features.signals import Touch

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from scipy import stats
 from sklearn.base import clone
 
+from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
-from bench.corpus import Corpus, InputError
+from bench.errors import InputError
 from features import signals
 from features.gaus import FAMILIES, Gaus
 from tests.conftest import random_corpus

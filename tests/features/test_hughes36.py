@@ -13,8 +13,10 @@ from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LinearRegression
 
 from bench import source
+from bench.corpora.corpus import Corpus
+from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.synth import generate
-from bench.corpus import Corpus, InputError, open_folder, write_folder
+from bench.errors import InputError
 from features import hughes36
 from features.hughes36 import Hughes36, moments
 from tests.conftest import random_corpus

@@ -12,8 +12,10 @@ from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
 from bench import source
+from bench.corpora.corpus import Corpus
+from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.synth import generate
-from bench.corpus import Corpus, InputError, open_folder, write_folder
+from bench.errors import InputError
 from features import base, signals
 from features.jung28 import Jung28
 from features.jung54 import Jung54

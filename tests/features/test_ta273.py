@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.corpus import InputError
+from bench.errors import InputError
 from features.jung54 import Jung54
 from features.ta273 import Ta273, crossings_per_second
 from features.wingerden45 import Wingerden45

@@ -8,7 +8,7 @@ from sklearn.model_selection import LeaveOneGroupOut, cross_val_score
 from sklearn.svm import SVC
 from sklearn.tree import DecisionTreeClassifier
 
-from bench.cost import parameter_count, sizes
+from bench.work.sizes import parameter_count, sizes
 from features.balli import Balli
 from features.gaus import Gaus
 from features.hughes36 import Hughes36

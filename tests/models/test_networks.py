@@ -12,7 +12,8 @@ from sklearn.base import clone
 from sklearn.model_selection import LeaveOneGroupOut
 from torch import nn
 
-from bench.corpus import Corpus, InputError
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from models.cnn85 import CNN85
 from models.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
 from models.ren2023 import Ren2023Transformer
@@ -89,8 +90,9 @@ def test_memory_of_attention_by_hand():
     assert model.activations_ == layers + 6 * attention
 
 
-@pytest.mark.parametrize(("rate", "lengths", "chunks"), [(54.0, [432, 500], [432, 432, 68]),
-                                                         (135.0, [270, 600, 1], [270, 270, 270, 60, 1])])  # fmt: skip
+@pytest.mark.parametrize(
+    ("rate", "lengths", "chunks"), [(54.0, [432, 500], [432, 432, 68]), (135.0, [270, 600, 1], [270, 270, 270, 60, 1])]
+)
 def test_chunks_of_the_autoencoder_system(rate, lengths, chunks):
     frames = [np.ones((n, 8, 8), dtype=np.uint16) for n in lengths]
     about = pd.DataFrame({"subject": ["1"] * len(lengths), "gesture": ["pat", "rub", "pat"][: len(lengths)]})
@@ -105,8 +107,10 @@ def test_windows_in_seconds_follow_the_rate(system):
         corpus = at(rate, longest=30)
         model = system(epochs=1, seconds=0.08).fit(corpus, corpus.gestures)
         assert model.samples(corpus).frames == frames
-        assert np.array_equal(clone(model).set_params(seconds=0.0, frames=frames).fit(corpus, corpus.gestures)
-                              .predict_proba(corpus), model.predict_proba(corpus))  # fmt: skip
+        assert np.array_equal(
+            clone(model).set_params(seconds=0.0, frames=frames).fit(corpus, corpus.gestures).predict_proba(corpus),
+            model.predict_proba(corpus),
+        )
     with pytest.raises(InputError, match="model.seconds=-1: give a number above 0"):
         system(seconds=-1.0).check()
     with pytest.raises(InputError, match="model.frames=7 and model.seconds=0.5: give one"):
@@ -123,8 +127,9 @@ def test_captures_of_one_frame(name):
 
 def test_padding_changes_nothing_where_there_is_none(corpus):
     model = CNN85(frames=10, epochs=1, batch=16).fit(corpus, corpus.gestures)
-    whole = Corpus.from_captures([np.ones((n, 8, 8), dtype=np.uint16) * n for n in (10, 30)],
-                                 corpus.captures[:2], corpus.rate_hz)  # fmt: skip
+    whole = Corpus.from_captures(
+        [np.ones((n, 8, 8), dtype=np.uint16) * n for n in (10, 30)], corpus.captures[:2], corpus.rate_hz
+    )
     ragged = Corpus.from_captures([np.ones((15, 8, 8), dtype=np.uint16) * 900], corpus.captures[:1], corpus.rate_hz)
     for part, same in ((whole, True), (ragged, False)):
         zero = model.set_params(padding="zero").predict_proba(part)
@@ -137,10 +142,13 @@ def test_impossible_rates_and_devices_are_refused(values):
         Hughes2017CNN(**values).check()
 
 
-@pytest.mark.parametrize(("design", "maps"), [
-    (COST, [(30, 26, 7, 7), (30, 13, 3, 3), (10, 9, 2, 2), (10, 4, 1, 1), (40,)]),
-    (HAART, [(30, 18, 6, 6), (30, 9, 3, 3), (20, 5, 2, 2), (20, 2, 1, 1), (40,)]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("design", "maps"),
+    [
+        (COST, [(30, 26, 7, 7), (30, 13, 3, 3), (10, 9, 2, 2), (10, 4, 1, 1), (40,)]),
+        (HAART, [(30, 18, 6, 6), (30, 9, 3, 3), (20, 5, 2, 2), (20, 2, 1, 1), (40,)]),
+    ],
+)
 def test_published_shapes(design, maps):
     model = Hughes2017CNN()
     model.design_ = design

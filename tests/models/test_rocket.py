@@ -17,9 +17,10 @@ from sklearn.linear_model import RidgeClassifier
 from sklearn.model_selection import LeaveOneGroupOut
 
 from bench.cli import main
-from bench.corpus import Corpus, InputError
-from bench.cost import sizes
-from bench.runner import _workers
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.work.sizes import sizes
+from bench.work.workers import _workers
 from models import rocket
 from models.rocket import PENALTIES, Ridge, Rocket
 from tests.conftest import random_corpus, with_other_values

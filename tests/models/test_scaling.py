@@ -5,7 +5,7 @@ import pytest
 from sklearn.base import clone
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
-from bench.corpus import Corpus
+from bench.corpora.corpus import Corpus
 from features.jung54 import Jung54
 from models.mlp import mlp
 from models.scaling import RangeScaler, ZScaler

@@ -17,9 +17,14 @@ def test_a_stack_equals_its_taxel_major_form(rows, cols, kernel, padding, seed):
     if min(rows, cols) + 2 * padding < kernel:
         return
     net = nn.Sequential(
-        nn.Conv2d(3, 4, kernel, padding=padding), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
-        nn.Conv2d(4, 5, 2, padding=1), nn.ReLU(), nn.Flatten(), nn.LazyLinear(2),
-    ).double()  # fmt: skip
+        nn.Conv2d(3, 4, kernel, padding=padding),
+        nn.ReLU(),
+        nn.MaxPool2d(2, ceil_mode=True),
+        nn.Conv2d(4, 5, 2, padding=1),
+        nn.ReLU(),
+        nn.Flatten(),
+        nn.LazyLinear(2),
+    ).double()
     x = torch.rand(6, 3, rows, cols, dtype=torch.float64, requires_grad=True)
     expected = net(x)
     expected.square().sum().backward()

@@ -14,8 +14,10 @@ from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
 from sklearn.preprocessing import MinMaxScaler
 from sklearn.svm import SVC
 
-from bench.corpus import InputError, home, open_folder, write_folder
-from bench.cost import parameter_count
+from bench.corpora.folder import home, open_folder, write_folder
+from bench.errors import InputError
+from bench.pareto import front
+from bench.work.sizes import parameter_count
 from features.balli import Balli
 from features.hughes36 import Hughes36
 from features.jung28 import Jung28
@@ -26,8 +28,9 @@ from models.cnn85 import CNN85
 from models.inner import inner_folds
 from models.jung2014 import jung2014_svm
 from models.rf import et, rf
+from models.space import Range
 from models.svm import svm
-from models.tuning import Range, Search, front
+from models.tuning import Search
 from tests.conftest import random_corpus, with_other_values
 
 GRID = {"C": [0.125, 8.0, 512.0], "gamma": [0.01, 1.0]}

@@ -46,9 +46,12 @@ def same(net, x):
 
 @settings(max_examples=40, deadline=None)
 @given(
-    st.tuples(st.integers(1, 7), st.integers(1, 6), st.integers(1, 6)), st.tuples(KERNELS, KERNELS),
-    st.tuples(HALVES, HALVES), st.integers(1, 2), st.integers(0, 10_000),
-)  # fmt: skip
+    st.tuples(st.integers(1, 7), st.integers(1, 6), st.integers(1, 6)),
+    st.tuples(KERNELS, KERNELS),
+    st.tuples(HALVES, HALVES),
+    st.integers(1, 2),
+    st.integers(0, 10_000),
+)
 def test_a_stack_equals_its_fast_form(shape, kernels, poolings, channels, seed):
     torch.manual_seed(seed)
     same(stack(shape, kernels, poolings, (channels, 3, 4)).double(), torch.rand(5, channels, *shape).double())

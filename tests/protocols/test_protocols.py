@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sklearn.model_selection import GroupKFold, LeaveOneGroupOut, StratifiedKFold, StratifiedShuffleSplit
 
-from bench.corpus import InputError
+from bench.errors import InputError
 from protocols.captures import CaptureKFold, Holdout
 from protocols.challenge import Challenge
 from protocols.subjects import LOSO, SubjectKFold

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from bench.tracking import connect
+from bench.outcomes.store import connect
 
 
 @pytest.fixture(scope="session")

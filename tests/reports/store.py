@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 from mlflow.entities import Metric, Param, RunTag
 
-from bench.scores import accuracies
-from bench.tracking import EXPERIMENT, _write_tables, measure
+from bench.outcomes.results import measure
+from bench.outcomes.scores import accuracies
+from bench.outcomes.store import EXPERIMENT, _write_tables
 
 GESTURES = ("pat", "rub", "tap")
 
@@ -19,8 +20,13 @@ class Result:
 
     def __init__(self, name, cost=1.0):
         self.name = name
-        self.metrics = {"fit_seconds": 3.0 * cost, "parameters": 1000 * cost, "flash_bytes": 4000 * cost,
-                        "ram_bytes": 500 * cost, "peak_rss_bytes": 2e8 * cost}  # fmt: skip
+        self.metrics = {
+            "fit_seconds": 3.0 * cost,
+            "parameters": 1000 * cost,
+            "flash_bytes": 4000 * cost,
+            "ram_bytes": 500 * cost,
+            "peak_rss_bytes": 2e8 * cost,
+        }
         self.predict_ms = [1.0 * cost, 2.0 * cost]
         self.decide_ms = [0.5 * cost]
 
@@ -50,10 +56,18 @@ def tracked_run(client, system, predictions, failed=0, history=(), cost=1.0, **a
     experiment = client.get_experiment_by_name(EXPERIMENT).experiment_id
     params = {k: str(v) for k, v in about.items() if "." in k or k in ("corpus_digest", "git", "cpu", "threads")}
     tags = {
-        "touchbench.kind": "cell", "data": "synth", "synthetic": "true", "subset": "all", "target": "gesture",
-        "protocol": "loso", "protocol_label": f"LOSO ({predictions['subject'].nunique()} subjects)", "system": system,
-        "model": system.split(" · ")[0], "features": "jung54", "seed": "0",
-    }  # fmt: skip
+        "touchbench.kind": "cell",
+        "data": "synth",
+        "synthetic": "true",
+        "subset": "all",
+        "target": "gesture",
+        "protocol": "loso",
+        "protocol_label": f"LOSO ({predictions['subject'].nunique()} subjects)",
+        "system": system,
+        "model": system.split(" · ")[0],
+        "features": "jung54",
+        "seed": "0",
+    }
     tags |= {k: str(v) for k, v in about.items() if k not in params}
     run = client.create_run(experiment, run_name=system, tags=tags).info.run_id
     params = {"corpus_digest": "d" * 64, "git": "abc", "cpu": "one", "threads": "1", "version.python": "3"} | params

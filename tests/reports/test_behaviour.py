@@ -8,8 +8,15 @@ from reports import page
 from reports.behaviour import contexts, stream_blocks, stress_blocks
 from tests.reports.store import made_up, tracked_run
 
-ABOUT = {"data": "haart", "synthetic": "false", "subset": "all", "target": "gesture", "protocol": "loso",
-         "protocol_label": "LOSO (10 subjects)", "seed": "0"}  # fmt: skip
+ABOUT = {
+    "data": "haart",
+    "synthetic": "false",
+    "subset": "all",
+    "target": "gesture",
+    "protocol": "loso",
+    "protocol_label": "LOSO (10 subjects)",
+    "seed": "0",
+}
 
 
 def other_run(client, kind, system, metrics, at, status="FINISHED", params=None, **tags):
@@ -41,8 +48,10 @@ def test_of_each_method_the_run_that_met_most_faults_then_the_newest_with_its_lo
     other_run(client, "stress", "rf", stressed(0.7, both), at=9, data="synth", synthetic="true")
     (first, runs), *rest = contexts(client, "stress", ("data", "subset")).items()
     assert first == "haart, all, LOSO (10 subjects)" and [r.info.run_id for r in runs] == [forest, whole]
-    assert [name for name, _ in rest] == ["haart, cover == 'none', LOSO (10 subjects)",
-                                          "synth (synthetic), all, LOSO (10 subjects)"]  # fmt: skip
+    assert [name for name, _ in rest] == [
+        "haart, cover == 'none', LOSO (10 subjects)",
+        "synth (synthetic), all, LOSO (10 subjects)",
+    ]
     picture, table, *_ = stress_blocks(client, tmp_path)
     drawn = picture.paths[1].read_text()
     assert all(f">{text}</text>" in drawn for text in ("23", "10", "5", "-", "svm (60 % clean)", "rf (70 % clean)"))
@@ -53,8 +62,14 @@ def test_of_each_method_the_run_that_met_most_faults_then_the_newest_with_its_lo
 
 def test_streams_are_drawn_by_start_and_hop_with_their_learned_stop(client, tmp_path):
     for start, hop, system in (("onset", "None", "svm"), ("onset", "None", "rf"), ("middle", "125.0", "svm")):
-        metrics = {"accuracy": 0.7, "adaptive_accuracy": 0.65, "adaptive_ms": 812.0, "decide_ms_p50": 1.04,
-                   "decide_ms_p95": 2.0, "accuracy_at_500_ms": 0.5}  # fmt: skip
+        metrics = {
+            "accuracy": 0.7,
+            "adaptive_accuracy": 0.65,
+            "adaptive_ms": 812.0,
+            "decide_ms_p50": 1.04,
+            "decide_ms_p95": 2.0,
+            "accuracy_at_500_ms": 0.5,
+        }
         params = {"stream.start": start, "stream.hop_ms": hop}
         run = other_run(client, "stream", system, metrics, at=1, params=params)
         for name in ("instants", "stopping"):

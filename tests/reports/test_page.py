@@ -10,8 +10,9 @@ import pytest
 
 from bench.cli import main
 from bench.errors import InputError
+from bench.outcomes.runs import tracked, with_groups
 from reports import curves, details, layout, page, speed
-from reports.comparison import comparison, published, tracked, with_groups
+from reports.comparison import comparison, published
 from reports.figures import spread
 from reports.provenance import command
 from tests.reports.store import made_up, tracked_run
@@ -72,11 +73,17 @@ def test_the_whole_report(client):
         tracked_run(client, system, table, history=[2.0, 1.0] if "cnn" in system else (), cost=1 + i, **about)
     tracked_run(client, "svm · jung54", made_up(7, seed=9), seed=1)
     files = report(client)
-    assert {"index.html", "comparison.md", "comparison.csv", "published.csv", "recomputed.csv", "statistics.csv",
-            "provenance.csv"} <= set(files)  # fmt: skip
+    assert {
+        "index.html",
+        "comparison.md",
+        "comparison.csv",
+        "published.csv",
+        "recomputed.csv",
+        "statistics.csv",
+        "provenance.csv",
+    } <= set(files)
     kinds = {Path(f).stem.split("subjects-")[1] for f in files if f.endswith(".svg")}
-    assert kinds == {"ranks", "subjects", "speed", "gestures", "confusion", "calibration", "training",
-                     "lengths"}  # fmt: skip
+    assert kinds == {"ranks", "subjects", "speed", "gestures", "confusion", "calibration", "training", "lengths"}
     assert all(Path("report", f).stat().st_size > 500 for f in files)
     text, found = read()
     assert not found.open and all(v[0] == "#" for v in found.loaded)
@@ -145,8 +152,13 @@ def test_only_incomplete_runs_still_make_a_report(quick, client):
 
 def test_folds_of_several_subjects_are_corrected_by_fold(quick, client):
     for i in range(2):
-        tracked_run(client, f"s{i}", made_up(8, seed=i, skill=0.8 - 0.3 * i, folds=4), protocol="groupkfold[folds=4]",
-                    protocol_label="4-fold by subject")  # fmt: skip
+        tracked_run(
+            client,
+            f"s{i}",
+            made_up(8, seed=i, skill=0.8 - 0.3 * i, folds=4),
+            protocol="groupkfold[folds=4]",
+            protocol_label="4-fold by subject",
+        )
     report(client)
     row = pd.read_csv("report/statistics.csv").iloc[1]
     assert np.isfinite(row["nb_low"]) and row["nb_low"] != row["low"]
@@ -205,35 +217,103 @@ def test_published_numbers_stand_beside_the_runs_they_belong_to(client):
 @pytest.mark.parametrize(
     ("run", "line"),
     [
-        ({"system": "svm[C=8.0] · jung54[area=capture]", "model": "svm[C=8.0]", "model.C": "8.0", "model.gamma": "0.1",
-          "features.area": "capture", "seed": "none", "subset": "variant == 'rough'"},
-         """bench run data=haart 'where=variant == '"'"'rough'"'"'' protocol=loso model=svm model.C=8.0 """
-         "features=jung54 features.area=capture"),
-        ({"system": "cnn85[epochs=2]", "model": "cnn85[epochs=2]", "model.epochs": "2", "seed": "3",
-          "data.subjects": "12", "target": "gesture+variant"},
-         "bench run data=haart data.subjects=12 target=gesture+variant protocol=loso model=cnn85 model.epochs=2 "
-         "seed=3"),
-        ({"system": "tuned svm[C=1|2, gamma] · gaus", "model": "svm", "seed": "1", "tuning.trials": "9",
-          "tuning.space": "{'C': [1.0, 2.0], 'gamma': Range(low=0.1, high=1.0, log=True)}"},
-         "bench tune data=haart protocol=loso model=svm features=gaus model.C=1.0,2.0 trials=9 seed=1"),
-        ({"system": "tuned cnn85[frames=10|85]", "model": "cnn85", "tuning.space": "{'frames': [10, 85]}",
-          "tuning.inner": "3", "tuning.objective": "smallest", "tuning.over": "frames", "seed": "0"},
-         "bench choose data=haart protocol=loso model=cnn85 model.frames=10,85 over=frames inner=3"),
-        ({"system": "tuned svm[C, gamma] · gaus", "model": "svm", "seed": "0", "tuning.objective": "smallest",
-          "tuning.space": "{'C': [8.0, 32.0], 'gamma': [0.1, 1.0]}", "tuning.trials": "3"},
-         "bench tune data=haart protocol=loso model=svm features=gaus model.C=8.0,32.0 model.gamma=0.1,1.0 "
-         "trials=3 objective=smallest"),
-        ({"system": "svm · jung54", "model": "svm", "seed": "2", "touchbench.kind": "stress", "faults": "noise, shift",
-          "train_subjects": "2, 4", "stream.hop_ms": np.nan},
-         "bench stress data=haart protocol=loso model=svm features=jung54 seed=2 "
-         "faults=noise,shift train_subjects=2,4"),
-        ({"system": "rf", "model": "rf", "seed": "0", "touchbench.kind": "stream", "stream.hop_ms": "125.0",
-          "stream.start": "middle", "faults": np.nan},
-         "bench stream data=haart protocol=loso model=rf hop_ms=125.0 start=middle"),
-        ({"system": "rf", "model": "rf", "seed": "0", "touchbench.kind": "stream", "stream.hop_ms": "None",
-          "stream.start": "onset"}, "bench stream data=haart protocol=loso model=rf"),
+        (
+            {
+                "system": "svm[C=8.0] · jung54[area=capture]",
+                "model": "svm[C=8.0]",
+                "model.C": "8.0",
+                "model.gamma": "0.1",
+                "features.area": "capture",
+                "seed": "none",
+                "subset": "variant == 'rough'",
+            },
+            """bench run data=haart 'where=variant == '"'"'rough'"'"'' protocol=loso model=svm model.C=8.0 """
+            "features=jung54 features.area=capture",
+        ),
+        (
+            {
+                "system": "cnn85[epochs=2]",
+                "model": "cnn85[epochs=2]",
+                "model.epochs": "2",
+                "seed": "3",
+                "data.subjects": "12",
+                "target": "gesture+variant",
+            },
+            "bench run data=haart data.subjects=12 target=gesture+variant protocol=loso model=cnn85 model.epochs=2 "
+            "seed=3",
+        ),
+        (
+            {
+                "system": "tuned svm[C=1|2, gamma] · gaus",
+                "model": "svm",
+                "seed": "1",
+                "tuning.trials": "9",
+                "tuning.space": "{'C': [1.0, 2.0], 'gamma': Range(low=0.1, high=1.0, log=True)}",
+            },
+            "bench tune data=haart protocol=loso model=svm features=gaus model.C=1.0,2.0 trials=9 seed=1",
+        ),
+        (
+            {
+                "system": "tuned cnn85[frames=10|85]",
+                "model": "cnn85",
+                "tuning.space": "{'frames': [10, 85]}",
+                "tuning.inner": "3",
+                "tuning.objective": "smallest",
+                "tuning.over": "frames",
+                "seed": "0",
+            },
+            "bench choose data=haart protocol=loso model=cnn85 model.frames=10,85 over=frames inner=3",
+        ),
+        (
+            {
+                "system": "tuned svm[C, gamma] · gaus",
+                "model": "svm",
+                "seed": "0",
+                "tuning.objective": "smallest",
+                "tuning.space": "{'C': [8.0, 32.0], 'gamma': [0.1, 1.0]}",
+                "tuning.trials": "3",
+            },
+            "bench tune data=haart protocol=loso model=svm features=gaus model.C=8.0,32.0 model.gamma=0.1,1.0 "
+            "trials=3 objective=smallest",
+        ),
+        (
+            {
+                "system": "svm · jung54",
+                "model": "svm",
+                "seed": "2",
+                "touchbench.kind": "stress",
+                "faults": "noise, shift",
+                "train_subjects": "2, 4",
+                "stream.hop_ms": np.nan,
+            },
+            "bench stress data=haart protocol=loso model=svm features=jung54 seed=2 "
+            "faults=noise,shift train_subjects=2,4",
+        ),
+        (
+            {
+                "system": "rf",
+                "model": "rf",
+                "seed": "0",
+                "touchbench.kind": "stream",
+                "stream.hop_ms": "125.0",
+                "stream.start": "middle",
+                "faults": np.nan,
+            },
+            "bench stream data=haart protocol=loso model=rf hop_ms=125.0 start=middle",
+        ),
+        (
+            {
+                "system": "rf",
+                "model": "rf",
+                "seed": "0",
+                "touchbench.kind": "stream",
+                "stream.hop_ms": "None",
+                "stream.start": "onset",
+            },
+            "bench stream data=haart protocol=loso model=rf",
+        ),
     ],
-)  # fmt: skip
+)
 def test_commands_from_what_is_tracked(run, line):
     usual = {"data": "haart", "subset": "all", "target": "gesture", "protocol": "loso"}
     assert command(usual | run) == line
@@ -243,8 +323,10 @@ def test_front_by_a_plain_loop():
     rng = np.random.default_rng(0)
     cost, accuracy = rng.integers(1, 6, 40).astype(float), rng.integers(50, 60, 40).astype(float)
     cost[3] = np.nan
-    beaten = [any(cost[j] <= c and accuracy[j] >= a and (cost[j] < c or accuracy[j] > a) for j in range(40))
-              for c, a in zip(cost, accuracy, strict=True)]  # fmt: skip
+    beaten = [
+        any(cost[j] <= c and accuracy[j] >= a and (cost[j] < c or accuracy[j] > a) for j in range(40))
+        for c, a in zip(cost, accuracy, strict=True)
+    ]
     expected = {(c, a) for c, a, b in zip(cost, accuracy, beaten, strict=True) if not b and np.isfinite(c)}
     found = speed.front(cost, accuracy)
     assert {(cost[i], accuracy[i]) for i in found} == expected and (np.diff(cost[found]) > 0).all()

@@ -60,8 +60,12 @@ def test_jung_2017_agrees_with_itself():
     subjects = recomputed.subjects_of_jung()
     assert subjects.shape == (5, 31)
     assert subjects.mean(axis=1).round().to_dict() == {
-        "Bayesian": 57, "Decision tree": 48, "SVM linear": 59, "SVM RBF": 60, "Neural network": 59,
-    }  # fmt: skip
+        "Bayesian": 57,
+        "Decision tree": 48,
+        "SVM linear": 59,
+        "SVM RBF": 60,
+        "Neural network": 59,
+    }
     assert subjects.std(axis=1, ddof=1).round().to_list() == [11, 10, 11, 11, 12]
 
 

@@ -9,26 +9,53 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy.stats import binomtest
 
-from reports.stability import analyse, curves, flipped, half_margins, ranks, seeds, slices
+from bench.outcomes.stability import analyse, curves, flipped, half_margins, ranks, seeds, slices
 from reports.stability_tables import percent, sections, write
 
-TAGS = {"system": "svm", "seed": "0", "data": "arm", "synthetic": "false", "subset": "all", "target": "gesture",
-        "protocol_label": "LOSO"}  # fmt: skip
+TAGS = {
+    "system": "svm",
+    "seed": "0",
+    "data": "arm",
+    "synthetic": "false",
+    "subset": "all",
+    "target": "gesture",
+    "protocol_label": "LOSO",
+}
 
 
-def made_up(seed=0, subjects=10, repetitions=6, accuracy=0.6, classes=("pat", "rub", "tap", "hit"), failing=None,
-            faults=("noise", "shift"), length=lambda rng: 100, spread=0.0):  # fmt: skip
+def made_up(
+    seed=0,
+    subjects=10,
+    repetitions=6,
+    accuracy=0.6,
+    classes=("pat", "rub", "tap", "hit"),
+    failing=None,
+    faults=("noise", "shift"),
+    length=lambda rng: 100,
+    spread=0.0,
+):
     """A table whose captures are right with one probability, lower where ``failing(row)`` gives one."""
     rng = np.random.default_rng(seed)
     rows = []
     own = {s: accuracy + spread * rng.standard_normal() for s in range(subjects)}
-    for capture, (subject, gesture, cover, _) in enumerate(product(range(subjects), classes, ("fur", "none"),
-                                                                   range(repetitions // 2))):  # fmt: skip
+    for capture, (subject, gesture, cover, _) in enumerate(
+        product(range(subjects), classes, ("fur", "none"), range(repetitions // 2))
+    ):
         frames = length(rng)
         for fault, severity in [("none", 0), *product(faults, range(1, 6))]:
-            row = {"fold": str(subject), "capture": capture, "subject": str(subject), "true": gesture, "cover": cover,
-                   "length": frames, "fault": fault, "severity": severity, "train_subjects": subjects - 1,
-                   "amount": f"{severity} %" if severity else "", "p_true": 0.5}  # fmt: skip
+            row = {
+                "fold": str(subject),
+                "capture": capture,
+                "subject": str(subject),
+                "true": gesture,
+                "cover": cover,
+                "length": frames,
+                "fault": fault,
+                "severity": severity,
+                "train_subjects": subjects - 1,
+                "amount": f"{severity} %" if severity else "",
+                "p_true": 0.5,
+            }
             chance = failing(row) if failing else None
             right = rng.random() < (own[subject] if chance is None else chance)
             rows.append(row | {"predicted": gesture if right else "else"})
@@ -127,8 +154,15 @@ def test_small_slices_of_weak_methods_that_could_never_fail_are_not_tested():
     rng = np.random.default_rng(0)
     rows = [(str(s), 100 * s + c, "a" if c < 2 else "b", c % 5 == 0) for s in range(5) for c in range(40)]
     table = pd.DataFrame(rows, columns=["subject", "capture", "true", "hit"])
-    table = table.assign(predicted=np.where(table["hit"], table["true"], "c"), fold=table["subject"], fault="none",
-                         severity=0, amount="", train_subjects=4, length=rng.integers(5, 6, len(table)))  # fmt: skip
+    table = table.assign(
+        predicted=np.where(table["hit"], table["true"], "c"),
+        fold=table["subject"],
+        fault="none",
+        severity=0,
+        amount="",
+        train_subjects=4,
+        length=rng.integers(5, 6, len(table)),
+    )
     found = slices(table, "gesture").set_index("slice")
     assert found.loc["gesture a", "captures"] == 10 and found.loc["gesture a", "floor"] == pytest.approx(0.8**10)
     assert not found.loc["gesture a", "tested"] and found.loc["gesture b", "tested"]
@@ -152,9 +186,16 @@ def test_conditions_that_differ_between_subjects_only_are_not_tested():
 
 
 def test_curves_by_hand():
-    rows = [("1", 1, "a", "a", "none", 0), ("1", 2, "b", "a", "none", 0), ("2", 3, "a", "a", "none", 0),
-            ("2", 4, "b", "b", "none", 0), ("1", 1, "a", "b", "noise", 1), ("1", 2, "b", "b", "noise", 1),
-            ("2", 3, "a", "b", "noise", 1), ("2", 4, "b", "b", "noise", 1)]  # fmt: skip
+    rows = [
+        ("1", 1, "a", "a", "none", 0),
+        ("1", 2, "b", "a", "none", 0),
+        ("2", 3, "a", "a", "none", 0),
+        ("2", 4, "b", "b", "none", 0),
+        ("1", 1, "a", "b", "noise", 1),
+        ("1", 2, "b", "b", "noise", 1),
+        ("2", 3, "a", "b", "noise", 1),
+        ("2", 4, "b", "b", "noise", 1),
+    ]
     table = pd.DataFrame(rows, columns=["fold", "capture", "true", "predicted", "fault", "severity"])
     table = table.assign(subject=table["fold"], amount="1 %", train_subjects=1, length=5)
     table = table.assign(hit=table["true"] == table["predicted"])
@@ -163,8 +204,15 @@ def test_curves_by_hand():
 
 
 def test_where_half_of_the_margin_is_lost():
-    found = pd.DataFrame({"fault": "noise", "severity": range(1, 6), "amount": [f"{10 * s} %" for s in range(1, 6)],
-                          "accuracy": [0.8, 0.7, 0.4, 0.6, 0.1], "loss": [0.1, 0.2, 0.5, 0.3, 0.8]})  # fmt: skip
+    found = pd.DataFrame(
+        {
+            "fault": "noise",
+            "severity": range(1, 6),
+            "amount": [f"{10 * s} %" for s in range(1, 6)],
+            "accuracy": [0.8, 0.7, 0.4, 0.6, 0.1],
+            "loss": [0.1, 0.2, 0.5, 0.3, 0.8],
+        }
+    )
 
     def half(clean, chance, **changed):
         (row,) = half_margins(found.assign(**changed), clean, chance).to_dict("records")
@@ -213,8 +261,9 @@ def test_length_and_training_subjects():
     ends = sorted(tuple(map(int, value.split(" to "))) for value in frames["value"])
     assert all(high < low for (_, high), (low, _) in zip(ends[:-1], ends[1:], strict=True))
     assert one.learning["train_subjects"].tolist() == [3, 9] and one.learning["accuracy"].tolist() == [0, one.clean]
-    assert one.clean == pytest.approx((table.query("fault == 'none'")["true"] == table.query("fault == 'none'")[
-        "predicted"]).mean())  # fmt: skip
+    assert one.clean == pytest.approx(
+        (table.query("fault == 'none'")["true"] == table.query("fault == 'none'")["predicted"]).mean()
+    )
     assert one.chance == 0.25 and "frames" not in set(analyse(TAGS, made_up()).conditions["factor"])
 
 
@@ -241,8 +290,13 @@ def test_figures_name_every_method_and_overlap_nowhere(tmp_path):
     (ax,) = figure.axes
     numbers = [float(t.get_text()) for t in ax.texts]
     assert numbers == pytest.approx(
-        [round(100 * m.margins.set_index("fault")["loss"][n.get_text().replace(" ", "_")])
-         for m in methods for n in ax.get_xticklabels()], abs=0.51)  # fmt: skip
+        [
+            round(100 * m.margins.set_index("fault")["loss"][n.get_text().replace(" ", "_")])
+            for m in methods
+            for n in ax.get_xticklabels()
+        ],
+        abs=0.51,
+    )
     for labels in (ax.get_xticklabels(), ax.get_yticklabels(), ax.texts):
         boxes = [t.get_window_extent() for t in labels if not t.get_rotation()]
         assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])

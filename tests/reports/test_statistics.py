@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from reports import statistics
+from bench.outcomes import statistics
 from reports.recomputed import subjects_of_jung
 
 RNG = np.random.default_rng(0)
@@ -81,8 +81,11 @@ def test_friedman_and_cliques_of_jung_2017():
     found = statistics.friedman(subjects)
     assert found.chi2 == pytest.approx(stats.friedmanchisquare(*subjects.to_numpy()).statistic)
     assert found.mean.index[0] == "SVM RBF" and found.mean.sum() == pytest.approx(15)
-    naive = [(i, j) for i, j in itertools.combinations(range(5), 2)
-             if found.mean.iloc[j] - found.mean.iloc[i] < found.critical]  # fmt: skip
+    naive = [
+        (i, j)
+        for i, j in itertools.combinations(range(5), 2)
+        if found.mean.iloc[j] - found.mean.iloc[i] < found.critical
+    ]
     longest = [p for p in naive if not any(q != p and q[0] <= p[0] and p[1] <= q[1] for q in naive)]
     assert found.cliques() == longest
 

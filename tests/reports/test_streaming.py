@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from bench.cli import main
 from bench.errors import InputError
-from bench.tracking import connect
+from bench.outcomes.store import connect
 from reports.streaming import draw, stream_of, write_streaming
 from tests.bench.test_run import runs
 from tests.bench.test_stream import SMALL

@@ -4,9 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench import scores
-from reports import artifacts, verdicts
-from reports.comparison import published, tracked
+from bench.outcomes import artifacts, scores
+from bench.outcomes.runs import tracked
+from reports import verdicts
+from reports.comparison import published
 from tests.reports.store import made_up, tracked_run
 
 HAART = {"data": "haart", "synthetic": "false"}
@@ -26,9 +27,15 @@ def _beside(client, about):
 
 @pytest.mark.parametrize(
     ("low", "high", "said"),
-    [(50, 60, "within interval"), (55, 60, "within interval"), (50, 55, "within interval"), (55.1, 60, "above"),
-     (50, 54.9, "below"), (np.nan, np.nan, "no interval")],
-)  # fmt: skip
+    [
+        (50, 60, "within interval"),
+        (55, 60, "within interval"),
+        (50, 55, "within interval"),
+        (55.1, 60, "above"),
+        (50, 54.9, "below"),
+        (np.nan, np.nan, "no interval"),
+    ],
+)
 def test_verdicts(low, high, said):
     assert verdicts.verdict(55.0, low, high) == said
 
@@ -53,8 +60,9 @@ def test_table_4_of_cnn85_is_complete():
 
 
 def test_seeds_are_rows_and_other_parameters_other_systems(beside):
-    seeds = [{"system": "ta2015_rf", "predictions": made_up(8, seed=s), "protocol": "challenge", "seed": s}
-             for s in (2, 0)]  # fmt: skip
+    seeds = [
+        {"system": "ta2015_rf", "predictions": made_up(8, seed=s), "protocol": "challenge", "seed": s} for s in (2, 0)
+    ]
     other = {"system": "hughes2017_cnn[epochs=3]", "predictions": made_up(windows=3), "protocol": "challenge"}
     found = beside(*seeds, other)
     assert list(found.loc["ta2015-haart-test", "seed"]) == ["0", "2"]

@@ -1,0 +1,198 @@
+"""The commands as functions, for scripts and notebooks: the same names, tables and small objects for printing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pandas as pd
+
+from bench.commands import choose as _choose
+from bench.commands import fit as _fit
+from bench.commands import run as _run
+from bench.commands import stream as _stream
+from bench.commands import stress as _stress
+from bench.commands import tune as _tune
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError, nearest
+from bench.outcomes.runs import tracked
+from bench.outcomes.store import connect
+from bench.plan.arguments import Values, check_key, items
+from bench.plan.cells import cells, corpus_variants
+from bench.plan.plan import captures_of
+from bench.work.fit import Fitted
+from bench.work.fit import fit as _train
+from bench.work.loop import Outcome
+from reports.comparison import comparison, published
+
+SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in percent
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a command found: prints as its table, holds more of them.
+
+    Attributes:
+        table: one row per run.
+        more: further tables by name.
+    """
+
+    table: pd.DataFrame
+    more: dict[str, pd.DataFrame] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        if name not in self.more:
+            raise KeyError(f"no table is called {name!r}; {nearest(name, self.more)}")
+        return self.more[name]
+
+    def __repr__(self) -> str:
+        names = f"\nmore tables: {', '.join(map(repr, self.more))}" if self.more else ""
+        return self.table.to_string(index=False) + names
+
+    def _repr_html_(self) -> str:
+        return self.table.to_html(index=False)
+
+
+def corpus(data: str = "synth", where: str = "", target: str = "gesture", **parameters: object) -> Corpus:
+    """The captures of a corpus: ``len``, ``captures`` (a table), one array [frames, rows, cols] each, ``plot(i)``.
+
+    Args:
+        data: an imported corpus, or ``synth``.
+        where: captures to use, a condition on their columns.
+        target: columns to tell apart.
+        parameters: of ``synth``.
+
+    Raises:
+        InputError: it is not here, or the condition cannot be used.
+    """
+    (variant,) = corpus_variants({f"data.{k}": v for k, v in parameters.items()}, data, [data])
+    return captures_of(data, variant, where, target)
+
+
+def run(**values: object) -> pd.DataFrame:
+    """Evaluate every combination of the values; what is tracked already is not run again.
+
+    Args:
+        values: as ``bench run`` takes them.
+
+    Returns:
+        One row per run, accuracies in percent.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    return table_of(_run.evaluated_values(_values(values, _run.KEYS)))
+
+
+def tune(**values: object) -> pd.DataFrame:
+    """Search parameters inside each training part, as ``bench tune`` does; a row per run.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    return table_of(_tune.searched(_values(values, _tune.KEYS)))
+
+
+def stress(**values: object) -> Found:
+    """Find where systems fail, as ``bench stress`` does; tables ``faults``, ``conditions``, ``slices``, ``learning``.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    outcomes, _ = _stress.stressed(_values(values, _stress.KEYS))
+    analyses = [outcome.findings.analysis for outcome in outcomes if outcome.findings]
+    names = {"faults": "curves", "conditions": "conditions", "slices": "slices", "learning": "learning"}
+    more = {
+        name: pd.concat([getattr(a, part).assign(method=a.method) for a in analyses], ignore_index=True)
+        for name, part in names.items()
+        if analyses
+    }
+    return Found(table_of(outcomes), more)
+
+
+def stream(**values: object) -> Found:
+    """Replay captures, as ``bench stream`` does; tables ``instants`` and ``stopping``.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    known = _stream.KEYS - {"source", "window_ms"}
+    outcomes, _ = _stream.streamed(_values(values, known))
+    good = [outcome for outcome in outcomes if outcome.findings]
+    more = {
+        name: pd.concat(
+            [o.findings.tables[f"{name}.csv"].assign(system=o.plan.cell.system()) for o in good], ignore_index=True
+        )
+        for name in ("instants", "stopping")
+        if good
+    }
+    return Found(table_of(outcomes), more)
+
+
+def fit(**values: object) -> Fitted:
+    """Train one system on all captures and save it, as ``bench fit`` does; ``recogniser.label(corpus)`` uses it.
+
+    Raises:
+        InputError: something in the values or the data cannot be used.
+    """
+    given = _values(values, _fit.KEYS)
+    out = given.pop("out", None)
+    return _train(_fit.only_one(cells(given)), Path(out) if out is not None else None)
+
+
+def choose(**values: object) -> _choose.Chosen:
+    """The cheapest tracked system that is not measurably worse than the best, as ``bench choose`` tells it.
+
+    With ``over=``, runs are made as ``bench choose over=`` makes them; see `run` for what they give.
+
+    Raises:
+        InputError: something in the values cannot be used, or nothing is tracked for them.
+    """
+    given = _values(values, _choose.KEYS)
+    return table_of(_choose.smallest(given)) if "over" in given else _choose.chosen(given)
+
+
+def results(**values: object) -> pd.DataFrame:
+    """Tracked evaluations, one row per run and unit, accuracies in percent, published numbers beside them.
+
+    Args:
+        values: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to keep.
+
+    Raises:
+        InputError: nothing is tracked for them.
+    """
+    given = _values(values, set(_choose.AMONG))
+    runs = tracked(connect())
+    columns = {"where": "subset"} | {part: f"{part}_name" for part in ("protocol", "features", "model")}
+    for key, value in given.items():
+        runs = runs[runs[columns.get(key, key)].isin([str(v) for v in items(key, value)])]
+    if not len(runs):
+        raise InputError("no run is tracked for these values; make some with bench.run")
+    return comparison(runs, published()).drop(columns="group")
+
+
+def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
+    """One row per run with all that was measured; accuracies in percent."""
+    rows = []
+    for outcome in outcomes:
+        plan, cell = outcome.plan, outcome.plan.cell
+        measured = {k: 100 * v if any(s in k for s in SHARES) else v for k, v in outcome.metrics.items()}
+        about = {
+            "system": cell.system(),
+            "data": cell.data + (" (synthetic)" if plan.corpus.synthetic else ""),
+            "subset": cell.where or "all",
+            "target": cell.target,
+            "protocol": plan.label,
+            "seed": "none" if cell.seed is None else str(cell.seed),
+        }
+        counts = {"folds": f"{len(outcome.results)}/{len(plan.folds)}", "run_id": outcome.run_id}
+        rows.append(about | measured | counts)
+    return pd.DataFrame(rows)
+
+
+def _values(given: dict[str, object], known: set[str]) -> Values:
+    """Keyword arguments as the command line has them; None is the same as not given."""
+    values = {key.replace("__", "."): value for key, value in given.items() if value is not None}
+    for key in values:
+        check_key(key, known)
+    return values

@@ -1,0 +1,33 @@
+"""The command ``bench run``: every cell that the arguments name, evaluated and tracked."""
+
+from __future__ import annotations
+
+from bench.commands.printing import show
+from bench.plan.arguments import KEYS, Values, jobs_of, parse
+from bench.plan.cells import Cell, cells
+from bench.work.evaluation import Evaluation
+from bench.work.loop import Outcome, execute, prepared
+from reports.illustrations import illustrate
+
+
+def run(arguments: list[str]) -> int:
+    """Run every cell that the arguments name; exit code 1 if a fold failed.
+
+    Raises:
+        InputError: something in the arguments or the data cannot be used; nothing was run.
+    """
+    return show(evaluated_values(parse(arguments, KEYS)))
+
+
+def evaluated_values(values: Values) -> list[Outcome]:
+    """The cells of some values, evaluated."""
+    return evaluated(cells(values), jobs_of(values))
+
+
+def evaluated(asked: list[Cell], jobs: int | None) -> list[Outcome]:
+    """Cells, evaluated.
+
+    Raises:
+        InputError: something in the cells or the data cannot be used; nothing was run.
+    """
+    return execute(prepared(asked, [Evaluation()], jobs), jobs, illustrate)

@@ -1,0 +1,58 @@
+"""The command ``bench stream``: captures replayed through fitted systems, and frames from standard input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bench.commands.printing import console, show, writable
+from bench.errors import InputError
+from bench.outcomes.store import connect
+from bench.plan.arguments import KEYS as RUN_KEYS
+from bench.plan.arguments import Values, items, jobs_of, number, parse
+from bench.plan.cells import cells
+from bench.work.loop import Outcome, execute, prepared, warn
+from bench.work.stream import Stream
+from reports.illustrations import illustrate
+from reports.streaming import write_streaming
+
+OPTIONS = {"hop_ms", "start", "out"}
+KEYS = RUN_KEYS | OPTIONS | {"source", "window_ms"}
+
+
+def stream(arguments: list[str]) -> int:
+    """Replay captures under a protocol, or decide on frames from standard input; exit code as of ``bench run``.
+
+    Raises:
+        InputError: something in the arguments or the data cannot be used; nothing was run.
+    """
+    values = parse(arguments, KEYS)
+    if "source" in values:
+        from bench.work.live import live
+
+        return live(values)
+    if "window_ms" in values:
+        raise InputError(f"window_ms={values['window_ms']}: only with source=-; leave it out")
+    outcomes, out = streamed(values)
+    code = show(outcomes)
+    for path in write_streaming(connect(), [o.run_id for o in outcomes if o.findings], out):
+        console.print(str(path), markup=False, highlight=False, soft_wrap=True)
+    return code
+
+
+def streamed(values: Values) -> tuple[list[Outcome], Path]:
+    """The cells of some values, replayed; and the folder that was asked for.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    hop = number("hop_ms", values["hop_ms"]) if "hop_ms" in values else None
+    replays = [Stream(hop, start) for start in dict.fromkeys(items("start", values.get("start", "onset")))]
+    jobs = jobs_of(values)
+    todo = prepared(cells({k: v for k, v in values.items() if k not in OPTIONS}), replays, jobs)
+    out = writable(Path(values.get("out", "report")))
+    for name in dict.fromkeys(plan.cell.data for plan, _ in todo if len(set(plan.corpus.lengths)) == 1):
+        warn(
+            f"warning: {name}: all captures are equally long; features that grow with duration were never seen at "
+            "another one, so a capture that is not whole yet may look like nothing that was ever seen"
+        )
+    return execute(todo, jobs, illustrate), out

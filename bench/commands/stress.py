@@ -1,0 +1,125 @@
+"""The command ``bench stress``: where recognisers fail, under faults and under what is not a fault."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pandas as pd
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from bench.commands.printing import output, show, writable
+from bench.errors import InputError, nearest
+from bench.outcomes import stability
+from bench.outcomes.comparable import comparable
+from bench.outcomes.store import connect
+from bench.plan.arguments import KEYS as RUN_KEYS
+from bench.plan.arguments import Values, convert, items, jobs_of, parse
+from bench.plan.cells import cells
+from bench.work.faults import Fault, known
+from bench.work.loop import Outcome, execute, prepared
+from bench.work.stress import Stress
+from reports import stability_tables
+
+OPTIONS = {"faults", "train_subjects", "out"}
+KEYS = RUN_KEYS | OPTIONS
+
+
+def stress(arguments: list[str]) -> int:
+    """Stress every cell that the arguments name, print where each fails; exit code as of ``bench run``.
+
+    Raises:
+        InputError: something in the arguments or the data cannot be used; nothing was run.
+    """
+    outcomes, out = stressed(parse(arguments, KEYS))
+    screen = output()
+    for folder, members in grouped(outcomes, out).items():
+        analyses = [outcome.findings.analysis for outcome in members]
+        screen.print(escape(stability_tables.title(analyses[0])), style="bold")
+        for heading, note, table in stability_tables.sections(analyses):
+            _print(screen, heading, note, table)
+        screen.print(f"tables and figures: {escape(str(folder))}", soft_wrap=True)
+    return show(outcomes)
+
+
+def stressed(values: Values) -> tuple[list[Outcome], Path]:
+    """The cells of some values under stress, their tables and figures written and tracked; and where.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    experiment = Stress(_faults(values), _counts(values))
+    asked = cells({k: v for k, v in values.items() if k not in OPTIONS})
+    jobs = jobs_of(values)
+    todo = prepared(asked, [experiment], jobs)
+    out = writable(Path(values.get("out", "stress")))
+    outcomes = execute(todo, jobs)
+    for folder, members in grouped(outcomes, out).items():
+        _write(folder, members)
+    return outcomes, out
+
+
+def grouped(outcomes: list[Outcome], out: Path) -> dict[Path, list[Outcome]]:
+    """What went well by the folder of its tables: one for each corpus, subset and protocol."""
+    contexts: dict[tuple, list[Outcome]] = {}
+    for outcome in outcomes:
+        if outcome.findings:
+            plan = outcome.plan
+            same = comparable({**outcome.tags, "corpus_digest": plan.corpus.digest})
+            contexts.setdefault(same, []).append(outcome)
+    found: dict[Path, list[Outcome]] = {}
+    for members in contexts.values():
+        folder = out
+        if len(contexts) > 1:
+            words = " ".join(members[0].findings.analysis.context)
+            name = re.sub(r"[^A-Za-z0-9]+", "-", words).strip("-").lower()
+            folder = out / name if out / name not in found else out / f"{name}-{len(found) + 1}"
+        found[folder] = members
+    return found
+
+
+def _faults(values: Values) -> tuple[Fault, ...]:
+    """Faults that were asked for, all without ``faults=``, in the order in which they are known."""
+    there = known()
+    asked = items("faults", values["faults"]) if "faults" in values else list(there)
+    for name in asked:
+        if name not in there:
+            raise InputError(f"faults={name}: not known; {nearest(name, there)}")
+    return tuple(fault for name, fault in there.items() if name in asked)
+
+
+def _counts(values: Values) -> tuple[int, ...]:
+    """Numbers of training subjects that were asked for."""
+    if "train_subjects" not in values:
+        return ()
+    counts = {convert("train_subjects", text, 4) for text in items("train_subjects", values["train_subjects"])}
+    if min(counts) < 1:
+        raise InputError(f"train_subjects={min(counts)}: give whole numbers from 1 on")
+    return tuple(sorted(counts))
+
+
+def _write(folder: Path, members: list[Outcome]) -> None:
+    """Tables and figures of the methods of one context, into the folder and with every run."""
+    analyses = [outcome.findings.analysis for outcome in members]
+    store, paths = connect(), stability_tables.write(analyses, folder)
+    for outcome, analysis in zip(members, analyses, strict=True):
+        for path in paths:
+            store.keep(outcome.run_id, path, "stability")
+        if seeds := stability.seeds([a for a in analyses if a.system == analysis.system]).to_dict("records"):
+            found = {"seed_accuracy_sd": seeds[0]["sd"], "seed_labels_changed": seeds[0]["changed"]}
+            store.log(outcome.run_id, found)
+
+
+def _print(screen: Console, heading: str, note: str, table: pd.DataFrame) -> None:
+    if len(table):
+        shown = Table(title=escape(heading), caption=escape(note), title_justify="left", caption_justify="left")
+        for name in table.columns:
+            text = table[name].str.fullmatch(r"[-><\d. e+]+|no margin").all()
+            shown.add_column(escape(name), justify="right" if text else "left")
+        for row in table.itertuples(index=False):
+            shown.add_row(*(escape(cell) for cell in row))
+        screen.print(shown)
+    else:
+        screen.print(f"{escape(heading)}: {escape(note)}", soft_wrap=True)

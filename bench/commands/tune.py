@@ -1,0 +1,76 @@
+"""The command ``bench tune``: like ``bench run``, with the parameters of each model searched in every training part."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bench.commands.printing import show
+from bench.commands.run import evaluated
+from bench.errors import InputError, nearest
+from bench.plan.arguments import KEYS as RUN_KEYS
+from bench.plan.arguments import Values, convert, items, jobs_of, parse
+from bench.plan.cells import Cell, cells
+from bench.registry import parameters
+from bench.work.loop import Outcome
+from models import contract
+
+OPTIONS = {"trials": 50, "inner": "3", "budget": float("inf"), "objective": "accuracy"}
+KEYS = RUN_KEYS | OPTIONS.keys()
+
+
+def tune(arguments: list[str]) -> int:
+    """Search, fit and score; exit code as of ``bench run``.
+
+    Raises:
+        InputError: something in the arguments or the data cannot be used; nothing was run.
+    """
+    return show(searched(parse(arguments, KEYS)))
+
+
+def searched(values: Values) -> list[Outcome]:
+    """The cells of some values, each a search.
+
+    Values of a model's parameters that are given are the ones that are tried; without a list of several among them, the
+    ranges that the model declares are searched, and what is given is kept.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    how = {k: convert(k, values[k], default) for k, default in OPTIONS.items() if k in values}
+    given = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
+    if "seed" in given:
+        raise InputError(f"model.seed={given['seed']}: give seed= instead, it is that of the search too")
+    asked = cells({k: v for k, v in values.items() if not k.startswith("model.") and k != "seed" and k not in OPTIONS})
+    known = {name for cell in asked for name in cell.model.parameters}
+    for name in given:
+        if name not in known:
+            raise InputError(f"model={values.get('model', 'svm')} has no parameter {name!r}; {nearest(name, known)}")
+    seeds = [convert("seed", text, 0) for text in items("seed", values.get("seed", "0"))]
+    tuned = [replace(cell, tuning=_tuning(cell, given, how) | {"seed": seed}) for cell in asked for seed in seeds]
+    return evaluated(tuned, jobs_of(values))
+
+
+def _tuning(cell: Cell, given: dict[str, object], how: dict[str, object]) -> dict[str, object]:
+    name = cell.model.short
+    if cell.model.given is not None:
+        raise InputError(f"model={name}: an object is what it is; give its class or a factory by name to search")
+    if contract.searches(cell.estimator()):
+        raise InputError(f"model={name} searches by itself; use bench run model={name}")
+    usual = parameters(cell.model.factory)
+    space = {
+        name: list(
+            dict.fromkeys(convert(f"model.{name}", value, usual[name]) for value in items(f"model.{name}", text))
+        )
+        for name, text in given.items()
+        if name in usual
+    }
+    if all(len(values) == 1 for values in space.values()):
+        declared = contract.space(cell.model.factory)
+        if declared is None:
+            raise InputError(
+                f"model={name} declares no ranges to search; list values, such as "
+                f"model.{next(iter(usual), 'parameter')}=1,2, or give it an attribute space"
+            )
+        space = dict(declared) | space
+    whole = all(isinstance(values, list) for values in space.values())
+    return {"space": space} | ({} if whole else {"trials": OPTIONS["trials"]}) | how

@@ -1,0 +1,253 @@
+"""Which system to take: the cheapest that is not measurably worse than the best one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.stats import ttest_1samp
+
+from bench.errors import InputError
+from bench.outcomes import scores
+from bench.outcomes.comparable import COMPARABLE, context_of
+from bench.outcomes.runs import artifact, predictions, tracked
+from bench.outcomes.stopping import standing
+from bench.outcomes.store import Store
+
+COSTS = {"flash": "kB", "ram": "kB", "predict": "ms", "decision": "ms"}  # what a system may cost, and its unit
+BUDGETS = {f"max_{name}": name for name in COSTS}
+UNITS = {"": 1, "B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576, "ms": 1, "s": 1e3}
+SAID = {"capture": "whole captures", "window": "one window"}
+FEW_SUBJECTS = 6  # with five, no sign test can reach p < 0.05
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What was chosen among candidates.
+
+    Attributes:
+        table: the candidates with ``loss`` (mean over subjects of best minus own accuracy, in points), ``error`` (its
+            standard error) and ``verdict``, cheapest first.
+        chosen: index in it, None if no candidate fits the budgets.
+        best: index of the most accurate one that fits them.
+        costlier: index of the next costlier one that fits them and is more accurate than the chosen, None if there is
+            none.
+    """
+
+    table: pd.DataFrame
+    chosen: int | None
+    best: int | None
+    costlier: int | None
+
+
+def quantity(key: str, given: object) -> float:
+    """A number with a unit, in milliseconds or kilobytes (1000 bytes; KiB are 1024), or a margin in points.
+
+    Raises:
+        InputError: it is none, or not above 0.
+    """
+    text = str(given)
+    number = text.rstrip("BkKiMms ")
+    unit = text[len(number) :].strip()
+    known = {"kB": ["B", "kB", "KiB", "MB", "MiB"], "ms": ["ms", "s"]}
+    allowed = known[COSTS[BUDGETS[key]]] if key in BUDGETS else []
+    try:
+        value = float(number)
+        if not value > 0 or (unit not in allowed and allowed) or (unit and not allowed):
+            raise ValueError(text)
+    except ValueError as e:
+        raise InputError(
+            f"{key}={text}: give a number above 0" + (f" and {' or '.join(allowed)}" if allowed else "")
+        ) from e
+    return value * UNITS[unit]
+
+
+def candidates(
+    store: Store, asked: Mapping[str, list[str]], most: float | None = None, replays: bool = False
+) -> tuple[pd.DataFrame, str, pd.DataFrame]:
+    """Every way in which a tracked system labels what it is given.
+
+    A system that decides on windows is there twice: labelling whole captures, and by one window alone, which is sooner.
+    Systems that ``bench stream`` has replayed are there, too, if they are asked for: deciding on as much of the
+    beginning of a capture as a budget of time allows, or at every instant. Seeds of a system are averaged.
+
+    Args:
+        store: where the runs are.
+        asked: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to choose among.
+        most: milliseconds until a decision is out.
+        replays: whether replayed systems are candidates; they are with ``most``.
+
+    Returns:
+        One row per candidate (``system``, ``unit``, ``accuracy`` in percent as a mean over subjects, ``flash`` and
+        ``ram`` in kB, ``predict`` and ``decision`` in ms, ``cpu``); what they are all on, in words; and accuracies in
+        percent [candidates, subjects].
+
+    Raises:
+        InputError: no run is tracked for these values, or runs on several corpora or protocols are.
+    """
+    runs = _asked(tracked(store), asked)
+    if most is not None or replays:
+        with suppress(InputError):  # nothing was replayed
+            runs = pd.concat([runs, _asked(tracked(store, "stream"), asked)], ignore_index=True)
+    kinds = runs[[*COMPARABLE, "protocol"]].drop_duplicates()
+    if not len(kinds):
+        raise InputError("no complete run is tracked for these values; make some with bench run, then choose")
+    if len(kinds) > 1:
+        told = "; ".join(f"data={k.data} protocol={k.protocol} ({k.subset})" for k in kinds.head(4).itertuples())
+        raise InputError(f"runs on different captures cannot be compared; name one of: {told}")
+    rows, accuracy = [], []
+    hops = runs["stream.hop_ms"].fillna("") if "stream.hop_ms" in runs else pd.Series("", runs.index)
+    for (system, _, _), group in runs.groupby([runs["system"], runs["touchbench.kind"], hops], sort=True):
+        within = None if most is None else most - group["decide_ms_p50"].max()  # one instant for all seeds
+        each = [_units(store, run, within) for run in group.to_dict("records")]
+        for unit in each[0]:
+            costs = pd.DataFrame([units[unit][0] for units in each]).mean()
+            rows.append({"system": system, "unit": unit, **costs, "cpu": ", ".join(sorted(set(group["cpu"])))})
+            accuracy.append(pd.concat([units[unit][1] for units in each], axis=1).mean(axis=1))
+    subjects = pd.DataFrame(accuracy).reset_index(drop=True)
+    table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
+    return table, ", ".join(context_of(runs.iloc[0])), subjects
+
+
+def _asked(runs: pd.DataFrame, asked: Mapping[str, list[str]]) -> pd.DataFrame:
+    """The complete runs among some that were asked for; replays only from the onset."""
+    runs = runs[runs["status"] == "FINISHED"]
+    columns = {"where": "subset"} | {part: f"{part}_name" for part in ("protocol", "features", "model")}
+    wanted = {"target": ["gesture"], **asked} | ({"stream.start": ["onset"]} if "stream.start" in runs else {})
+    for key, values in wanted.items():
+        runs = runs[runs[columns.get(key, key)].isin([str(v) for v in values])]
+    return runs
+
+
+def _units(store: Store, run: dict, within: float | None) -> dict[str, tuple[dict[str, float], pd.Series]]:
+    """Costs and accuracy by subject, in percent, of each way in which a run labels.
+
+    A replayed one labels at the last instant within so many ms, or at each.
+    """
+    table = predictions(store, run)
+
+    def of(labelled: pd.DataFrame) -> pd.Series:
+        own = scores.per_subject(labelled).set_index("subject")["accuracy"]
+        return own.rename(index=str) * 100
+
+    size = {name: run.get(f"{name}_bytes", np.nan) / 1000 for name in ("flash", "ram")}
+    if run["touchbench.kind"] == "stream":
+        instants = pd.read_csv(artifact(store, run, "instants.csv"))["ms"]
+        seen = np.sort(table["instant"].unique())  # frames
+        chosen = instants.index if within is None else instants.index[instants <= within][-1:]
+        cost = size | {"predict": run["decide_ms_p50"]}
+        return {
+            f"first {instants[i]:.0f} ms": (
+                cost | {"decision": instants[i] + run["decide_ms_p50"]},
+                of(standing(table, seen[i])),
+            )
+            for i in chosen
+        }
+    found = {
+        "capture": (
+            size | {"predict": run["predict_ms_p50"], "decision": run["capture_decision_ms"]},
+            of(scores.captures(table)),
+        )
+    }
+    if run.get("windows", 0) > 0:
+        window = size | {"predict": run["decide_ms_p50"], "decision": run["decision_ms"]}
+        found["window"] = window, of(scores.windows(table))
+    return found
+
+
+def decide(
+    table: pd.DataFrame, subjects: pd.DataFrame, by: str, budgets: dict[str, float], margin: float | None
+) -> Choice:
+    """Take the cheapest candidate whose accuracy is not below that of the best.
+
+    Not below means: the mean over subjects of the difference is at most its standard error; or, with a margin, a
+    one-sided paired t-test finds it smaller than the margin (p < 0.05). The best one is sought among those that fit the
+    budgets; a candidate whose cost is not known fits none.
+
+    Args:
+        table: candidates with ``accuracy`` and a column per cost, as `candidates` gives them.
+        subjects: accuracies in percent [candidates, subjects].
+        by: the cost that is to be low.
+        budgets: the most of each cost.
+        margin: points of accuracy that do not matter, or None for the rule of one standard error.
+    """
+    verdicts = []
+    for row in table.to_dict("records"):
+        over = [k for k, most in budgets.items() if not row[k] <= most]
+        said = [
+            f"{k} {amount(k, row[k])} > {amount(k, budgets[k])}" if np.isfinite(row[k]) else f"{k} not known"
+            for k in over
+        ]
+        if not over and not np.isfinite(row[by]):
+            said = [f"{by} not known"]
+        verdicts.append("ruled out: " + ", ".join(said) if said else "")
+    table = table.assign(verdict=verdicts, loss=np.nan, error=np.nan)
+    fits = table.index[table["verdict"] == ""]
+    if not len(fits):
+        return Choice(table.sort_values(by), None, None, None)
+    best = int(table.loc[fits].sort_values([by])["accuracy"].idxmax())
+    near = []
+    for i in fits:
+        lost = (subjects.loc[best] - subjects.loc[i]).to_numpy()
+        error = lost.std(ddof=1) / np.sqrt(len(lost)) if len(lost) > 1 else np.nan
+        table.loc[i, ["loss", "error"]] = lost.mean(), error
+        if i == best or _not_below(lost, error, margin):
+            near.append(i)
+    order = table.sort_values([by, "accuracy"], ascending=[True, False]).index
+    chosen = next(i for i in order if i in near)
+    for i in fits:
+        good = "as good, costlier" if i in near else "worse than the best"
+        table.loc[i, "verdict"] = "chosen" if i == chosen else good
+    more = [i for i in order if i in fits and table[by][i] > table[by][chosen]]
+    costlier = next((i for i in more if table["accuracy"][i] > table["accuracy"][chosen]), None)
+    return Choice(table.loc[order], chosen, best, costlier)
+
+
+def _not_below(lost: np.ndarray, error: float, margin: float | None) -> bool:
+    if margin is None:
+        return bool(lost.mean() <= error)
+    if len(lost) < 2:
+        return False
+    if not lost.std():
+        return bool(lost.mean() < margin)
+    return bool(ttest_1samp(lost, margin, alternative="less").pvalue < 0.05)
+
+
+def amount(cost: str, value: float) -> str:
+    """A cost with its unit, as people read it."""
+    if not np.isfinite(value):
+        return "-"
+    return f"{value:.3g} {COSTS[cost]}" if value < 100 else f"{value:.0f} {COSTS[cost]}"
+
+
+def sentences(choice: Choice, by: str, margin: float | None, subjects: int) -> list[str]:
+    """The choice, its reason, and what the next costlier system would buy."""
+    if choice.chosen is None:
+        return ["Nothing fits: every candidate is ruled out by a budget."]
+    table = choice.table
+    own, best = table.loc[choice.chosen], table.loc[choice.best]
+    rule = "one standard error of the paired difference" if margin is None else f"{margin:g} points (p < 0.05)"
+    said = [f"Choose {_named(own)}: {own['accuracy']:.1f} % with {by} {amount(by, own[by])}."]
+    if choice.chosen == choice.best:
+        said.append("Of those that fit, none is more accurate, and no cheaper one comes within " + rule + ".")
+    else:
+        said.append(
+            f"It is the cheapest that is not below the best that fits, {_named(best)} ({best['accuracy']:.1f} %), by "
+            f"more than {rule}: {own['loss']:.1f} ± {own['error']:.1f} points over {subjects} subjects."
+        )
+    if choice.costlier is not None:
+        next_one = table.loc[choice.costlier]
+        said.append(
+            f"The next costlier one that is more accurate, {_named(next_one)}, would buy "
+            f"{next_one['accuracy'] - own['accuracy']:.1f} points for {next_one[by] / own[by]:.2g} times the {by}."
+        )
+    if subjects < FEW_SUBJECTS:
+        said.append(f"Only {subjects} subjects: this says little about the next person.")
+    return said
+
+
+def _named(row: pd.Series) -> str:
+    return f"{row['system']} ({SAID.get(row['unit'], row['unit'])})"

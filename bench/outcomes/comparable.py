@@ -1,0 +1,72 @@
+"""What makes two runs comparable, in tags and in words, and the facts that statistics need of a protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+COMPARABLE = ("data", "corpus_digest", "subset", "target", "protocol_label")  # tags, with the digest of the parameters
+SAME_SYSTEM = ("protocol", "system", "seed")  # besides, what makes two runs repetitions of one
+# Runs that were made before facts were tracked name a protocol whose folds are known to be of this kind.
+BEFORE_FACTS = {"loso": False, "groupkfold": False, "challenge": False, "kfold": True, "holdout": True}
+
+
+def comparable(run: Mapping[str, object]) -> tuple[str, ...]:
+    """What must agree for two runs to be compared: captures and protocol, and how they are replayed.
+
+    Args:
+        run: its tags and parameters.
+    """
+    return tuple(str(run.get(k, "gesture" if k == "target" else "")) for k in (*COMPARABLE, *_replay(run)))
+
+
+def _replay(run: Mapping[str, object]) -> tuple[str, ...]:
+    return tuple(k for k in ("stream.start", "stream.hop_ms") if run.get(k) is not None)
+
+
+def context_of(tags: Mapping[str, object]) -> tuple[str, str, str]:
+    """The same in words: data, subset with the target, protocol."""
+    data = str(tags["data"]) + (" (synthetic)" if tags["synthetic"] == "true" else "")
+    target = f", {tags['target']}" if tags["target"] != "gesture" else ""
+    return data, str(tags["subset"]) + target, str(tags["protocol_label"])
+
+
+def method_of(tags: Mapping[str, object]) -> str:
+    """System, and its seed where that is not the usual one."""
+    return str(tags["system"]) + (f", seed {tags['seed']}" if tags["seed"] not in ("0", "none") else "")
+
+
+def seed_number(seed: str) -> int:
+    """A tracked seed as a number to sort by, 0 for a system that has none."""
+    return int(seed) if seed.lstrip("-").isdecimal() else 0
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What statistics need to know of the protocol of a run.
+
+    Attributes:
+        mixes_subjects: whether captures of a subject are on both sides of a fold.
+        test_over_train: tested by training captures, None where folds share no training captures or it is not known.
+        official_split: whether its folds are those that were published; None where there is no such split.
+    """
+
+    mixes_subjects: bool
+    test_over_train: float | None
+    official_split: bool | None
+
+
+def facts_of(run: Mapping[str, object]) -> Facts:
+    """The facts of a run as they were tracked; of an older one what its protocol's name and folds say.
+
+    Args:
+        run: a row of `bench.outcomes.runs.tracked`.
+    """
+    if isinstance(run.get("mixes_subjects"), str):
+        ratio, official = str(run.get("test_over_train") or ""), run.get("official_split")
+        ratio = float(ratio) if ratio else None
+        return Facts(run["mixes_subjects"] == "true", ratio, {"true": True, "false": False}.get(official))
+    name, folds = run.get("protocol_name"), float(run.get("folds", 1))
+    partition = name in ("loso", "groupkfold", "kfold") and folds > 1
+    official = folds < 2 if name == "challenge" else None
+    return Facts(BEFORE_FACTS.get(name, False), 1 / (folds - 1) if partition else None, official)

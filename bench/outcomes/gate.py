@@ -1,0 +1,249 @@
+"""Whether systems still do what a stored baseline says: the gate of ``bench check``.
+
+Three questions about each system. Its accuracy, by a paired bootstrap that every system with a current run is put to.
+Its labels, where the same captures must get the same ones: a system without a seed, or one with the same seed on the
+same processor, versions and threads. Its cost, computing time and size. The error rate of the first two is ``error``
+for the whole gate, shared evenly (Bonferroni).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binom
+
+from bench.outcomes import scores
+from bench.outcomes.baseline import NAMES, Measured
+
+LIMITS = {"error": 1.0, "changes": 0.2, "slower": 2.0}
+LARGER = 1.1  # times the learnt numbers of the baseline
+COSTS = {"relative": "predict_relative", "flash": "flash_bytes"}  # what is compared, and what it is tracked as
+SPARED = 2  # subjects that may be no worse where a loss on all the others is to be an alarm
+NEGLIGIBLE = 1e-18  # probability at the ends of a distribution
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is said of one system; ``wrong`` is empty where nothing is, and ``current`` tells whether it has a run."""
+
+    name: str
+    wrong: tuple[str, ...]
+    told: str
+    current: bool = True
+
+    @property
+    def line(self) -> str:
+        """All of it."""
+        return f"{', '.join(self.wrong) or 'same':8} {self.name}: {self.told}"
+
+
+def compare(
+    baseline: list[Measured], current: list[Measured], error: float, changes: float, slower: float
+) -> list[Verdict]:
+    """Judge every system of a baseline.
+
+    Args:
+        baseline: as stored.
+        current: the runs to hold against it; of several that fit, one with the same seed and else the last one counts.
+        error: chance, in percent, of an alarm about labels or accuracy when all systems are unchanged.
+        changes: percent of labels that an unchanged system may change, such as by rounding.
+        slower: factor of computing time that is an alarm.
+    """
+    pairs = [(then, counterpart(then, current)) for then in baseline]
+    questions = sum(1 + held(then, now) for then, now in pairs if now)
+    found = []
+    for then, now in pairs:
+        if now is None:
+            found.append(_missing(then, current))
+        else:
+            found.append(judge(then, now, error / 100 / questions, changes / 100, slower))
+    return found
+
+
+def judge(then: Measured, now: Measured, level: float, changes: float, slower: float) -> Verdict:
+    """Hold one run against that of the baseline.
+
+    Args:
+        then: of the baseline.
+        now: the current run.
+        level: error rate of each test.
+        changes: share of labels that may change where they are `held`.
+        slower: factor of computing time that is an alarm.
+    """
+    keys = ["fold", "capture"]
+    both = then.labels.merge(now.labels, on=keys, how="outer", suffixes=("", "_now"), indicator="side")
+    if (both["side"] != "both").any() or (both["true"] != both["true_now"]).any():
+        return Verdict(named(then), ("other captures",), "the run tests other captures; update the baseline")
+    hit_then, hit_now = (both[label] == both["true"] for label in ("predicted", "predicted_now"))
+    difference = hit_now.astype(int) - hit_then.astype(int)
+    units, kind = units_of(both.assign(difference=difference), level)
+    p, (low, high) = p_value(units), interval(units)
+    wrong = []
+    if p < level:
+        wrong.append("worse" if difference.sum() < 0 else "better")
+    changed = int((both["predicted"] != both["predicted_now"]).sum())
+    if not wrong and held(then, now) and binom.sf(changed - 1, len(both), changes) < level:
+        wrong.append("changed")
+    ratios = {k: now.costs[k] / then.costs[k] for k in COSTS if then.costs.get(k) and k in now.costs}
+    wrong += [
+        word
+        for word, k, most in (("slower", "relative", slower), ("larger", "flash", LARGER))
+        if ratios.get(k, 0) > most
+    ]
+    percent = 100 / len(both)
+    told = (
+        f"{100 * hit_then.mean():.1f} -> {100 * hit_now.mean():.1f} %, {percent * difference.sum():+.1f} "
+        f"[{percent * low:+.1f}, {percent * high:+.1f}], p {p:.2g} ({len(units)} {kind}), "
+        f"{changed} of {len(both)} labels changed{_free(then, now)}, "
+        + ", ".join(
+            f"{word} x{ratios[k]:.2f}" if k in ratios else f"{word} not known"
+            for word, k in (("time", "relative"), ("flash", "flash"))
+        )
+    )
+    return Verdict(named(then), tuple(wrong), told)
+
+
+def held(then: Measured, now: Measured) -> bool:
+    """Whether unchanged code must give the same labels."""
+    seed = then.names["seed"]
+    return seed == now.names["seed"] and (seed == "none" or then.environment == now.environment)
+
+
+def _free(then: Measured, now: Measured) -> str:
+    """Why the labels may change."""
+    if held(then, now):
+        return ""
+    seed = now.names["seed"]
+    return f" (as seed {seed} may)" if seed != then.names["seed"] else " (as other processors, threads or versions may)"
+
+
+def units_of(tested: pd.DataFrame, level: float) -> tuple[np.ndarray, str]:
+    """What is drawn in the bootstrap: subjects, or captures where subjects are too few.
+
+    They are too few if a run that is worse on all of them but two could not be told from chance by the sign of the
+    differences. Captures tell as well whether the code has changed: they, and the people, are the same in both runs.
+    They leave out that a random system may do better or worse on all captures of a fold at once.
+
+    Args:
+        tested: ``subject``, ``capture`` and ``difference`` of hits, -1, 0 or 1; a capture may be tested in several
+            folds.
+        level: error rate of the test.
+
+    Returns:
+        The summed difference of each, int, and what they are.
+    """
+    few = 2 * binom.cdf(SPARED, tested["subject"].nunique(), 0.5) > level
+    summed = tested.groupby("capture" if few else "subject")["difference"].sum().to_numpy()
+    return summed, "captures" if few else "subjects"
+
+
+def p_value(differences: np.ndarray) -> float:
+    """Two-sided p of a paired bootstrap, under the hypothesis that the two runs could be exchanged.
+
+    As many differences as there are, int [units], are drawn with replacement, each with either sign; p is the chance
+    that their sum is as far from 0. This distribution is computed, not sampled, so it has no seed.
+    """
+    sums, chance = drawn(np.concatenate([differences, -differences]), len(differences))
+    return float(min(1.0, chance[np.abs(sums) >= abs(differences.sum())].sum()))
+
+
+def interval(differences: np.ndarray) -> tuple[int, int]:
+    """95 % percentile interval of the sum of differences, int [units], drawn with replacement."""
+    sums, chance = drawn(differences, len(differences))
+    low, high = np.searchsorted(chance.cumsum(), [0.025, 0.975])
+    return int(sums[low]), int(sums[min(high, len(sums) - 1)])
+
+
+def drawn(values: np.ndarray, draws: int) -> tuple[np.ndarray, np.ndarray]:
+    """Every sum of values drawn with replacement, int [sums], and its probability; the limit of endless resampling."""
+    first, power = int(values.min()), draws
+    base = np.bincount(values - first) / len(values)
+    start, chance = 0, np.ones(1)
+    while power:  # by repeated squaring
+        if power & 1:
+            start, chance = _trimmed(start + first, np.convolve(chance, base))
+        power >>= 1
+        if power:
+            first, base = _trimmed(2 * first, np.convolve(base, base))
+    return np.arange(start, start + len(chance)), chance
+
+
+def _trimmed(start: int, chance: np.ndarray) -> tuple[int, np.ndarray]:
+    kept = np.flatnonzero(chance > NEGLIGIBLE)
+    return start + int(kept[0]), chance[kept[0] : kept[-1] + 1]
+
+
+def counterpart(then: Measured, current: list[Measured]) -> Measured | None:
+    """The run to hold against that of the baseline; one with another seed only of a random system."""
+    same = [now for now in current if all(now.names[k] == then.names[k] for k in NAMES if k != "seed")]
+    exact = [now for now in same if now.names["seed"] == then.names["seed"]]
+    return (exact or same or [None])[-1]
+
+
+def _missing(then: Measured, current: list[Measured]) -> Verdict:
+    rest = [k for k in NAMES if k not in ("corpus_digest", "seed")]
+    if any(all(now.names[k] == then.names[k] for k in rest) for now in current):
+        digest = then.names["corpus_digest"][:16]
+        return Verdict(
+            named(then), ("not run",), f"the captures are others than the baseline's (digest {digest})", current=False
+        )
+    return Verdict(
+        named(then), ("not run",), f"no complete current run; it is made by: bench run {then.run}", current=False
+    )
+
+
+def named(measured: Measured) -> str:
+    """A system with what it is tested on, in one line."""
+    names = measured.names
+    parts = [names["system"], names["data"] + ("*" if measured.synthetic else "")]
+    parts += [names["subset"]] if names["subset"] != "all" else []
+    parts += [names["target"]] if names["target"] != "gesture" else []
+    parts += [names["protocol"]] + ([f"seed {names['seed']}"] if names["seed"] != "none" else [])
+    return " | ".join(parts)
+
+
+def measured(row: Mapping[str, object], predictions: pd.DataFrame, run: str) -> Measured:
+    """What is compared of a tracked run.
+
+    Args:
+        row: of `bench.outcomes.runs.tracked`.
+        predictions: its table.
+        run: the arguments of ``bench run`` that make it.
+    """
+    environment = {k: str(v) for k, v in row.items() if k in ("cpu", "simd", "threads") or k.startswith("version.")}
+    environment["version.python"] = environment["version.python"].rpartition(".")[0]  # a patch computes the same
+    labelled = scores.captures(predictions)
+    return Measured(
+        run,
+        {k: str(row[k]) for k in NAMES},
+        {k: v for k, v in environment.items() if v != "nan" and k != "version.touchbench"},
+        {k: float(row[name]) for k, name in COSTS.items() if np.isfinite(row.get(name, np.nan))},
+        labelled[["fold", "capture", "subject", "true", "predicted"]].astype({"fold": str, "subject": str}),
+        row["synthetic"] == "true",
+    )
+
+
+def junit(verdicts: list[Verdict]) -> str:
+    """The verdicts in the XML that CI servers read: a test case for each system."""
+    wrong = [v for v in verdicts if v.wrong]
+    failures = sum(v.current for v in wrong)
+    counts = {"tests": len(verdicts), "failures": failures, "errors": len(wrong) - failures}
+    suite = ElementTree.Element("testsuite", {"name": "bench check"} | {k: str(n) for k, n in counts.items()})
+    for verdict in verdicts:
+        case = ElementTree.SubElement(suite, "testcase", {"classname": "bench.check", "name": _printable(verdict.name)})
+        line = _printable(verdict.line)
+        if verdict.wrong:
+            ElementTree.SubElement(case, "failure" if verdict.current else "error", {"message": line})
+        else:
+            ElementTree.SubElement(case, "system-out").text = line
+    ElementTree.indent(suite)
+    return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _printable(text: str) -> str:
+    """XML has no way to write control characters."""
+    return "".join(c if c.isprintable() else " " for c in text)

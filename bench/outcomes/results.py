@@ -1,0 +1,87 @@
+"""What a fold hands back, and what its run costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from bench.outcomes import scores
+
+
+@dataclass
+class FoldResult:
+    """What a worker hands back; ``error`` is a traceback, or empty where the fold went well.
+
+    Attributes:
+        name: of the fold.
+        predictions: one row per decision, with the columns that its kind of run describes.
+        metrics: numbers of this fold.
+        predict_ms: milliseconds from raw frames to the label, one per timed capture.
+        decide_ms: the same for no more of a capture than one decision needs.
+        history: numbers by epoch.
+        chosen: what was chosen on the training part, by name.
+        trials: what it was chosen among, a row each.
+        error: of a fold that failed.
+    """
+
+    name: str
+    predictions: pd.DataFrame | None = None
+    metrics: dict[str, float] = field(default_factory=dict)
+    predict_ms: list[float] = field(default_factory=list)
+    decide_ms: list[float] = field(default_factory=list)
+    history: list[dict[str, float]] = field(default_factory=list)
+    chosen: dict[str, object] = field(default_factory=dict)
+    trials: pd.DataFrame | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What was measured from all folds of a run.
+
+    Attributes:
+        metrics: tracked numbers.
+        tables: kept with the run by the name of a ``.parquet`` or ``.csv`` file.
+        facts: tags, such as the unit of a decision.
+        analysis: what the command shows besides, of its own type.
+    """
+
+    metrics: dict[str, float]
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
+    facts: dict[str, str] = field(default_factory=dict)
+    analysis: object = None
+
+
+def table_of(results: list[FoldResult]) -> pd.DataFrame:
+    """The tables of all folds, one behind the other."""
+    return pd.concat([r.predictions for r in results], ignore_index=True)
+
+
+def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float) -> dict[str, float]:
+    """Scores and costs of a run.
+
+    ``decision_ms`` is the touch that one decision of the system sees (a window, or the whole capture) plus its
+    computing time, ``capture_decision_ms`` the same for the label of a whole capture; both are medians.
+    """
+    found = scores.summary(predictions, rate_hz) | costs(results)
+    found["decision_ms"] = found["observed_ms"] + found["decide_ms_p50"]
+    found["capture_decision_ms"] = found["capture_ms"] + found["predict_ms_p50"]
+    return found
+
+
+def costs(results: list[FoldResult]) -> dict[str, float]:
+    """Seconds are means over folds, milliseconds quantiles over their timed captures, sizes the largest.
+
+    Of the reference workload and of what is told as a multiple of it, the median fold counts.
+    """
+    names = dict.fromkeys(name for r in results for name in r.metrics)  # a fold may have one that another has not
+    metrics = {k: [r.metrics[k] for r in results if k in r.metrics] for k in names}
+    kinds = {"seconds": np.mean, "reference_ms": np.median, "predict_relative": np.median}
+    found = {k: float(next((f for end, f in kinds.items() if k.endswith(end)), max)(v)) for k, v in metrics.items()}
+    for name in ("predict_ms", "decide_ms"):
+        spent = np.concatenate([getattr(r, name) for r in results])
+        if len(spent):
+            found |= {f"{name}_p{p}": float(np.quantile(spent, p / 100)) for p in (50, 95, 99)}
+    return found

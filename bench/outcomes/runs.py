@@ -1,0 +1,92 @@
+"""Tracked runs as a table, with what they keep."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bench.errors import InputError
+from bench.outcomes.comparable import COMPARABLE, SAME_SYSTEM, context_of
+from bench.outcomes.store import Store
+
+
+def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
+    """Tags, parameters and metrics of every scored parent run of a kind, the newest of equal ones, complete ones first.
+
+    Raises:
+        InputError: there is none.
+    """
+    rows = [
+        {"target": "gesture"}
+        | r.data.params
+        | r.data.tags
+        | r.data.metrics
+        | {"run_id": r.info.run_id, "status": r.info.status, "started": r.info.start_time}
+        | {"artifacts": r.info.artifact_uri}
+        | {f"{part}_name": r.data.params.get(part, "") for part in ("protocol", "features", "model")}
+        for r in store.of_kind(kind)
+        if "accuracy" in r.data.metrics
+    ]
+    if not rows:
+        raise InputError("no scored run is tracked here; make one first, for example: bench run model=svm")
+    found = pd.DataFrame(rows)
+    found = found.assign(complete=found["status"] == "FINISHED").sort_values(["complete", "started"])
+    options = [c for c in found if c.startswith("stream.") or c in ("faults", "train_subjects")]
+    same = [*COMPARABLE, *SAME_SYSTEM, *options]
+    return found.drop(columns="complete").drop_duplicates(same, keep="last").sort_values("started")
+
+
+def with_groups(runs: pd.DataFrame) -> pd.DataFrame:
+    """The runs with a column ``group``: in words, the captures and the protocol that make runs comparable.
+
+    Generated captures say so; where several corpora go by one name, the digest tells them apart.
+    """
+    known = runs[["data", "synthetic", "subset", "target", "protocol_label"]].to_dict("records")
+    words = pd.Series([", ".join(context_of(tags)) for tags in known], runs.index)
+    digests = runs.groupby(words)["corpus_digest"].transform("nunique")
+    return runs.assign(group=words + np.where(digests > 1, ", corpus " + runs["corpus_digest"].str[:8], ""))
+
+
+def artifact(store: Store, run: Mapping[str, object], name: str) -> Path | None:
+    """The path of a run's artifact, None where it has none; ``run`` is a row of `tracked`."""
+    return store.path(str(run["run_id"]), str(run["artifacts"]), name)
+
+
+def predictions(store: Store, run: Mapping[str, object]) -> pd.DataFrame | None:
+    """The predictions table of a run, None if it is not there."""
+    path = artifact(store, run, "predictions.parquet")
+    return None if path is None else pd.read_parquet(path)
+
+
+def subject_accuracy(store: Store, run: Mapping[str, object]) -> dict[str, float]:
+    """Accuracy of the captures of each subject, in percent, as the run stored it; empty if it is not there."""
+    path = artifact(store, run, "per_subject.csv")
+    if path is None:
+        return {}
+    with path.open(newline="", encoding="utf-8") as f:  # pandas takes twenty times as long for ten lines
+        return {row["subject"]: 100 * float(row["accuracy"]) for row in csv.DictReader(f)}
+
+
+def by_subject(store: Store, runs: pd.DataFrame) -> tuple[pd.DataFrame, pd.Series]:
+    """Accuracy in percent [systems, subjects] of the complete runs of one group, best mean first.
+
+    Systems that were not tested on all subjects of the group are left out.
+
+    Args:
+        store: where the runs are.
+        runs: of one group, as `with_groups` makes them.
+
+    Returns:
+        The table, and the number of seeds behind each row.
+    """
+    complete = runs[runs["status"] == "FINISHED"]
+    rows = [subject_accuracy(store, run) for run in complete.to_dict("records")]
+    table = pd.DataFrame(rows, index=pd.Index(complete["system"], name="system"))
+    table = table.dropna() if len(table.columns) else table.iloc[:0]
+    means = table.groupby(level=0).mean()
+    order = means.mean(axis=1).sort_values(ascending=False, kind="stable").index
+    return means.loc[order], table.groupby(level=0).size().loc[order]

@@ -1,0 +1,130 @@
+"""Scores and units, all computed from the predictions table of a run.
+
+The table has one row per decision: ``fold``, ``capture``, ``start`` (first frame), ``frames`` (frames seen), ``true``,
+one column ``p_<class>`` per class, and the columns of the corpus's captures (``subject`` and conditions).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from sklearn.metrics import confusion_matrix, precision_recall_fscore_support
+
+from bench.corpora.corpus import RESERVED as RESERVED
+
+PREFIX = "p_"
+
+
+def classes_of(predictions: pd.DataFrame) -> list[str]:
+    """Class names, in the order of the probability columns."""
+    return [c.removeprefix(PREFIX) for c in predictions.columns if c.startswith(PREFIX)]
+
+
+def windows(predictions: pd.DataFrame) -> pd.DataFrame:
+    """The decisions themselves with their label in ``predicted``."""
+    classes = classes_of(predictions)
+    proba = predictions[[PREFIX + c for c in classes]].to_numpy()
+    return predictions.assign(predicted=np.asarray(classes, dtype=object)[proba.argmax(axis=1)])
+
+
+def captures(predictions: pd.DataFrame, vote: bool = False) -> pd.DataFrame:
+    """One row per tested capture, labelled by mean probability or by majority vote.
+
+    A tied vote goes to the tied class with the highest mean probability.
+    """
+    classes = classes_of(predictions)
+    columns = [PREFIX + c for c in classes]
+    keys = ["fold", "capture"]
+    groups = predictions.groupby(keys, sort=False)
+    score = groups[columns].mean()
+    if vote:
+        ballots = pd.DataFrame(np.eye(len(classes))[predictions[columns].to_numpy().argmax(axis=1)], columns=columns)
+        ballots[keys] = predictions[keys].to_numpy()
+        score = score + ballots.groupby(keys, sort=False)[columns].sum().to_numpy() * 2  # means are at most 1
+    rows = groups.first().drop(columns=columns).reset_index()
+    return rows.assign(predicted=np.asarray(classes, dtype=object)[score.to_numpy().argmax(axis=1)])
+
+
+def per_subject(labelled: pd.DataFrame) -> pd.DataFrame:
+    """Accuracy and number of captures (or windows) of each subject."""
+    hit = labelled["true"] == labelled["predicted"]
+    return hit.groupby(labelled["subject"]).agg(accuracy="mean", n="size").reset_index()
+
+
+def per_class(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
+    """Precision, recall, F1 and support of each class; a class never predicted has precision 0."""
+    found = precision_recall_fscore_support(labelled["true"], labelled["predicted"], labels=classes, zero_division=0)
+    return pd.DataFrame({"gesture": classes} | dict(zip(["precision", "recall", "f1", "support"], found, strict=True)))
+
+
+def confusion(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
+    """Counts, rows are the true classes, columns the predicted ones."""
+    return pd.DataFrame(
+        confusion_matrix(labelled["true"], labelled["predicted"], labels=classes), index=classes, columns=classes
+    )
+
+
+def subject_interval(labelled: pd.DataFrame, draws: int = 2000, seed: int = 0) -> tuple[float, float]:
+    """95 % bootstrap interval of pooled accuracy, whole subjects drawn with replacement.
+
+    Returns NaN, NaN for a single subject: it says nothing about the next one.
+    """
+    hits = (labelled["true"] == labelled["predicted"]).groupby(labelled["subject"]).agg(["sum", "size"]).to_numpy()
+    if len(hits) < 2:
+        return np.nan, np.nan
+    drawn = hits[np.random.default_rng(seed).integers(0, len(hits), (draws, len(hits)))].sum(axis=1)
+    low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
+    return float(low), float(high)
+
+
+def accuracies(predictions: pd.DataFrame) -> dict[str, float]:
+    """Accuracy of captures, and of windows where there are more decisions than captures; quick, for one fold."""
+    labelled = captures(predictions)
+    found = {"accuracy": float((labelled["true"] == labelled["predicted"]).mean())}
+    if len(predictions) > len(labelled):
+        decided = windows(predictions)
+        found["window_accuracy"] = float((decided["true"] == decided["predicted"]).mean())
+    return found
+
+
+def summary(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
+    """The tracked scores of a run; a score that is not defined (SD of one subject) is left out.
+
+    Args:
+        predictions: the table described above.
+        rate_hz: frames per second, to turn frames seen into milliseconds.
+    """
+    classes = classes_of(predictions)
+    capture = captures(predictions)
+    scores = _prefixed("", capture, classes)
+    low, high = subject_interval(capture)
+    scores |= {
+        "accuracy_low": low,
+        "accuracy_high": high,
+        "captures": len(capture),
+        "subjects": capture["subject"].nunique(),
+        "observed_ms": 1000 / rate_hz * predictions["frames"].median(),
+        "capture_ms": 1000
+        / rate_hz
+        * (predictions["start"] + predictions["frames"])
+        .groupby([predictions["fold"], predictions["capture"]])
+        .max()
+        .median(),
+    }
+    if len(predictions) > len(capture):
+        scores |= _prefixed("vote_", captures(predictions, vote=True), classes)
+        scores |= _prefixed("window_", windows(predictions), classes) | {"windows": len(predictions)}
+    return {name: float(value) for name, value in scores.items() if np.isfinite(value)}
+
+
+def _prefixed(prefix: str, labelled: pd.DataFrame, classes: list[str]) -> dict[str, float]:
+    table = per_class(labelled, classes)
+    subject = per_subject(labelled)["accuracy"]
+    return {
+        f"{prefix}accuracy": (labelled["true"] == labelled["predicted"]).mean(),
+        f"{prefix}subject_accuracy_mean": subject.mean(),
+        f"{prefix}subject_accuracy_sd": subject.std(ddof=1),
+        f"{prefix}macro_f1": table["f1"].mean(),
+        f"{prefix}macro_recall": table["recall"].mean(),
+        f"{prefix}macro_precision": table["precision"].mean(),
+    }

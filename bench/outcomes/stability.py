@@ -1,0 +1,374 @@
+"""Where recognisers fail: the analysis of what `bench stress` found. Every function is pure.
+
+The table of a run is described in `bench.work.stress`; here it also has ``hit``, whether the label is right. A *unit*
+is one tested capture of one fold. A *slice* is a part of the units (of one subject, class, condition or length), all
+units under one fault at one severity, or what two of these have in common.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binom, false_discovery_control, kendalltau
+
+from bench.outcomes import scores
+from bench.outcomes.comparable import context_of, method_of
+
+CLEAN = "none"
+COLUMNS = frozenset({"length", "fault", "severity", "amount", "train_subjects", "predicted", "p_true", "hit"})
+NOT_CONDITIONS = {*scores.RESERVED, *COLUMNS, "split"}
+ALPHA = 0.05
+FAMILIES = ("single slices", "pairs", "single slices under faults", "pairs under faults")
+FEWEST = 10  # units of a slice
+EXACT_SUBJECTS = 16
+FLIPS = 2**EXACT_SUBJECTS
+LENGTH_BINS = 5
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """One tracked run and what its table says; ``method`` is the system with its seed unless that is the usual one.
+
+    ``context`` is what must agree for methods to be compared: data, subset, protocol.
+    ``clean`` and ``chance`` are accuracies: of the captures as they are, and of always naming the most frequent class.
+    """
+
+    system: str
+    seed: str
+    method: str
+    context: tuple[str, str, str]
+    units: pd.DataFrame
+    clean: float
+    chance: float
+    curves: pd.DataFrame
+    margins: pd.DataFrame
+    conditions: pd.DataFrame
+    learning: pd.DataFrame
+    slices: pd.DataFrame
+
+
+def analyse(tags: dict[str, str], table: pd.DataFrame) -> Analysis:
+    """All tables of one run from its tags in MLflow and its table."""
+    table = table.assign(hit=table["true"] == table["predicted"])
+    table["subject"] = table["subject"].astype(str)
+    units = unharmed(table)
+    clean, chance = float(units["hit"].mean()), float(units["true"].value_counts(normalize=True).max())
+    found = curves(table)
+    return Analysis(
+        tags["system"],
+        tags["seed"],
+        method_of(tags),
+        context_of(tags),
+        units,
+        clean,
+        chance,
+        found,
+        half_margins(found, clean, chance),
+        conditions(units, tags["target"]),
+        learning(table),
+        slices(table, tags["target"]),
+    )
+
+
+def metrics(one: Analysis) -> dict[str, float]:
+    """What is tracked of a run besides its tables; ``half_margin.<fault>`` is left out where it is never reached."""
+    found = {"accuracy": one.clean, "chance": one.chance, "failing_slices": int(one.slices["failing"].sum())}
+    found |= {"tested_slices": int(one.slices["tested"].sum())}
+    found |= {f"accuracy.{r.fault}.{r.severity}": r.accuracy for r in one.curves.itertuples()}
+    found |= {f"loss.{r.fault}": r.loss for r in one.margins.itertuples()}
+    found |= {f"half_margin.{r.fault}": r.half_margin for r in one.margins.itertuples() if np.isfinite(r.half_margin)}
+    found |= {f"accuracy.train_subjects.{r.train_subjects:g}": r.accuracy for r in one.learning.itertuples()}
+    worst = one.conditions.groupby("factor", sort=False)["accuracy"].min()
+    return found | {f"worst.{_plain(factor)}": accuracy for factor, accuracy in worst.items()}
+
+
+def _plain(name: str) -> str:
+    """A column's name with nothing that MLflow refuses in the name of a metric."""
+    return "".join(c if c.isalnum() and c.isascii() else "_" for c in name)
+
+
+def unharmed(table: pd.DataFrame) -> pd.DataFrame:
+    """Clean captures, decided on by the systems that were fitted on all training subjects of their fold."""
+    whole = table["train_subjects"] == table.groupby("fold")["train_subjects"].transform("max")
+    return table[whole & (table["fault"] == CLEAN)].reset_index(drop=True)
+
+
+def curves(table: pd.DataFrame) -> pd.DataFrame:
+    """One row per fault and severity.
+
+    Columns: ``fault``, ``severity``, ``amount``, ``captures``, ``accuracy`` with a 95 % bootstrap interval over
+    subjects (``low``, ``high``), ``loss`` (clean accuracy minus this), and how many captures went from a right label to
+    a wrong one (``broken``) and back (``mended``).
+    """
+    keys = ["fold", "capture"]
+    units = unharmed(table).set_index(keys)["hit"]
+    rows = []
+    for (fault, severity), part in table[table["fault"] != CLEAN].groupby(["fault", "severity"], sort=False):
+        before = units.loc[pd.MultiIndex.from_frame(part[keys])].to_numpy()
+        now = part["hit"].to_numpy()
+        low, high = scores.subject_interval(part)
+        rows.append(
+            [
+                fault,
+                severity,
+                part["amount"].iloc[0],
+                len(part),
+                now.mean(),
+                low,
+                high,
+                before.mean() - now.mean(),
+                int((before & ~now).sum()),
+                int((~before & now).sum()),
+            ]
+        )
+    names = ["fault", "severity", "amount", "captures", "accuracy", "low", "high", "loss", "broken", "mended"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def half_margins(found: pd.DataFrame, clean: float, chance: float) -> pd.DataFrame:
+    """One row per fault: mean ``loss`` over severities, and where half of the margin over chance is lost.
+
+    ``half_margin`` is the first severity, linear between two, at which accuracy is halfway from clean to chance: inf
+    where it stays above, NaN for a method that is no better than chance. ``where`` says it in amounts.
+    """
+    rows = []
+    for fault, part in found.groupby("fault", sort=False):
+        part = part.sort_values("severity")
+        level = np.append(0, part["severity"])
+        accuracy = np.append(clean, part["accuracy"])
+        amount = ["nothing", *part["amount"]]
+        half, where = np.inf, f"beyond {amount[-1]}"
+        below = np.flatnonzero(accuracy <= (clean + chance) / 2)
+        if clean <= chance:
+            half, where = np.nan, "no margin"
+        elif len(below):
+            i = below[0]
+            share = (accuracy[i - 1] - (clean + chance) / 2) / (accuracy[i - 1] - accuracy[i])
+            half = level[i - 1] + share * (level[i] - level[i - 1])
+            where = f"{amount[i - 1].split(' ')[0]} to {amount[i]}" if i > 1 else f"below {amount[i]}"
+        rows.append([fault, part["loss"].mean(), half, where])
+    return pd.DataFrame(rows, columns=["fault", "loss", "half_margin", "where"])
+
+
+def factors(units: pd.DataFrame, target: str) -> dict[str, pd.Series]:
+    """By what units are told apart, each with the value of every unit: subject, class, every condition, length."""
+    found = {"subject": units["subject"], target: units["true"]}
+    found |= {c: units[c] for c in units.columns if c not in NOT_CONDITIONS and c not in found}
+    if units["length"].nunique() > 1:
+        bins = pd.qcut(units["length"], LENGTH_BINS, duplicates="drop")
+        ends = units["length"].groupby(bins, observed=True).agg(["min", "max"])
+        found["frames"] = bins.map({b: f"{r['min']} to {r['max']}" for b, r in ends.iterrows()})
+    named = {name: values.astype(str).where(values.notna(), "unknown") for name, values in found.items()}
+    return {name: values for name, values in named.items() if values.nunique() > 1}
+
+
+def conditions(units: pd.DataFrame, target: str) -> pd.DataFrame:
+    """Clean accuracy of every subject, class, condition and length, with a bootstrap interval over subjects."""
+    rows = []
+    for factor, values in factors(units, target).items():
+        for value, part in units.groupby(values, sort=False):
+            low, high = scores.subject_interval(part)
+            rows.append([factor, value, len(part), part["subject"].nunique(), part["hit"].mean(), low, high])
+    names = ["factor", "value", "captures", "subjects", "accuracy", "low", "high"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def learning(table: pd.DataFrame) -> pd.DataFrame:
+    """Clean accuracy by the number of training subjects; the last row is the method itself (a mean if folds differ)."""
+    clean = table[table["fault"] == CLEAN]
+    most = clean.groupby("fold")["train_subjects"].transform("max")
+    count = clean["train_subjects"].where(clean["train_subjects"] < most, float(most.mean().round(1)))
+    rows = []
+    for number, part in clean.groupby(count):
+        low, high = scores.subject_interval(part)
+        rows.append(
+            [number, len(part), part["hit"].mean(), low, high, scores.per_subject(part)["accuracy"].std(ddof=1)]
+        )
+    return pd.DataFrame(rows, columns=["train_subjects", "captures", "accuracy", "low", "high", "subject_sd"])
+
+
+def slices(table: pd.DataFrame, target: str) -> pd.DataFrame:
+    """Every slice with its accuracy, tested for being below the method's own clean accuracy.
+
+    Captures of one subject are not independent. A slice with several subjects gets the larger of two one-sided
+    p-values. One flips the signs of the subjects' differences between the slice and all their clean captures (would
+    other people show it too; all flips up to 16 subjects, else 65 535 drawn ones). The other is binomial: how likely so
+    few right labels are if each subject had their own clean accuracy in the slice (are these captures enough). The
+    first alone would call small slices of weak methods failing, whose counts are skewed; the second one subject's
+    habit. Within one subject only the binomial test against the method's accuracy is left; it speaks of that subject.
+
+    ``p_corrected`` is by Benjamini and Hochberg over all slices that are ``tested``, in four families (`families`) with
+    a quarter of the error rate each: the many pairs do not hide a fault as such, and faults, most of which fail, do not
+    let others pass. Tested are slices of at least 10 units with counts with which p could be 0.05 or less at all
+    (``floor``: the smallest p that the slice can have); this choice does not look at labels. ``failing`` is p_corrected
+    of at most 0.05.
+    """
+    keys = ["fold", "capture"]
+    units = unharmed(table)
+    under = table[table["fault"] != CLEAN]
+    hits = [units["hit"].to_numpy(float)]
+    faults: list[tuple[str, int, str]] = [("", 0, "")]
+    order = pd.MultiIndex.from_frame(units[keys])
+    for (fault, severity), part in under.groupby(["fault", "severity"], sort=False):
+        hits.append(part.set_index(keys)["hit"].reindex(order).to_numpy(float))
+        faults.append((fault, severity, part["amount"].iloc[0]))
+    hits = np.column_stack(hits)
+    codes, _ = pd.factorize(units["subject"])
+    member = np.eye(codes.max() + 1)[codes].T  # [subjects, units]
+    about, counts, right = [], [], []
+    for names, chosen, alone in _parts(factors(units, target)):
+        of_subject = member[:, chosen].sum(axis=1)
+        columns = range(len(faults)) if alone else range(1)
+        sums = member[:, chosen] @ hits[chosen][:, columns]
+        for j in columns:
+            if names or j:
+                about.append((*_named(names, faults[j]), *faults[j]))
+                counts.append(of_subject)
+                right.append(sums[:, j])
+    names = ["kind", "slice", "fault", "severity", "amount"]
+    found = pd.DataFrame(about, columns=names)
+    if found.empty:
+        columns = ["captures", "subjects", "right", "accuracy", "gap", "p", "floor", "tested", "p_corrected", "failing"]
+        return found.reindex(columns=[*names, *columns]).astype({"tested": bool, "failing": bool})
+    return _tested(found, np.array(counts), np.array(right), member.sum(axis=1), member @ hits[:, 0])
+
+
+def _parts(found: dict[str, pd.Series]) -> Iterator[tuple[tuple[tuple[str, str], ...], np.ndarray, bool]]:
+    """All units, each value of each factor, and pairs of values; whether it meets the faults too."""
+    first = next(iter(found.values()), None)
+    if first is None:
+        return
+    yield (), np.ones(len(first), dtype=bool), True
+    single = {}
+    for factor, values in found.items():
+        for value, count in values.value_counts(sort=False).items():
+            if count >= FEWEST:
+                single[factor, value] = (values == value).to_numpy()
+                yield ((factor, value),), single[factor, value], True
+    for one, other in combinations(single, 2):
+        both = single[one] & single[other]
+        if one[0] != other[0] and both.sum() >= FEWEST:
+            yield (one, other), both, False
+
+
+def _named(names: tuple[tuple[str, str], ...], fault: tuple[str, int, str]) -> tuple[str, str]:
+    """The kind of a slice and its name."""
+    kind, name = [factor for factor, _ in names], [f"{factor} {value}" for factor, value in names]
+    if fault[0]:
+        kind, name = [*kind, "fault"], [*name, f"{fault[0]} {fault[2]}"]
+    return " x ".join(kind), ", ".join(name)
+
+
+def _tested(
+    found: pd.DataFrame, counts: np.ndarray, right: np.ndarray, units: np.ndarray, clean: np.ndarray
+) -> pd.DataFrame:
+    """Accuracies and p-values; ``counts`` and ``right`` [slices, subjects], ``units`` and ``clean`` [subjects]."""
+    total, sums = counts.sum(axis=1), right.sum(axis=1)
+    own, usual = clean.sum() / units.sum(), clean / units
+    there = counts > 0
+    single = there.sum(axis=1) == 1
+    expected = np.where(single, own, counts @ usual / total)
+    by_count = binom.cdf(sums, total, expected)
+    difference = np.where(there, right / np.where(there, counts, 1) - usual, 0)
+    # A subject who is only inside the slice, or only outside, says nothing on the difference.
+    compared = (there & ((counts < units) | (found["fault"] != "").to_numpy()[:, None])).sum(axis=1)
+    lowest = np.maximum(binom.cdf(0, total, expected), 1 / FLIPS)
+    floor = np.where(single, binom.cdf(0, total, own), np.maximum(0.5**compared, lowest))
+    p = np.where(single, by_count, np.maximum(by_count, flipped(difference)))
+    tested = (total >= FEWEST) & (floor <= ALPHA)
+    corrected = np.full(len(p), np.nan)
+    family = families(found)
+    for name in FAMILIES:
+        if (group := tested & (family == name).to_numpy()).any():
+            corrected[group] = np.minimum(len(FAMILIES) * false_discovery_control(p[group]), 1)
+    return found.assign(
+        captures=total.astype(int),
+        subjects=there.sum(axis=1),
+        right=sums.astype(int),
+        accuracy=sums / total,
+        gap=own - sums / total,
+        p=p,
+        floor=floor,
+        tested=tested,
+        p_corrected=corrected,
+        failing=corrected <= ALPHA,
+    )
+
+
+def families(found: pd.DataFrame) -> pd.Series:
+    """Which slices are corrected together: single ones and pairs, of clean captures and under faults."""
+    pair = found["kind"].str.contains(" x ").map({True: "pairs", False: "single slices"})
+    return pair.where(found["fault"] == "", pair + " under faults")
+
+
+def flipped(difference: np.ndarray) -> np.ndarray:
+    """One-sided sign-flip p-values: how often random signs give a sum as low as that seen.
+
+    Args:
+        difference: one row per test, one column per subject, 0 where a subject has none.
+    """
+    tests, subjects = difference.shape
+    if subjects <= EXACT_SUBJECTS:
+        signs = 1 - 2 * ((np.arange(2**subjects)[:, None] >> np.arange(subjects)) & 1).astype(float)
+    else:
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], (FLIPS, subjects))
+        signs[0] = 1  # what was seen is one of the ways
+    p = np.empty(tests)
+    for i in range(0, tests, 64):
+        part = difference[i : i + 64]
+        p[i : i + 64] = (signs @ part.T <= part.sum(axis=1) + 1e-9).mean(axis=0)
+    return p
+
+
+def seeds(analyses: list[Analysis]) -> pd.DataFrame:
+    """One row per system with several seeds: SD of its clean accuracy, and captures that do not keep their label."""
+    rows = []
+    for system in dict.fromkeys(a.system for a in analyses):
+        same = [a for a in analyses if a.system == system]
+        if len(same) < 2:
+            continue
+        labels = [a.units.set_index(["fold", "capture"])["predicted"].sort_index() for a in same]
+        both = pd.concat(labels, axis=1, join="inner")
+        changed = int((both.nunique(axis=1) > 1).sum())
+        accuracy = np.array([a.clean for a in same])
+        rows.append(
+            [
+                system,
+                ", ".join(a.seed for a in same),
+                accuracy.mean(),
+                accuracy.std(ddof=1),
+                accuracy.min(),
+                accuracy.max(),
+                len(both),
+                changed,
+                changed / len(both),
+            ]
+        )
+    names = ["system", "seeds", "accuracy", "sd", "lowest", "highest", "captures", "changed", "share_changed"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def ranks(analyses: list[Analysis]) -> pd.DataFrame:
+    """Rank of each system (1 is best, ties share) when clean and under each fault, by mean accuracy over severities.
+
+    Seeds of a system are averaged.
+
+    ``kendall_tau`` compares the order with the clean one: 1 is the same, -1 the reverse, NaN for a
+    single system or where all are equal.
+    """
+    rows = []
+    for a in analyses:
+        rows.append((a.system, CLEAN, a.clean))
+        by_fault = a.curves.groupby("fault", sort=False)["accuracy"].mean()
+        rows += [(a.system, fault, value) for fault, value in by_fault.items()]
+    table = pd.DataFrame(rows, columns=["system", "fault", "accuracy"])
+    means = table.groupby(["fault", "system"], sort=False)["accuracy"].mean().unstack()
+    means = means.reindex(index=table["fault"].unique(), columns=table["system"].unique())
+    found = means.rank(axis=1, ascending=False)
+    alone = len(means.columns) < 2
+    tau = [np.nan if alone else kendalltau(means.loc[CLEAN], means.loc[fault]).statistic for fault in means.index]
+    return found.assign(kendall_tau=tau).rename_axis("fault").reset_index()

@@ -1,0 +1,223 @@
+"""Whether systems differ: paired by subject, because people differ far more than systems do.
+
+Accuracies are of captures, in percent, [systems, subjects], averaged over the seeds of a system.
+
+All pairs are compared by Nemenyi's critical difference of mean ranks (Demsar 2006) and not by Wilcoxon tests with
+Holm's correction: with 10 subjects the smallest p that a Wilcoxon test can give is 0.002, so that nothing could be told
+apart from 8 systems on (28 pairs). Mean ranks depend on which systems are in the table, which is why every system is
+also compared with the best one alone, by its differences.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy import special, stats
+
+FEW_SUBJECTS = 6  # with five, no two-sided sign or Wilcoxon test can reach p < 0.05
+RANKED = 30  # systems that are compared in one table and diagram
+
+
+@dataclass(frozen=True)
+class Ranks:
+    """A Friedman test with Nemenyi's critical difference.
+
+    Attributes:
+        mean: mean rank of each system, best (1) first.
+        chi2: Friedman's statistic, NaN if it is not defined.
+        p: its p-value.
+        critical: mean ranks that differ by less are not told apart (5 %, all pairs).
+        subjects: number of them.
+    """
+
+    mean: pd.Series
+    chi2: float
+    p: float
+    critical: float
+    subjects: int
+
+    def cliques(self) -> list[tuple[int, int]]:
+        """Longest runs of systems, as first and last position, of which no two are told apart."""
+        values = self.mean.to_numpy()
+        last = [int(np.flatnonzero(values - v < self.critical).max()) for v in values]
+        return [(i, j) for i, j in enumerate(last) if j > i and (i == 0 or last[i - 1] < j)]
+
+
+def friedman(subjects: pd.DataFrame) -> Ranks:
+    """Rank the systems within each subject and test whether they differ at all.
+
+    Args:
+        subjects: [systems, subjects], three systems and two subjects or more.
+    """
+    subjects = subjects.round(9)
+    ranks = subjects.rank(axis=0, ascending=False)
+    k, n = subjects.shape
+    with np.errstate(invalid="ignore", divide="ignore"):  # NaN where all systems are equal on every subject
+        found = stats.friedmanchisquare(*subjects.to_numpy())
+    return Ranks(
+        ranks.mean(axis=1).sort_values(kind="stable"),
+        float(found.statistic),
+        float(found.pvalue),
+        critical_difference(k, n),
+        n,
+    )
+
+
+def critical_difference(systems: int, subjects: int, level: float = 0.05) -> float:
+    """Nemenyi's critical difference of mean ranks."""
+    q = stats.studentized_range.ppf(1 - level, systems, np.inf) / np.sqrt(2)
+    return float(q * np.sqrt(systems * (systems + 1) / (6 * subjects)))
+
+
+def against_best(
+    subjects: pd.DataFrame, folds: pd.DataFrame | None = None, test_over_train: float | None = None
+) -> pd.DataFrame:
+    """Every system against the best one, by differences within subjects.
+
+    Args:
+        subjects: accuracy in percent [systems, subjects], the best system first.
+        folds: accuracy in percent [systems, folds], where folds are not subjects.
+        test_over_train: tested by training captures of a fold, where folds share training captures; None where there
+            is nothing to correct.
+
+    Returns:
+        A row per system: ``difference`` from the best, in points, with a 95 % t-interval over subjects (``low``,
+        ``high``); the same with Nadeau and Bengio's variance (``nb_low``, ``nb_high``, ``nb_p``); ``p``, Wilcoxon's
+        signed rank test, and ``p_holm``, corrected for all systems of the table; Cohen's dz with its interval, and the
+        matched-pairs rank-biserial correlation. NaN where something is not defined.
+    """
+    best = subjects.iloc[0]
+    folds = subjects if folds is None else folds
+    rows = []
+    for system, accuracy in subjects.iterrows():
+        lost = (accuracy - best).to_numpy(dtype=float).round(9)  # equal sums in another order are ties
+        row = {"system": system, "accuracy": accuracy.mean(), "difference": lost.mean()}
+        if system != best.name:
+            row |= dict(zip(("low", "high"), interval(lost), strict=True)) | {"p": wilcoxon(lost)}
+            if test_over_train is not None:
+                by_fold = (folds.loc[system] - folds.loc[best.name]).to_numpy(dtype=float).round(9)
+                row |= dict(zip(("nb_low", "nb_high", "nb_p"), nadeau_bengio(by_fold, test_over_train), strict=True))
+            row |= dict(zip(("dz", "dz_low", "dz_high"), cohen_dz(lost), strict=True))
+            row |= {"rank_biserial": rank_biserial(lost)}
+        rows.append(row)
+    columns = [
+        "system",
+        "accuracy",
+        "difference",
+        "low",
+        "high",
+        "nb_low",
+        "nb_high",
+        "nb_p",
+        "p",
+        "dz",
+        "dz_low",
+        "dz_high",
+        "rank_biserial",
+    ]
+    table = pd.DataFrame(rows, columns=columns)
+    return table.assign(p_holm=holm(table["p"].to_numpy()))
+
+
+def interval(values: np.ndarray) -> tuple[float, float]:
+    """95 % t-interval of a mean; NaN for fewer than two values."""
+    n = len(values)
+    if n < 2:
+        return np.nan, np.nan
+    half = stats.t.ppf(0.975, n - 1) * values.std(ddof=1) / np.sqrt(n)
+    return float(values.mean() - half), float(values.mean() + half)
+
+
+def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[float, float, float]:
+    """Corrected t-interval and p of a mean difference over folds that share training captures.
+
+    The variance is (1 / folds + tested / training captures) times that of the differences (Nadeau and Bengio 2003).
+
+    Args:
+        differences: one per fold.
+        test_over_train: tested by training captures.
+
+    Returns:
+        Low, high, p; NaN for fewer than two folds.
+    """
+    n = len(differences)
+    if n < 2:
+        return np.nan, np.nan, np.nan
+    mean = differences.mean()
+    error = np.sqrt((1 / n + test_over_train) * differences.var(ddof=1))
+    half = stats.t.ppf(0.975, n - 1) * error
+    p = 2 * stats.t.sf(abs(mean) / error, n - 1) if error > 0 else (1.0 if mean == 0 else 0.0)
+    return float(mean - half), float(mean + half), float(p)
+
+
+def wilcoxon(differences: np.ndarray) -> float:
+    """Two-sided p of the signed rank test, exact up to 13 differences also where some are equal.
+
+    Equal differences share their mean rank, zeros are left out. 1 where nothing differs, NaN for a single subject.
+    """
+    if len(differences) < 2:
+        return np.nan
+    moved = differences[differences != 0]
+    if not len(moved):
+        return 1.0
+    if len(moved) > 13:
+        return float(stats.wilcoxon(moved).pvalue)
+    signed = stats.rankdata(np.abs(moved)) * np.sign(moved)
+    found = stats.permutation_test(
+        (signed,), lambda x, axis: x.sum(axis=axis), permutation_type="samples", n_resamples=np.inf, vectorized=True
+    )
+    return float(found.pvalue)
+
+
+def holm(p: np.ndarray) -> np.ndarray:
+    """Holm's correction of p-values; NaN are not tests and stay."""
+    found = np.full(len(p), np.nan)
+    order = np.argsort(p)[: int(np.isfinite(p).sum())]
+    corrected = np.minimum(1, p[order] * np.arange(len(order), 0, -1))
+    found[order] = np.maximum.accumulate(corrected)
+    return found
+
+
+def cohen_dz(differences: np.ndarray) -> tuple[float, float, float]:
+    """Mean difference over its SD, with a 95 % interval from the noncentral t distribution."""
+    n = len(differences)
+    sd = differences.std(ddof=1) if n > 1 else 0.0
+    if sd < 1e-9:
+        return np.nan, np.nan, np.nan
+    d = differences.mean() / sd
+    low, high = (special.nctdtrinc(n - 1, level, d * np.sqrt(n)) / np.sqrt(n) for level in (0.975, 0.025))
+    return float(d), float(low), float(high)
+
+
+def rank_biserial(differences: np.ndarray) -> float:
+    """Matched-pairs rank-biserial correlation: 1 if all subjects gain, -1 if all lose; 0 where nothing differs."""
+    moved = differences[differences != 0]
+    if not len(moved):
+        return 0.0
+    ranks = stats.rankdata(np.abs(moved))
+    return float((ranks * np.sign(moved)).sum() / ranks.sum())
+
+
+def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
+    """What limits the conclusions, in sentences; empty where nothing does."""
+    said = []
+    if subjects < FEW_SUBJECTS:
+        said.append(
+            f"{subjects} subject{'s are' if subjects != 1 else ' is'} too few to conclude anything: below "
+            f"{FEW_SUBJECTS}, no signed rank test can reach p < 0.05, and an interval over them says little about the "
+            "next person."
+        )
+    elif (least := 2.0 ** (1 - subjects)) * (systems - 1) > 0.05:
+        said.append(
+            f"The smallest p that {subjects} subjects can give is {least:.2g}; corrected for {systems - 1} comparisons "
+            "nothing can reach 0.05."
+        )
+    if folds < 2:
+        said.append("One split: how results vary with the training subjects is not known.")
+    if mixed:
+        said.append("Captures of one subject are on both sides: nothing here holds for a new person.")
+    if systems > 1:
+        said.append("The best system was picked by these very results, which flatters it.")
+    return said

@@ -1,0 +1,255 @@
+"""The one place that asks MLflow: runs found, written and read. Only the main process comes here.
+
+Tags by which runs are found again: ``touchbench.kind`` (of a parent run ``cell``, ``stream``, ``stress`` or ``fit``,
+of a fold ``fold`` or the parent's with ``_fold``), ``touchbench.cell`` (the key of the run), ``touchbench.fold``.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import unquote, urlparse
+
+import numpy as np
+from filelock import FileLock, Timeout
+
+from bench.corpora.folder import home
+from bench.errors import InputError
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+    from mlflow.entities import Run
+
+EXPERIMENT = "touchbench"
+
+
+def store_uri() -> str:
+    """Where runs are kept: ``MLFLOW_TRACKING_URI``, or MLflow's SQLite file in the working folder."""
+    return os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{Path.cwd() / 'mlflow.db'}"
+
+
+class Store:
+    """Runs in MLflow, of touchbench's experiment.
+
+    Args:
+        client: on the store.
+        experiment_id: of the experiment.
+    """
+
+    def __init__(self, client: MlflowClient, experiment_id: str) -> None:
+        self.client = client
+        self.experiment_id = experiment_id
+
+    def runs(self, asked: str) -> list[Run]:
+        """Every run that MLflow's filter lets through, newest first."""
+        found: list[Run] = []
+        token = None
+        while True:  # MLflow gives them in pages
+            page = self.client.search_runs([self.experiment_id], asked, max_results=1000, page_token=token)
+            found += page
+            if not (token := page.token):
+                return found
+
+    def of_kind(self, kind: str, finished: bool = False) -> list[Run]:
+        """Parent runs of a kind, newest first; only the complete ones if they are to be ``finished``."""
+        return self.runs(
+            f"tags.`touchbench.kind` = '{kind}'" + (" and attributes.status = 'FINISHED'" if finished else "")
+        )
+
+    def find(self, key: str, kind: str = "cell") -> Run | None:
+        """The parent run of a key, None where there is none."""
+        found = self.runs(f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'")
+        return found[0] if found else None
+
+    def run(self, run_id: str) -> Run:
+        """A run by its id."""
+        return self.client.get_run(run_id)
+
+    def folds(self, run_id: str) -> list[Run]:
+        """The child runs of a run, newest first."""
+        return self.runs(f"tags.`mlflow.parentRunId` = '{run_id}'")
+
+    def finished_folds(self, run_id: str) -> list[Run]:
+        """The finished child runs, in the order in which they were stored."""
+        return sorted((f for f in self.folds(run_id) if f.info.status == "FINISHED"), key=lambda f: f.info.start_time)
+
+    def fold_accuracy(self, run_id: str) -> dict[str, float]:
+        """Accuracy of the captures of each fold, in percent."""
+        return {
+            f.data.tags["touchbench.fold"]: 100 * f.data.metrics["accuracy"]
+            for f in self.finished_folds(run_id)
+            if "accuracy" in f.data.metrics
+        }
+
+    def history(self, run_id: str, metric: str) -> np.ndarray:
+        """Values of a metric by epoch, [epochs, 2]: epoch and value."""
+        points = self.client.get_metric_history(run_id, metric)
+        return np.array(sorted((m.step, m.value) for m in points if m.step > 0), dtype=float).reshape(-1, 2)
+
+    def path(self, run_id: str, place: str, name: str) -> Path | None:
+        """A run's artifact as a local file: where it lies if the store is on this machine, else fetched.
+
+        Args:
+            run_id: of the run.
+            place: the address of its artifacts.
+            name: of the artifact.
+
+        Returns:
+            None where the run has none of that name.
+        """
+        uri = urlparse(place)
+        if uri.scheme in ("", "file") or (len(uri.scheme) == 1):  # a drive letter is no scheme
+            folder = Path(place) if uri.scheme != "file" else Path(unquote(uri.path))
+            return folder / name if (folder / name).is_file() else None
+        from mlflow.exceptions import MlflowException
+
+        try:
+            return Path(self.client.download_artifacts(run_id, name))
+        except (OSError, MlflowException):
+            return None
+
+    def fetched(self, run_id: str, name: str) -> Path:
+        """An artifact, or a folder of them, that must be there, as local files."""
+        return Path(self.client.download_artifacts(run_id, name))
+
+    def create(self, name: str, tags: dict[str, str]) -> str:
+        """A new run; its id."""
+        return self.client.create_run(
+            self.experiment_id, run_name=name, tags=tags | {"mlflow.runName": name}
+        ).info.run_id
+
+    def log(
+        self,
+        run_id: str,
+        metrics: dict[str, float] | None = None,
+        params: dict[str, object] | None = None,
+        history: list[dict[str, float]] | None = None,
+        tags: dict[str, str] | None = None,
+    ) -> None:
+        """Numbers, parameters, numbers by epoch and tags of a run."""
+        from mlflow.entities import Metric, Param, RunTag
+
+        now = int(time.time() * 1000)
+        points = [Metric(k, float(v), now, 0) for k, v in (metrics or {}).items()]
+        points += [Metric(k, float(v), now, step) for step, row in enumerate(history or [], 1) for k, v in row.items()]
+        said = [Param(k, str(v)) for k, v in (params or {}).items()]
+        self.client.log_batch(run_id, points[:1000], said, [RunTag(k, v) for k, v in (tags or {}).items()])
+        for i in range(1000, len(points), 1000):
+            self.client.log_batch(run_id, points[i : i + 1000])
+
+    def log_captures(
+        self, run_id: str, name: str, digest: str, source: str, captures: int, frames: int, context: str
+    ) -> None:
+        """The captures that a run saw (``context``: training, evaluation), as MLflow's dataset."""
+        from mlflow.entities import Dataset, DatasetInput, InputTag
+        from mlflow.exceptions import MlflowException
+
+        profile = json.dumps({"num_rows": captures, "num_elements": frames})
+        dataset = Dataset(name, digest[:36], "local", json.dumps({"uri": source}), profile=profile)
+        inputs = [DatasetInput(dataset, [InputTag("mlflow.data.context", context)])]
+        for pause in (0.2, 0.5, 1.0, 2.0, None):
+            try:
+                self.client.log_inputs(run_id, inputs)
+                return
+            except MlflowException:  # another run has made the same dataset at this moment; the next try finds it
+                if pause is None:
+                    raise
+                time.sleep(pause)
+
+    def keep(self, run_id: str, path: Path, where: str = "") -> None:
+        """Store a file, or the files of a folder, with a run."""
+        if path.is_dir():
+            self.client.log_artifacts(run_id, str(path), where or None)
+        else:
+            self.client.log_artifact(run_id, str(path), where or None)
+
+    def begin(self, run_id: str) -> None:
+        """Mark a run that goes on."""
+        self.client.update_run(run_id, status="RUNNING")
+
+    def end(self, run_id: str, status: str) -> None:
+        """End a run: FINISHED, FAILED or KILLED."""
+        self.client.set_terminated(run_id, status)
+
+    def delete(self, run_id: str) -> None:
+        """Take a run out of all lists."""
+        self.client.delete_run(run_id)
+
+
+def connect() -> Store:
+    """The store, which is created if it is not there.
+
+    Raises:
+        InputError: it cannot be written or reached.
+    """
+    uri = store_uri()
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
+    os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
+    path = Path(urlparse(uri).path.removeprefix("/")) if uri.startswith("sqlite:///") else None
+    if path is not None:
+        _check_writable(path)
+    import mlflow
+    from mlflow.exceptions import MlflowException
+
+    # Several processes that create the tables at the same moment break the file for good.
+    with FileLock(path.with_name(path.name + ".lock") if path else lock_folder() / "tracking.lock"):
+        logging.getLogger("mlflow.store.db").setLevel(logging.WARNING)  # creating its tables is no news
+        try:
+            mlflow.set_tracking_uri(uri)
+            client = mlflow.MlflowClient(uri)
+            found = client.get_experiment_by_name(EXPERIMENT)
+            return Store(client, found.experiment_id if found else client.create_experiment(EXPERIMENT))
+        except MlflowException as e:
+            raise InputError(f"MLflow store {uri} cannot be used: {str(e).splitlines()[0]}") from e
+
+
+def _check_writable(path: Path) -> None:
+    """SQLite would be tried for minutes before it gave up."""
+    try:
+        if path.exists():
+            with path.open("r+b") as f:
+                head = f.read(16)
+            if head and head != b"SQLite format 3\0":
+                raise InputError(f"{path} is not an MLflow store; move it away or set MLFLOW_TRACKING_URI")
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as e:
+        raise InputError(
+            f"the MLflow store {path} cannot be written ({e}); change the folder or set MLFLOW_TRACKING_URI"
+        ) from e
+
+
+@contextmanager
+def only_one(key: str) -> Iterator[None]:
+    """Hold a run against a second process that would run the same folds.
+
+    Raises:
+        InputError: another process has it.
+    """
+    try:
+        with FileLock(lock_folder() / f"{key}.lock", timeout=0):
+            yield
+    except Timeout as e:
+        raise InputError("another process is running this very cell; wait for it and repeat the command") from e
+
+
+def lock_folder() -> Path:
+    """Where locks lie.
+
+    Raises:
+        InputError: the data folder cannot be written.
+    """
+    folder = home() / "locks"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise InputError(f"{folder} cannot be written ({e}); set TOUCHBENCH_HOME to a folder that can") from e
+    return folder

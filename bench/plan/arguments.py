@@ -1,0 +1,121 @@
+"""What the user typed: ``key=value`` with commas between several values; from Python lists and objects as well."""
+
+from __future__ import annotations
+
+from bench.errors import InputError, nearest
+
+PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
+KEYS = {"data", "where", "target", "seed", "jobs", *PARTS}  # of every command that runs folds
+Values = dict[str, object]  # text; from Python also numbers, objects, and lists of these
+
+
+def parse(arguments: list[str], known: set[str]) -> dict[str, str]:
+    """Split ``key=value`` arguments.
+
+    Args:
+        arguments: what was typed.
+        known: keys that may appear; those of `PARTS` and ``data`` may also be dotted.
+
+    Raises:
+        InputError: an argument without ``=``, a key given twice, or an unknown key.
+    """
+    values: dict[str, str] = {}
+    for argument in arguments:
+        key, equals, value = argument.partition("=")
+        if not equals or not key or not value:
+            raise InputError(f"{argument!r} is not key=value; keys: {', '.join(sorted(known))}")
+        if key in values:
+            raise InputError(f"{key}= is given twice; write {key}={values[key]},{value} for both")
+        check_key(key, known)
+        values[key] = value
+    return values
+
+
+def check_key(key: str, known: set[str]) -> None:
+    """Refuse a key that means nothing here.
+
+    Raises:
+        InputError: it is not known, or must not be dotted.
+    """
+    if key.split(".")[0] not in known or ("." in key and key.split(".")[0] not in (*PARTS, "data")):
+        raise InputError(f"no key is called {key!r}; {nearest(key, known)}")
+
+
+def items(key: str, value: object) -> list:
+    """The values between commas, or of a list.
+
+    Raises:
+        InputError: there is nothing between two of them, or nothing at all.
+    """
+    if not isinstance(value, str):
+        found = list(value) if isinstance(value, list | tuple) else [value]
+        if not found:
+            raise InputError(f"{key}=[]: give at least one value")
+        return found
+    if key == "where":  # a query may hold commas
+        return [value]
+    found = value.split(",")
+    if not all(found):
+        raise InputError(f"{key}={value}: there is nothing between two commas")
+    return found
+
+
+def convert(key: str, given: object, default: object) -> object:
+    """Text as a value of the type of the default; a default of None takes None or a whole number.
+
+    What is no text (an API call) is taken as it is, if it is of that type.
+
+    Raises:
+        InputError: it is no such value.
+    """
+    text = given if isinstance(given, str) else text_of(given)
+    if default is None or text == "None":
+        kind, convert = "a whole number or None", lambda t: None if t == "None" else int(t)
+        if default is not None:
+            raise InputError(f"{key}=None: give a value such as {default!r}")
+    elif isinstance(default, bool):
+        kind, convert = "true or false", {"true": True, "false": False}.__getitem__
+    elif isinstance(default, int):
+        kind, convert = "a whole number" + (" from 0 on" if key.endswith("seed") else ""), int
+    elif isinstance(default, float):
+        kind, convert = "a number", float
+    elif isinstance(default, tuple):
+        kind, convert = "names joined by +", lambda t: tuple(t.split("+"))
+    else:
+        kind, convert = "text", str
+    try:
+        value = convert(text)
+        if key.endswith("seed") and value < 0:
+            raise ValueError(key)
+        return value
+    except (ValueError, KeyError) as e:
+        raise InputError(f"{key}={text}: give {kind}, such as {default}") from e
+
+
+def text_of(value: object) -> str:
+    """A value as it is typed; `convert` reads it again."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "+".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def number(key: str, given: object) -> float:
+    """A number above 0.
+
+    Raises:
+        InputError: it is none.
+    """
+    value = convert(key, given, 1.0)
+    if not 0 < value < float("inf"):
+        raise InputError(f"{key}={given}: give a number above 0")
+    return value
+
+
+def jobs_of(values: Values) -> int | None:
+    """Worker processes that were asked for."""
+    if "jobs" not in values:
+        return None
+    try:
+        return int(values["jobs"])
+    except (ValueError, TypeError) as e:
+        raise InputError(f"jobs={values['jobs']}: give a whole number of worker processes") from e

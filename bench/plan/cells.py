@@ -1,0 +1,244 @@
+"""Arguments as a list of cells: one cell is one tracked run. Making the list loads no data."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from bench.errors import InputError, nearest
+from bench.plan.arguments import PARTS, Values, convert, items, text_of
+from bench.registry import load, parameters, required
+from bench.source import source_digest, versions
+from models import contract
+
+if TYPE_CHECKING:
+    from sklearn.base import BaseEstimator, ClassifierMixin
+
+DEFAULTS = {"data": "synth", "protocol": "loso", "model": "svm", "seed": "0", "where": "", "target": "gesture"}
+DEFAULT_FEATURES = "jung54"
+HOW = ("inner", "trials", "budget", "objective")  # of a search, as it is typed
+
+
+@dataclass(frozen=True)
+class Part:
+    """A protocol, feature set or model, with every parameter it takes.
+
+    Attributes:
+        room: of `bench.registry.ROOMS`.
+        name: a registered one or ``file.py:Name``; of an object what it is shown as.
+        parameters: by name.
+        given: the object itself, where one was handed over from Python.
+    """
+
+    room: str
+    name: str
+    parameters: dict[str, object] = field(default_factory=dict, hash=False)
+    given: object = field(default=None, hash=False)
+
+    @property
+    def factory(self) -> object:
+        """The class or function behind the name."""
+        return load(self.room, self.name)
+
+    def make(self) -> object:
+        """Build one that takes nothing from the harness: a protocol or a feature set."""
+        return self.factory(**self.parameters) if self.given is None else contract.copied(self.given)
+
+    def changed(self) -> dict[str, object]:
+        """Parameters that are not the default; the seed is no such."""
+        usual = parameters(self.factory) if self.given is None else {}
+        return {k: v for k, v in self.parameters.items() if v != usual[k] and k != "seed"}
+
+    @property
+    def short(self) -> str:
+        """The name without a file's path."""
+        return self.name.rpartition(":")[2] if self.given is None else self.name
+
+    def __str__(self) -> str:
+        """The name with those parameters that are not the default: ``svm[C=8.0]``."""
+        changed = ", ".join(f"{k}={v}" for k, v in self.changed().items())
+        return f"{self.short}[{changed}]" if changed else self.short
+
+    def identity(self) -> tuple:
+        """What two equal parts have in common: name, parameters, and what their code says."""
+        if self.given is None:
+            return self.room, self.short, self.parameters, source_digest(self.factory)
+        own = contract.classes(self.given)
+        return self.room, self.name, repr(contract.settings(self.given)), source_digest(*own) if own else ""
+
+    def packages(self) -> tuple[str, ...]:
+        """Packages that this part alone depends on."""
+        return contract.packages(self.factory) if self.given is None else contract.libraries(self.given)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One (data, protocol, features, model, parameters, seed) combination."""
+
+    data: str
+    data_parameters: dict[str, object]
+    where: str
+    target: str
+    protocol: Part
+    features: Part | None
+    model: Part
+    tuning: dict[str, object] | None = None
+
+    def system(self) -> str:
+        """Model and feature set as they are named in tables."""
+        model = f"tuned {self.model.short}[{_described(self.tuning)}]" if self.tuning else str(self.model)
+        return f"{model} · {self.features}" if self.features else model
+
+    def title(self) -> str:
+        """System, data and protocol: the name of the run."""
+        return f"{self.system()} | {self.data} | {self.protocol}"
+
+    @property
+    def seed(self) -> int | None:
+        """Of the search or the model; None where there is nothing random."""
+        return (self.tuning or self.model.parameters).get("seed")
+
+    def estimator(self) -> ClassifierMixin:
+        """The untrained scikit-learn classifier."""
+        features = self.features.make() if self.features else None
+        if self.tuning:
+            from models.tuning import tuned
+
+            sets = {self.features.short: features} if self.features else None
+            return tuned(self.model.short, self.model.factory, sets, str(self.features), self.tuning)
+        if self.model.given is not None:
+            return contract.behind(self.model.make(), features)
+        return contract.build(self.model.factory, features, **self.model.parameters)
+
+    def feature_sets(self) -> dict[str, BaseEstimator]:
+        """The feature sets that the system uses, by name; none for one that reads raw frames."""
+        return {str(self.features): self.features.make()} if self.features else contract.features(self.estimator())
+
+    def packages(self) -> tuple[str, ...]:
+        """Packages that this system alone depends on."""
+        return self.model.packages()
+
+    def identity(self) -> dict[str, object]:
+        """What its results depend on, besides the captures: selection, parts with parameters and code, versions."""
+        parts = [part for part in (self.protocol, self.features, self.model) if part]
+        search = []
+        if self.tuning:
+            from models.tuning import machinery
+
+            search = [source_digest(*machinery(self.tuning))]
+        return {
+            "target": self.target,
+            "tuning": repr(self.tuning),
+            "search": search,
+            "parts": [part.identity() for part in parts],
+            "versions": versions(self.packages()),
+        }
+
+    def arguments(self) -> dict[str, str]:
+        """The arguments that make this cell, as they are typed; what has its default is left out."""
+        found = {"data": self.data}
+        found |= {f"data.{k}": text_of(v) for k, v in self.data_parameters.items() if v != _usual_data()[k]}
+        found |= {"where": self.where} if self.where else {}
+        found |= {"target": self.target} if self.target != DEFAULTS["target"] else {}
+        for key, part in (("protocol", self.protocol), ("model", self.model), ("features", self.features)):
+            if part:
+                found |= {key: part.name} | {f"{key}.{k}": text_of(v) for k, v in part.changed().items()}
+        if self.tuning:
+            lists = {k: v for k, v in self.tuning["space"].items() if isinstance(v, list)}
+            found |= {f"model.{k}": ",".join(map(text_of, v)) for k, v in lists.items()}
+            how = ("over", "inner") if "over" in self.tuning else HOW
+            found |= {k: text_of(self.tuning[k]) for k in how if k in self.tuning}
+        return found | ({"seed": str(self.seed)} if self.seed else {})
+
+
+def _usual_data() -> dict[str, object]:
+    from bench.corpora.synth import generate
+
+    return parameters(generate)
+
+
+def _described(tuning: dict[str, object]) -> str:
+    """What a search tries and how, in a few words: ``C, gamma=0.1|1, inner=loso``."""
+    values = {k: v if isinstance(v, list) else None for k, v in tuning["space"].items()}
+    words = [k if v is None else f"{k}=" + "|".join(map(str, v)) for k, v in values.items()]
+    return ", ".join([*words, *(f"{k}={v}" for k, v in tuning.items() if k not in ("space", "seed"))])
+
+
+def cells(values: Values) -> list[Cell]:
+    """The cross product of all listed values, without repetitions.
+
+    Raises:
+        InputError: an unknown part, parameter or value, or a combination that means nothing.
+    """
+    chosen = {key: items(key, values.get(key, default)) for key, default in DEFAULTS.items()}
+    feature_sets = items("features", values.get("features", DEFAULT_FEATURES))
+    takes = [_takes_features(model) for model in chosen["model"]]
+    if "features" in values and not any(takes):
+        names = ", ".join(map(str, chosen["model"]))
+        raise InputError(f"features={values['features']} does nothing: {names} takes none; leave features= out")
+    seeds = [convert("seed", s, 0) for s in chosen["seed"]]
+    found: dict[str, Cell] = {}
+    for data, where, target, protocol, (model, takes_features), seed in itertools.product(
+        *(chosen[key] for key in ("data", "where", "target", "protocol")),
+        zip(chosen["model"], takes, strict=True),
+        seeds,
+    ):
+        for features in feature_sets if takes_features else [None]:
+            for parts in itertools.product(
+                corpus_variants(values, data, chosen["data"]),
+                _variants(values, "protocol", protocol, chosen["protocol"], None),
+                _variants(values, "features", features, feature_sets, seed) if features is not None else [None],
+                _variants(values, "model", model, chosen["model"], seed),
+            ):
+                cell = Cell(data, parts[0], where, target, *parts[1:])
+                found.setdefault(repr(cell), cell)
+    return list(found.values())
+
+
+def _takes_features(model: object) -> bool:
+    """Whether a model is handed a feature set: its factory asks for one, or it learns from tables."""
+    if not isinstance(model, str):
+        return contract.reads_tables(model)
+    factory = load("models", model)
+    if asked := required(factory):
+        if len(asked) > 1:
+            raise InputError(f"model={model}: {', '.join(asked)} have no default; only the feature set may have none")
+        return True
+    return contract.reads_tables(factory)
+
+
+def _variants(values: Values, key: str, name: object, siblings: list, seed: int | None) -> list[Part]:
+    """One part with every combination of its dotted parameters.
+
+    In a grid of several parts, a parameter is for those that take it.
+    """
+    room = PARTS[key]
+    given = {k.partition(".")[2]: v for k, v in values.items() if k.startswith(f"{key}.")}
+    known = {p for s in siblings if isinstance(s, str) for p in parameters(load(room, s))}
+    for parameter in given:
+        if parameter not in known:
+            raise InputError(f"{key}={name} has no parameter {parameter!r}; {nearest(parameter, known)}")
+    if not isinstance(name, str):
+        return [Part(room, contract.shown(name), given=name)]
+    usual = parameters(load(room, name))
+    if seed is not None and "seed" in usual:
+        usual = usual | {"seed": seed}
+    taken = {p: text for p, text in given.items() if p in usual}
+    sweep = {p: [convert(f"{key}.{p}", v, usual[p]) for v in items(p, text)] for p, text in taken.items()}
+    return [Part(room, name, usual | dict(zip(sweep, c, strict=True))) for c in itertools.product(*sweep.values())]
+
+
+def corpus_variants(values: Values, data: str, siblings: list[str]) -> list[dict[str, object]]:
+    """Parameters of the generator; an imported corpus has none."""
+    given = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("data.")}
+    if "synth" not in siblings and given:
+        raise InputError(f"data.{next(iter(given))}: only data=synth has parameters; choose captures with where=")
+    if data != "synth":
+        return [{}]
+    usual = _usual_data()
+    for parameter in given:
+        if parameter not in usual:
+            raise InputError(f"data=synth has no parameter {parameter!r}; {nearest(parameter, usual)}")
+    sweep = {p: [convert(f"data.{p}", v, usual[p]) for v in items(p, t)] for p, t in given.items()}
+    return [usual | dict(zip(sweep, c, strict=True)) for c in itertools.product(*sweep.values())]

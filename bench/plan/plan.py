@@ -1,0 +1,188 @@
+"""A cell with its captures and folds, and how many processes share them: all that a run needs to know beforehand."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.library import open_corpus
+from bench.errors import InputError
+from bench.plan.cells import Cell
+from models import contract
+from protocols import contract as splits
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One split of the captures of a corpus, by position."""
+
+    name: str
+    train: np.ndarray
+    test: np.ndarray
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What one run is about.
+
+    Attributes:
+        cell: the system and how it is tested.
+        corpus: the captures.
+        folds: all of them, in the order of the protocol.
+        workers: processes.
+        threads: in each of them.
+    """
+
+    cell: Cell
+    corpus: Corpus
+    folds: tuple[Fold, ...]
+    workers: int
+    threads: int
+
+    @cached_property
+    def mixes_subjects(self) -> bool:
+        """Whether captures of a subject are on both sides of a fold: optimistic for a new person."""
+        return mixes_subjects(self.corpus, self.folds)
+
+    @cached_property
+    def label(self) -> str:
+        """The protocol in the words that stand in every row of results."""
+        return splits.label(self.cell.protocol.make(), self.corpus, self.mixes_subjects)
+
+    @cached_property
+    def facts(self) -> dict[str, str]:
+        """What statistics and tables need to know of the protocol; ``""`` for what it has not."""
+        official = splits.official_split(self.cell.protocol.make(), self.corpus)
+        ratio = test_over_train(self.folds)
+        return {
+            "mixes_subjects": str(self.mixes_subjects).lower(),
+            "test_over_train": "" if ratio is None else repr(ratio),
+            "official_split": "" if official is None else str(official).lower(),
+        }
+
+    def identity(self) -> dict[str, object]:
+        """What its results depend on: corpus, chosen captures, cell, threads of a fold."""
+        captures = {
+            "digest": self.corpus.digest,
+            "captures": hashlib.sha256(self.corpus.index.tobytes()).hexdigest(),
+            "threads": self.threads,
+        }
+        return captures | self.cell.identity()
+
+
+def planned(asked: list[Cell], jobs: int | None) -> list[Plan]:
+    """A plan for each cell; all that can be checked is checked before the first fold starts.
+
+    Raises:
+        InputError: something in the cells or the data cannot be used.
+    """
+    plans = []
+    for cell in asked:
+        estimator = checked(cell)
+        corpus = corpus_of(cell)
+        folds = tuple(folds_of(cell, corpus))
+        for fold in folds:
+            contract.check_training(estimator, corpus[fold.train], corpus.gestures[fold.train])
+        plans.append(Plan(cell, corpus, folds, *share_cores(jobs, len(folds))))
+    return plans
+
+
+def checked(cell: Cell) -> object:
+    """The untrained system of a cell, its parameters and those of its feature sets checked.
+
+    Raises:
+        InputError: one of them cannot be.
+    """
+    estimator = cell.estimator()
+    for part in (estimator, *cell.feature_sets().values()):
+        contract.check(part)
+    return estimator
+
+
+def corpus_of(cell: Cell) -> Corpus:
+    """The captures that a cell is about.
+
+    Raises:
+        InputError: they cannot be opened, chosen, or told apart by the target.
+    """
+    corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
+    if len(set(corpus.gestures)) < 2:
+        raise InputError(
+            f"data={cell.data} where={cell.where!r}: only one {corpus.target} is left, nothing to tell apart"
+        )
+    return corpus
+
+
+def captures_of(data: str, parameters: dict[str, object], where: str, target: str) -> Corpus:
+    """The captures of a corpus that satisfy a condition.
+
+    Raises:
+        InputError: they cannot be opened, chosen, or told apart by the target.
+    """
+    corpus = open_corpus(data, parameters)
+    if where:
+        corpus = corpus.select(where)
+    return corpus if target == "gesture" else corpus.with_target(target)
+
+
+def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
+    """All folds of a protocol, named after the tested subject where there is just one.
+
+    Raises:
+        InputError: the protocol cannot split this corpus, or a fold tests a class that it does not train.
+    """
+    gestures, subjects = corpus.gestures, corpus.subjects
+    found = [Fold("", *pair) for pair in cell.protocol.make().split(corpus, gestures, subjects)]
+    mixed = mixes_subjects(corpus, found)
+    named = []
+    for i, fold in enumerate(found, 1):
+        tested = set(subjects[fold.test])
+        name = tested.pop() if len(tested) == 1 and not mixed else f"fold{i:02d}"
+        if lacking := sorted(set(gestures[fold.test]) - set(gestures[fold.train])):
+            leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
+            raise InputError(
+                f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} and trains none of it; "
+                f"{leave}choose another protocol"
+            )
+        named.append(Fold(name, fold.train, fold.test))
+    if len({fold.name for fold in named}) < len(named):  # random splits may test the same subject twice
+        named = [Fold(f"fold{i:02d}", fold.train, fold.test) for i, fold in enumerate(named, 1)]
+    return named
+
+
+def mixes_subjects(corpus: Corpus, folds: list[Fold] | tuple[Fold, ...]) -> bool:
+    """Whether a fold trains and tests captures of the same subject."""
+    subjects = corpus.subjects
+    return any(set(subjects[fold.train]) & set(subjects[fold.test]) for fold in folds)
+
+
+def test_over_train(folds: tuple[Fold, ...]) -> float | None:
+    """Tested by training captures over all folds, None where no two folds share training captures."""
+    sets = [set(fold.train.tolist()) for fold in folds]
+    if not any(one & other for one, other in combinations(sets, 2)):
+        return None
+    return sum(len(fold.test) for fold in folds) / sum(len(fold.train) for fold in folds)
+
+
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def share_cores(jobs: int | None, folds: int) -> tuple[int, int]:
+    """Worker processes and threads in each, so that their product fits the cores.
+
+    Raises:
+        InputError: ``jobs`` is less than 1.
+    """
+    cores = usable_cores()
+    if jobs is not None and jobs < 1:
+        raise InputError(f"jobs={jobs}: give at least 1, or leave it out for {cores} (the cores of this machine)")
+    jobs = min(jobs or cores, folds, cores)
+    return jobs, max(1, cores // jobs)

@@ -1,0 +1,85 @@
+"""The evaluation of a system, as ``bench run``, ``bench tune`` and ``bench choose over=`` make it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from bench.outcomes import scores
+from bench.outcomes.results import Findings, FoldResult, costs, measure, table_of
+from bench.work.experiment import Experiment
+from bench.work.fold import computing, decisions, fitted, footprint, latency
+from models import contract
+
+if TYPE_CHECKING:
+    from bench.corpora.corpus import Corpus
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
+
+
+@dataclass(frozen=True)
+class Evaluation(Experiment):
+    """Fit on the training captures, decide on the test captures, measure accuracy and costs."""
+
+    kind: ClassVar[str] = "cell"
+    fold_kind: ClassVar[str] = "fold"
+    heading: ClassVar[str] = "Accuracy in percent; SD over subjects"
+
+    def command(self, cell: Cell) -> str:
+        """``run``, ``tune`` or ``choose``, as the cell is searched or not."""
+        return "run" if not cell.tuning else "choose" if "over" in cell.tuning else "tune"
+
+    def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+        """Predictions of the test captures, and what they cost."""
+        estimator = cell.estimator()
+        with computing(threads):
+            metrics = fitted(estimator, corpus[fold.train])
+            predictions = decisions(estimator, corpus, fold.name, fold.test)
+        with computing(1):
+            spent = latency(estimator, corpus[fold.test], int(predictions["frames"].max()))
+        predict_ms, decide_ms, relative = spent
+        metrics |= footprint(estimator, corpus) | relative
+        if (searched := contract.search_seconds(estimator)) is not None:
+            metrics["search_seconds"] = searched
+        return FoldResult(
+            fold.name,
+            predictions,
+            metrics,
+            predict_ms,
+            decide_ms,
+            contract.history(estimator),
+            contract.chosen(estimator),
+            contract.trials(estimator),
+        )
+
+    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+        """Scores and costs of one fold."""
+        return scores.accuracies(result.predictions) | costs([result])
+
+    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings:
+        """Scores and costs of the whole run; confusions, subjects and classes."""
+        predictions = table_of(results)
+        labelled, classes = scores.captures(predictions), scores.classes_of(predictions)
+        confusion = scores.confusion(labelled, classes)
+        tables = {
+            "predictions.parquet": predictions,
+            "confusion.csv": confusion.rename_axis("true").reset_index(),
+            "per_subject.csv": scores.per_subject(labelled),
+            "per_class.csv": scores.per_class(labelled, classes),
+        }
+        unit = "window" if len(predictions) > len(labelled) else "capture"
+        return Findings(measure(predictions, results, plan.corpus.rate_hz), tables, {"unit": unit}, confusion)
+
+    def row(self, metrics: dict[str, float]) -> dict[str, str]:
+        """Accuracy, its spread, and the time of a label."""
+
+        def percent(name: str) -> str:
+            return f"{100 * metrics[name]:.1f}" if name in metrics else "-"
+
+        return {
+            "captures": percent("accuracy"),
+            "SD": percent("subject_accuracy_sd"),
+            "macro-F1": percent("macro_f1"),
+            "windows": percent("window_accuracy"),
+            "predict ms": f"{metrics['predict_ms_p50']:.2f}" if metrics else "-",
+        }

@@ -1,0 +1,94 @@
+"""What a kind of run is: evaluation, stress and stream are three of them, and a new one is one file.
+
+`bench.work.loop` does the rest once for all kinds: key, resuming, failed folds, Ctrl-C, progress, tracking, printing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from bench.outcomes.results import Findings, FoldResult
+
+if TYPE_CHECKING:
+    from bench.corpora.corpus import Corpus
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A kind of run; its fields are its options, which are part of a run's identity.
+
+    Attributes:
+        kind: tag of its parent runs.
+        fold_kind: tag of its folds.
+        heading: above the table of rows.
+        columns: of its table besides those of predictions; a corpus cannot have them.
+    """
+
+    kind: ClassVar[str]
+    fold_kind: ClassVar[str]
+    heading: ClassVar[str]
+    columns: ClassVar[frozenset[str]] = frozenset()
+
+    def options(self) -> dict[str, object]:
+        """Tracked as parameters, by default the fields under ``<kind>.``."""
+        return {f"{self.kind}.{f.name}": getattr(self, f.name) for f in dataclasses.fields(self)}
+
+    def identity(self) -> object:
+        """What two equal experiments have in common, by default kind and fields."""
+        return repr(self)
+
+    def arguments(self) -> dict[str, str]:
+        """The options as they are typed; what has its default is left out."""
+        return {}
+
+    def command(self, cell: Cell) -> str:
+        """The command that makes a run of a cell."""
+        return self.kind
+
+    def depends(self) -> list[object]:
+        """Modules, classes or functions whose code its numbers depend on, besides the parts of the cell."""
+        return [type(self)]
+
+    def refuse(self, plan: Plan) -> None:
+        """Refuse before anything is run what cannot be.
+
+        Raises:
+            InputError: it cannot be.
+        """
+
+    def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+        """Do one fold, in a worker process; what it raises is recorded as the fold's failure.
+
+        Args:
+            cell: what is run.
+            corpus: the captures that the fold is of.
+            fold: names its training and test captures by position.
+            threads: that computing may use.
+        """
+        raise NotImplementedError
+
+    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+        """Tracked numbers of one fold."""
+        return result.metrics
+
+    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings:
+        """Measure the run from the folds that went well, at least one, in the order of the protocol.
+
+        Args:
+            plan: what was run.
+            tags: as the run is tracked.
+            results: of the folds.
+        """
+        raise NotImplementedError
+
+    def row(self, metrics: dict[str, float]) -> dict[str, str]:
+        """What is printed of a run behind system, data, subset and protocol, by heading.
+
+        Args:
+            metrics: as tracked; empty if no fold went well.
+        """
+        raise NotImplementedError

@@ -1,0 +1,308 @@
+"""What may go wrong with a sensor, its readings and its place, at five severities each.
+
+A fault is a function ``(frames, amount, rng) -> frames``: float32 [frames, rows, cols] of one capture as shares of
+full scale, how much of it in the fault's unit, and a random generator. It gives shares of full scale again, on the same
+grid, at least one frame, and what it was given where the amount is 0. `fault` above a function makes it known, with its
+unit and the amounts that severities 1 to 5 stand for; a package of its own does the same and names the function in the
+entry-point group ``touchbench.faults``.
+
+The generator is the same at every severity, so that what is broken at one severity is broken at all higher ones too. It
+depends on nothing but the fault and the capture, or the fault and the subject where the fault is one of the sensor:
+every subject meets a damaged sensor of their own, so that intervals over subjects hold the luck of the sensor as well.
+Every system and protocol therefore meets the very same damage, and comparisons are paired.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from importlib.metadata import entry_points
+
+import numpy as np
+
+from bench.corpora.corpus import Corpus
+
+SEVERITIES = 5
+Damage = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault by name.
+
+    Attributes:
+        name: of the function.
+        damage: the function.
+        unit: what follows an amount in a table, such as ``% of the taxels``.
+        amounts: what severities 1 to 5 stand for.
+        sensor: whether it belongs to the sensor (one draw per subject) or to the moment (one per capture).
+    """
+
+    name: str
+    damage: Damage
+    unit: str
+    amounts: tuple[float, ...]
+    sensor: bool
+
+    def describe(self, severity: int) -> str:
+        """The amount of a severity with its unit; empty for severity 0."""
+        return f"{self.amounts[severity - 1]:g} {self.unit}" if severity else ""
+
+    def generator(self, subject: str, capture: int) -> np.random.Generator:
+        """The random numbers of one subject's sensor, or of one capture (its position in the whole corpus)."""
+        whom = f"sensor of {subject}" if self.sensor else f"capture {capture}"
+        seed = hashlib.sha256(f"{self.name}, {whom}".encode()).digest()
+        return np.random.default_rng(int.from_bytes(seed[:16], "little"))
+
+    def apply(self, frames: np.ndarray, severity: int, subject: str, capture: int) -> np.ndarray:
+        """One capture [frames, rows, cols] as shares of full scale under this fault; severity 0 changes nothing."""
+        if severity == 0:
+            return frames
+        return self.damage(frames, self.amounts[severity - 1], self.generator(subject, capture))
+
+
+FAULTS: dict[str, Fault] = {}
+
+
+def fault(unit: str, *amounts: float, sensor: bool = False) -> Callable[[Damage], Damage]:
+    """Make a function known as a fault, by its name.
+
+    Raises:
+        ValueError: it does not have five amounts.
+    """
+    if len(amounts) != SEVERITIES:
+        raise ValueError(f"a fault has {SEVERITIES} amounts, here are {len(amounts)}")
+
+    def register(damage: Damage) -> Damage:
+        FAULTS[damage.__name__] = Fault(damage.__name__, damage, unit, amounts, sensor)
+        return damage
+
+    return register
+
+
+def known() -> dict[str, Fault]:
+    """All faults, those of installed packages included."""
+    for entry in entry_points(group="touchbench.faults"):
+        entry.load()  # which registers it
+    return FAULTS
+
+
+def as_shares(corpus: Corpus, captures: np.ndarray) -> list[np.ndarray]:
+    """Frames of some captures as shares of full scale, one float32 array [frames, rows, cols] per capture."""
+    return [corpus[i].astype(np.float32) / np.float32(corpus.full_scale) for i in captures]
+
+
+def damaged(corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: Fault, severity: int) -> Corpus:
+    """A corpus in memory whose captures ``test`` went through a fault.
+
+    Args:
+        corpus: what the fold was cut from.
+        test: positions of the captures in it.
+        shares: those captures, as `as_shares` gives them.
+        fault: what happens to them.
+        severity: 0 to 5.
+
+    Returns:
+        Frames of the type of the corpus (whole numbers are rounded), 0..full_scale. It has no digest and no folder, so
+        no cache takes it for the corpus. The other captures keep their places and columns, but have no frames.
+    """
+    subjects = corpus.subjects
+    arrays = [fault.apply(s, severity, subjects[i], int(corpus.index[i])) for i, s in zip(test, shares, strict=True)]
+    frames = np.concatenate(arrays)
+    frames *= np.float32(corpus.full_scale)
+    if corpus.frames.dtype.kind in "iu":
+        np.rint(frames, out=frames)
+    np.clip(frames, 0, corpus.full_scale, out=frames)
+    starts, lengths = np.zeros_like(corpus.starts), np.zeros_like(corpus.lengths)
+    lengths[test] = [len(a) for a in arrays]
+    starts[test] = np.cumsum(lengths[test]) - lengths[test]
+    frames = frames.astype(corpus.frames.dtype)
+    return replace(corpus, frames=frames, starts=starts, lengths=lengths, digest="", path=None)
+
+
+def at_least_one(percent: float, count: int) -> int:
+    """Percent of a count, rounded up: a sensor of few taxels loses at least one of them."""
+    return int(np.ceil(percent * count / 100))
+
+
+@fault("% of the taxels", 2, 5, 10, 20, 40, sensor=True)
+def dead_taxels(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """Taxels without contact read 0 whatever touches them."""
+    return _with_taxels(frames, amount, rng, 0)
+
+
+@fault("% of the taxels", 1, 2, 5, 10, 20, sensor=True)
+def stuck_taxels(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """Short-circuited taxels read full scale whatever touches them."""
+    return _with_taxels(frames, amount, rng, 1)
+
+
+def _with_taxels(frames: np.ndarray, percent: float, rng: np.random.Generator, value: float) -> np.ndarray:
+    taxels = frames[0].size
+    broken = rng.permutation(taxels)[: at_least_one(percent, taxels)]
+    changed = frames.copy()
+    changed.reshape(len(frames), -1)[:, broken] = value
+    return changed
+
+
+@fault("% of the rows and columns", 5, 10, 20, 30, 50, sensor=True)
+def dead_lines(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """Broken lines of the grid: all taxels of a row or column read 0."""
+    _, rows, cols = frames.shape
+    broken = rng.permutation(rows + cols)[: at_least_one(amount, rows + cols)]
+    changed = frames.copy()
+    changed[:, broken[broken < rows]] = 0
+    changed[:, :, broken[broken >= rows] - rows] = 0
+    return changed
+
+
+@fault("% SD of the taxels' gains", 5, 10, 20, 40, 80, sensor=True)
+def gain_drift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """Sensitivity has drifted since training: readings are multiplied, log-normally from taxel to taxel.
+
+    Half of the variance is shared by all taxels (wear, temperature), half is each one's own.
+    """
+    return np.clip(frames * np.exp(amount / 100 * _spread(frames, rng)), 0, 1)
+
+
+@fault("% of full scale, SD", 0.2, 0.5, 1, 2, 5, sensor=True)
+def offset_drift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """What an untouched taxel reads has drifted since training; half of the variance is shared by all taxels."""
+    return np.clip(frames + np.float32(amount / 100) * _spread(frames, rng), 0, 1)
+
+
+def _spread(frames: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Normal with SD 1 for each taxel [rows, cols], half of the variance common to all."""
+    common = rng.standard_normal()
+    return ((common + rng.standard_normal(frames.shape[1:])) / np.sqrt(2)).astype(np.float32)
+
+
+@fault("% of full scale cut off", 50, 75, 90, 95, 98, sensor=True)
+def saturation(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """The amplifier saturates early: what exceeds the rest of the range reads its end."""
+    return np.minimum(frames, np.float32(1 - amount / 100))
+
+
+@fault("% of full scale, SD", 0.2, 0.5, 1, 2, 5)
+def noise(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """White noise on every reading."""
+    change = rng.standard_normal(frames.shape, dtype=np.float32)
+    return np.clip(frames + np.float32(amount / 100) * change, 0, 1)
+
+
+@fault("bits", 8, 7, 6, 5, 4, sensor=True)
+def fewer_bits(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """A coarser converter: readings go to the nearest of 2^bits values from 0 to full scale; 0 bits stand for none."""
+    if amount == 0:
+        return frames
+    steps = np.float32(2**amount - 1)
+    return np.rint(frames * steps) / steps
+
+
+@fault("% of the frames", 5, 10, 20, 40, 60)
+def dropped_frames(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """Frames are lost at random and nobody is told: the capture becomes shorter. The luckiest frame always arrives."""
+    luck = rng.random(len(frames))
+    return frames[(luck >= amount / 100) | (luck == luck.max())]
+
+
+@fault("times slower", 2, 3, 4, 8, 16)
+def lower_rate(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """The sensor is read less often and its last reading repeated: as many frames, most of them old."""
+    factor = max(int(amount), 1)
+    return frames[np.arange(len(frames)) // factor * factor]
+
+
+@fault("frames, SD", 0.5, 1, 2, 4, 8)
+def time_jitter(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """Readings are taken too early or too late, in the right order; between two frames the pressure is interpolated."""
+    moment = np.arange(len(frames)) + amount * rng.standard_normal(len(frames))
+    moment = np.sort(moment.clip(0, len(frames) - 1))
+    before = moment.astype(np.int64)
+    after = np.minimum(before + 1, len(frames) - 1)
+    weight = (moment - before).astype(np.float32)[:, None, None]
+    return frames[before] * (1 - weight) + frames[after] * weight
+
+
+@fault("% of the capture", 10, 20, 40, 60, 80)
+def late_start(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """The touch is noticed late: the first frames are missing."""
+    return frames[int(amount * len(frames) / 100) :]
+
+
+@fault("% of the capture", 10, 20, 40, 60, 80)
+def early_end(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """The label is wanted early: the last frames are missing."""
+    return frames[: len(frames) - int(amount * len(frames) / 100)]
+
+
+@fault("taxels", 0.5, 1, 1.5, 2, 3, sensor=True)
+def shift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """The sensor sits elsewhere: touch is moved in a random direction, and what lies beyond the edge reads 0."""
+    direction = rng.uniform(0, 2 * np.pi)
+    row, col = _places(frames)
+    return _read_at(frames, row - amount * np.sin(direction), col - amount * np.cos(direction))
+
+
+@fault("degrees", 5, 10, 20, 45, 90, sensor=True)
+def rotation(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """The sensor sits turned about its middle, to a random side; what lies beyond the edge reads 0."""
+    angle = np.radians(amount) * rng.choice([-1, 1])
+    row, col = _places(frames)
+    down, right = (frames.shape[1] - 1) / 2, (frames.shape[2] - 1) / 2
+    sin, cos = np.sin(angle), np.cos(angle)
+    return _read_at(
+        frames,
+        (row - down) * cos - (col - right) * sin + down,
+        (row - down) * sin + (col - right) * cos + right,
+    )
+
+
+def _places(frames: np.ndarray) -> np.ndarray:
+    """Row and column of each taxel [2, rows, cols]."""
+    return np.indices(frames.shape[1:]).astype(np.float64)
+
+
+def _read_at(frames: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
+    """Pressure at places between the taxels [rows, cols], bilinear, 0 beyond the edge."""
+    _, rows, cols = frames.shape
+    # A turn by 90 degrees must meet the taxels, not miss the edge by a rounding error.
+    row, col = np.round(row, 9), np.round(col, 9)
+    top, left = np.floor(row).astype(np.int64), np.floor(col).astype(np.int64)
+    flat = frames.reshape(len(frames), -1)
+    found = np.zeros_like(flat)
+    for r, down in ((top, 1 - (row - top)), (top + 1, row - top)):
+        for c, right in ((left, 1 - (col - left)), (left + 1, col - left)):
+            weight = np.where((r >= 0) & (r < rows) & (c >= 0) & (c < cols), down * right, 0).astype(np.float32).ravel()
+            if weight.any():
+                place = (r.clip(0, rows - 1) * cols + c.clip(0, cols - 1)).ravel()
+                found += flat[:, place] * weight
+    return np.minimum(found, 1, out=found).reshape(frames.shape)
+
+
+@fault("% of each side", 10, 25, 40, 50, 75, sensor=True)
+def smaller_grid(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """Only the taxels in the middle exist, the others read 0; of each side at least one is left."""
+    changed = np.zeros_like(frames)
+    left = [max(round(side * (1 - amount / 100)), 1) for side in frames.shape[1:]]
+    rows, cols = (slice((s - n) // 2, (s - n) // 2 + n) for s, n in zip(frames.shape[1:], left, strict=True))
+    changed[:, rows, cols] = frames[:, rows, cols]
+    return changed
+
+
+@fault("taxels, SD", 0.5, 0.75, 1, 1.5, 2, sensor=True)
+def cover(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """A thick cover spreads the pressure like a Gaussian; what spreads beyond the edge is lost."""
+    if amount == 0:
+        return frames
+    rows, cols = (_gaussian(side, amount) for side in frames.shape[1:])
+    spread = np.einsum("nrc,qr->nqc", frames, rows)
+    return np.minimum(np.einsum("nrc,dc->nrd", spread, cols), 1)
+
+
+def _gaussian(side: int, sd: float) -> np.ndarray:
+    """Share of the pressure on each of a row of taxels that each one reads, float32 [side, side]."""
+    reach = np.arange(-int(10 * sd) - 1, int(10 * sd) + 2)
+    apart = np.arange(side)[:, None] - np.arange(side)
+    return (np.exp(-((apart / sd) ** 2) / 2) / np.exp(-((reach / sd) ** 2) / 2).sum()).astype(np.float32)

@@ -1,0 +1,100 @@
+"""The system that is shipped: trained on all captures, saved as an MLflow model."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.errors import InputError
+from bench.outcomes.results import FoldResult, costs
+from bench.outcomes.store import connect
+from bench.plan.cells import Cell
+from bench.plan.plan import Plan, checked, corpus_of, usable_cores
+from bench.work.evaluation import Evaluation
+from bench.work.fold import computing, fitted, footprint, forget_peak, latency
+from bench.work.loop import fill_cache
+from bench.work.tracking import key_of, log_captures, params_of, tags_of
+from models import contract
+
+if TYPE_CHECKING:
+    from bench.work.saved import Recogniser
+
+EXAMPLE_FRAMES = 3
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A system that was trained on all captures.
+
+    Attributes:
+        cell: what was trained.
+        recogniser: the fitted system with what its frames must be like.
+        uri: address of the saved model in the store.
+        run_id: of its run.
+        captures: it was trained on.
+    """
+
+    cell: Cell
+    recogniser: Recogniser
+    uri: str
+    run_id: str
+    captures: int
+
+    def __str__(self) -> str:
+        kind = "synthetic " if self.recogniser.synthetic else ""
+        return (
+            f"{self.uri}  {self.cell.system()}, {self.captures} {kind}captures of {self.cell.data}, "
+            f"run runs:/{self.run_id}/model"
+        )
+
+    __repr__ = __str__
+
+
+def fit(cell: Cell, out: Path | None = None) -> Fitted:
+    """Train on all captures of a cell, and save.
+
+    Args:
+        cell: its protocol is not looked at.
+        out: a folder that is new or empty, to save the model there too.
+
+    Raises:
+        InputError: something in the cell or the data cannot be used, or the model cannot be written.
+    """
+    if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"out={out}: there is something already; name a folder that is new or empty")
+    estimator, corpus = checked(cell), corpus_of(cell)
+    contract.check_training(estimator, corpus, corpus.gestures)
+    store, threads = connect(), usable_cores()
+    plan = Plan(cell, corpus, (), 1, threads)
+    forget_peak()
+    fill_cache(plan)
+    with computing(threads):
+        metrics = fitted(estimator, corpus)
+    with computing(1):
+        spent = latency(estimator, corpus, int(corpus.lengths.max()))[:2]
+    metrics = costs([FoldResult("", None, metrics | footprint(estimator, corpus), *spent)])
+
+    import mlflow
+
+    from bench.work.saved import Recogniser, by_value, quiet
+
+    recogniser = Recogniser(estimator, corpus)
+    plugins = [part.name for part in (cell.model, cell.features) if part]
+    model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.packages())
+    by_value()
+    key = hashlib.sha256(f"{key_of(plan, Evaluation())} fit".encode()).hexdigest()[:20]
+    tags = tags_of(cell, corpus) | {"touchbench.kind": "fit", "touchbench.cell": key}
+    run_id = store.create(f"{cell.system()} | {cell.data} | all captures", tags)
+    try:
+        store.log(run_id, metrics, params_of(cell, corpus, threads) | {"captures": len(corpus)})
+        log_captures(store, run_id, cell, corpus, "training")
+        with quiet():
+            with mlflow.start_run(run_id=run_id):
+                saved = mlflow.pyfunc.log_model(name="model", **model)
+            if out is not None:
+                mlflow.pyfunc.save_model(str(out), **model)
+    except OSError as e:
+        raise InputError(f"the model cannot be written ({e}); choose another folder") from e
+    return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus))

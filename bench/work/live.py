@@ -1,0 +1,137 @@
+"""Frames from standard input, decided on as they come."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections import deque
+from collections.abc import Iterator
+from typing import BinaryIO
+
+import numpy as np
+import pandas as pd
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.table import checked
+from bench.errors import InputError, nearest
+from bench.plan.arguments import number
+
+HOP_MS = 125.0  # 8 decisions a second; the systems in the literature make 6 to 9
+OPTIONS = ("source", "model", "hop_ms", "window_ms")
+DIGITS = 32  # most characters of a value
+
+
+def live(values: dict[str, str]) -> int:
+    """Decide on frames from standard input until it ends.
+
+    Raises:
+        InputError: an argument, or a line that is not a frame; the decisions before it are out already.
+    """
+    for key in values:
+        if key not in OPTIONS:
+            raise InputError(f"source={values['source']}: {key}= means nothing here; {nearest(key, OPTIONS)}")
+    if values["source"] != "-":
+        raise InputError(f"source={values['source']}: give source=- to read standard input")
+    if "model" not in values:
+        raise InputError("source=- needs model=, what bench fit has printed, or the folder that it made")
+    from bench.work.saved import load
+
+    hop_ms = number("hop_ms", values.get("hop_ms", str(HOP_MS)))
+    window_ms = number("window_ms", values["window_ms"]) if "window_ms" in values else None
+    recogniser = load(values["model"])
+    frame_ms = 1000 / recogniser.rate_hz
+    for key, ms in (("hop_ms", hop_ms), ("window_ms", window_ms)):
+        if ms is not None and ms < frame_ms:
+            raise InputError(f"{key}={ms:g}: one frame takes {frame_ms:.4g} ms; give at least that")
+    longest = recogniser.longest if window_ms is None else int(window_ms / frame_ms + 1e-6)
+    rows, cols = recogniser.grid
+    print(
+        f"frames of {rows}x{cols} from 0 to {recogniser.full_scale:g}, {recogniser.rate_hz:g} a second are taken for "
+        f"granted; at most the last {longest * frame_ms:g} ms of a capture are seen",
+        file=sys.stderr,
+    )
+    out = csv.writer(sys.stdout, lineterminator="\n")
+    out.writerow(["capture", "ms", "label", "confidence"])
+    sys.stdout.flush()
+    frames = frames_of(sys.stdin.buffer, rows * cols, recogniser.full_scale)
+    for capture, seen, window in decided_at(frames, recogniser.rate_hz, hop_ms, longest):
+        (row,) = recogniser.label(_corpus(window, recogniser)).itertuples()
+        out.writerow([capture, f"{seen * frame_ms:.0f}", row.label, f"{row.confidence:.3f}"])
+        sys.stdout.flush()
+    return 0
+
+
+def _corpus(window: list[np.ndarray], recogniser: object) -> Corpus:
+    """One capture, of the type that a file with these values would have."""
+    values = checked(np.stack(window).reshape(-1, *recogniser.grid), recogniser.full_scale, "input", "frame")
+    return Corpus.from_captures([values], pd.DataFrame(index=[0]), recogniser.rate_hz, full_scale=recogniser.full_scale)
+
+
+def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np.ndarray | None]:
+    """Frames of a stream, float64 [channels], and None where a capture ends.
+
+    Raises:
+        InputError: a line that is not a frame, with its number.
+    """
+    at, most = 0, channels * DIGITS
+    while line := stream.readline(most + 1):
+        at += 1
+        if len(line) > most:
+            raise InputError(
+                f"line {at}: longer than {most} bytes, {channels} values are wanted; send one frame a line"
+            )
+        if not line.strip():
+            yield None
+            continue
+        cells = line.split(b",") if b"," in line else line.split()
+        if len(cells) != channels:
+            raise InputError(f"line {at}: {len(cells)} values instead of {channels}; send one frame a line")
+        if wrong := [c for c in cells if not _is_number(c)]:
+            word = wrong[0].strip().decode("utf-8", "replace")
+            raise InputError(f"line {at}: {word!r} is not a number; send sensor values")
+        values = np.array(cells, dtype=np.float64)
+        if not ((values >= 0) & (values <= full_scale)).all():
+            wrong = values[~((values >= 0) & (values <= full_scale))][0]
+            raise InputError(f"line {at}: {wrong:g} is not within 0 and the full scale {full_scale:g}")
+        yield values
+
+
+def _is_number(cell: bytes) -> bool:
+    try:
+        return b"_" not in cell and float(cell) is not None
+    except ValueError:
+        return False
+
+
+def decided_at(
+    frames: Iterator[np.ndarray | None], rate_hz: float, hop_ms: float, longest: int
+) -> Iterator[tuple[int, int, list[np.ndarray]]]:
+    """When to decide, and on what: every hop, and where a capture ends on frames that nothing was decided on.
+
+    Args:
+        frames: of one capture after another, with None between them.
+        rate_hz: frames per second.
+        hop_ms: milliseconds between decisions, at least one frame.
+        longest: frames that are kept; older ones are forgotten.
+
+    Yields:
+        Number of the capture from 1, frames since its beginning, and the frames that are kept of it.
+    """
+    capture, seen, decided = 1, 0, 0
+    window: deque[np.ndarray] = deque(maxlen=longest)
+    per_hop = hop_ms * rate_hz / 1000
+    for frame in frames:
+        if frame is not None:
+            window.append(frame)
+            seen += 1
+            hops = int((seen + 1e-6) / per_hop)
+            if hops > int((seen - 1 + 1e-6) / per_hop):
+                decided = seen
+                yield capture, seen, list(window)
+        elif seen:
+            if decided < seen:
+                yield capture, seen, list(window)
+            capture, seen, decided = capture + 1, 0, 0
+            window.clear()
+    if decided < seen:
+        yield capture, seen, list(window)

@@ -1,0 +1,232 @@
+"""Captures as a robot sees them, only what has been touched so far: decisions at instants, and when to stop early.
+
+The replay table has one row per capture and instant at which there was something new: the columns of the predictions
+table (`bench.outcomes.scores`), where ``start`` and ``frames`` are what had been seen, ``instant`` (the frames that a
+capture that is long enough would have given by then) and ``confidence`` (calibrated). After its last row a capture
+keeps its last decision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import minimize
+from scipy.special import logsumexp, softmax
+from sklearn.base import ClassifierMixin
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.outcomes.scores import PREFIX, classes_of
+from bench.outcomes.stopping import learn_stopping
+from bench.work.fold import TIMED_CAPTURES, decisions, milliseconds
+from models import contract
+from models.inner import inner_folds
+
+FIRST_MS = 62.5
+GROWTH = 2**0.5  # of what has been seen, from one instant to the next
+INNER = "3"  # groups of training subjects, each left out once
+LEAST = 1e-6  # probability that is taken for impossible
+HOTTEST = 100.0
+TIMED_INSTANTS = 8
+
+
+@dataclass(frozen=True)
+class Replay:
+    """How captures are replayed.
+
+    Args:
+        hop_ms: milliseconds from one decision to the next; None decides whenever 1.41 times as much has been seen,
+            from 62.5 ms on.
+        start: ``onset``, or ``middle``: the first half of each capture is not seen.
+    """
+
+    hop_ms: float | None = None
+    start: str = "onset"
+
+    def check(self, rate_hz: float) -> None:
+        """Refuse what cannot be replayed.
+
+        Raises:
+            InputError: another start, or a hop below one frame.
+        """
+        if self.start not in ("onset", "middle"):
+            raise InputError(f"start={self.start}: give onset or middle")
+        if self.hop_ms is not None and not 1000 / rate_hz <= self.hop_ms < np.inf:
+            raise InputError(
+                f"hop_ms={self.hop_ms:g}: one frame takes {1000 / rate_hz:.4g} ms; give at least that, or leave it out"
+            )
+
+    def begun(self, corpus: Corpus) -> Corpus:
+        """The captures from where the replay begins."""
+        if self.start == "onset":
+            return corpus
+        skipped = corpus.lengths // 2
+        return uncached(corpus, corpus.starts + skipped, corpus.lengths - skipped)
+
+    def instants(self, longest: int, rate_hz: float) -> np.ndarray:
+        """Frames seen at each decision, rising to ``longest``, int64 [instants]."""
+        per_ms = rate_hz / 1000
+        if self.hop_ms is not None:
+            ms = self.hop_ms * np.arange(1, int(longest / per_ms / self.hop_ms) + 2)
+        else:
+            octaves = max(0.0, np.log2(longest / per_ms / FIRST_MS))
+            ms = FIRST_MS * GROWTH ** np.arange(np.ceil(octaves / np.log2(GROWTH)) + 1)
+        seen = np.floor(ms * per_ms + 1e-6).astype(np.int64)
+        return np.unique(np.append(seen[(seen > 0) & (seen < longest)], longest))
+
+
+def uncached(corpus: Corpus, starts: np.ndarray, lengths: np.ndarray) -> Corpus:
+    """Parts of captures; without the digest, under which the features of whole captures are cached."""
+    return replace(corpus, starts=starts, lengths=lengths, digest="", path=None)
+
+
+def prefix(corpus: Corpus, frames: int) -> Corpus:
+    """The first frames of each capture, at most ``frames``; no frame is copied."""
+    if (corpus.lengths <= frames).all():
+        return corpus
+    return uncached(corpus, corpus.starts, np.minimum(corpus.lengths, frames))
+
+
+def replayed(
+    estimator: ClassifierMixin, corpus: Corpus, fold: str, positions: np.ndarray, instants: np.ndarray
+) -> pd.DataFrame:
+    """The replay table of some captures, without ``confidence``; sorted by capture, then instant.
+
+    A system that decides per window has the mean probability of its windows so far.
+
+    Args:
+        estimator: fitted.
+        corpus: captures from where the replay begins.
+        fold: what the rows are called.
+        positions: which captures.
+        instants: frames seen at each decision, rising.
+    """
+    parts, before = [], 0
+    for frames in instants:
+        alive = positions[corpus.lengths[positions] > before]
+        if not len(alive):
+            break
+        seen = prefix(corpus, frames)
+        table = decisions(estimator, seen, fold, alive)
+        columns = [PREFIX + c for c in classes_of(table)]
+        mean = table.groupby("capture", sort=False)[columns].mean().reindex(corpus.index[alive])
+        rows = table.drop_duplicates("capture").set_index("capture").loc[corpus.index[alive]].reset_index()
+        rows[columns] = mean.to_numpy()
+        parts.append(rows.assign(start=0, frames=seen.lengths[alive], instant=frames))
+        before = frames
+    table = pd.concat(parts, ignore_index=True)
+    return table.sort_values(["capture", "instant"], kind="stable", ignore_index=True)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Temperature scaling (Guo et al. 2017) with a temperature that changes with what has been seen.
+
+    Probabilities become softmax(log p / T), where log T goes in a straight line over log milliseconds from the first
+    instant to the last. One temperature for all instants would trust early decisions too much, and one for each would
+    rest on few captures at late instants.
+
+    Args:
+        first_ms: what has been seen at the first instant; before it T stays the same.
+        last_ms: and at the last, after which T stays the same.
+        first: temperature at the first instant.
+        last: and at the last.
+    """
+
+    first_ms: float
+    last_ms: float
+    first: float
+    last: float
+
+    @classmethod
+    def fit(cls, proba: np.ndarray, true: np.ndarray, ms: np.ndarray) -> Calibration:
+        """Maximum likelihood over decisions; temperatures stay within 1/100 and 100.
+
+        Args:
+            proba: probabilities [decisions, classes].
+            true: column of the true class, int [decisions].
+            ms: what each decision had seen [decisions].
+        """
+        logs = np.log(np.maximum(proba, LEAST))
+        place = _place(ms, ms.min(), ms.max())
+        rows = np.arange(len(logs))
+
+        def loss(ends: np.ndarray) -> tuple[float, np.ndarray]:
+            sharp = np.exp(-(ends[0] * (1 - place) + ends[1] * place))
+            scaled = sharp[:, None] * logs
+            total = logsumexp(scaled, axis=1)
+            expected = (np.exp(scaled - total[:, None]) * logs).sum(axis=1)
+            slope = -sharp * (expected - logs[rows, true])  # of the loss in log T
+            return (total - scaled[rows, true]).mean(), np.array([(slope * (1 - place)).mean(), (slope * place).mean()])
+
+        most = np.log(HOTTEST)
+        first, last = np.exp(minimize(loss, np.zeros(2), jac=True, method="L-BFGS-B", bounds=[(-most, most)] * 2).x)
+        return cls(float(ms.min()), float(ms.max()), float(first), float(last))
+
+    def __call__(self, proba: np.ndarray, ms: np.ndarray) -> np.ndarray:
+        """Calibrated probabilities [decisions, classes] of decisions that had seen ``ms``."""
+        place = _place(ms, self.first_ms, self.last_ms)
+        temperature = np.exp(np.log(self.first) * (1 - place) + np.log(self.last) * place)
+        return softmax(np.log(np.maximum(proba, LEAST)) / temperature[:, None], axis=1)
+
+
+def _place(ms: np.ndarray, first: float, last: float) -> np.ndarray:
+    """Where each time lies between first (0) and last (1) on a logarithmic scale."""
+    return np.clip(np.log(ms / first) / np.log(last / first), 0, 1) if last > first else np.zeros(len(ms))
+
+
+def with_confidence(table: pd.DataFrame, calibration: Calibration, rate_hz: float) -> pd.DataFrame:
+    """A replay table with the calibrated probability of each decision's label."""
+    proba = table[[PREFIX + c for c in classes_of(table)]].to_numpy(dtype=np.float64)
+    ms = 1000 / rate_hz * table["frames"].to_numpy()
+    return table.assign(confidence=calibration(proba, ms).max(axis=1))
+
+
+def learned(
+    untrained: Callable[[], ClassifierMixin], corpus: Corpus, train: np.ndarray, replay: Replay
+) -> tuple[Calibration, float, pd.DataFrame]:
+    """Calibration and threshold from the training part, each of its subjects replayed by a system that never met it.
+
+    Nothing of another capture is looked at.
+
+    Args:
+        untrained: makes a system.
+        corpus: the captures.
+        train: positions of the training captures.
+        replay: how captures are replayed.
+    """
+    part = corpus[train]
+    begun = replay.begun(part)
+    instants = replay.instants(int(begun.lengths.max()), corpus.rate_hz)
+    tables = []
+    for inner, judged in inner_folds(part.subjects.astype(str), INNER):
+        estimator = untrained().fit(part[inner], part.gestures[inner])
+        tables.append(replayed(estimator, begun, "", judged, instants))
+    table = pd.concat(tables, ignore_index=True)
+    classes = classes_of(table)
+    true = np.searchsorted(classes, table["true"].to_numpy(dtype=str))
+    ms = 1000 / corpus.rate_hz * table["frames"].to_numpy()
+    proba = table[[PREFIX + c for c in classes]].to_numpy(dtype=np.float64)
+    calibration = Calibration.fit(proba, true, ms)
+    return calibration, *learn_stopping(with_confidence(table, calibration, corpus.rate_hz), corpus.rate_hz)
+
+
+def decision_latency(estimator: ClassifierMixin, begun: Corpus, instants: np.ndarray) -> list[float]:
+    """Milliseconds from raw frames to a decision: one prefix at a time, warm, over the instants of single captures."""
+    chosen = np.unique(np.linspace(0, len(begun) - 1, min(TIMED_CAPTURES, len(begun))).astype(int))
+    seen = instants[np.unique(np.linspace(0, len(instants) - 1, TIMED_INSTANTS).astype(int))]
+    spent = []
+    for i in chosen:
+        for frames in np.unique(np.minimum(seen, begun.lengths[i])):  # its end is a decision, too
+            spent.append(milliseconds(estimator.predict, prefix(begun[i : i + 1], frames).detached())[0])
+    return spent
+
+
+def system_hop(estimator: ClassifierMixin, captures: Corpus) -> float | None:
+    """Frames from one decision of a system to the next, None for one that decides once whatever it is given."""
+    longest = int(captures.lengths.argmax())
+    starts = np.unique(contract.decide(estimator, captures[longest : longest + 1])[0]["start"])
+    return float(np.median(np.diff(starts))) if len(starts) > 1 else None

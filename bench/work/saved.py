@@ -1,0 +1,226 @@
+"""Fitted systems as MLflow models: what `bench fit` saves, and what is loaded again.
+
+A model is code: loading one runs it. Only the user's own store and folders that the user names are loaded from.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, entry_points, requires, version
+from pathlib import Path
+
+import mlflow
+import numpy as np
+import pandas as pd
+from mlflow.exceptions import MlflowException
+from mlflow.models import ModelSignature
+from mlflow.protos.databricks_pb2 import INVALID_PARAMETER_VALUE
+from mlflow.types import ColSpec, DataType, ParamSchema, ParamSpec, Schema
+from mlflow.types.schema import AnyType
+from sklearn.base import ClassifierMixin
+
+import bench
+import features
+import models
+import protocols
+from bench.corpora.corpus import Corpus
+from bench.corpora.table import from_frame
+from bench.errors import InputError
+from bench.outcomes.scores import PREFIX, classes_of
+from bench.outcomes.store import store_uri
+from bench.registry import FILE_MODULE
+from bench.work.fold import decisions
+
+PACKAGES = (bench, features, models, protocols)
+
+
+class Recogniser(mlflow.pyfunc.PythonModel):
+    """A fitted system with what its frames must be like.
+
+    Args:
+        estimator: fitted to a `Corpus`.
+        corpus: the captures that it was fitted to; their frames are not kept.
+
+    Attributes:
+        classes: class names, sorted.
+        grid: (rows, cols) of the sensor.
+        rate_hz: frames per second.
+        full_scale: largest value of a channel.
+        longest: frames of the longest training capture.
+        synthetic: whether it was trained on generated captures.
+    """
+
+    def __init__(self, estimator: ClassifierMixin, corpus: Corpus) -> None:
+        self.estimator = estimator
+        self.classes = [str(c) for c in np.unique(corpus.gestures.astype(str))]
+        self.grid = tuple(int(n) for n in corpus.grid)
+        self.rate_hz = float(corpus.rate_hz)
+        self.full_scale = float(corpus.full_scale)
+        self.longest = int(corpus.lengths.max())
+        self.synthetic = corpus.synthetic
+
+    @property
+    def channels(self) -> list[str]:
+        """Columns of a frame, row by row: ch1, ch2, ..."""
+        return [f"ch{i + 1}" for i in range(self.grid[0] * self.grid[1])]
+
+    def check_rate(self, rate_hz: float) -> None:
+        """Refuse frames of another rate.
+
+        Raises:
+            InputError: it is not the rate of the training captures.
+        """
+        if not np.isclose(rate_hz, self.rate_hz, rtol=1e-3):
+            raise InputError(
+                f"rate_hz={rate_hz:g}: this model was trained at {self.rate_hz:g} Hz; resample the frames, "
+                "or fit a model to captures of that rate"
+            )
+
+    def check_grid(self, rows: int, cols: int) -> None:
+        """Refuse frames of another grid.
+
+        Raises:
+            InputError: it is not the grid of the training captures.
+        """
+        if (rows, cols) != self.grid:
+            raise InputError(f"frames are {rows}x{cols}, this model was trained on {self.grid[0]}x{self.grid[1]}")
+
+    def label(self, corpus: Corpus) -> pd.DataFrame:
+        """One row per capture: label, confidence (the probability of the label), and p_<class> for each class.
+
+        A system that decides per window has the mean probability of its windows.
+        """
+        about = pd.DataFrame({"subject": "", "gesture": ""}, index=range(len(corpus)))
+        anonymous = Corpus(corpus.frames, corpus.starts, corpus.lengths, about, corpus.rate_hz, corpus.full_scale)
+        table = decisions(self.estimator, anonymous, "", np.arange(len(corpus)), self.classes)
+        columns = [PREFIX + c for c in classes_of(table)]
+        proba = table.groupby("capture", sort=True)[columns].mean().reset_index(drop=True)
+        best = proba.to_numpy().argmax(axis=1)
+        label = np.asarray(self.classes, dtype=object)[best]
+        return pd.concat([pd.DataFrame({"label": label, "confidence": proba.max(axis=1)}), proba], axis=1)
+
+    def predict(self, context: object, model_input: pd.DataFrame, params: dict | None = None) -> pd.DataFrame:
+        """Label the captures of a table with one row per frame.
+
+        Args:
+            context: of MLflow, unused.
+            model_input: columns ``capture``, ``frame`` (from 0 or 1) or both, and ch1, ch2, ... row by row.
+            params: ``rate_hz``, which must be that of the training captures.
+
+        Returns:
+            One row per capture: capture, label, confidence, p_<class>.
+
+        Raises:
+            MlflowException: a table or a rate that does not fit; a server answers with its message.
+        """
+        try:
+            self.check_rate((params or {}).get("rate_hz", self.rate_hz))
+            corpus = from_frame(model_input, self.channels, self.rate_hz, self.grid, self.full_scale, "input")
+        except InputError as e:
+            raise MlflowException(str(e), error_code=INVALID_PARAMETER_VALUE) from e
+        return pd.concat([corpus.captures[["capture"]], self.label(corpus)], axis=1)
+
+    def signature(self) -> ModelSignature:
+        """Of `predict`; channels take whole numbers and decimals."""
+        given = [ColSpec(AnyType(), name, required=False) for name in ("capture", "frame")]
+        given += [ColSpec(AnyType(), name) for name in self.channels]
+        found = [ColSpec(DataType.string, "capture"), ColSpec(DataType.string, "label")]
+        found += [ColSpec(DataType.double, n) for n in ("confidence", *(PREFIX + c for c in self.classes))]
+        rate = ParamSchema([ParamSpec("rate_hz", DataType.double, self.rate_hz)])
+        return ModelSignature(Schema(given), Schema(found), rate)
+
+    def model(self, plugins: list[str], frames: np.ndarray, packages: tuple[str, ...] = ()) -> dict[str, object]:
+        """Arguments for MLflow's ``log_model`` and ``save_model``.
+
+        Args:
+            plugins: names of parts whose packages the model needs.
+            packages: distributions that it needs besides.
+            frames: a few frames of a capture, for the input example.
+        """
+        example = pd.DataFrame(frames.reshape(len(frames), -1), columns=self.channels)
+        example.insert(0, "frame", np.arange(len(frames)))
+        example.insert(0, "capture", "1")
+        known = {"grid": list(self.grid), "rate_hz": self.rate_hz, "full_scale": self.full_scale}
+        return {
+            "python_model": self,
+            "code_paths": [str(Path(package.__file__).parent) for package in PACKAGES],
+            "pip_requirements": requirements(plugins, packages),
+            "signature": self.signature(),
+            "input_example": example,
+            "metadata": known | {"classes": self.classes, "synthetic": self.synthetic},
+        }
+
+
+def requirements(plugins: list[str], packages: tuple[str, ...] = ()) -> list[str]:
+    """What a model needs besides touchbench's own code, which goes with it, at the versions that are installed."""
+    names = list(packages)
+    for line in requires("touchbench"):
+        extra = re.search(r"extra == [\"'](.+?)[\"']", line)
+        if not extra or extra[1] in plugins:  # a system that needs more has an extra of its name
+            names.append(re.match(r"[\w.-]+", line)[0])
+    for room in ("models", "features"):
+        names += [e.dist.name for e in entry_points(group=f"touchbench.{room}") if e.name in plugins]
+    found = {}
+    for name in names:
+        try:
+            found[name] = version(name).partition("+")[0]  # a version such as 2.13.0+cpu is on no package index
+        except PackageNotFoundError:  # xgboost has two distributions, one of them is installed
+            continue
+    return [f"{name}=={number}" for name, number in found.items()]
+
+
+def by_value() -> None:
+    """Let parts that were loaded from a file go into the model itself: nobody else can import them."""
+    import cloudpickle
+
+    for name, module in list(sys.modules.items()):
+        if name.startswith(FILE_MODULE):
+            cloudpickle.register_pickle_by_value(module)
+
+
+def load(model: str) -> Recogniser:
+    """A saved system, by its address in the user's store or a folder.
+
+    Raises:
+        InputError: there is none, or it is not one of touchbench's.
+    """
+    folder = Path(model)
+    if re.match(r"(models|runs):/", model):
+        mlflow.set_tracking_uri(store_uri())
+    elif not (folder / "MLmodel").is_file():
+        raise InputError(
+            f"{model}: not a saved model; give models:/... or runs:/.../model of the store of this folder, or a folder "
+            "that bench fit out= has made"
+        )
+    else:
+        model = str(folder)
+    try:
+        with quiet():
+            found = mlflow.pyfunc.load_model(model).unwrap_python_model()
+    except Exception as e:  # a missing run, a damaged file, a library that is not there: all of them end here
+        raise InputError(f"{model} cannot be loaded: {str(e).splitlines()[0] if str(e) else type(e).__name__}") from e
+    if not isinstance(found, Recogniser):
+        raise InputError(f"{model} is a model of something else; give one that bench fit has saved")
+    return found
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Without MLflow's notes on pickled code and hints, which are said in the help page."""
+    import warnings
+
+    loggers = [logging.getLogger(name) for name in ("mlflow", "mlflow.pyfunc", "mlflow.models")]
+    levels = [logger.level for logger in loggers]
+    try:
+        for logger in loggers:
+            logger.setLevel(logging.ERROR)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

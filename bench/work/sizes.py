@@ -1,0 +1,149 @@
+"""What a fitted system costs to keep: learnt numbers and bytes, counted without the author's help."""
+
+from __future__ import annotations
+
+import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin
+
+from models import contract
+
+BYTES = {"": 4, "_int8": 1}  # of a number, by what follows the name of the metric
+NOT_LEARNT = {"classes_", "n_features_in_", "feature_names_in_", "n_classes_", "n_outputs_"}
+
+
+def sizes(estimator: ClassifierMixin, taxels: int, frames: int) -> dict[str, int]:
+    """Learnt numbers, and bytes in flash and in memory with 32 and 8 bits a number.
+
+    Args:
+        estimator: fitted.
+        taxels: of a frame.
+        frames: of the longest capture that it must label.
+    """
+    learnt = parameter_count(estimator)
+    flash, ram = learnt + constants(estimator), working_numbers(estimator, taxels, frames)
+    found = {"parameters": learnt} | {f"flash_bytes{k}": flash * b for k, b in BYTES.items()}
+    return found | {f"ram_bytes{k}": ram * b for k, b in BYTES.items()}
+
+
+def working_numbers(estimator: ClassifierMixin, taxels: int, frames: int) -> int:
+    """Numbers in memory while the system decides once.
+
+    A network counts its input and the outputs of its layers (`models.training.activations`). A classifier on features
+    counts what the features are computed from (`models.contract.kept`), the features, and a score per class; any other
+    system the whole capture and a score per class.
+    """
+    chosen = contract.inside(estimator)
+    if together := contract.members(chosen):  # one after the other
+        return max(working_numbers(member, taxels, frames) for member in together)
+    if (told := contract.numbers_in_memory(chosen)) is not None:
+        return int(told)
+    classes = len(chosen.classes_)
+    steps = _steps(chosen)
+    width = getattr(steps[-1], "n_features_in_", None)
+    if len(steps) > 1 and width:
+        return int(contract.kept(steps[0], frames, taxels) + width + classes)
+    return frames * taxels + classes
+
+
+def constants(estimator: ClassifierMixin) -> int:
+    """Numbers that must be kept besides the learnt ones: the scaling of features, what batch norms divide by."""
+    chosen = contract.inside(estimator)
+    if together := contract.members(chosen):
+        return sum(constants(member) for member in together)
+    modules = [value for value in _own(chosen).values() if _is_network(value)]
+    if modules:
+        return sum(b.numel() for module in modules for b in module.buffers() if b.is_floating_point())
+    return sum(2 * step.n_features_in_ for step in _steps(chosen)[1:-1] if _scales(step))
+
+
+def parameter_count(estimator: BaseEstimator) -> int:
+    """Learnt numbers that a device must hold to run the classifier.
+
+    A system or feature set that tells them (`models.contract.learnt_numbers`) is believed. An SVM counts its support
+    vectors, their coefficients and its intercepts; a linear model its coefficients and intercepts; a tree four numbers
+    per split (feature, threshold, two children) and the class shares (or the value) of its leaves; a network its
+    parameters; anything else every number that its fitted attributes hold. A search is as large as what it has chosen.
+    """
+    chosen = contract.inside(estimator)
+    if together := contract.members(chosen):
+        return sum(parameter_count(member) for member in together)
+    steps = _steps(chosen)
+    between = sum(_learnt(step) for step in steps[1:-1] if not _scales(step))
+    features = contract.learnt_numbers(steps[0]) or 0 if len(steps) > 1 else 0
+    return int(features + between + _learnt(steps[-1]))
+
+
+def _steps(estimator: BaseEstimator) -> list[BaseEstimator]:
+    """Of a pipeline, pipelines inside it included; else the estimator alone."""
+    inner = _own(estimator).get("steps")
+    return [step for _, part in inner for step in _steps(part)] if inner else [estimator]
+
+
+def _own(part: object) -> dict[str, object]:
+    found = getattr(part, "__dict__", {})
+    return found if isinstance(found, dict) else {}
+
+
+def _scales(step: object) -> bool:
+    return "scale_" in _own(step)
+
+
+def _learnt(part: object) -> int:
+    told = contract.learnt_numbers(part)
+    if told is not None:
+        return int(told)
+    if _is_network(part):
+        return sum(p.numel() for p in part.parameters())
+    own = _own(part)
+    if "support_" in own:  # support_vectors_ is a property of some versions
+        return int(part.support_vectors_.size + part.dual_coef_.size + part.intercept_.size)
+    if "coef_" in own:
+        return int(np.size(part.coef_) + np.size(own.get("intercept_", ())))
+    if "coefs_" in own:  # a perceptron, which keeps its optimiser as well
+        return sum(a.size for a in (*part.coefs_, *part.intercepts_))
+    if "tree_" in own:
+        tree = part.tree_
+        leaves = int((tree.children_left < 0).sum())
+        return 4 * (tree.node_count - leaves) + leaves * tree.value[0].size
+    if type(part).__module__.startswith("xgboost"):
+        table = part.get_booster().trees_to_dataframe()
+        leaves = int((table["Feature"] == "Leaf").sum())
+        return 4 * (len(table) - leaves) + leaves
+    if "estimators_" in own:  # the members of an ensemble are all there is
+        last = [own["final_estimator_"]] if "final_estimator_" in own else []
+        return sum(parameter_count(member) for member in [*_flat(part.estimators_), *last])
+    return sum(_numbers(value) for name, value in own.items() if _is_fitted(name, part))
+
+
+def _is_fitted(name: str, part: object) -> bool:
+    """Whether an attribute was made by ``fit``; some estimators of scikit-learn keep their data behind a ``_``."""
+    settings = part.get_params(deep=False) if isinstance(part, BaseEstimator) else {}
+    return name not in settings and name not in NOT_LEARNT
+
+
+def _numbers(value: object) -> int:
+    """Numbers that a fitted attribute holds, whatever it is made of."""
+    if isinstance(value, np.ndarray) and value.dtype.names and "is_leaf" in value.dtype.names:  # histogram boosting
+        leaves = int(value["is_leaf"].sum())
+        return 4 * (len(value) - leaves) + leaves
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        return value.size if value.dtype.kind in "iuf" else 0
+    if isinstance(value, float | np.floating):
+        return 1
+    if isinstance(value, dict | list | tuple | np.ndarray):
+        return sum(_numbers(each) for each in _flat(value))
+    if isinstance(value, BaseEstimator):
+        return parameter_count(value)
+    return _learnt(value) if _is_network(value) or type(value).__module__.startswith("sklearn.") else 0
+
+
+def _flat(value: dict | list | tuple | np.ndarray) -> list[object]:
+    """What is in a container; arrays of objects are taken apart."""
+    if isinstance(value, dict):
+        return list(value.values())
+    return list(value.ravel()) if isinstance(value, np.ndarray) else list(value)
+
+
+def _is_network(value: object) -> bool:
+    """A module of PyTorch, without importing it."""
+    return any(c.__module__ == "torch.nn.modules.module" and c.__name__ == "Module" for c in type(value).__mro__)

@@ -1,0 +1,147 @@
+"""Systems in a stream: fitted on whole captures, replayed on what has been touched so far."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from bench.errors import InputError
+from bench.outcomes.results import Findings, FoldResult, costs, table_of
+from bench.outcomes.stopping import SHOWN_MS, by_instant, by_threshold, learned_point, shown, stopped
+from bench.work.experiment import Experiment
+from bench.work.fold import computing, fitted, footprint, latency
+from bench.work.replay import (
+    INNER,
+    Replay,
+    decision_latency,
+    learned,
+    replayed,
+    system_hop,
+    with_confidence,
+)
+from models import contract
+from models.inner import inner_folds
+
+if TYPE_CHECKING:
+    from bench.corpora.corpus import Corpus
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
+
+
+@dataclass(frozen=True)
+class Stream(Experiment):
+    """Accuracy against touch seen, and adaptive stopping learned on training subjects.
+
+    Attributes:
+        hop_ms: milliseconds from one decision to the next, None for the series of `Replay`.
+        start: ``onset`` or ``middle``.
+    """
+
+    kind: ClassVar[str] = "stream"
+    fold_kind: ClassVar[str] = "stream_fold"
+    heading: ClassVar[str] = "Accuracy in percent against touch seen; stopping learned on training subjects"
+    columns: ClassVar[frozenset[str]] = frozenset({"instant", "confidence"})
+
+    hop_ms: float | None = None
+    start: str = "onset"
+
+    @property
+    def replay(self) -> Replay:
+        """How captures are replayed."""
+        return Replay(self.hop_ms, self.start)
+
+    def arguments(self) -> dict[str, str]:
+        """Hop and start where they are not the default."""
+        hop = {} if self.hop_ms is None else {"hop_ms": f"{self.hop_ms:g}"}
+        return hop | ({} if self.start == "onset" else {"start": self.start})
+
+    def refuse(self, plan: Plan) -> None:
+        """Refuse a replay that cannot be, and training parts from which no threshold can be learned.
+
+        Raises:
+            InputError: a training part of one subject, or of subjects one of whom has all but one class.
+        """
+        self.replay.check(plan.corpus.rate_hz)
+        cell, corpus = plan.cell, plan.corpus
+        for fold in plan.folds:
+            subjects, gestures = corpus.subjects[fold.train].astype(str), corpus.gestures[fold.train]
+            if len(set(subjects)) < 2:
+                raise InputError(
+                    f"protocol={cell.protocol}: fold {fold.name} trains on one subject, and when to stop is learned by "
+                    "leaving training subjects out; choose another protocol or more captures"
+                )
+            inner_parts = [inner for inner, _ in inner_folds(subjects, INNER)]
+            estimator = cell.estimator()
+            for inner in inner_parts:
+                contract.check_training(estimator, corpus[fold.train][inner], gestures[inner])
+            if any(len(set(gestures[inner])) < 2 for inner in inner_parts):
+                raise InputError(
+                    f"protocol={cell.protocol}: leaving training subjects of fold {fold.name} out leaves one "
+                    f"{corpus.target}; choose another protocol or more captures"
+                )
+
+    def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+        """Fit on whole training captures, replay the test captures; calibration and threshold see only the former.
+
+        ``trials`` of the result is what each threshold gives on training subjects, ``chosen`` what was learned from
+        them.
+        """
+        begun = self.replay.begun(corpus)
+        instants = self.replay.instants(int(begun.lengths.max()), corpus.rate_hz)
+        estimator = cell.estimator()
+        with computing(threads):
+            calibration, threshold, series = learned(cell.estimator, corpus, fold.train, self.replay)
+            metrics = fitted(estimator, corpus[fold.train])
+            table = replayed(estimator, begun, fold.name, fold.test, instants)
+            table = with_confidence(table, calibration, corpus.rate_hz)
+        with computing(1):
+            whole, *_ = latency(estimator, corpus[fold.test], int(corpus.lengths.max()))
+            decide = decision_latency(estimator, begun[fold.test], instants)
+        metrics |= footprint(estimator, corpus)
+        if hop := system_hop(estimator, corpus[fold.train]):
+            metrics["system_hop_ms"] = 1000 / corpus.rate_hz * hop
+        chosen = {"threshold": threshold} | {f"temperature_{k}": v for k, v in asdict(calibration).items()}
+        return FoldResult(fold.name, table, metrics, whole, decide, chosen=chosen, trials=series)
+
+    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+        """Accuracy of whole captures, and of stopping at the learned threshold; costs."""
+        point = learned_point(result.predictions, {result.name: result.chosen["threshold"]}, rate_hz)
+        whole = stopped(result.predictions, float("inf"))
+        found = {"accuracy": float((whole["true"] == whole["predicted"]).mean())}
+        return found | {"adaptive_accuracy": point["accuracy"], "adaptive_ms": point["mean_ms"]} | costs([result])
+
+    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings:
+        """Accuracy of whole captures and of adaptive stopping, and what a decision costs; both curves."""
+        predictions, rate_hz = table_of(results), plan.corpus.rate_hz
+        instants, stopping = by_instant(predictions, rate_hz), by_threshold(predictions, rate_hz)
+        whole = instants.iloc[-1]
+        point = learned_point(predictions, {r.name: r.chosen["threshold"] for r in results}, rate_hz)
+        found = costs(results)
+        found |= {"decisions_per_second": 1000 / found["decide_ms_p95"]}
+        found |= {"accuracy": whole["accuracy"], "accuracy_low": whole["low"], "accuracy_high": whole["high"]}
+        found |= {"mean_ms": whole["mean_ms"], "adaptive_ms": point["mean_ms"]}
+        found |= {f"adaptive_{k}": point[k] for k in ("accuracy", "low", "high")}
+        found |= {f"accuracy_at_{ms}_ms": value for ms, value in shown(predictions, rate_hz).items()}
+        tables = {"predictions.parquet": predictions, "instants.csv": instants, "stopping.csv": stopping}
+        kept = {k: float(v) for k, v in found.items() if v == v}
+        return Findings(
+            kept, tables, analysis={"instants": instants, "stopping": stopping, "adaptive": point, "start": self.start}
+        )
+
+    def row(self, metrics: dict[str, float]) -> dict[str, str]:
+        """Accuracy after some milliseconds, of whole captures and of stopping early; times."""
+
+        def text(name: str, scale: float = 1, digits: int = 0) -> str:
+            return f"{scale * metrics[name]:.{digits}f}" if name in metrics else "-"
+
+        return {
+            "start": self.start,
+            **{f"{ms} ms": text(f"accuracy_at_{ms}_ms", 100, 1) for ms in SHOWN_MS},
+            "whole": text("accuracy", 100, 1),
+            "mean ms": text("mean_ms"),
+            "stopped": text("adaptive_accuracy", 100, 1),
+            "after ms": text("adaptive_ms"),
+            "decision ms": " / ".join(text(f"decide_ms_p{p}", digits=1) for p in (50, 95, 99)),
+            "a second": text("decisions_per_second"),
+            "own hop ms": text("system_hop_ms"),
+        }

@@ -1,0 +1,171 @@
+"""Systems under stress: fitted once on clean captures, tested under every fault and severity.
+
+The table of a fold has one row per tested capture and circumstance: ``fold``, ``capture``, ``length`` (frames, clean),
+``fault`` (``none`` for clean captures), ``severity`` (0 to 5), ``amount`` (what that is in the fault's unit),
+``train_subjects`` (how many subjects the system was fitted on), ``true``, ``predicted``, ``p_true`` (probability of the
+true class), and the columns of the corpus's captures (``subject`` and conditions).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.outcomes import scores, stability
+from bench.outcomes.results import Findings, FoldResult, table_of
+from bench.outcomes.stability import CLEAN
+from bench.work.experiment import Experiment
+from bench.work.faults import SEVERITIES, Fault, as_shares, damaged, known
+from bench.work.fold import computing, decisions
+from models import contract
+
+if TYPE_CHECKING:
+    from sklearn.base import ClassifierMixin
+
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
+
+
+@dataclass(frozen=True)
+class Stress(Experiment):
+    """Accuracy under faults, and with fewer training subjects.
+
+    Attributes:
+        faults: what the test captures go through, each at every severity.
+        train_subjects: numbers of training subjects that the system is fitted on besides, for clean test captures.
+    """
+
+    kind: ClassVar[str] = "stress"
+    fold_kind: ClassVar[str] = "stress_fold"
+    heading: ClassVar[str] = "Accuracy in percent of clean captures, and mean loss in points over all faults"
+    columns: ClassVar[frozenset[str]] = stability.COLUMNS
+
+    faults: tuple[Fault, ...] = ()
+    train_subjects: tuple[int, ...] = ()
+
+    def options(self) -> dict[str, object]:
+        """Names of the faults, numbers of subjects."""
+        return {
+            "faults": ", ".join(f.name for f in self.faults),
+            "train_subjects": ", ".join(map(str, self.train_subjects)) or "all",
+        }
+
+    def identity(self) -> object:
+        """Names, units and amounts of the faults, numbers of subjects."""
+        return [(f.name, f.unit, f.amounts, f.sensor) for f in self.faults], self.train_subjects
+
+    def arguments(self) -> dict[str, str]:
+        """Faults if they are not all, numbers of subjects if there are any."""
+        whole = self.faults == tuple(known().values())
+        some = {} if whole else {"faults": ",".join(f.name for f in self.faults)}
+        few = ",".join(map(str, self.train_subjects))
+        return some | ({"train_subjects": few} if few else {})
+
+    def depends(self) -> list[object]:
+        """The code of the faults, too."""
+        return [Stress, *(f.damage for f in self.faults)]
+
+    def refuse(self, plan: Plan) -> None:
+        """Refuse numbers of training subjects that a fold has not, or that the system cannot learn from.
+
+        Raises:
+            InputError: one of them.
+        """
+        estimator, corpus = plan.cell.estimator(), plan.corpus
+        for fold in plan.folds:
+            subjects = len(set(corpus.subjects[fold.train]))
+            for count in self.train_subjects:
+                if count >= subjects:
+                    raise InputError(
+                        f"train_subjects={count}: fold {fold.name} of protocol={plan.cell.protocol} has {subjects} "
+                        f"training subjects; give fewer than that (all of them are always used too)"
+                    )
+                part = subset(corpus, fold.train, fold.test, count, plan.cell.seed or 0)
+                contract.check_training(estimator, corpus[part], corpus.gestures[part])
+
+    def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+        """Fit on the clean training captures, decide on the test captures as they are and under every fault."""
+        name, train, test = fold.name, fold.train, fold.test
+        estimator = cell.estimator()
+        with computing(threads):
+            started = time.perf_counter()
+            estimator.fit(corpus[train], corpus.gestures[train])
+            fitted, cpu = time.perf_counter(), time.process_time()
+            about = {"length": corpus.lengths[test], "train_subjects": len(set(corpus.subjects[train]))}
+            clean = {"fault": CLEAN, "severity": 0, "amount": ""}
+            parts = [labelled(estimator, corpus, name, test, about | clean)]
+            shares = as_shares(corpus, test)
+            for fault in self.faults:
+                for severity in range(1, SEVERITIES + 1):
+                    worse = damaged(corpus, test, shares, fault, severity)
+                    how = {"fault": fault.name, "severity": severity, "amount": fault.describe(severity)}
+                    parts.append(labelled(estimator, worse, name, test, about | how))
+            tested, cpu = time.perf_counter(), time.process_time() - cpu
+            for count in self.train_subjects:
+                part = subset(corpus, train, test, count, cell.seed or 0)
+                estimator = cell.estimator().fit(corpus[part], corpus.gestures[part])
+                parts.append(labelled(estimator, corpus, name, test, about | clean | {"train_subjects": count}))
+        metrics = {
+            "fit_seconds": fitted - started,
+            "fault_seconds": tested - fitted,
+            "fault_cpu_seconds": cpu,
+            "refit_seconds": time.perf_counter() - tested,
+        }
+        return FoldResult(name, pd.concat(parts, ignore_index=True), metrics)
+
+    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+        """Accuracy of clean captures, and under each fault and severity; seconds."""
+        table = result.predictions
+        accuracy = (table["true"] == table["predicted"]).groupby([table["fault"], table["severity"]]).mean()
+        named = {f"accuracy.{fault}.{severity}": value for (fault, severity), value in accuracy.items()}
+        clean = stability.unharmed(table)
+        return {"accuracy": float((clean["true"] == clean["predicted"]).mean())} | named | result.metrics
+
+    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings:
+        """Where the system fails (`bench.outcomes.stability`), and mean seconds of a fold."""
+        table = table_of(results)
+        analysis = stability.analyse(tags, table)
+        seconds = {k: sum(r.metrics[k] for r in results) / len(results) for k in results[0].metrics}
+        return Findings(stability.metrics(analysis) | seconds, {"stress.parquet": table}, analysis=analysis)
+
+    def row(self, metrics: dict[str, float]) -> dict[str, str]:
+        """Clean accuracy, mean loss over the faults, and the worst of them."""
+        losses = {k.removeprefix("loss."): v for k, v in metrics.items() if k.startswith("loss.")}
+        worst = max(losses, key=losses.get, default="")
+        return {
+            "clean": f"{100 * metrics['accuracy']:.1f}" if metrics else "-",
+            "mean loss": f"{100 * np.mean([*losses.values()]):.1f}" if losses else "-",
+            "worst fault": f"{worst.replace('_', ' ')} {100 * losses[worst]:.1f}" if losses else "-",
+            "failing slices": f"{metrics['failing_slices']:.0f} of {metrics['tested_slices']:.0f}" if metrics else "-",
+        }
+
+
+def labelled(
+    estimator: ClassifierMixin, corpus: Corpus, fold: str, test: np.ndarray, about: dict[str, object]
+) -> pd.DataFrame:
+    """One row per test capture with the label that ``bench run`` would give it."""
+    predictions = decisions(estimator, corpus, fold, test)
+    proba = [scores.PREFIX + c for c in scores.classes_of(predictions)]
+    mean = predictions.groupby(["fold", "capture"], sort=False)[proba].mean().to_numpy()
+    rows = scores.captures(predictions).drop(columns=["start", "frames"])
+    p_true = mean[np.arange(len(rows)), pd.Index(proba).get_indexer(scores.PREFIX + rows["true"].astype(str))]
+    return rows.assign(p_true=p_true, **about)
+
+
+def subset(corpus: Corpus, train: np.ndarray, test: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Positions of the training captures of ``count`` training subjects.
+
+    The subjects come in one random order per seed and test subjects, so that fewer are among more, and every system
+    learns from the same ones.
+    """
+    subjects = sorted(set(corpus.subjects[train]))
+    drawn = hashlib.sha256(repr((seed, sorted(set(corpus.subjects[test])))).encode()).digest()
+    order = np.random.default_rng(int.from_bytes(drawn[:16], "little")).permutation(len(subjects))
+    return train[np.isin(corpus.subjects[train], [subjects[i] for i in order[:count]])]

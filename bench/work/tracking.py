@@ -1,0 +1,212 @@
+"""A plan's run in the store: found again if it was begun before, one child for each fold."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+
+from bench.corpora.corpus import Corpus
+from bench.outcomes.results import Findings, FoldResult
+from bench.outcomes.store import Store
+from bench.plan.cells import Cell
+from bench.plan.plan import Plan
+from bench.source import git_revision, source_digest, versions
+from bench.work.experiment import Experiment
+from bench.work.machine import cpu_model, simd
+
+Illustrate = Callable[[str, dict[str, str], Findings, Path], None]  # kind, tags, what was found, where to draw
+
+
+def key_of(plan: Plan, experiment: Experiment) -> str:
+    """What makes two runs the same run: all that its stored numbers depend on (docs/decisions.md, identity)."""
+    same = plan.identity() | {
+        "kind": experiment.kind,
+        "options": experiment.identity(),
+        "code": source_digest(*experiment.depends()),
+    }
+    return hashlib.sha256(json.dumps(same, sort_keys=True, default=str).encode()).hexdigest()[:20]
+
+
+def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
+    """What tables know a run's data and system by."""
+    return {
+        "data": cell.data,
+        "synthetic": str(corpus.synthetic).lower(),
+        "subset": cell.where or "all",
+        "target": cell.target,
+        "features": ", ".join(cell.feature_sets()) or "raw frames",
+        "model": str(cell.model),
+        "system": cell.system(),
+        "seed": "none" if cell.seed is None else str(cell.seed),
+    }
+
+
+def params_of(cell: Cell, corpus: Corpus, threads: int) -> dict[str, object]:
+    """Every parameter that a run depends on, the machine and the versions."""
+    params = {"data": cell.data, "where": cell.where or "all", "target": cell.target, "corpus_digest": corpus.digest}
+    params |= {f"data.{k}": v for k, v in cell.data_parameters.items()}
+    for name, part in (("features", cell.features), ("model", cell.model)):
+        if part:
+            params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
+    params |= {f"tuning.{k}": v for k, v in (cell.tuning or {}).items()}
+    params |= {"threads": threads, "cpu": cpu_model(), "simd": simd(), "git": git_revision()}
+    return params | {f"version.{k}": v for k, v in versions(cell.packages()).items()}
+
+
+def log_captures(store: Store, run_id: str, cell: Cell, corpus: Corpus, context: str) -> None:
+    """The captures that a run saw."""
+    frames, source = int(corpus.lengths.sum()), corpus.info.get("source", "")
+    store.log_captures(run_id, cell.data, corpus.digest, source, len(corpus), frames, context)
+
+
+class TrackedRun:
+    """The parent run of a plan.
+
+    Args:
+        store: where it is kept.
+        plan: what is run.
+        experiment: its kind.
+        key: `key_of` both.
+
+    Attributes:
+        run_id: of the parent run.
+        tags: what tables know it by.
+        finished: whether an earlier command finished it.
+        done: finished folds by name, as they were stored.
+    """
+
+    def __init__(self, store: Store, plan: Plan, experiment: Experiment, key: str) -> None:
+        self.store, self.plan, self.experiment = store, plan, experiment
+        cell = plan.cell
+        self.tags = tags_of(cell, plan.corpus) | plan.facts
+        self.tags |= {"protocol": str(cell.protocol), "protocol_label": plan.label}
+        self.tags |= {
+            "touchbench.command": experiment.command(cell),
+            "touchbench.arguments": json.dumps(cell.arguments() | experiment.arguments()),
+        }
+        found = store.find(key, experiment.kind)
+        self.run_id = found.info.run_id if found else self._create(key)
+        self.finished = bool(found) and found.info.status == "FINISHED"
+        self.done: dict[str, FoldResult] = {}
+        for child in store.folds(self.run_id) if found else []:
+            if child.info.status == "FINISHED":
+                result = self._load(child)
+                self.done[result.name] = result
+            else:  # failed, or cut off while it was written: it is run again
+                store.delete(child.info.run_id)
+        if not self.finished:
+            store.begin(self.run_id)
+
+    def _create(self, key: str) -> str:
+        cell, corpus = self.plan.cell, self.plan.corpus
+        kind = "synthetic " if corpus.synthetic else ""
+        about = (
+            f"{cell.system()} on {kind}corpus {cell.data} ({len(corpus)} captures, {len(set(corpus.subjects))} subjects"
+            f"{', ' + cell.where if cell.where else ''}), {self.plan.label}"
+        )
+        tags = {
+            "mlflow.note.content": about,
+            "mlflow.source.name": "bench",
+            "touchbench.kind": self.experiment.kind,
+            "touchbench.cell": key,
+        }
+        run_id = self.store.create(cell.title(), tags | self.tags)
+        protocol = {"protocol": cell.protocol.name}
+        protocol |= {f"protocol.{k}": v for k, v in cell.protocol.parameters.items()}
+        params = params_of(cell, corpus, self.plan.threads) | protocol | self.experiment.options()
+        self.store.log(run_id, params=params)
+        log_captures(self.store, run_id, cell, corpus, "evaluation")
+        return run_id
+
+    def _load(self, child: object) -> FoldResult:
+        folder = self.store.fetched(child.info.run_id, "fold")
+        timing = json.loads((folder / "timing.json").read_text())
+        return FoldResult(
+            child.data.tags["touchbench.fold"],
+            pd.read_parquet(folder / "predictions.parquet"),
+            {k: v for k, v in child.data.metrics.items() if k in timing["metrics"]},
+            timing["predict_ms"],
+            timing["decide_ms"],
+            chosen=timing["chosen"],
+            trials=pd.read_csv(folder / "trials.csv") if timing["chosen"] else None,
+        )
+
+    def add(self, result: FoldResult) -> str:
+        """Store one fold: its run is there, complete, or it is not there. Its id."""
+        tags = {
+            "mlflow.parentRunId": self.run_id,
+            "touchbench.kind": self.experiment.fold_kind,
+            "touchbench.fold": result.name,
+        }
+        child = self.store.create(result.name, tags)
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = Path(temporary)
+            if result.error:
+                (folder / "traceback.txt").write_text(result.error)
+            else:
+                result.predictions.to_parquet(folder / "predictions.parquet", index=False)
+                timing = {"predict_ms": result.predict_ms, "decide_ms": result.decide_ms, "chosen": result.chosen}
+                (folder / "timing.json").write_text(json.dumps(timing | {"metrics": list(result.metrics)}))
+                metrics = self.experiment.fold_metrics(result, self.plan.corpus.rate_hz)
+                chosen = {f"chosen.{k}": v for k, v in result.chosen.items()}
+                self.store.log(child, metrics, chosen, result.history)
+            if result.chosen:
+                result.trials.to_csv(folder / "trials.csv", index=False)
+            self.store.keep(child, folder, "fold")
+        self.store.end(child, "FAILED" if result.error else "FINISHED")
+        if not result.error:
+            self.done[result.name] = result
+        return child
+
+    def results(self) -> list[FoldResult]:
+        """The finished folds in the order of the protocol."""
+        return [self.done[fold.name] for fold in self.plan.folds if fold.name in self.done]
+
+    def close(self, illustrate: Illustrate | None) -> Findings | None:
+        """Measure the run from its folds and end it.
+
+        Args:
+            illustrate: draws figures into a folder, which are kept with the run.
+
+        Returns:
+            None if no fold went well.
+        """
+        results, folds = self.results(), len(self.plan.folds)
+        findings = self.experiment.findings(self.plan, self.tags, results) if results else None
+        if self.finished:  # nothing was run, nothing is written
+            return findings
+        if findings:
+            counts = {"folds": len(results), "folds_failed": folds - len(results)}
+            self.store.log(self.run_id, findings.metrics | counts, tags=findings.facts)
+            with tempfile.TemporaryDirectory() as folder:
+                for name, table in (findings.tables | _choices(results)).items():
+                    write_table(table, Path(folder) / name)
+                if illustrate:
+                    illustrate(self.experiment.kind, self.tags, findings, Path(folder))
+                self.store.keep(self.run_id, Path(folder))
+        self.store.end(self.run_id, "FINISHED" if len(results) == folds else "FAILED")
+        return findings
+
+    def interrupt(self) -> None:
+        """Mark the run as killed; what is stored stays and is found again."""
+        self.store.end(self.run_id, "KILLED")
+
+
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    """As parquet or CSV, as its name says."""
+    table.to_parquet(path, index=False) if path.suffix == ".parquet" else table.to_csv(path, index=False)
+
+
+def _choices(results: list[FoldResult]) -> dict[str, pd.DataFrame]:
+    """What was chosen on each training part, and what among."""
+    if not any(r.chosen for r in results):
+        return {}
+    return {
+        "chosen.csv": pd.DataFrame([{"fold": r.name} | r.chosen for r in results]),
+        "trials.csv": pd.concat([r.trials.assign(fold=r.name) for r in results], ignore_index=True),
+    }

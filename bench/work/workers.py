@@ -1,0 +1,85 @@
+"""The folds of a plan in worker processes; each result is handed over as soon as it is there."""
+
+from __future__ import annotations
+
+import signal
+import traceback
+from collections.abc import Iterator
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+
+from joblib.externals.loky import get_reusable_executor
+
+from bench.corpora.corpus import Corpus
+from bench.outcomes.results import FoldResult
+from bench.plan.cells import Cell
+from bench.plan.plan import Fold, Plan, usable_cores
+from bench.work.experiment import Experiment
+from bench.work.fold import forget_peak
+
+
+def run_folds(plan: Plan, experiment: Experiment, folds: list[Fold]) -> Iterator[FoldResult]:
+    """Results in the order in which folds finish; every fold gives one, a crashed worker a failed one.
+
+    Args:
+        plan: what is run, with the number of workers and their threads.
+        experiment: what a worker does with a fold.
+        folds: those to run.
+    """
+    jobs, threads = plan.workers, plan.threads
+    executor = _workers(jobs, threads)
+    waiting, running = list(folds), {}
+    try:
+        try:
+            while waiting or running:
+                # One more than can run, so that no worker waits while a result is tracked; all of them at once is what
+                # loky stumbles over when it is killed.
+                while waiting and len(running) <= jobs:
+                    fold = waiting[0]
+                    task = executor.submit(do_fold, experiment, plan.cell, plan.corpus, fold, threads)
+                    running[task] = waiting.pop(0)
+                done = next(as_completed(running))
+                result = done.result()
+                del running[done]
+                yield result
+        except BrokenProcessPool:
+            pass
+        # A worker died (out of memory, say) and took the pool with it; which fold it was shows when each runs alone.
+        for fold in [*running.values(), *waiting]:
+            try:
+                executor = _workers(1, threads)
+                yield executor.submit(do_fold, experiment, plan.cell, plan.corpus, fold, threads).result()
+            except BrokenProcessPool as e:
+                yield FoldResult(fold.name, error=f"The worker process died; out of memory?\n{e}")
+    except (KeyboardInterrupt, GeneratorExit):
+        executor.shutdown(wait=True, kill_workers=True)  # else the folds that wait would be run before the process ends
+        raise
+
+
+def do_fold(experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+    """One fold of an experiment, in a worker; an exception becomes the result's ``error``."""
+    forget_peak()
+    try:
+        return experiment.fold(cell, corpus, fold, threads)
+    except Exception:  # whatever a system raises is this fold's result, not the end of the command
+        return FoldResult(fold.name, error=traceback.format_exc())
+
+
+def start_workers(jobs: int, threads: int) -> None:
+    """Let worker processes start and import what they need while the caller does something else."""
+    executor = _workers(jobs, threads)
+    for _ in range(jobs):
+        executor.submit(usable_cores)
+
+
+def _workers(jobs: int, threads: int) -> object:
+    """Worker processes that stay for the next cell: importing torch takes seconds."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+    return get_reusable_executor(
+        max_workers=jobs, timeout=60, initializer=_ignore_interrupts, env=dict.fromkeys(names, str(threads))
+    )
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl-C reaches the whole process group; only the parent acts on it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,102 @@
+"""Classifiers of others as systems: of time series (aeon, sktime), and modules of PyTorch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin, clone
+from sklearn.utils.metaestimators import available_if
+
+from bench.corpora.corpus import Corpus
+from models import contract
+from models.series import Series
+from models.window import WindowNet
+
+if TYPE_CHECKING:
+    from torch import nn
+
+    from models.training import Samples
+
+
+class FromSeries(ClassifierMixin, BaseEstimator):
+    """A classifier of equally long series [captures, channels, frames], such as those of aeon and sktime.
+
+    Args:
+        classifier: untrained.
+        channels: as of `Series`.
+        length: as of `Series`.
+    """
+
+    def __init__(self, classifier: BaseEstimator, channels: str = "signals", length: int | None = None) -> None:
+        self.classifier = classifier
+        self.channels = channels
+        self.length = length
+
+    def fit(self, X: Corpus, y: np.ndarray) -> FromSeries:
+        """Learn from captures and their class names."""
+        self.series_ = Series(self.channels, self.length).fit(X)
+        self.classifier_ = clone(self.classifier).fit(self.series_.transform(X).astype(np.float64), np.asarray(y, str))
+        self.classes_ = np.asarray(self.classifier_.classes_)
+        return self
+
+    def predict(self, X: Corpus) -> np.ndarray:
+        """Class name of each capture."""
+        return np.asarray(self.classifier_.predict(self.series_.transform(X).astype(np.float64)))
+
+    @available_if(lambda self: contract.has_probabilities(self.classifier))
+    def predict_proba(self, X: Corpus) -> np.ndarray:
+        """Class probabilities [captures, classes], where the classifier has them."""
+        return self.classifier_.predict_proba(self.series_.transform(X).astype(np.float64))
+
+
+class FromTorch(WindowNet):
+    """A module of PyTorch on windows of captures, trained by Adam.
+
+    Args:
+        module: makes it, called with the frames of a window, rows, columns and classes; input [batch, frames, rows,
+            cols] scaled to 0..1, output a logit per class. A module that was made already has no place for a seed.
+        frames: length of a window; windows of a capture follow one another.
+        seconds: the same in seconds, instead.
+        epochs: passes over the training windows.
+        batch: windows per step.
+        rate: learning rate.
+        seed: of weights and shuffles.
+        device: of PyTorch.
+    """
+
+    def __init__(
+        self,
+        module: Callable[[int, int, int, int], nn.Module],
+        frames: int = 50,
+        seconds: float = 0.0,
+        epochs: int = 20,
+        batch: int = 64,
+        rate: float = 1e-3,
+        seed: int = 0,
+        device: str = "cpu",
+    ) -> None:
+        self.module = module
+        self.frames = frames
+        self.seconds = seconds
+        self.epochs = epochs
+        self.batch = batch
+        self.rate = rate
+        self.seed = seed
+        self.device = device
+
+    def network(self, rows: int, cols: int, classes: int) -> nn.Module:
+        """What ``module`` makes for this grid."""
+        return self.module(self.window, rows, cols, classes)
+
+    def learn(
+        self, net: nn.Module, samples: Samples, target: np.ndarray, judge: Callable[[], float] | None
+    ) -> list[dict[str, float]]:
+        """Train with Adam."""
+        import torch
+
+        from models.training import Torch, train
+
+        adam = Torch(torch.optim.Adam(net.parameters(), self.rate))
+        return train(net, samples, target, adam, self.epochs, self.batch, self.seed)

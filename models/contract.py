@@ -1,0 +1,259 @@
+"""All that the harness may ask of a system, on one page: built-in ones and those of others alike.
+
+A system is a scikit-learn classifier whose ``X`` is a `Corpus`; ``fit``, ``predict`` and ``classes_`` are all it needs.
+It is made by a *factory*, a class or a function whose keyword arguments are its parameters; an argument without a
+default is handed the feature set. A factory that gives a plain scikit-learn, XGBoost, LightGBM or CatBoost estimator is
+put behind the feature set.
+
+What a system may tell besides, each by an attribute or method of the name that stands here; what it does not tell has
+the default of the function. Nowhere else is anything looked up by name.
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, ClassifierMixin, clone
+from sklearn.pipeline import Pipeline
+
+from bench.corpora.corpus import Corpus
+from models.space import Space
+
+TABLES = {"sklearn", "xgboost", "lightgbm", "catboost", "imblearn"}  # packages whose estimators learn from tables
+
+
+def _told(part: object, name: str, default: object = None) -> object:
+    return getattr(part, name, default)
+
+
+# Of a factory, before anything is made
+
+
+def packages(factory: Callable) -> tuple[str, ...]:
+    """``packages``: distributions that this system alone depends on; their versions are part of a run's identity."""
+    return _told(factory, "packages", ())
+
+
+def space(factory: Callable) -> Space | None:
+    """``space``: values to search for each parameter, by `bench tune` without lists; none by default."""
+    return _told(factory, "space")
+
+
+# Before a run
+
+
+def check(part: object) -> None:
+    """``check()``: raises an `InputError` for parameters that cannot be, of a system or a feature set."""
+    _told(part, "check", lambda: None)()
+
+
+def check_training(estimator: ClassifierMixin, X: Corpus, y: np.ndarray) -> None:
+    """``check_training(X, y)``: raises an `InputError` for a training part that it cannot learn from."""
+    _told(estimator, "check_training", lambda X, y: None)(X, y)
+
+
+def window(estimator: ClassifierMixin, rate_hz: float) -> int | None:
+    """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows."""
+    frames = estimator.get_params(deep=False).get("frames") if isinstance(estimator, BaseEstimator) else None
+    return _told(estimator, "length", lambda rate_hz: frames)(rate_hz) if isinstance(frames, int) else None
+
+
+def features(estimator: ClassifierMixin) -> dict[str, BaseEstimator]:
+    """The feature sets inside: a pipeline's step ``features``, or the dictionary ``features`` of a search."""
+    if isinstance(estimator, Pipeline):
+        own = estimator.named_steps.get("features")
+        return {type(own).__name__.lower(): own} if isinstance(own, BaseEstimator) else {}
+    found = _told(estimator, "features")
+    return dict(found) if isinstance(found, dict) else {}
+
+
+def searches(estimator: ClassifierMixin) -> bool:
+    """``searches``: whether it chooses its parameters itself, so that nothing else should; no by default."""
+    return bool(_told(estimator, "searches", False))
+
+
+# Decisions of a fitted system
+
+
+def decides_often(estimator: ClassifierMixin) -> bool:
+    """Whether it has ``decide``, and so may decide more than once per capture."""
+    return _told(estimator, "decide") is not None
+
+
+def decide(estimator: ClassifierMixin, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
+    """``decide(X)``: every decision that it makes; by default one per capture, on all of its frames.
+
+    Returns:
+        A table with ``capture`` (position in X), ``start`` and ``frames`` (first frame and frames seen), and
+        probabilities [decisions, classes].
+    """
+    if decides_often(estimator):
+        return estimator.decide(X)
+    return pd.DataFrame({"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}), probabilities(estimator, X)
+
+
+def has_probabilities(estimator: ClassifierMixin) -> bool:
+    """Whether it has ``predict_proba``."""
+    return _told(estimator, "predict_proba") is not None
+
+
+def probabilities(estimator: ClassifierMixin, X: object) -> np.ndarray:
+    """``predict_proba(X)`` [captures, classes]; a system without gets 1 for its label."""
+    if has_probabilities(estimator):
+        return estimator.predict_proba(X)
+    return np.asarray(estimator.predict(X))[:, None] == estimator.classes_
+
+
+# What happened while it was fitted
+
+
+def fit_seconds(estimator: ClassifierMixin, wall: float, cpu: float) -> tuple[float, float]:
+    """``fit_seconds_``: wall and CPU seconds of the last fit, where ``fit`` does more; else what was measured."""
+    return _told(estimator, "fit_seconds_", (wall, cpu))
+
+
+def search_seconds(estimator: ClassifierMixin) -> float | None:
+    """``search_seconds_``: seconds that its search took, also where part of it was stored before."""
+    return _told(estimator, "search_seconds_")
+
+
+def history(estimator: ClassifierMixin) -> list[dict[str, float]]:
+    """``history_``: numbers by epoch, tracked as metrics with steps."""
+    return _told(estimator, "history_", [])
+
+
+def chosen(estimator: ClassifierMixin) -> dict[str, object]:
+    """``chosen_``: what it chose on its training part, by name."""
+    return _told(estimator, "chosen_", {})
+
+
+def trials(estimator: ClassifierMixin) -> pd.DataFrame | None:
+    """``trials_``: what it chose among, a row each."""
+    return _told(estimator, "trials_")
+
+
+# What a fitted system weighs; `bench.work.sizes` counts what is not told
+
+
+def inside(estimator: ClassifierMixin) -> ClassifierMixin:
+    """``best_``: what decides in place of a fitted search."""
+    return _told(estimator, "best_", estimator)
+
+
+def members(estimator: ClassifierMixin) -> list[ClassifierMixin]:
+    """``members``: fitted systems that decide together; none by default."""
+    return _told(estimator, "members", [])
+
+
+def learnt_numbers(estimator: BaseEstimator) -> int | None:
+    """``parameters_``: numbers that it has learnt, of a system or a feature set."""
+    return _told(estimator, "parameters_")
+
+
+def numbers_in_memory(estimator: ClassifierMixin) -> int | None:
+    """``activations_``: numbers in memory during one decision."""
+    return _told(estimator, "activations_")
+
+
+def kept(feature_set: BaseEstimator, frames: int, taxels: int) -> int:
+    """``keeps(frames, taxels)`` of a feature set: numbers in memory while it is computed; by default the capture."""
+    return _told(feature_set, "keeps", lambda frames, taxels: frames * taxels)(frames, taxels)
+
+
+def learns(feature_set: BaseEstimator) -> bool:
+    """``learns`` of a feature set: whether its values depend on training captures; yes where it does not say."""
+    return bool(_told(feature_set, "learns", True))
+
+
+# From a factory or an object to a system
+
+
+def build(factory: Callable, feature_set: object, **parameters: object) -> ClassifierMixin:
+    """A system from its factory, with the feature set where it takes one.
+
+    Args:
+        factory: a class or a function.
+        feature_set: a transformer of captures to a table; None for a system that reads captures.
+        parameters: keyword arguments.
+    """
+    asked = [p.name for p in inspect.signature(factory).parameters.values() if _is_required(p)]
+    if asked and feature_set is not None:
+        return factory(**{asked[0]: feature_set}, **parameters)
+    return behind(factory(**parameters), feature_set)
+
+
+def _is_required(parameter: inspect.Parameter) -> bool:
+    return parameter.default is parameter.empty and parameter.kind not in (
+        parameter.VAR_POSITIONAL,
+        parameter.VAR_KEYWORD,
+    )
+
+
+def behind(estimator: ClassifierMixin, feature_set: object) -> ClassifierMixin:
+    """An estimator that learns from tables behind a feature set; any other one as it is."""
+    if feature_set is None or not reads_tables(estimator):
+        return estimator
+    return Pipeline([("features", feature_set), ("classifier", estimator)])
+
+
+def reads_tables(system: object) -> bool:
+    """Whether an estimator, a class or a function without required arguments learns from tables, not from captures."""
+    if inspect.isclass(system):
+        return system.__module__.split(".")[0] in TABLES and system is not Pipeline
+    if inspect.isroutine(system):
+        system = system()
+    while isinstance(system, Pipeline):
+        system = system.steps[0][1]
+    return type(system).__module__.split(".")[0] in TABLES
+
+
+def copied(part: object) -> object:
+    """An untrained copy of an estimator that was handed over; a splitter as it is."""
+    return clone(part) if isinstance(part, BaseEstimator) else part
+
+
+def settings(part: object) -> dict[str, object]:
+    """Parameters of an object, those of estimators inside it included; a splitter's attributes."""
+    return part.get_params() if isinstance(part, BaseEstimator) else vars(part)
+
+
+def shown(part: object) -> str:
+    """An object in one line: ``SVC(C=10)``; the steps of a pipeline one behind the other."""
+    if isinstance(part, Pipeline):
+        return " > ".join(shown(step) for _, step in part.steps)
+    return " ".join(repr(part).split()) if isinstance(part, BaseEstimator) else type(part).__name__
+
+
+def classes(part: object) -> list[type]:
+    """Classes of an object and the estimators inside it that are not of an installed library."""
+    found = {type(each) for each in _nested(part)}
+    return sorted((c for c in found if _library(c) is None), key=lambda c: (c.__module__, c.__qualname__))
+
+
+def libraries(part: object) -> tuple[str, ...]:
+    """Distributions that the classes of an object come from."""
+    return tuple(sorted({name for each in _nested(part) if (name := _library(type(each)))}))
+
+
+def _nested(part: object) -> Iterator[object]:
+    yield part
+    if isinstance(part, BaseEstimator):
+        yield from (value for value in part.get_params().values() if isinstance(value, BaseEstimator))
+
+
+def _library(kind: type) -> str | None:
+    """The installed distribution that a class is of, by its package's name; None for touchbench's and one's own."""
+    name = kind.__module__.split(".")[0]
+    if name in ("bench", "features", "models", "protocols", "__main__") or name not in sys.modules:
+        return None
+    name = {"sklearn": "scikit-learn"}.get(name, name)
+    try:
+        version(name)
+    except PackageNotFoundError:
+        return None
+    return name

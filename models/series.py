@@ -1,0 +1,67 @@
+"""Captures as series of one length, for classifiers that know no ragged ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.preprocessing import StandardScaler
+
+from bench.corpora.corpus import Corpus
+from features.signals import Touch, blocks
+
+CHANNELS = ("signals", "taxels", "both")
+CONTACT = 0.05  # of full scale, above which a taxel is touched
+SHORTEST = 10  # frames: the 9 of a kernel of MiniRocket, and one more for differences
+
+
+class Series(TransformerMixin, BaseEstimator):
+    """Each capture resampled, by lines between its frames, to one length; channels standardised over training frames.
+
+    Args:
+        channels: ``signals`` for five (summed pressure, row and column of the centre of mass, maximum, share of taxels
+            above 5 % of full scale), ``taxels`` for one of each taxel, or ``both``.
+        length: frames of a series; None for the median length of the training captures, at least 10.
+
+    Attributes:
+        level_: mean and SD of each channel.
+        length_: frames of a series.
+    """
+
+    def __init__(self, channels: str = "signals", length: int | None = None) -> None:
+        self.channels = channels
+        self.length = length
+
+    def fit(self, X: Corpus, y: object = None) -> Series:
+        """Learn level and length from training captures."""
+        self.level_ = StandardScaler()
+        for block in blocks(X):
+            self.level_.partial_fit(self._signals(Touch(X[block])))
+        self.length_ = self.length or max(int(np.median(X.lengths)), SHORTEST)
+        return self
+
+    def each(self, X: Corpus) -> Iterator[np.ndarray]:
+        """One capture after the other, float32 [channels, length_]."""
+        for block in blocks(X):
+            touch = Touch(X[block])
+            signals = (self._signals(touch) - self.level_.mean_) / self.level_.scale_
+            for one in np.split(signals, touch.first[1:]):
+                frames, at = np.arange(len(one)), np.linspace(0, len(one) - 1, self.length_)
+                yield np.stack([np.interp(at, frames, channel) for channel in one.T]).astype(np.float32)
+
+    def transform(self, X: Corpus) -> np.ndarray:
+        """All of them, float32 [captures, channels, length_]."""
+        return np.stack(list(self.each(X)))
+
+    @property
+    def channels_(self) -> int:
+        """Number of channels."""
+        return self.level_.n_features_in_
+
+    def _signals(self, touch: Touch) -> np.ndarray:
+        """The channels of some captures, float64 [frames, channels]."""
+        area = touch.share_above(np.full(len(touch.peak), CONTACT * touch.full_scale))
+        signals = [touch.total, touch.centre, touch.peak, area]
+        chosen = {"signals": signals, "taxels": [touch.frames], "both": [touch.frames, *signals]}[self.channels]
+        return np.column_stack(chosen).astype(np.float64)
