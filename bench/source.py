@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import ModuleType
 
 ROOMS = {"bench", "features", "models", "protocols"}
 # Modules that find, move and keep things and change no number; a change in them is no other result.
@@ -42,13 +43,11 @@ def source_digest(*parts: object) -> str:
             continue
         module = sys.modules[name]
         path = getattr(module, "__file__", None)
-        used = {
-            value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
-            for value in vars(module).values()
-        }
+        used = set() if hasattr(module, "__path__") else _names(module)  # a package holds whatever was imported of it
         if path and path.endswith(".py"):
             found[name], imported = meaning(path, Path(path).stat().st_mtime_ns)
-            used |= imported  # a constant does not tell where it comes from
+            # A constant does not tell where it comes from; a package says nothing that its module does not.
+            used |= {f"{place}.{part}" if f"{place}.{part}" in sys.modules else place for place, part in imported}
         else:  # typed into a notebook
             found[name] = _typed_in(parts, name)
         todo += [o for o in used if isinstance(o, str) and o.split(".")[0] in own and o in sys.modules]
@@ -58,18 +57,27 @@ def source_digest(*parts: object) -> str:
     return h.hexdigest()
 
 
+def _names(module: ModuleType) -> set[str | None]:
+    """Modules that a module's values are, or come from."""
+    return {
+        value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
+        for value in vars(module).values()
+    }
+
+
 @lru_cache(maxsize=512)
-def meaning(path: str, changed: int) -> tuple[bytes, frozenset[str]]:
-    """What a file says to Python, and the modules it imports names from when it is loaded itself, not in a function.
+def meaning(path: str, changed: int) -> tuple[bytes, frozenset[tuple[str, str]]]:
+    """What a file says to Python, and what it imports from where when it is loaded itself, not in a function.
 
     Read again when its time of change is another.
     """
     tree = ast.parse(Path(path).read_bytes())
-    modules = {node.module for node in tree.body if isinstance(node, ast.ImportFrom) and node.module}
+    froms = [node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module]
+    imported = {(node.module, part.name) for node in froms for part in node.names}
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and _documented(node):
             node.body = node.body[1:]
-    return ast.dump(tree).encode(), frozenset(modules)
+    return ast.dump(tree).encode(), frozenset(imported)
 
 
 def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> bool:

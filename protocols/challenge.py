@@ -76,7 +76,7 @@ class Challenge:
 
 
 def _declared(corpus: Corpus) -> bool:
-    return "split" in corpus.captures and corpus.captures["split"].isin(["train", "test"]).any()
+    return "split" in corpus.captures and bool(corpus.captures["split"].isin(["train", "test"]).any())
 
 
 def _is_cost(corpus: Corpus) -> bool:

@@ -1,6 +1,7 @@
-"""What tests share: a data folder of their own, and small ragged corpora."""
+"""What tests share: folders of their own, one prepared store for all, folds without processes, small ragged corpora."""
 
 import os
+import shutil
 import sys
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on two threads than on one
@@ -8,9 +9,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on tw
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import settings
+from filelock import FileLock
+from hypothesis import HealthCheck, settings
 
 from bench.corpora.corpus import Corpus
+from bench.outcomes.store import connect, create
 
 # The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
 BENCH = [
@@ -20,8 +23,11 @@ BENCH = [
     "from bench.cli import main; sys.exit(main())",
 ]
 
-settings.register_profile("patient", parent=settings(), deadline=None)  # a busy machine is no failure
-settings.load_profile("patient")
+# A busy machine is no failure. HYPOTHESIS_PROFILE=nightly looks fifty times as long.
+patient = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]}
+settings.register_profile("ci", parent=settings(), max_examples=20, derandomize=True, **patient)
+settings.register_profile("nightly", parent=settings(), max_examples=1000, **patient)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
 @pytest.fixture(autouse=True)
@@ -30,6 +36,41 @@ def own_folders(tmp_path, monkeypatch):
     monkeypatch.setenv("TOUCHBENCH_HOME", str(tmp_path / "home"))
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture(scope="session")
+def empty_store(tmp_path_factory):
+    """MLflow's tables, made once for all tests and processes of tests: it takes seconds."""
+    shared = tmp_path_factory.getbasetemp().parent if "PYTEST_XDIST_WORKER" in os.environ else None
+    folder = shared or tmp_path_factory.getbasetemp()
+    path = folder / "template.db"
+    with FileLock(folder / "template.lock"):
+        if not path.exists():
+            create(path)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def prepared_store(request, monkeypatch):
+    """New stores are copies of an empty one, but for tests that are marked ``real_store``."""
+    if not request.node.get_closest_marker("real_store"):
+        copied = lambda path: shutil.copy(request.getfixturevalue("empty_store"), path)  # noqa: E731
+        monkeypatch.setattr("bench.outcomes.store.create", copied)
+
+
+@pytest.fixture(autouse=True)
+def folds_here(request, monkeypatch):
+    """Folds are done in this process, but for tests that are marked ``pool``: starting workers takes seconds."""
+    if not request.node.get_closest_marker("pool"):
+        monkeypatch.setattr("bench.work.loop.run_folds", in_process)
+        monkeypatch.setattr("bench.work.loop.start_workers", lambda *_: None)
+
+
+def in_process(plan, experiment, folds):
+    """As `bench.work.workers.run_folds`, without workers."""
+    from bench.work.workers import do_fold
+
+    return (do_fold(experiment, plan.cell, plan.corpus, fold, plan.threads) for fold in folds)
 
 
 def random_corpus(subjects=4, per_class=3, gestures=("pat", "rub", "tap"), grid=(8, 8), longest=40, seed=0, **fields):
@@ -54,7 +95,24 @@ def with_other_values(corpus, captures):
     return type(corpus)(**{**vars(corpus), "frames": frames})
 
 
+def runs(kind):
+    """The store and its runs of a kind, the oldest first."""
+    store = connect()
+    return store, sorted(store.of_kind(kind), key=lambda run: run.info.start_time)
+
+
+def predictions(store, run):
+    """The table of a run."""
+    return pd.read_parquet(store.fetched(run.info.run_id, "predictions.parquet"))
+
+
 @pytest.fixture
 def corpus():
     """4 subjects, 3 gestures, 36 captures of 1 to 39 frames on 8 x 8."""
     return random_corpus()
+
+
+@pytest.fixture
+def store(empty_store):
+    """An empty store."""
+    return connect()

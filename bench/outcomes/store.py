@@ -203,12 +203,26 @@ def connect() -> Store:
     with FileLock(path.with_name(path.name + ".lock") if path else lock_folder() / "tracking.lock"):
         logging.getLogger("mlflow.store.db").setLevel(logging.WARNING)  # creating its tables is no news
         try:
+            if path is not None and not path.exists():
+                create(path)
             mlflow.set_tracking_uri(uri)
             client = mlflow.MlflowClient(uri)
             found = client.get_experiment_by_name(EXPERIMENT)
             return Store(client, found.experiment_id if found else client.create_experiment(EXPERIMENT))
         except MlflowException as e:
             raise InputError(f"MLflow store {uri} cannot be used: {str(e).splitlines()[0]}") from e
+
+
+def create(path: Path) -> None:
+    """Make MLflow's SQLite file with its tables, beside its name and renamed: a kill leaves none or a good one."""
+    from mlflow.store.db.utils import _initialize_tables, create_sqlalchemy_engine
+
+    with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+        beside = Path(folder) / path.name
+        engine = create_sqlalchemy_engine(f"sqlite:///{beside}")
+        _initialize_tables(engine)
+        engine.dispose()
+        beside.replace(path)
 
 
 def _check_writable(path: Path) -> None:

@@ -59,7 +59,7 @@ class Plan:
     def facts(self) -> dict[str, str]:
         """What statistics and tables need to know of the protocol; ``""`` for what it has not."""
         official = splits.official_split(self.cell.protocol.make(), self.corpus)
-        ratio = test_over_train(self.folds)
+        ratio = shared_ratio(self.folds)
         return {
             "mixes_subjects": str(self.mixes_subjects).lower(),
             "test_over_train": "" if ratio is None else repr(ratio),
@@ -162,7 +162,7 @@ def mixes_subjects(corpus: Corpus, folds: list[Fold] | tuple[Fold, ...]) -> bool
     return any(set(subjects[fold.train]) & set(subjects[fold.test]) for fold in folds)
 
 
-def test_over_train(folds: tuple[Fold, ...]) -> float | None:
+def shared_ratio(folds: tuple[Fold, ...]) -> float | None:
     """Tested by training captures over all folds, None where no two folds share training captures."""
     sets = [set(fold.train.tolist()) for fold in folds]
     if not any(one & other for one, other in combinations(sets, 2)):

@@ -36,7 +36,7 @@ def main() -> None:
         peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**10
         print(f"imported in {seconds:.1f} s with a peak of {peak:.0f} MiB")
         code = (
-            "import time; from bench.store import open_corpus; open_corpus('cost', {});"
+            "import time; from bench.corpora.library import open_corpus; open_corpus('cost', {});"
             "t = time.perf_counter(); c = open_corpus('cost', {}); t = time.perf_counter() - t;"
             "print(len(c), t, c.frames.sum())"
         )

@@ -6,21 +6,20 @@ python tests/benchmarks/bench_loso.py [model] [folds]
 import sys
 import time
 
-from bench.corpora.library import open_corpus
 from bench.plan.cells import cells
-from bench.plan.plan import folds_of, share_cores
+from bench.plan.plan import planned
+from bench.work.evaluation import Evaluation
 from bench.work.workers import run_folds
 
 
 def main(model: str = "cnn85", count: str = "4") -> None:
     """Print seconds per fold, accuracy, peak memory, and the wall time extrapolated to all folds."""
     (cell,) = cells({"model": model, "data.subjects": "31", "data.repetitions": "6"})
-    corpus = open_corpus(cell.data, cell.data_parameters)
-    folds = folds_of(cell, corpus)
-    jobs, threads = share_cores(None, len(folds))
+    (plan,) = planned([cell], None)
+    corpus, folds, jobs, threads = plan.corpus, plan.folds, plan.workers, plan.threads
     print(f"{cell.system()}, {len(corpus)} synthetic captures, {jobs} workers x {threads} threads", flush=True)
     started = time.perf_counter()
-    for result in run_folds(cell, corpus, folds[: int(count)], jobs, threads):
+    for result in run_folds(plan, Evaluation(), folds[: int(count)]):
         rows = result.predictions
         classes = [c for c in rows if c.startswith("p_")]
         correct = rows[classes].idxmax(axis=1).str.removeprefix("p_") == rows["true"]

@@ -1,8 +1,8 @@
 """How long ``bench report`` takes on a store of many runs, which is made up for it.
 
 Systems with five seeds in four groups (31 and 10 subjects, two of them synthetic), with a child run for every fold.
-One run a group is stored by the MLflow client, the others are copies of it in SQL with other names, seeds and scores:
-the client would take an hour for them. Every run has all its artifacts.
+One run a group is stored by the MLflow store, the others are copies of it in SQL with other names, seeds and scores:
+the store would take an hour for them. Every run has all its artifacts.
 
     python tests/benchmarks/bench_report.py [runs]
 """
@@ -51,7 +51,7 @@ def copy(db: sqlite3.Connection, source: str, run: dict[str, str], score: float 
 
 def fill(runs: int) -> None:
     """A store of that many runs in the working folder."""
-    client = connect()
+    store = connect()
     rng = np.random.default_rng(0)
     each = runs // len(GROUPS)
     templates = []
@@ -60,7 +60,7 @@ def fill(runs: int) -> None:
         table = made_up(subjects, 6, 0.6, gestures=gestures)
         real = data != "synth"
         name = tracked_run(
-            client,
+            store,
             "system0",
             table,
             history=[2.0, 1.5, 1.2],
@@ -68,7 +68,7 @@ def fill(runs: int) -> None:
             synthetic=str(not real).lower(),
             features="raw frames",
         )
-        templates.append((name, Path(client.get_run(name).info.artifact_uri)))
+        templates.append((name, Path(store.run(name).info.artifact_uri)))
     with sqlite3.connect("mlflow.db") as db:
         for source, folder in templates:
             asked = "select run_uuid from tags where key = 'mlflow.parentRunId' and value = ?"

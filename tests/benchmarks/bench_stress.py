@@ -6,17 +6,16 @@ python tests/benchmarks/bench_stress.py [data=haart] [model=svm] [features=jung5
 import sys
 import tempfile
 import time
-from functools import partial
 from pathlib import Path
 
 import pandas as pd
 
 from bench.outcomes import stability
-from bench.plan.arguments import parse
+from bench.plan.arguments import KEYS, jobs_of, parse
 from bench.plan.cells import cells
+from bench.plan.plan import planned
 from bench.work.faults import SEVERITIES, known
-from bench.work.loop import KEYS, jobs_of, planned
-from bench.work.stress import stress_fold
+from bench.work.stress import Stress
 from bench.work.workers import run_folds
 from reports import stability_tables
 
@@ -25,7 +24,8 @@ def main(arguments: list[str]) -> None:
     """Print seconds per fold and in all, and of analysing and drawing."""
     values = parse(arguments, KEYS)
     faults = tuple(known().values())
-    ((cell, corpus, folds, jobs, threads),) = planned(cells(values), jobs_of(values))
+    (plan,) = planned(cells(values), jobs_of(values))
+    cell, corpus, folds, jobs, threads = plan.cell, plan.corpus, plan.folds, plan.workers, plan.threads
     print(
         f"{cell.system()}, {cell.data}, {len(corpus)} captures, {len(faults)} faults x {SEVERITIES} severities, "
         f"{jobs} workers x {threads} threads",
@@ -33,7 +33,7 @@ def main(arguments: list[str]) -> None:
     )
     started = time.perf_counter()
     parts, spent = [], pd.DataFrame()
-    for result in run_folds(cell, corpus, folds, jobs, threads, partial(stress_fold, faults=faults)):
+    for result in run_folds(plan, Stress(faults), folds):
         assert not result.error, result.error
         parts.append(result.predictions)
         spent[result.name] = result.metrics

@@ -16,16 +16,16 @@ from bench.corpora.library import open_corpus
 
 SIZE = ["data.subjects=31", "data.repetitions=6"]
 UNTRACKED = """
-from bench.cells import cells, parse
-from bench.run import KEYS
-from bench.runner import folds_of, run_folds, share_cores
-from bench.store import open_corpus
+from bench.plan.arguments import KEYS, parse
+from bench.plan.cells import cells
+from bench.plan.plan import planned
+from bench.work.evaluation import Evaluation
+from bench.work.loop import fill_cache
+from bench.work.workers import run_folds
 import sys
-(cell,) = cells(parse(sys.argv[1:], KEYS))
-corpus = open_corpus(cell.data, cell.data_parameters)
-folds = folds_of(cell, corpus)
-cell.features.make().fit_transform(corpus[:1])
-assert len(list(run_folds(cell, corpus, folds, *share_cores(None, len(folds))))) == 31
+(plan,) = planned(cells(parse(sys.argv[1:], KEYS)), None)
+fill_cache(plan)
+assert len(list(run_folds(plan, Evaluation(), plan.folds))) == 31
 """
 TRACKED = "import sys; from bench.cli import main; sys.exit(main(['run', *sys.argv[1:]]))"
 

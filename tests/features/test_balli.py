@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import label as components
@@ -110,7 +110,6 @@ def of_frame(*rows):
     return row.filter(regex="_mean$").rename(lambda name: name.removesuffix("_mean"))
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from(GRIDS), st.sampled_from([*LEVELS]), st.booleans())
 def test_signals_equal_a_loop_over_the_frames(seed, grid, levels, real):
     arrays = ragged(seed, grid, *LEVELS[levels], longest=8)
@@ -122,7 +121,6 @@ def test_signals_equal_a_loop_over_the_frames(seed, grid, levels, real):
     assert found.shape[1] == len(SIGNALS)
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from(["noise", "walk", "steps", "wave", "jumps"]))
 def test_statistics_equal_a_loop_over_the_signal(seed, kind):
     rng = np.random.default_rng(seed)
@@ -144,7 +142,6 @@ def test_statistics_equal_a_loop_over_the_signal(seed, kind):
     assert table.shape[1] == len(STATISTICS)
 
 
-@settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from(GRIDS), st.sampled_from([*LEVELS]))
 def test_the_table_is_every_statistic_of_every_signal(seed, grid, levels):
     arrays = ragged(seed, grid, *LEVELS[levels])
@@ -231,7 +228,6 @@ def test_constant_captures_are_finite(frames, value, grid, kind):
     assert row["area_mean"] == (value > 0) * grid[0] * grid[1] and row["solidity_mean"] == (value > 0)
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 1000), st.sampled_from(GRIDS), st.sampled_from([1e-30, 0.1, 1e6]))
 def test_pressure_that_only_scales_leaves_the_shape_constant(seed, grid, scale):
     rng = np.random.default_rng(seed)  # the centre of mass then moves by rounding alone
@@ -254,7 +250,6 @@ def test_a_slice_has_the_rows_of_the_whole(corpus, monkeypatch):
     assert Balli(0).transform(corpus).equals(whole)
 
 
-@settings(max_examples=10, deadline=None)
 @given(st.integers(0, 1000), st.sampled_from([*GRIDS, (5, 7)]))
 @example(391, (8, 8))  # the area of a convex hull in a capture of one frame
 def test_rounding_does_not_depend_on_the_other_captures(seed, grid):

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 from sklearn.base import clone
@@ -16,6 +16,7 @@ from bench.corpora.synth import generate
 from bench.errors import InputError
 from features import signals
 from features.gaus import FAMILIES, Gaus
+from features.kept import cache_key
 from tests.conftest import random_corpus
 
 RATE = 80.0
@@ -149,14 +150,12 @@ def assert_equals_the_loops(corpus):
                 np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9, err_msg=family)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from(GRIDS), st.sampled_from([*LEVELS]))
 def test_features_equal_loops_over_the_definitions(seed, grid, levels):
     low, high, full_scale = LEVELS[levels]
     assert_equals_the_loops(corpus_of(ragged(seed, grid, low, high), full_scale))
 
 
-@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 1000), st.sampled_from(GRIDS), st.sampled_from([1.0, 0.75, 3.3]))
 def test_float_captures(seed, grid, full_scale):
     # multiples of 1/1024, so that no loop and no feature rounds a sum and equal steps are equal
@@ -328,7 +327,6 @@ def test_a_slice_has_the_rows_of_the_whole(corpus, monkeypatch):
     assert Gaus().transform(corpus).equals(whole)
 
 
-@settings(max_examples=10, deadline=None)
 @given(st.integers(0, 1000), st.sampled_from(GRIDS))
 def test_rounding_does_not_depend_on_the_other_captures(seed, grid):
     rng = np.random.default_rng(seed)  # values so different in size that their sums are rounded
@@ -345,7 +343,7 @@ def test_names_and_clones():
     table = features.fit_transform(corpus)
     assert list(features.get_feature_names_out()) == list(table.columns)
     assert clone(features).get_params() == {"families": ("bmh", "lbptop")}
-    assert Gaus().cache_key("a") != features.cache_key("a")
+    assert cache_key(Gaus(), "a") != cache_key(features, "a")
 
 
 @pytest.mark.parametrize("families", [(), ("",), ("sd", "lbp"), ("sd", "bmh", "sd"), "sd", None, (["sd"],)])

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.special import logsumexp
 from scipy.stats import norm
@@ -30,7 +30,6 @@ def paths(models, c, frames):
         yield path, log + sum(np.log(models.transition_[c, a, b]) for a, b in itertools.pairwise(path))
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.lists(st.integers(1, 5), min_size=1, max_size=4), st.integers(1, 3))
 def test_likelihood_is_the_sum_over_all_paths(seed, lengths, states):
     rng = np.random.default_rng(seed)
@@ -41,7 +40,6 @@ def test_likelihood_is_the_sum_over_all_paths(seed, lengths, states):
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
-@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10_000), st.lists(st.integers(1, 40), min_size=1, max_size=6), st.sampled_from([0.1, 1, 30]))
 def test_likelihood_equals_a_loop_over_frames_in_logs(seed, lengths, far):
     rng = np.random.default_rng(seed)
@@ -57,7 +55,6 @@ def test_likelihood_equals_a_loop_over_frames_in_logs(seed, lengths, far):
             assert found[i, c] == pytest.approx(logsumexp(log), rel=1e-9)
 
 
-@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10_000))
 def test_an_iteration_equals_expectations_over_all_paths(seed):
     rng = np.random.default_rng(seed)
@@ -96,7 +93,6 @@ def test_an_iteration_equals_expectations_over_all_paths(seed):
         )
 
 
-@settings(max_examples=10, deadline=None)
 @given(st.integers(0, 10_000), st.integers(1, 5))
 def test_iterations_never_lower_the_likelihood(seed, states):
     rng = np.random.default_rng(seed)

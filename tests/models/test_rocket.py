@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import log_softmax, softmax
 from sklearn.base import clone
@@ -23,6 +23,7 @@ from bench.work.sizes import sizes
 from bench.work.workers import _workers
 from models import rocket
 from models.rocket import PENALTIES, Ridge, Rocket
+from models.series import Series
 from tests.conftest import random_corpus, with_other_values
 
 BOTH = pytest.mark.parametrize("transform", ["minirocket", "multirocket_hydra"])
@@ -36,7 +37,6 @@ def with_arrays(arrays, captures):
     return Corpus.from_captures(arrays, captures[: len(arrays)], 100.0)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(3, 30), st.integers(1, 40), st.integers(2, 5), st.sampled_from(PENALTIES), st.integers(0, 99))
 def test_ridge_and_what_it_predicts_for_left_out_groups_equal_scikit_learn(captures, width, groups, penalty, seed):
     rng = np.random.default_rng(seed)
@@ -77,14 +77,12 @@ def test_penalty_and_temperature_are_those_of_a_plain_loop_over_subjects(transfo
     np.testing.assert_allclose(model.predict_proba(corpus), expected, atol=1e-4)
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(1, 4), st.integers(1, 5), st.integers(1, 30), st.integers(0, 99))
 def test_series_equal_a_loop(rows, cols, longest, seed):
     corpus = random_corpus(subjects=2, per_class=1, grid=(rows, cols), longest=longest + 1, seed=seed)
     order = np.random.default_rng(seed).permutation(len(corpus))[:4]
     corpus = corpus[order]
-    model = small(channels="both")
-    model.level_, model.length_ = model._level(corpus), 12
+    model = Series("both", length=12).fit(corpus)
     values = []
     for frames in corpus:
         for frame in frames.astype(float):
@@ -95,7 +93,7 @@ def test_series_equal_a_loop(rows, cols, longest, seed):
     values = np.array(values)
     sd = np.where(values.std(axis=0) > 1e-9, values.std(axis=0), 1)
     values, place = (values - values.mean(axis=0)) / sd, 0
-    for found, length in zip(model._series(corpus), corpus.lengths, strict=True):
+    for found, length in zip(model.each(corpus), corpus.lengths, strict=True):
         for t in range(12):
             at = t * (length - 1) / 11
             before, share = min(int(at), length - 1), at - int(at)
@@ -109,7 +107,7 @@ def test_a_feature_of_minirocket_by_hand(corpus):
     """The share of frames above its bias of one convolution, whose weights are -1 but for three 2."""
     model = small(channels="signals", kernels=84 * 3).fit(corpus, corpus.gestures)
     counts, chosen, dilations, each, biases = model.transforms_[0].parameters
-    series = next(model._series(corpus[4:5]))
+    series = next(model.series_.each(corpus[4:5]))
     features, position, place, kernel = model._features(corpus[4:5])[0], 0, 0, 0
     for step, dilation in enumerate(dilations):
         for number in range(84):
@@ -171,19 +169,21 @@ def test_captures_of_one_frame_and_captures_that_never_change(transform, corpus)
 
 def test_captures_as_long_as_the_median_are_taken_as_they_are(corpus):
     model = small().fit(corpus, corpus.gestures)
-    assert model.length_ == int(np.median(corpus.lengths))
-    frames = np.random.default_rng(0).integers(0, 1023, (model.length_, 8, 8)).astype(np.uint16)
+    assert model.series_.length_ == int(np.median(corpus.lengths))
+    frames = np.random.default_rng(0).integers(0, 1023, (model.series_.length_, 8, 8)).astype(np.uint16)
     one = with_arrays([frames], corpus.captures)
-    (series,) = model._series(one)
+    (series,) = model.series_.each(one)
     total = frames.sum(axis=(1, 2), dtype=float)
-    np.testing.assert_allclose(series[0] * model.level_.scale_[0] + model.level_.mean_[0], total, rtol=1e-5)
+    np.testing.assert_allclose(
+        series[0] * model.series_.level_.scale_[0] + model.series_.level_.mean_[0], total, rtol=1e-5
+    )
 
 
 def test_biases_come_from_a_sample_where_memory_is_short(corpus, monkeypatch):
     model = small().fit(corpus, corpus.gestures)
     assert len(model._sample(corpus)) == len(corpus)
-    monkeypatch.setattr(rocket, "SAMPLE", 7 * 5 * model.length_)
-    assert model._sample(corpus).shape == (7, 5, model.length_)
+    monkeypatch.setattr(rocket, "SAMPLE", 7 * 5 * model.series_.length_)
+    assert model._sample(corpus).shape == (7, 5, model.series_.length_)
     other = small().fit(corpus, corpus.gestures)
     assert not np.array_equal(other.transforms_[0].parameters[-1], model.transforms_[0].parameters[-1])
     assert np.array_equal(other.predict(corpus), model.predict(corpus))
@@ -196,16 +196,6 @@ def test_test_subjects_change_nothing_that_is_learned(transform, corpus):
     found = [small(transform, channels="both").fit(c[train_part], c.gestures[train_part]) for c in (corpus, other)]
     assert np.array_equal(*(model.predict_proba(probe) for model in found))
     assert found[0].penalty_ == found[1].penalty_ and found[0].temperature_ == found[1].temperature_
-
-
-def test_permuted_labels_give_chance():
-    corpus = random_corpus(subjects=4, per_class=8)
-    labels = np.random.default_rng(0).permutation(corpus.gestures)
-    hits = []
-    for train_part, test in LeaveOneGroupOut().split(labels, groups=corpus.subjects):
-        model = small().fit(corpus[train_part], labels[train_part])
-        hits.extend(model.predict(corpus[test]) == labels[test])
-    assert abs(np.mean(hits) - 1 / 3) < 4 * np.sqrt(2 / 9 / len(corpus))
 
 
 @BOTH
@@ -231,7 +221,7 @@ def test_sizes(corpus):
     assert len(biases) == 168
     drawn = len(counts) + len(chosen) + len(dilations) + len(each) + 168
     numbers = drawn + 2 * 5 + 2 * 168 + 168 * 3 + 3 + 1
-    memory = (13 * 5 + 1) * model.length_ + 168 + 3
+    memory = (13 * 5 + 1) * model.series_.length_ + 168 + 3
     found = sizes(model, 64, 40)
     assert (found["parameters"], found["flash_bytes"], found["ram_bytes"]) == (numbers, 4 * numbers, 4 * memory)
     hydra = small("multirocket_hydra", kernels=84).fit(corpus, corpus.gestures)
@@ -272,7 +262,7 @@ def test_without_aeon_one_line_says_what_to_install(monkeypatch, capsys):
 
 def test_aeon_is_imported_by_no_command_that_does_not_need_it():
     code = (
-        "import sys; sys.modules['aeon'] = None; from bench.cli import main; from bench.cells import cells\n"
+        "import sys; sys.modules['aeon'] = None; from bench.cli import main; from bench.plan.cells import cells\n"
         "assert main(['run', '--help']) == main(['systems']) == 0\n"
         "cells({'model': 'rocket,svm'})[0].estimator(); assert 'numba' not in sys.modules"
     )

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from torch import nn
 
@@ -10,7 +10,6 @@ from models.cnn85 import CNN85
 from models.taxel_major import pool, taxel_major
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(1, 3), st.integers(0, 2), st.integers(0, 10_000))
 def test_a_stack_equals_its_taxel_major_form(rows, cols, kernel, padding, seed):
     torch.manual_seed(seed)

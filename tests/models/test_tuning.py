@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.base import BaseEstimator
 from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
@@ -84,7 +84,6 @@ def test_a_grid_is_searched_as_a_plain_loop_would(inner):
     assert parameter_count(search) == parameter_count(again) > 0
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(0, 6), min_size=2, max_size=40), st.sampled_from(["2", "3", "7", "loso"]))
 def test_inner_folds_keep_subjects_apart_and_test_everybody_once(who, inner):
     subjects = np.array(who).astype(str)
@@ -401,16 +400,6 @@ def test_a_stored_corpus_leaks_nothing_through_tables_and_studies(tmp_path):
     assert len(list((home() / "features").iterdir())) == len(list((home() / "studies").glob("*.journal"))) == 2
     probe = random_corpus(seed=9)
     assert np.array_equal(*(search.predict_proba(probe) for search in found))
-
-
-@pytest.mark.parametrize("name", SEARCHES)
-def test_permuted_labels_give_chance(name):
-    corpus = random_corpus(subjects=5, per_class=8)
-    labels = np.random.default_rng(0).permutation(corpus.gestures)
-    hits = []
-    for train, test in LeaveOneGroupOut().split(labels, groups=corpus.subjects):
-        hits.extend(SEARCHES[name]().fit(corpus[train], labels[train]).predict(corpus[test]) == labels[test])
-    assert abs(np.mean(hits) - 1 / 3) < 4 * np.sqrt(2 / 9 / len(corpus))
 
 
 @pytest.mark.parametrize(

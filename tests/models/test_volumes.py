@@ -4,7 +4,7 @@ import copy
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from torch import nn
 
@@ -44,7 +44,6 @@ def same(net, x):
     torch.testing.assert_close(net.eval()(x), volumes(list(other.eval()), x))
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     st.tuples(st.integers(1, 7), st.integers(1, 6), st.integers(1, 6)),
     st.tuples(KERNELS, KERNELS),

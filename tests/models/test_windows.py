@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.errors import InputError
@@ -28,7 +28,6 @@ def loop(frames, length, hop, padding):
         start += hop
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     st.integers(1, 30),
     st.integers(1, 30),

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
-from sklearn.model_selection import GroupKFold, LeaveOneGroupOut, StratifiedKFold, StratifiedShuffleSplit
+from sklearn.model_selection import GroupKFold, KFold, LeaveOneGroupOut, StratifiedKFold, StratifiedShuffleSplit
 
 from bench.errors import InputError
 from protocols.captures import CaptureKFold, Holdout
 from protocols.challenge import Challenge
+from protocols.contract import label, official_split
 from protocols.subjects import LOSO, SubjectKFold
 from tests.conftest import random_corpus
 
@@ -33,15 +34,25 @@ def test_folds_equal_scikit_learns(corpus):
     )
 
 
-@pytest.mark.parametrize("protocol", [LOSO(), SubjectKFold(3), Challenge(), CaptureKFold(3), Holdout()])
-def test_subjects_are_apart_where_the_name_promises_it(protocol, corpus):
+@pytest.mark.parametrize(
+    ("protocol", "mixed"),
+    [(LOSO(), False), (SubjectKFold(3), False), (Challenge(), False), (CaptureKFold(3), True), (Holdout(), True)],
+)
+def test_subjects_are_apart_where_the_name_promises_it(protocol, mixed, corpus):
     folds = list(protocol.split(corpus, corpus.gestures, corpus.subjects))
     assert len(folds) == protocol.get_n_splits(corpus, corpus.gestures, corpus.subjects)
     for train, test in folds:
         assert len(train) and len(test) and not set(train) & set(test)
-        shared = set(corpus.subjects[train]) & set(corpus.subjects[test])
-        assert bool(shared) == protocol.mixes_subjects
-        assert ("subjects mixed" in protocol.label(corpus)) == protocol.mixes_subjects
+        assert bool(set(corpus.subjects[train]) & set(corpus.subjects[test])) == mixed
+    assert ("subjects mixed" in protocol.label(corpus)) == mixed
+
+
+def test_a_plain_splitter_is_named_after_its_class_and_what_it_mixes(corpus):
+    assert (
+        label(KFold(3), corpus, True) == "KFold, subjects mixed" and label(GroupKFold(3), corpus, False) == "GroupKFold"
+    )
+    assert official_split(KFold(3), corpus) is None and official_split(Challenge(), corpus) is False
+    assert official_split(Challenge(), declared(corpus, ["1", "3"], ["4"])) is True
 
 
 @pytest.mark.parametrize("protocol", [LOSO(), SubjectKFold(4), CaptureKFold(3)])

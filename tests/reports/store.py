@@ -1,16 +1,13 @@
 """Runs that look as if ``bench run`` had made them, without running anything."""
 
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from mlflow.entities import Metric, Param, RunTag
 
+from bench.outcomes import scores
 from bench.outcomes.results import measure
-from bench.outcomes.scores import accuracies
-from bench.outcomes.store import EXPERIMENT, _write_tables
 
 GESTURES = ("pat", "rub", "tap")
 
@@ -51,10 +48,11 @@ def made_up(subjects=4, per_class=4, skill=0.7, seed=0, windows=1, gestures=GEST
     return pd.DataFrame(rows, columns=names)
 
 
-def tracked_run(client, system, predictions, failed=0, history=(), cost=1.0, **about):
+def tracked_run(store, system, predictions, failed=0, history=(), cost=1.0, **about):
     """Store a parent run with its artifacts and a child for each fold; ``about`` are tags and parameters."""
-    experiment = client.get_experiment_by_name(EXPERIMENT).experiment_id
-    params = {k: str(v) for k, v in about.items() if "." in k or k in ("corpus_digest", "git", "cpu", "threads")}
+    given = {k: str(v) for k, v in about.items()}
+    own = ("corpus_digest", "git", "cpu", "threads")
+    params = {k: v for k, v in given.items() if k in own or ("." in k and not k.startswith("touchbench."))}
     tags = {
         "touchbench.kind": "cell",
         "data": "synth",
@@ -68,29 +66,28 @@ def tracked_run(client, system, predictions, failed=0, history=(), cost=1.0, **a
         "features": "jung54",
         "seed": "0",
     }
-    tags |= {k: str(v) for k, v in about.items() if k not in params}
-    run = client.create_run(experiment, run_name=system, tags=tags).info.run_id
-    params = {"corpus_digest": "d" * 64, "git": "abc", "cpu": "one", "threads": "1", "version.python": "3"} | params
+    tags |= {k: v for k, v in given.items() if k not in params}
     names = list(predictions["fold"].unique())
+    if "mixes_subjects" not in tags:
+        folds = len(names) + failed
+        ratio = repr(1 / (folds - 1)) if folds > 1 else ""
+        tags |= {"mixes_subjects": "false", "test_over_train": ratio, "official_split": ""}
+    run = store.create(system, tags)
+    params = {"corpus_digest": "d" * 64, "git": "abc", "cpu": "one", "threads": "1", "version.python": "3"} | params
+    params |= {"model": tags["model"].split("[")[0], "protocol": tags["protocol"].split("[")[0]}
     results = [Result(name, cost) for name in names]
     metrics = measure(predictions, results, 50.0) | {"folds": len(names), "folds_failed": failed}
-    now = int(time.time() * 1000)
-    client.log_batch(
-        run,
-        [Metric(k, float(v), now, 0) for k, v in metrics.items()],
-        [Param(k, v) for k, v in params.items()],
-        [RunTag("mlflow.note.content", "made up")],
-    )
+    store.log(run, metrics, params)
     with tempfile.TemporaryDirectory() as folder:
-        _write_tables(predictions, Path(folder))
-        client.log_artifacts(run, folder)
+        labelled = scores.captures(predictions)
+        predictions.to_parquet(Path(folder) / "predictions.parquet", index=False)
+        scores.per_subject(labelled).to_csv(Path(folder) / "per_subject.csv", index=False)
+        scores.per_class(labelled, scores.classes_of(predictions)).to_csv(Path(folder) / "per_class.csv", index=False)
+        store.keep(run, Path(folder))
     for name in names:
-        tags = {"mlflow.parentRunId": run, "touchbench.kind": "fold", "touchbench.fold": name}
-        child = client.create_run(experiment, run_name=name, tags=tags).info.run_id
-        found = accuracies(predictions[predictions["fold"] == name])
-        points = [Metric(k, float(v), now, 0) for k, v in found.items()]
-        points += [Metric("loss", v, now, step) for step, v in enumerate(history, 1)]
-        client.log_batch(child, points)
-        client.set_terminated(child, "FINISHED")
-    client.set_terminated(run, "FAILED" if failed else "FINISHED")
+        child = store.create(name, {"mlflow.parentRunId": run, "touchbench.kind": "fold", "touchbench.fold": name})
+        found = scores.accuracies(predictions[predictions["fold"] == name])
+        store.log(child, found, history=[{"loss": value} for value in history])
+        store.end(child, "FINISHED")
+    store.end(run, "FAILED" if failed else "FINISHED")
     return run

@@ -1,5 +1,6 @@
 """The report as a whole, on stores that hold what real ones may hold."""
 
+import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -61,18 +62,18 @@ def quick(monkeypatch):
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
 
 
-def report(client):
-    return [p.relative_to("report").as_posix() for p in page.write_report(client, Path("report"))]
+def report(store):
+    return [p.relative_to("report").as_posix() for p in page.write_report(store, Path("report"))]
 
 
-def test_the_whole_report(client):
+def test_the_whole_report(store):
     for i, system in enumerate(["cnn85", "cnn85[frames=40]", "svm · jung54", HOSTILE]):
         frames = {"model.frames": 40 if "frames" in system else 85}
         table = made_up(7, skill=0.4 + 0.1 * i, seed=i, windows=3 if "cnn" in system else 1)
-        about = {"features": "raw frames"} | frames if "cnn" in system else {}
-        tracked_run(client, system, table, history=[2.0, 1.0] if "cnn" in system else (), cost=1 + i, **about)
-    tracked_run(client, "svm · jung54", made_up(7, seed=9), seed=1)
-    files = report(client)
+        about = {"features": "raw frames"} | frames | typed(frames["model.frames"]) if "cnn" in system else {}
+        tracked_run(store, system, table, history=[2.0, 1.0] if "cnn" in system else (), cost=1 + i, **about)
+    tracked_run(store, "svm · jung54", made_up(7, seed=9), seed=1)
+    files = report(store)
     assert {
         "index.html",
         "comparison.md",
@@ -104,10 +105,10 @@ def test_the_whole_report(client):
     assert "hover" not in markdown and markdown.count("| data not here |") == len(published())
 
 
-def test_generated_captures_are_marked_on_every_table_and_figure(client):
-    tracked_run(client, "a", made_up(6))
-    tracked_run(client, "b", made_up(6, seed=1))
-    files = report(client)
+def test_generated_captures_are_marked_on_every_table_and_figure(store):
+    tracked_run(store, "a", made_up(6))
+    tracked_run(store, "b", made_up(6, seed=1))
+    files = report(store)
     drawings = [Path("report", f).read_text(encoding="utf-8") for f in files if f.endswith(".svg")]
     assert drawings and all("synthetic captures, not people" in d for d in drawings)
     table = pd.read_csv("report/comparison.csv")
@@ -123,9 +124,9 @@ def test_generated_captures_are_marked_on_every_table_and_figure(client):
     "predictions",
     [made_up(1), made_up(2, per_class=1, gestures=("only",)), made_up(3, hard=True), made_up(12, windows=2, skill=1.0)],
 )
-def test_one_run_one_subject_one_class_labels_only(quick, client, predictions):
-    tracked_run(client, "a", predictions, protocol_label="LOSO")
-    report(client)
+def test_one_run_one_subject_one_class_labels_only(quick, store, predictions):
+    tracked_run(store, "a", predictions, protocol_label="LOSO")
+    report(store)
     text, found = read()
     assert not found.open
     subjects = predictions["subject"].nunique()
@@ -134,189 +135,93 @@ def test_one_run_one_subject_one_class_labels_only(quick, client, predictions):
     assert ("Labels only" in text) == bool(np.isin(probabilities, (0, 1)).all())
 
 
-def test_failed_folds_are_told_and_compared_with_nothing(quick, client):
+def test_failed_folds_are_told_and_compared_with_nothing(quick, store):
     for i, failed in enumerate([0, 0, 0, 2]):
-        tracked_run(client, f"system{i}", made_up(6, seed=i, skill=0.2 + 0.2 * i), failed=failed)
-    report(client)
+        tracked_run(store, f"system{i}", made_up(6, seed=i, skill=0.2 + 0.2 * i), failed=failed)
+    report(store)
     text, _ = read()
     assert "Runs with failed folds are scored on the others and compared with nothing: system3." in text
     assert set(pd.read_csv("report/statistics.csv")["system"]) == {"system0", "system1", "system2"}
     assert "6/8" in set(pd.read_csv("report/comparison.csv")["folds"])
 
 
-def test_only_incomplete_runs_still_make_a_report(quick, client):
-    tracked_run(client, "a", made_up(4), failed=1)
-    report(client)
+def test_only_incomplete_runs_still_make_a_report(quick, store):
+    tracked_run(store, "a", made_up(4), failed=1)
+    report(store)
     assert "No run is complete" in read()[0]
 
 
-def test_folds_of_several_subjects_are_corrected_by_fold(quick, client):
+def test_folds_of_several_subjects_are_corrected_by_fold(quick, store):
     for i in range(2):
         tracked_run(
-            client,
+            store,
             f"s{i}",
             made_up(8, seed=i, skill=0.8 - 0.3 * i, folds=4),
             protocol="groupkfold[folds=4]",
             protocol_label="4-fold by subject",
         )
-    report(client)
+    report(store)
     row = pd.read_csv("report/statistics.csv").iloc[1]
     assert np.isfinite(row["nb_low"]) and row["nb_low"] != row["low"]
 
 
-def test_figures_of_an_earlier_report_go_and_other_files_stay(quick, client):
-    tracked_run(client, "a", made_up(3))
+def test_figures_of_an_earlier_report_go_and_other_files_stay(quick, store):
+    tracked_run(store, "a", made_up(3))
     Path("report/figures").mkdir(parents=True)
     Path("report/figures/9-old-speed.png").touch()
     Path("report/figures/mine.png").touch()
-    report(client)
+    report(store)
     assert not Path("report/figures/9-old-speed.png").exists() and Path("report/figures/mine.png").exists()
 
 
-def test_one_line_where_nothing_is_tracked_or_nothing_can_be_written(quick, client, capsys):
+def test_one_line_where_nothing_is_tracked_or_nothing_can_be_written(quick, store, capsys):
     with pytest.raises(InputError, match="no scored run"):
-        page.write_report(client, Path("report"))
-    tracked_run(client, "a", made_up(3))
+        page.write_report(store, Path("report"))
+    tracked_run(store, "a", made_up(3))
     Path("taken").touch()
     with pytest.raises(InputError, match="cannot be written"):
-        page.write_report(client, Path("taken"))
+        page.write_report(store, Path("taken"))
     assert main(["report", "out=there"]) == 0 and "there/index.html" in capsys.readouterr().out
 
 
-def test_corpora_of_one_name_are_told_apart(client):
+def test_corpora_of_one_name_are_told_apart(store):
     for digest in ("1" * 64, "2" * 64):
-        tracked_run(client, "a", made_up(3), corpus_digest=digest)
-    groups = set(with_groups(tracked(client))["group"])
+        tracked_run(store, "a", made_up(3), corpus_digest=digest)
+    groups = set(with_groups(tracked(store))["group"])
     assert groups == {f"synth (synthetic), all, LOSO (3 subjects), corpus {d * 8}" for d in "12"}
 
 
-def test_a_newer_run_with_failed_folds_hides_no_complete_one(client):
+def test_a_newer_run_with_failed_folds_hides_no_complete_one(store):
     table = made_up()
-    whole = tracked_run(client, "a", table)
-    tracked_run(client, "a", table, failed=1)
-    assert tracked(client)["run_id"].tolist() == [whole]
-    newer = tracked_run(client, "a", table)
-    assert tracked(client)["run_id"].tolist() == [newer]
+    whole = tracked_run(store, "a", table)
+    tracked_run(store, "a", table, failed=1)
+    assert tracked(store)["run_id"].tolist() == [whole]
+    newer = tracked_run(store, "a", table)
+    assert tracked(store)["run_id"].tolist() == [newer]
 
 
-def test_seeds_are_in_the_order_of_numbers(client):
+def test_seeds_are_in_the_order_of_numbers(store):
     for seed in (10, 9, 100):
-        tracked_run(client, "a", made_up(3), seed=seed)
-    assert comparison(tracked(client), published())["seed"].tolist() == ["9", "10", "100"]
+        tracked_run(store, "a", made_up(3), seed=seed)
+    assert comparison(tracked(store), published())["seed"].tolist() == ["9", "10", "100"]
 
 
-def test_published_numbers_stand_beside_the_runs_they_belong_to(client):
+def test_published_numbers_stand_beside_the_runs_they_belong_to(store):
     haart = {"data": "haart", "synthetic": "false", "protocol": "challenge"}
-    tracked_run(client, "ta2015_rf", made_up(3), **haart)
-    tracked_run(client, "ta2015_rf", made_up(3), **haart | {"data": "synth", "synthetic": "true"})
-    table = comparison(tracked(client), published()).set_index("data")
+    tracked_run(store, "ta2015_rf", made_up(3), **haart)
+    tracked_run(store, "ta2015_rf", made_up(3), **haart | {"data": "synth", "synthetic": "true"})
+    table = comparison(tracked(store), published()).set_index("data")
     assert table.loc["haart", "published"] == "70.91 (capture, ta2015-haart-test)"
     assert table.loc["synth (synthetic)", "published"] == ""
 
 
-@pytest.mark.parametrize(
-    ("run", "line"),
-    [
-        (
-            {
-                "system": "svm[C=8.0] · jung54[area=capture]",
-                "model": "svm[C=8.0]",
-                "model.C": "8.0",
-                "model.gamma": "0.1",
-                "features.area": "capture",
-                "seed": "none",
-                "subset": "variant == 'rough'",
-            },
-            """bench run data=haart 'where=variant == '"'"'rough'"'"'' protocol=loso model=svm model.C=8.0 """
-            "features=jung54 features.area=capture",
-        ),
-        (
-            {
-                "system": "cnn85[epochs=2]",
-                "model": "cnn85[epochs=2]",
-                "model.epochs": "2",
-                "seed": "3",
-                "data.subjects": "12",
-                "target": "gesture+variant",
-            },
-            "bench run data=haart data.subjects=12 target=gesture+variant protocol=loso model=cnn85 model.epochs=2 "
-            "seed=3",
-        ),
-        (
-            {
-                "system": "tuned svm[C=1|2, gamma] · gaus",
-                "model": "svm",
-                "seed": "1",
-                "tuning.trials": "9",
-                "tuning.space": "{'C': [1.0, 2.0], 'gamma': Range(low=0.1, high=1.0, log=True)}",
-            },
-            "bench tune data=haart protocol=loso model=svm features=gaus model.C=1.0,2.0 trials=9 seed=1",
-        ),
-        (
-            {
-                "system": "tuned cnn85[frames=10|85]",
-                "model": "cnn85",
-                "tuning.space": "{'frames': [10, 85]}",
-                "tuning.inner": "3",
-                "tuning.objective": "smallest",
-                "tuning.over": "frames",
-                "seed": "0",
-            },
-            "bench choose data=haart protocol=loso model=cnn85 model.frames=10,85 over=frames inner=3",
-        ),
-        (
-            {
-                "system": "tuned svm[C, gamma] · gaus",
-                "model": "svm",
-                "seed": "0",
-                "tuning.objective": "smallest",
-                "tuning.space": "{'C': [8.0, 32.0], 'gamma': [0.1, 1.0]}",
-                "tuning.trials": "3",
-            },
-            "bench tune data=haart protocol=loso model=svm features=gaus model.C=8.0,32.0 model.gamma=0.1,1.0 "
-            "trials=3 objective=smallest",
-        ),
-        (
-            {
-                "system": "svm · jung54",
-                "model": "svm",
-                "seed": "2",
-                "touchbench.kind": "stress",
-                "faults": "noise, shift",
-                "train_subjects": "2, 4",
-                "stream.hop_ms": np.nan,
-            },
-            "bench stress data=haart protocol=loso model=svm features=jung54 seed=2 "
-            "faults=noise,shift train_subjects=2,4",
-        ),
-        (
-            {
-                "system": "rf",
-                "model": "rf",
-                "seed": "0",
-                "touchbench.kind": "stream",
-                "stream.hop_ms": "125.0",
-                "stream.start": "middle",
-                "faults": np.nan,
-            },
-            "bench stream data=haart protocol=loso model=rf hop_ms=125.0 start=middle",
-        ),
-        (
-            {
-                "system": "rf",
-                "model": "rf",
-                "seed": "0",
-                "touchbench.kind": "stream",
-                "stream.hop_ms": "None",
-                "stream.start": "onset",
-            },
-            "bench stream data=haart protocol=loso model=rf",
-        ),
-    ],
-)
-def test_commands_from_what_is_tracked(run, line):
-    usual = {"data": "haart", "subset": "all", "target": "gesture", "protocol": "loso"}
-    assert command(usual | run) == line
+def test_the_command_of_a_run_is_what_was_tracked():
+    told = {
+        "touchbench.command": "stress",
+        "touchbench.arguments": '{"data": "haart", "where": "variant == \'rough\'"}',
+    }
+    assert command(told) == """bench stress data=haart 'where=variant == '"'"'rough'"'"''"""
+    assert command({"system": "svm · jung54", "touchbench.arguments": np.nan}) == "-"  # before it was tracked
 
 
 def test_front_by_a_plain_loop():
@@ -358,10 +263,16 @@ def test_recall_by_gesture_and_its_interval():
     assert (found.loc["x", "low"], found.loc["x", "high"]) == (50, 100) and np.isnan(found.loc["z"]).all()
 
 
-def test_lengths_of_windows_in_frames_and_milliseconds(client):
+def typed(frames):
+    """What is tracked of a network's arguments."""
+    given = {"model": "cnn85", "model.epochs": "2"} | ({"model.frames": str(frames)} if frames != 85 else {})
+    return {"touchbench.command": "run", "touchbench.arguments": json.dumps(given)}
+
+
+def test_lengths_of_windows_in_frames_and_milliseconds(store):
     for frames, system in ((10, "cnn85[epochs=2, frames=10]"), (85, "cnn85[epochs=2]")):
-        tracked_run(client, system, made_up(4, windows=2), **{"model.frames": frames})
-    found = curves.lengths(client, tracked(client))
+        tracked_run(store, system, made_up(4, windows=2), **{"model.frames": frames}, **typed(frames))
+    found = curves.lengths(store, tracked(store))
     assert list(found) == ["cnn85[epochs=2]"]
     assert found["cnn85[epochs=2]"]["ms"].tolist() == pytest.approx([200, 1700])  # at 50 frames a second
 

@@ -9,15 +9,15 @@ from bench.cli import main
 from bench.errors import InputError
 from bench.outcomes.store import connect
 from reports.streaming import draw, stream_of, write_streaming
-from tests.bench.test_run import runs
-from tests.bench.test_stream import SMALL
+from tests.conftest import runs
+from tests.work.test_stream import SMALL
 
 
 def test_tables_and_figure_are_rebuilt_from_the_store(tmp_path):
     assert main(["stream", *SMALL, "start=onset,middle"]) == 0
-    client, parents = runs("stream")
+    store, parents = runs("stream")
     assert [p.data.params["stream.start"] for p in parents] == ["onset", "middle"]
-    paths = write_streaming(client, [p.info.run_id for p in parents], tmp_path / "again")
+    paths = write_streaming(store, [p.info.run_id for p in parents], tmp_path / "again")
     assert [p.name for p in paths] == ["streaming.csv", "stopping.csv", "streaming.png", "streaming.svg"]
     table = pd.read_csv("report/streaming.csv")
     assert table.equals(pd.read_csv(tmp_path / "again" / "streaming.csv"))
@@ -29,8 +29,8 @@ def test_tables_and_figure_are_rebuilt_from_the_store(tmp_path):
     assert "synth (synthetic)" in text and "from the middle" in text
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="choose another out="):
-        write_streaming(client, [parents[0].info.run_id], tmp_path / "file" / "x")
-    assert write_streaming(client, [], tmp_path / "none") == []
+        write_streaming(store, [parents[0].info.run_id], tmp_path / "file" / "x")
+    assert write_streaming(store, [], tmp_path / "none") == []
     row = stream_of(connect(), parents[0].info.run_id)
     assert row["adaptive"]["accuracy"] == parents[0].data.metrics["adaptive_accuracy"]
 

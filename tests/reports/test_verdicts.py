@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.outcomes import artifacts, scores
+from bench.outcomes import runs, scores
 from bench.outcomes.runs import tracked
 from reports import verdicts
 from reports.comparison import published
@@ -14,15 +14,15 @@ HAART = {"data": "haart", "synthetic": "false"}
 
 
 @pytest.fixture
-def beside(client):
-    return lambda *about: _beside(client, about)
+def beside(store):
+    return lambda *about: _beside(store, about)
 
 
-def _beside(client, about):
+def _beside(store, about):
     for each in about:
         predictions = each.pop("predictions")
-        tracked_run(client, each.pop("system"), predictions, **HAART | each)
-    return verdicts.against(published(), tracked(client), client).set_index("id")
+        tracked_run(store, each.pop("system"), predictions, **HAART | each)
+    return verdicts.against(published(), tracked(store), store).set_index("id")
 
 
 @pytest.mark.parametrize(
@@ -122,17 +122,14 @@ def test_synthetic_incomplete_and_single_subject_runs_get_no_false_verdict(besid
     assert found.loc["hughes2015-haart-test", "verdict"] == "no interval"
 
 
-def test_artifacts_are_read_where_they_lie(client):
-    tracked_run(client, "a", made_up(3))
-    (run,) = tracked(client).to_dict("records")
-    accuracy = artifacts.subject_accuracy(client, run)
-    labelled = scores.captures(artifacts.predictions(client, run))
+def test_artifacts_are_read_where_they_lie(store):
+    tracked_run(store, "a", made_up(3))
+    (run,) = tracked(store).to_dict("records")
+    accuracy = runs.subject_accuracy(store, run)
+    labelled = scores.captures(runs.predictions(store, run))
     expected = scores.per_subject(labelled).set_index("subject")["accuracy"] * 100
     assert accuracy == pytest.approx(expected.to_dict())
-    assert artifacts.path_of(client, run | {"artifacts": "file://" + run["artifacts"]}, "per_class.csv").is_file()
-    assert (
-        artifacts.path_of(client, run, "none.csv") is None
-        and artifacts.predictions(client, run | {"artifacts": "x"}) is None
-    )
-    folds = artifacts.fold_accuracy(client, run)
+    assert runs.artifact(store, run | {"artifacts": "file://" + run["artifacts"]}, "per_class.csv").is_file()
+    assert runs.artifact(store, run, "none.csv") is None and runs.predictions(store, run | {"artifacts": "x"}) is None
+    folds = store.fold_accuracy(run["run_id"])
     assert list(folds) == ["1", "2", "3"] and folds["1"] == pytest.approx(accuracy["1"])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import spearmanr
 from sklearn.metrics import confusion_matrix
@@ -117,7 +117,6 @@ def test_it_is_counted_and_ordered_as_cost():
     assert len({c.tobytes() for c in corpus}) == len(corpus)
 
 
-@settings(max_examples=8, deadline=None)
 @given(st.integers(1, 20), st.integers(1, 20), st.floats(5, 300), st.integers(0, 2**31))
 def test_any_grid_and_rate(rows, cols, rate_hz, seed):
     corpus = generate(subjects=1, variants=("normal",), rows=rows, cols=cols, rate_hz=rate_hz, seed=seed)

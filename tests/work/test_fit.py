@@ -17,8 +17,7 @@ from bench.corpora.table import from_frame, read_unlabelled
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.work.saved import requirements
-from tests.bench.test_run import runs
-from tests.conftest import random_corpus
+from tests.conftest import random_corpus, runs
 
 FIT = ["fit", "model=bayes", "data.subjects=3", "data.variants=normal"]
 

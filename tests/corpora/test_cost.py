@@ -1,7 +1,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora import cost
@@ -53,7 +53,6 @@ def test_published_counts_add_up():
     assert sum(cost.PUBLISHED_GESTURES.values()) == sum(cost.PUBLISHED_VARIANTS.values()) == 7805
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.tuples(st.integers(1, 31), st.integers(0, 2), st.integers(0, 13), st.integers(1, 9)), min_size=1),
     st.integers(),

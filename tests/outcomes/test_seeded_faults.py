@@ -21,7 +21,7 @@ from models.rf import rf
 from models.svm import svm
 from models.training import Windows
 from protocols.subjects import LOSO
-from tests.bench.test_check import HERE, NAMES
+from tests.commands.test_check import HERE, NAMES
 
 
 @cache

@@ -10,21 +10,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.cli import main
 from bench.errors import InputError
 from bench.work.live import decided_at, frames_of
-from tests.bench.test_stream import Rising, coded_corpus, lengths_of
 from tests.conftest import BENCH
+from tests.work.test_stream import Rising, coded_corpus, lengths_of
 
 
 def frames(n, start=0):
     return [np.full(2, start + i, dtype=float) for i in range(n)]
 
 
-@settings(max_examples=60)
 @given(lengths_of, st.floats(10, 200), st.integers(1, 12))
 def test_a_decision_every_hop_and_one_where_a_capture_ends(lengths, hop_ms, longest):
     given_, naive = [], []
@@ -127,6 +126,7 @@ def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(saved, monkeyp
     assert captured.err.splitlines()[-1] == "bench: line 5: 9999 is not within 0 and the full scale 1023"
 
 
+@pytest.mark.live
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_decisions_come_while_frames_come_and_control_c_ends_it(saved):
     process = subprocess.Popen(

@@ -5,10 +5,9 @@ import pytest
 
 from bench.cli import main
 from bench.errors import InputError
-from bench.plan.arguments import parse
+from bench.plan.arguments import KEYS, parse
 from bench.plan.cells import cells
 from bench.source import source_digest
-from bench.work.loop import KEYS
 
 
 def asked(*arguments):

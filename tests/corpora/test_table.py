@@ -3,7 +3,7 @@ import zipfile
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.table import read
@@ -152,7 +152,6 @@ def test_spaces_in_the_header_of_parquet(tmp_path):
     assert list(read(tmp_path / "p.parquet", rate_hz=54.0, grid="2x3").captures) == ["subject", "gesture", "place"]
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.integers(1, 9), min_size=1, max_size=12), st.integers(0, 2**32), st.sampled_from([0, 1]))
 def test_ragged_captures_are_the_same_from_every_kind_of_file(tmp_path, lengths, seed, origin):
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -57,19 +57,6 @@ def test_nadeau_and_bengio_widen_the_variance_by_hand():
     assert statistics.nadeau_bengio(np.zeros(4), 1 / 3) == (0, 0, 1)
 
 
-def test_share_of_tested_captures_follows_the_protocol():
-    run = {"folds": 10.0, "protocol": "loso", "protocol_label": "LOSO (10 subjects)"}
-    assert statistics.shared_training(run) == pytest.approx(1 / 9)
-    assert statistics.shared_training(run | {"protocol": "kfold[folds=5]", "folds": 5.0}) == 1 / 4
-    split = {
-        "protocol": "challenge",
-        "protocol_label": "5 random subject splits 21 / 10, seed 0, not the official split",
-    }
-    assert statistics.shared_training(run | split) == pytest.approx(10 / 21)
-    assert statistics.shared_training(run | {"folds": 1.0}) is None
-    assert statistics.shared_training(run | {"protocol": "mine", "protocol_label": "mine"}) is None
-
-
 def test_critical_differences_are_those_of_demsar_2006():
     for systems, q in {2: 1.960, 3: 2.343, 5: 2.728, 10: 3.164}.items():  # his Table 5a
         expected = q * np.sqrt(systems * (systems + 1) / (6 * 14))
@@ -95,7 +82,6 @@ def test_systems_that_never_differ_have_no_friedman_statistic():
     assert np.isnan(found.p) and found.cliques() == [(0, 2)]
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(-5, 5), min_size=1, max_size=8))
 def test_rank_biserial_by_pairs(values):
     d = np.array(values, dtype=float)

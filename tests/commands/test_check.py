@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
@@ -58,7 +58,6 @@ def words(then, now, **limits):
 # The bootstrap
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(-3, 3), min_size=1, max_size=4))
 def test_the_bootstrap_is_the_limit_of_drawing_with_replacement(differences):
     differences = np.array(differences)
@@ -201,7 +200,6 @@ def test_computing_time_is_tracked_beside_the_reference():
 # The file
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_a_baseline_is_read_as_it_was_written(tmp_path_factory, data):
     n = data.draw(st.integers(1, 12))
@@ -287,7 +285,7 @@ def test_junit_has_a_case_for_each_system():
 
 @pytest.fixture
 def copied(tmp_path, monkeypatch):
-    """A system of an installed package whose source can be changed, as between two commits; folds without workers."""
+    """A system of an installed package whose source can be changed, as between two commits."""
     site = tmp_path / "site"
     info = site / "copied-1.0.dist-info"
     info.mkdir(parents=True)
@@ -298,13 +296,8 @@ def copied(tmp_path, monkeypatch):
         (site / "copied_system.py").write_text(COPIED.replace("# WRONG", wrong).replace("# FAILS", fails))
         sys.modules.pop("copied_system", None)
 
-    def here(cell, corpus, folds, jobs, threads, work):
-        return (work(cell, corpus, fold.name, fold.train, fold.test, threads) for fold in folds)
-
     write()
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    monkeypatch.setattr("bench.run.run_folds", here)
-    monkeypatch.setattr("bench.run.start_workers", lambda *_: None)
     monkeypatch.syspath_prepend(site)
     registry.names.cache_clear()
     yield write

@@ -1,18 +1,15 @@
 """The choice among candidates against hand-made ones, and over a parameter inside the folds."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.stats import ttest_rel
 
 from bench.cli import main
-from bench.corpora.library import open_corpus
 from bench.errors import InputError
-from bench.outcomes import store as tracking
 from bench.outcomes.choice import candidates, decide, quantity, sentences
 from bench.outcomes.store import connect
+from bench.work import tracking
 
 SMALL = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
 
@@ -90,7 +87,7 @@ def test_choosing_among_tracked_runs(capsys):
     capsys.readouterr()
     assert main(["choose"]) == 2
     assert "data=synth protocol=kfold[folds=2]" in capsys.readouterr().err
-    found, about, subjects = candidates({"protocol": "loso"})
+    found, about, subjects = candidates(connect(), {"protocol": ["loso"]})
     assert "synthetic" in about and len(subjects.columns) == 4
     named = list(zip(found["system"], found["unit"], strict=True))
     assert named == [
@@ -122,40 +119,23 @@ def test_times_of_several_processors_are_warned_of(monkeypatch, capsys):
 def test_a_replayed_system_decides_within_the_budget(capsys, tmp_path):
     assert main(["stream", "model=bayes", "features=jung28", f"out={tmp_path}", *SMALL]) == 0
     assert main(["run", "model=bayes", "features=jung28", *SMALL]) == 0
-    found, _, subjects = candidates({"max_decision": "30s"})
+    found, _, subjects = candidates(connect(), {}, 30_000.0)
     assert list(found["unit"]) == ["capture", found["unit"][1]] and found["accuracy"][1] == found["accuracy"][0]
-    found, _, subjects = candidates({"max_decision": "345ms"})
-    (run,) = connect().search_runs(
-        [connect().get_experiment_by_name("touchbench").experiment_id], "tags.`touchbench.kind` = 'stream'"
-    )
+    found, _, subjects = candidates(connect(), {}, 345.0)
+    (run,) = connect().of_kind("stream")
     assert found["unit"][1] == "first 244 ms"  # 33 frames at 135 Hz; the next instant is at 348 ms
     assert subjects.loc[1].mean() == pytest.approx(100 * run.data.metrics["accuracy_at_250_ms"])
     assert found["decision"][1] == pytest.approx(33 / 0.135 + run.data.metrics["decide_ms_p50"])
     assert main(["choose", "max_decision=345ms"]) == 0
     assert "Choose bayes · jung28 (first 244 ms)" in capsys.readouterr().out
-    at_each, *_ = candidates({"by": "decision"})
+    at_each, *_ = candidates(connect(), {}, replays=True)
     assert len(at_each) > 5 and at_each["unit"][0] == "capture" and "first 244 ms" in set(at_each["unit"])
     assert at_each["decision"][1:].is_monotonic_increasing
-    found, *_ = candidates({"max_decision": "1ms"})
+    found, *_ = candidates(connect(), {}, 1.0)
     assert list(found["unit"]) == ["capture"]
     assert main(["stream", "model=bayes", "features=jung28", "hop_ms=150", f"out={tmp_path}", *SMALL]) == 0
-    found, *_ = candidates({"max_decision": "345ms"})  # replayed in two ways: both are there
+    found, *_ = candidates(connect(), {}, 345.0)  # replayed in two ways: both are there
     assert set(found["unit"]) == {"capture", "first 244 ms", "first 296 ms"}
-
-
-def test_a_change_of_the_selection_is_another_run(monkeypatch):
-    from bench.plan import cells as module
-
-    values = {"model": "bayes", "features": "jung28", "data.subjects": "2"}
-    (cell,) = module.cells(values)
-    corpus = open_corpus("synth", cell.data_parameters)
-    chosen = replace(cell, tuning={"space": {}, "over": "features", "objective": "smallest"})
-    before = [cell.key(corpus, 1), chosen.key(corpus, 1)]
-    original = module.source_digest
-    monkeypatch.setattr(
-        module, "source_digest", lambda m: original(m) + "!" * (getattr(m, "__name__", "") == "features.selection")
-    )
-    assert [cell.key(corpus, 1) == before[0], chosen.key(corpus, 1) == before[1]] == [True, False]
 
 
 def test_over_a_parameter_and_over_features(capsys):

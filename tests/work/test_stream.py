@@ -1,11 +1,9 @@
 """Prefixes, calibration and stopping against naive slices and hand calculation; whole commands."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -16,12 +14,12 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.outcomes.stopping import by_instant, by_threshold, learn_stopping, learned_point, standing, stopped
-from bench.work import loop as run
+from bench.plan.plan import Fold
 from bench.work.replay import Calibration, Replay, decision_latency, learned, prefix, replayed, with_confidence
-from bench.work.stream import stream_fold
+from bench.work.stream import Stream
+from bench.work.workers import do_fold
 from features.jung54 import Jung54
-from tests.bench.test_run import predictions, runs
-from tests.conftest import random_corpus, with_other_values
+from tests.conftest import predictions, random_corpus, runs, with_other_values
 
 SMALL = ["model=bayes", "data.subjects=3", "data.variants=normal", "hop_ms=600", "jobs=2"]
 PLAIN = Calibration(1.0, 1.0, 1.0, 1.0)
@@ -128,7 +126,6 @@ def test_features_of_prefixes_are_not_those_kept_for_whole_captures(tmp_path):
     assert not np.allclose(cut, whole)
 
 
-@settings(max_examples=25)
 @given(lengths_of, st.sampled_from([Rising, Thirds]))
 def test_a_replay_decides_on_every_prefix_once(lengths, system):
     arrays = [np.random.default_rng(i).integers(0, 3, (n, 2, 2)) * 30 for i, n in enumerate(lengths)]
@@ -229,7 +226,6 @@ def test_a_loss_within_one_standard_error_is_allowed():
     assert learn_stopping(table, 100.0)[0] == np.inf  # now every subject loses a fifth: not by chance
 
 
-@settings(max_examples=8, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from([0.5, 0.75, 0.8, 0.85]))
 def test_stopping_never_looks_at_later_frames(seed, threshold):
     corpus = coded_corpus()
@@ -248,18 +244,22 @@ def test_stopping_never_looks_at_later_frames(seed, threshold):
     pd.testing.assert_frame_equal(before, stops(type(corpus)(**{**vars(corpus), "frames": frames})))
 
 
+def replay_fold(cell, corpus, train, test):
+    return do_fold(Stream(), cell, corpus, Fold("2", train, test), 1)
+
+
 def test_no_test_subject_has_a_say_in_calibration_and_threshold():
     from bench.plan.cells import cells
 
     corpus = random_corpus(subjects=5, per_class=2, grid=(3, 4))
     train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
     (cell,) = cells({"model": "bayes", "features": "jung54"})
-    first = stream_fold(cell, corpus, "2", train, test, 1, Replay())
+    first = replay_fold(cell, corpus, train, test)
     assert not first.error
-    other = stream_fold(cell, with_other_values(corpus, test), "2", train, test, 1, Replay())
+    other = replay_fold(cell, with_other_values(corpus, test), train, test)
     assert first.chosen == other.chosen and first.trials.equals(other.trials)
     assert not first.predictions.equals(other.predictions)
-    learnt = stream_fold(cell, with_other_values(corpus, train[::2]), "2", train, test, 1, Replay())
+    learnt = replay_fold(cell, with_other_values(corpus, train[::2]), train, test)
     assert first.chosen != learnt.chosen
 
 
@@ -277,7 +277,7 @@ def test_training_subjects_are_judged_by_systems_that_never_met_them():
             return super().predict_proba(X)
 
     train = np.flatnonzero(corpus.subjects != "3")
-    learned(SimpleNamespace(estimator=Watched), corpus, train, Replay())
+    learned(Watched, corpus, train, Replay())
     assert met and all(not seen & judged and "3" not in seen | judged for seen, judged in met)
 
 
@@ -302,9 +302,9 @@ def test_the_whole_capture_scores_as_bench_run_and_a_second_command_computes_not
         "decisions_per_second",
         "accuracy_at_1000_ms",
     }
-    assert names <= set(parent.data.metrics) and "threshold" not in parent.data.metrics
+    assert names <= set(parent.data.metrics)
     assert parent.data.params["stream.start"] == "onset" and parent.data.tags["synthetic"] == "true"
-    kept = {a.path for a in client.list_artifacts(parent.info.run_id)}
+    kept = {a.path for a in client.client.list_artifacts(parent.info.run_id)}
     assert kept == {
         "predictions.parquet",
         "instants.csv",
@@ -321,36 +321,6 @@ def test_the_whole_capture_scores_as_bench_run_and_a_second_command_computes_not
     assert open("one/streaming.csv").read() == open("two/streaming.csv").read()
     assert main(["report"]) == 0  # sees the cell alone
     assert len(pd.read_csv("report/comparison.csv")) == 1
-
-
-def test_an_interrupted_replay_goes_on_and_ends_the_same(tmp_path, monkeypatch):
-    command = ["stream", *SMALL, "start=middle"]
-    with monkeypatch.context() as patch:
-        original, seen = run.run_folds, []
-
-        def interrupted(*arguments):
-            for result in original(*arguments):
-                seen.append(result.name)
-                yield result
-                if len(seen) == 2:
-                    raise KeyboardInterrupt
-
-        patch.setattr(run, "run_folds", interrupted)
-        assert main(command) == 130
-    assert runs("stream")[1][0].info.status == "KILLED" and len(runs("stream_fold")[1]) == 2
-    computed = []
-    monkeypatch.setattr(
-        run, "run_folds", lambda c, x, folds, *r: computed.extend(f.name for f in folds) or original(c, x, folds, *r)
-    )
-    assert main(command) == 0 and sorted(computed + seen) == ["1", "2", "3"]
-    client, (parent,) = runs("stream")
-    resumed = predictions(client, parent)
-    chosen = pd.read_csv(client.download_artifacts(parent.info.run_id, "chosen.csv"))
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")
-    assert main(command) == 0
-    client, (parent,) = runs("stream")
-    assert resumed.equals(predictions(client, parent))
-    assert chosen.equals(pd.read_csv(client.download_artifacts(parent.info.run_id, "chosen.csv")))
 
 
 @pytest.mark.parametrize(

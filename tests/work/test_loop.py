@@ -19,11 +19,11 @@ from bench.corpora.folder import home
 from bench.corpora.library import open_corpus
 from bench.outcomes.store import connect
 from bench.plan import cells
-from bench.plan.plan import folds_of, share_cores
-from bench.work import loop as run
+from bench.plan.plan import Plan, folds_of, share_cores
+from bench.work import loop
 from bench.work.fold import decisions, forget_peak, peak_memory
-from tests.bench.wayward import Wayward
-from tests.conftest import BENCH, random_corpus
+from tests.conftest import BENCH, in_process, predictions, random_corpus, runs
+from tests.work.wayward import Wayward
 
 SMALL = ["data.subjects=4", "data.variants=normal", "jobs=2"]
 
@@ -34,7 +34,7 @@ def wayward(tmp_path, monkeypatch):
     info = tmp_path / "site" / "wayward-1.0.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: wayward\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[touchbench.models]\nwayward = tests.bench.wayward:Wayward\n")
+    (info / "entry_points.txt").write_text("[touchbench.models]\nwayward = tests.work.wayward:Wayward\n")
     monkeypatch.syspath_prepend(info.parent)
     registry.names.cache_clear()
     get_reusable_executor().shutdown(kill_workers=True)
@@ -43,18 +43,8 @@ def wayward(tmp_path, monkeypatch):
     get_reusable_executor().shutdown(kill_workers=True)
 
 
-def runs(kind):
-    client = connect()
-    experiment = client.get_experiment_by_name("touchbench").experiment_id
-    return client, client.search_runs([experiment], f"tags.`touchbench.kind` = '{kind}'", order_by=["start_time ASC"])
-
-
 def finished_folds():
     return {f.info.run_id for f in runs("fold")[1] if f.info.status == "FINISHED"}
-
-
-def predictions(client, run_):
-    return pd.read_parquet(client.download_artifacts(run_.info.run_id, "predictions.parquet"))
 
 
 def test_short_captures_are_warned_of_whatever_has_windows(monkeypatch):
@@ -72,7 +62,7 @@ def test_short_captures_are_warned_of_whatever_has_windows(monkeypatch):
     def warned(model, parameters):
         part = cells.Part("models", model, parameters)
         cell = cells.Cell("synth", {}, "", "gesture", cells.Part("protocols", "loso", {}), None, part)
-        (line,) = run._warnings([(cell, corpus)]) or [""]
+        (line,) = loop.warnings(Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, 1)) or [""]
         return int(line.split()[2]) if line else 0
 
     assert warned("windowed", {"frames": 50}) == (corpus.lengths < 50).sum() > 0
@@ -129,8 +119,8 @@ def test_a_run_is_tracked_whole(capsys):
     _, folds = runs("fold")
     assert len(folds) == 8
     child = next(f for f in folds if f.data.tags["mlflow.parentRunId"] == cnn.info.run_id)
-    assert [m.step for m in client.get_metric_history(child.info.run_id, "loss")] == [1, 2]
-    kept = {a.path for a in client.list_artifacts(svm.info.run_id)}
+    assert [m.step for m in client.client.get_metric_history(child.info.run_id, "loss")] == [1, 2]
+    kept = {a.path for a in client.client.list_artifacts(svm.info.run_id)}
     assert kept == {
         "predictions.parquet",
         "confusion.csv",
@@ -160,36 +150,40 @@ def test_a_run_is_tracked_whole(capsys):
 
 def test_an_interrupted_run_goes_on_and_ends_the_same_bit_for_bit(tmp_path, monkeypatch):
     command = ["run", "model=rf", "model.trees=20", *SMALL]
+    seen, computed = [], []
     with monkeypatch.context() as patch:
-        original, seen = run.run_folds, []
 
         def interrupted(*arguments):
-            for result in original(*arguments):
+            for result in in_process(*arguments):
                 seen.append(result.name)
                 yield result
                 if len(seen) == 2:
                     raise KeyboardInterrupt
 
-        patch.setattr(run, "run_folds", interrupted)
+        patch.setattr(loop, "run_folds", interrupted)
         assert main(command) == 130
-    client, (parent,) = runs("cell")
+    store, (parent,) = runs("cell")
     assert parent.info.status == "KILLED" and len(runs("fold")[1]) == 2
-    computed = []
-    original = run.run_folds
-    monkeypatch.setattr(
-        run, "run_folds", lambda c, x, folds, *r: computed.extend(f.name for f in folds) or original(c, x, folds, *r)
-    )
+
+    def watched(plan, experiment, folds):
+        computed.extend(fold.name for fold in folds)
+        return in_process(plan, experiment, folds)
+
+    monkeypatch.setattr(loop, "run_folds", watched)
     assert main(command) == 0
     assert sorted(computed + seen) == ["1", "2", "3", "4"]
-    client, (parent,) = runs("cell")
+    store, (parent,) = runs("cell")
     assert parent.info.status == "FINISHED" and parent.data.metrics["folds"] == 4
-    resumed = predictions(client, parent)
+    resumed = predictions(store, parent)
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")
     assert main(command) == 0
-    client, (parent,) = runs("cell")
-    assert resumed.equals(predictions(client, parent))
+    store, (parent,) = runs("cell")
+    assert resumed.equals(predictions(store, parent))
 
 
+@pytest.mark.live
+@pytest.mark.real_store
+@pytest.mark.pool
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_control_c_keeps_the_finished_folds(tmp_path):
     command = [*BENCH, "run", "model=rf", "model.trees=500", "data.subjects=12", "jobs=1"]
@@ -207,12 +201,14 @@ def test_control_c_keeps_the_finished_folds(tmp_path):
     assert len(before) >= 2 and before <= finished_folds() and len(finished_folds()) < 12
 
 
+@pytest.mark.pool
 @pytest.mark.parametrize(("how", "told"), [("fail", "cannot learn without 3"), ("nan", "not finite"), ("die", "died")])
 def test_a_fold_that_fails_is_recorded_and_the_others_go_on(how, told, wayward, capsys):
     command = ["run", "model=wayward", f"model.{how}=3", *SMALL]
     assert main(command) == 1
     captured = capsys.readouterr()
-    assert "1 failed" in captured.err.splitlines()[-1] and "fold 3" in captured.err.splitlines()[-1]
+    last = captured.err.splitlines()[-1]
+    assert "1 failed" in last and "fold 3" in last and told in Path(last.split(" is in ")[1]).read_text()
     assert "3/4" in captured.out
     client, (parent,) = runs("cell")
     assert parent.info.status == "FAILED" and parent.data.metrics["folds_failed"] == 1
@@ -224,25 +220,24 @@ def test_a_fold_that_fails_is_recorded_and_the_others_go_on(how, told, wayward, 
         "3": "FAILED",
         "4": "FINISHED",
     }
-    trace = Path(client.download_artifacts(folds["3"].info.run_id, "fold/traceback.txt")).read_text()
+    trace = Path(client.fetched(folds["3"].info.run_id, "fold/traceback.txt")).read_text()
     assert told in trace
     assert main(command) == 1  # a failed fold is tried again, the others are not
     assert len(runs("fold")[1]) == 4 and len(runs("cell")[1]) == 1
 
 
 def test_the_same_cell_twice_at_once_is_refused(monkeypatch, capsys):
-    from bench.outcomes import store as tracking
-
-    monkeypatch.setattr("bench.cells.Cell.key", lambda *_: "one")
+    monkeypatch.setattr(loop, "key_of", lambda *_: "one")
     (home() / "locks").mkdir(parents=True)
     with FileLock(home() / "locks" / "one.lock"):
         assert main(["run", *SMALL]) == 2
     assert "another process is running this very cell" in capsys.readouterr().err
-    assert tracking.store_uri().startswith("sqlite:///")
 
 
+@pytest.mark.live
+@pytest.mark.real_store
 def test_stores_created_by_several_processes_at_once_are_whole(tmp_path):
-    code = "from bench.tracking import connect; print(connect().get_experiment_by_name('touchbench').experiment_id)"
+    code = "from bench.tracking import connect; print(connect().experiment_id)"
     started = [
         subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         for _ in range(3)

@@ -9,11 +9,12 @@ import pytest
 
 from bench.cli import main
 from bench.commands.systems import command
+from bench.plan.plan import planned
 from bench.registry import names
-from bench.work.loop import planned
 from features.jung28 import Jung28
 from reports.comparison import published
-from tests.bench.test_run import SMALL, predictions, runs
+from tests.conftest import predictions, runs
+from tests.work.test_loop import SMALL
 
 FEW = ["data.subjects=1", "data.repetitions=1"]
 TUNE = ["tune", "features=jung28", "protocol=groupkfold", "protocol.folds=2", *SMALL]
@@ -29,7 +30,7 @@ def test_a_grid_of_values_is_searched_in_every_fold(capsys):
         and parent.data.tags["system"] == "tuned svm[C=1.0|512.0, gamma=0.1, inner=2] · jung28"
     )
     assert parent.data.metrics["search_seconds"] > 0
-    folder = client.download_artifacts(parent.info.run_id, "")
+    folder = client.fetched(parent.info.run_id, "")
     chosen, trials = (pd.read_csv(f"{folder}/{name}.csv") for name in ("chosen", "trials"))
     assert chosen["fold"].tolist() == ["fold01", "fold02"] and set(chosen["svm.C"]) <= {1, 512}
     assert trials.groupby("fold").size().tolist() == [2, 2] and trials.groupby("fold")["front"].any().all()
@@ -45,7 +46,7 @@ def test_a_grid_of_values_is_searched_in_every_fold(capsys):
 def test_declared_ranges_are_searched_and_given_values_kept():
     assert main([*TUNE, "model=xgb", "model.trees=5", "trials=2", "objective=accuracy+time"]) == 0
     client, (parent,) = runs("cell")
-    trials = pd.read_csv(client.download_artifacts(parent.info.run_id, "trials.csv"))
+    trials = pd.read_csv(client.fetched(parent.info.run_id, "trials.csv"))
     assert len(trials) == 4 and set(trials["xgb.trees"]) == {5} and trials["xgb.rate"].nunique() == 2
     assert (trials["state"] == "complete").all()
 
@@ -54,7 +55,7 @@ def test_seeds_of_a_search_are_different_runs():
     assert main([*TUNE, "model=bayes", "trials=2", "inner=2", "seed=0,1"]) == 0
     client, parents = runs("cell")
     assert [p.data.tags["seed"] for p in parents] == ["0", "1"]
-    tried = [pd.read_csv(client.download_artifacts(p.info.run_id, "trials.csv"))["bayes.ridge"] for p in parents]
+    tried = [pd.read_csv(client.fetched(p.info.run_id, "trials.csv"))["bayes.ridge"] for p in parents]
     assert not set(tried[0]) & set(tried[1])
 
 
@@ -74,7 +75,8 @@ def test_a_published_system_says_its_features():
 
 def test_values_are_judged_together(monkeypatch):
     """A hop that is too long for the default window is none for the listed ones."""
-    monkeypatch.setattr("bench.tune.execute", lambda cells, jobs: len(planned(cells, jobs)))
+    monkeypatch.setattr("bench.commands.tune.evaluated", lambda cells, jobs: len(planned(cells, jobs)))
+    monkeypatch.setattr("bench.commands.tune.show", lambda outcomes: outcomes)
     assert main(["tune", "model=cnn85", "model.frames=100,200", "model.hop=90", *SMALL]) == 1
     assert main(["tune", "model=zhou2016_gm_lstm", "model.frames=2,3", "model.average=1", *SMALL]) == 1
 
@@ -153,9 +155,8 @@ def test_commands_of_systems_are_understood():
     """Every one of them, up to the corpus, which is not here; quotes are those of a shell."""
     import shlex
 
-    from bench.plan.arguments import parse
+    from bench.plan.arguments import KEYS, parse
     from bench.plan.cells import cells
-    from bench.work.loop import KEYS
 
     for row in published().itertuples():
         text = command(row)

@@ -2,12 +2,16 @@
 
 from pathlib import Path
 
+import pytest
+
 from bench.cli import main
 from bench.outcomes.baseline import read
 
 BASELINE = Path(__file__).parents[2] / "reports" / "baseline.json"
 
 
+@pytest.mark.live
+@pytest.mark.pool
 def test_the_systems_are_what_the_baseline_says(capsys):
     """Labels and size; of computing time only what no difference between machines explains."""
     code = main(["check", f"baseline={BASELINE}", "slower=10"])

@@ -1,6 +1,5 @@
 """`bench stress`: what is fitted on what, what is tracked, and what a second command does."""
 
-import inspect
 import pickle
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,29 +11,22 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 
 from bench.cli import main
 from bench.outcomes import scores
-from bench.outcomes.results import FoldResult
-from bench.outcomes.store import connect
+from bench.outcomes.stability import COLUMNS
 from bench.plan.cells import cells
-from bench.plan.plan import folds_of
-from bench.work import loop as run
-from bench.work import stress as stress_fold
-from bench.work.evaluation import run_fold
+from bench.plan.plan import Fold, Plan, folds_of
+from bench.work.evaluation import Evaluation
 from bench.work.faults import FAULTS, as_shares, damaged
-from bench.work.stress import COLUMNS, labelled, subset
-from tests.conftest import random_corpus, with_other_values
+from bench.work.stress import Stress, labelled, subset
+from bench.work.tracking import key_of
+from bench.work.workers import do_fold
+from tests.conftest import random_corpus, runs, with_other_values
 
 SMALL = ["stress", "data.subjects=4", "data.variants=normal", "jobs=2"]
 FEW = tuple(FAULTS[name] for name in ("noise", "early_end"))
 
 
-def runs(kind):
-    client = connect()
-    experiment = client.get_experiment_by_name("touchbench").experiment_id
-    return client, client.search_runs([experiment], f"tags.`touchbench.kind` = '{kind}'", order_by=["start_time ASC"])
-
-
 def table_of(client, run_):
-    return pd.read_parquet(client.download_artifacts(run_.info.run_id, "stress.parquet"))
+    return pd.read_parquet(client.fetched(run_.info.run_id, "stress.parquet"))
 
 
 class Recorder(ClassifierMixin, BaseEstimator):
@@ -54,10 +46,14 @@ class Recorder(ClassifierMixin, BaseEstimator):
         return np.exp(-apart) / np.exp(-apart).sum(axis=1, keepdims=True)
 
 
+def stressed(cell, corpus, fold, faults=FEW, fewer=()):
+    return do_fold(Stress(faults, fewer), cell, corpus, fold, 1)
+
+
 def recorded(corpus, train, test, fewer=(), seed=0):
     Recorder.seen = []
-    cell = SimpleNamespace(estimator=Recorder, tuning=None, model=SimpleNamespace(parameters={"seed": seed}))
-    result = stress_fold.stress_fold(cell, corpus, "x", train, test, 1, faults=FEW, fewer=fewer)
+    cell = SimpleNamespace(estimator=Recorder, seed=seed)
+    result = stressed(cell, corpus, Fold("x", train, test), fewer=fewer)
     assert not result.error, result.error
     return result.predictions, Recorder.seen
 
@@ -72,7 +68,14 @@ def test_only_clean_training_captures_are_seen_and_faults_leave_what_was_learnt(
     assert pickle.dumps(vars(model)) == learnt
     _, others = recorded(with_other_values(corpus, test), train, test)
     assert others[0][3] == learnt
-    assert len(table) == len(test) * 11 and set(table) == {*COLUMNS, "subject", "repetition"}
+    assert len(table) == len(test) * 11 and set(table) == {
+        "fold",
+        "capture",
+        "true",
+        *(COLUMNS - {"hit"}),
+        "subject",
+        "repetition",
+    }
     noisy = table[table["fault"] == "noise"].groupby("severity")["amount"].first()
     assert noisy.to_dict() == {s: FEW[0].describe(s) for s in range(1, 6)}
     clean = table[table["fault"] == "none"]
@@ -98,10 +101,10 @@ def test_clean_captures_and_severity_0_get_the_labels_of_bench_run(model):
     corpus = random_corpus(per_class=2)
     (cell,) = cells({"model": model} | ({"model.epochs": "1", "model.frames": "10"} if model == "cnn85" else {}))
     fold = folds_of(cell, corpus)[1]
-    expected = run_fold(cell, corpus, fold.name, fold.train, fold.test, 1)
+    expected = do_fold(Evaluation(), cell, corpus, fold, 1)
     assert not expected.error
     expected = scores.captures(expected.predictions)
-    found = stress_fold.stress_fold(cell, corpus, fold.name, fold.train, fold.test, 1, faults=FEW)
+    found = stressed(cell, corpus, fold)
     assert not found.error, found.error
     found = found.predictions
     clean = found[found["fault"] == "none"]
@@ -159,7 +162,7 @@ def test_a_command_is_tracked_written_and_found_again(monkeypatch, capsys):
         "folds",
     } <= set(bayes.data.metrics)
     written = {p.name for p in Path("stress").iterdir()}
-    kept = {Path(a.path).name for a in client.list_artifacts(bayes.info.run_id, "stability")}
+    kept = {Path(a.path).name for a in client.client.list_artifacts(bayes.info.run_id, "stability")}
     assert kept == written and {"stability.md", "stability_heat_map.svg", "stability_slices.csv"} <= written
     assert "synth (synthetic)" in Path("stress/stability_heat_map.svg").read_text().replace("<!-- ", "")
     for path in Path("stress").glob("*.csv"):
@@ -175,61 +178,6 @@ def test_a_command_is_tracked_written_and_found_again(monkeypatch, capsys):
     assert "no scored run" in capsys.readouterr().err
 
 
-@pytest.fixture
-def no_figures(monkeypatch):
-    """They take longer than everything else together, and are looked at elsewhere."""
-    monkeypatch.setattr("reports.stability_figures.draw", lambda *_: [])
-
-
-@pytest.mark.usefixtures("no_figures")
-def test_an_interrupted_command_goes_on_and_ends_the_same(tmp_path, monkeypatch):
-    command = [*SMALL, "model=rf", "model.trees=10", "faults=dead_taxels"]
-    original = run.run_folds
-    with monkeypatch.context() as patch:
-
-        def interrupted(*arguments):
-            for i, result in enumerate(original(*arguments)):
-                yield result
-                if i == 1:
-                    raise KeyboardInterrupt
-
-        patch.setattr(run, "run_folds", interrupted)
-        assert main(command) == 130
-    client, (parent,) = runs("stress")
-    assert parent.info.status == "KILLED" and len(runs("stress_fold")[1]) == 2
-    computed = []
-    monkeypatch.setattr(
-        run, "run_folds", lambda c, x, folds, *r: computed.extend(f.name for f in folds) or original(c, x, folds, *r)
-    )
-    assert main(command) == 0 and len(computed) == 2
-    client, (parent,) = runs("stress")
-    assert parent.info.status == "FINISHED"
-    resumed = table_of(client, parent)
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")
-    assert main(command) == 0
-    client, (parent,) = runs("stress")
-    assert resumed.equals(table_of(client, parent))
-
-
-@pytest.mark.usefixtures("no_figures")
-def test_a_fold_that_fails_is_recorded_and_the_others_go_on(monkeypatch, capsys):
-    original = run.run_folds
-
-    def failing(*arguments):
-        for result in original(*arguments):
-            yield FoldResult("3", error="Traceback\nValueError: not today") if result.name == "3" else result
-
-    monkeypatch.setattr(run, "run_folds", failing)
-    assert main([*SMALL, "model=bayes", "faults=noise"]) == 1
-    assert "not today" in (error := capsys.readouterr().err) and "1 failed" in error
-    client, (parent,) = runs("stress")
-    assert parent.info.status == "FAILED" and parent.data.metrics["folds_failed"] == 1
-    assert set(table_of(client, parent)["fold"]) == {"1", "2", "4"}
-    monkeypatch.setattr(run, "run_folds", original)
-    assert main([*SMALL, "model=bayes", "faults=noise"]) == 0
-    assert runs("stress")[1][0].info.status == "FINISHED"
-
-
 def test_what_a_system_raises_is_the_folds_result(corpus):
     class Broken(Recorder):
         def predict_proba(self, X):
@@ -237,9 +185,9 @@ def test_what_a_system_raises_is_the_folds_result(corpus):
                 raise ValueError("too loud")
             return super().predict_proba(X)
 
-    cell = SimpleNamespace(estimator=Broken, tuning=None, model=SimpleNamespace(parameters={}))
-    halves = np.arange(18), np.arange(18, 36)
-    result = stress_fold.stress_fold(cell, corpus, "x", *halves, 1, faults=(FAULTS["stuck_taxels"],))
+    cell = SimpleNamespace(estimator=Broken, seed=None)
+    fold = Fold("x", np.arange(18), np.arange(18, 36))
+    result = stressed(cell, corpus, fold, (FAULTS["stuck_taxels"],))
     assert "too loud" in result.error and result.predictions is None
 
 
@@ -264,18 +212,17 @@ def test_bad_input_is_one_line(arguments, message, capsys):
 
 def test_a_column_that_the_table_needs_is_refused(corpus, monkeypatch, capsys):
     named = type(corpus)(**{**vars(corpus), "captures": corpus.captures.assign(severity=1)})
-    monkeypatch.setattr(run, "open_corpus", lambda *_: named)
+    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: named)
     assert main(["stress"]) == 2
     assert "random has a column 'severity'" in capsys.readouterr().err
 
 
 def test_other_faults_or_training_subjects_are_another_run(corpus):
-    from bench.commands.stress import stress_key
-
     (cell,) = cells({"model": "bayes"})
-    keys = [stress_key(cell, corpus, 1, *how) for how in ((FEW, ()), (FEW[:1], ()), (FEW, (2,)))]
-    assert len(set(keys)) == 3 and keys[0] == stress_key(cell, corpus, 1, FEW, ())
-    assert cell.key(corpus, 1) not in keys
+    plan = Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, 1)
+    keys = [key_of(plan, Stress(*how)) for how in ((FEW, ()), (FEW[:1], ()), (FEW, (2,)))]
+    assert len(set(keys)) == 3 and keys[0] == key_of(plan, Stress(FEW))
+    assert key_of(plan, Evaluation()) not in keys
 
 
 def test_no_faulted_capture_reaches_the_feature_cache(tmp_path, monkeypatch):
@@ -285,11 +232,6 @@ def test_no_faulted_capture_reaches_the_feature_cache(tmp_path, monkeypatch):
     (cell,) = cells({"model": "bayes", "data.subjects": "2", "data.variants": "normal"})
     corpus = open_corpus(cell.data, cell.data_parameters)
     fold = folds_of(cell, corpus)[0]
-    assert not stress_fold.stress_fold(cell, corpus, "1", fold.train, fold.test, 1, faults=FEW).error
+    assert not stressed(cell, corpus, fold).error
     (kept,) = (home() / "features").glob("*.parquet")
     assert pd.read_parquet(kept).equals(cell.features.make().extract(corpus))
-
-
-def test_workers_get_the_arguments_of_run_fold():
-    shared = list(inspect.signature(run_fold).parameters)
-    assert list(inspect.signature(stress_fold.stress_fold).parameters)[: len(shared)] == shared

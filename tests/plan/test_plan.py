@@ -1,0 +1,108 @@
+"""Plans: folds by name, facts of their protocols, and the arguments that make a cell."""
+
+import shlex
+
+import numpy as np
+import pytest
+from sklearn.model_selection import GroupKFold, KFold
+
+from bench.plan.arguments import KEYS, parse
+from bench.plan.cells import Part, cells
+from bench.plan.plan import Fold, Plan, folds_of, shared_ratio
+from tests.conftest import random_corpus
+
+
+def plan_of(corpus, **values):
+    (cell,) = cells(values)
+    return Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, 1)
+
+
+def test_folds_are_named_after_their_subject():
+    corpus = random_corpus(subjects=3)
+    assert [f.name for f in plan_of(corpus).folds] == ["1", "2", "3"]
+    mixed = plan_of(corpus, protocol="kfold", **{"protocol.folds": "3"})
+    assert [f.name for f in mixed.folds] == ["fold01", "fold02", "fold03"]
+
+
+def test_random_splits_that_test_the_same_subject_are_different_folds():
+    names = [f.name for f in plan_of(random_corpus(subjects=2), protocol="challenge").folds]
+    assert names == [f"fold{i:02d}" for i in range(1, 6)]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "facts"),
+    [
+        ("loso", {"mixes_subjects": "false", "test_over_train": repr(1 / 3), "official_split": ""}),
+        ("kfold", {"mixes_subjects": "true", "test_over_train": repr(1 / 9), "official_split": ""}),
+        ("holdout", {"mixes_subjects": "true", "test_over_train": "", "official_split": ""}),
+        (
+            "challenge",
+            {"mixes_subjects": "false", "test_over_train": repr(5 * 9 / (5 * 27)), "official_split": "false"},
+        ),
+        (GroupKFold(2), {"mixes_subjects": "false", "test_over_train": "", "official_split": ""}),
+        (KFold(3), {"mixes_subjects": "true", "test_over_train": repr(1 / 2), "official_split": ""}),
+    ],
+)
+def test_facts_are_seen_from_the_folds(protocol, facts):
+    """4 subjects of 9 captures: a split of 3 and 1 of them; two halves share no training captures."""
+    corpus = random_corpus(per_class=3) if protocol != "kfold" else random_corpus(per_class=10)
+    found = plan_of(corpus, protocol=protocol).facts
+    assert {k: pytest.approx(float(v)) if k == "test_over_train" and v else v for k, v in facts.items()} == {
+        k: float(v) if k == "test_over_train" and v else v for k, v in found.items()
+    }
+
+
+def test_halves_that_swap_share_nothing():
+    a, b = np.arange(5), np.arange(5, 10)
+    assert shared_ratio((Fold("1", a, b), Fold("2", b, a))) is None
+    assert shared_ratio((Fold("1", a, b), Fold("2", a[1:], b))) == 10 / 9
+
+
+def test_a_plain_splitter_is_a_protocol_and_says_whom_it_mixes(corpus):
+    assert plan_of(corpus, protocol=GroupKFold(2)).label == "GroupKFold"
+    assert plan_of(corpus, protocol=KFold(3)).label == "KFold, subjects mixed"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "data=synth protocol=loso model=svm features=jung54",
+        "data=synth data.subjects=12 data.variants=rough+gentle where='variant == '\"'\"'rough'\"'\"'' "
+        "target=gesture+variant protocol=kfold protocol.folds=5 model=svm model.C=8.0 features=jung28 "
+        "features.area=capture",
+        "data=haart protocol=challenge model=cnn85 model.frames=40 model.hop=10 seed=3",
+        "data=haart protocol=loso model=rf model.trees=7 features=gaus features.families=sd+msd",
+    ],
+)
+def test_the_arguments_of_a_cell_make_it_again(line):
+    (cell,) = cells(parse(shlex.split(line), KEYS))
+    again = cell.arguments()
+    assert cells(parse([f"{k}={v}" for k, v in again.items()], KEYS)) == [cell]
+    assert {f"{k}={v}" for k, v in again.items()} == set(shlex.split(line))
+
+
+def test_commands_that_search_make_the_same_search_again(monkeypatch):
+    from bench.commands import choose, tune
+    from bench.work.evaluation import Evaluation
+
+    made = []
+    for module in (choose, tune):
+        monkeypatch.setattr(module, "evaluated", lambda cells, jobs: made.append(cells))
+    for line, verb in (
+        ("model=svm features=gaus model.C=1.0,2.0 model.gamma=0.5 trials=9 objective=accuracy+time seed=1", "tune"),
+        ("model=bayes trials=4 inner=loso", "tune"),
+        ("model=cnn85 over=frames model.frames=10,85 model.epochs=2", "choose"),
+        ("model=svm features=jung28 over=features inner=2", "choose"),
+    ):
+        search = {"tune": tune.searched, "choose": choose.smallest}[verb]
+        known = {"tune": tune.KEYS, "choose": choose.KEYS}[verb]
+        search(parse(line.split(), known))
+        (cell, *_) = made[-1]
+        assert Evaluation().command(cell) == verb
+        search(parse([f"{k}={v}" for k, v in cell.arguments().items()], known))
+        assert made[-1][0] == cell
+
+
+def test_a_part_is_shown_with_what_is_not_the_default(tmp_path):
+    (tmp_path / "mine.py").write_text("class Mine:\n    def __init__(self, a=1, seed=0):\n        self.a = a\n")
+    assert str(Part("models", f"{tmp_path}/mine.py:Mine", {"a": 2, "seed": 5})) == "Mine[a=2]"
