@@ -85,6 +85,8 @@ def _from_file(said: str, path: Path, attribute: str) -> Callable:
     module_name = f"{FILE_MODULE}{hashlib.sha256(str(path).encode() + content).hexdigest()[:16]}"
     if module_name not in sys.modules:
         spec = importlib.util.spec_from_file_location(module_name, path)
+        if spec is None or spec.loader is None:  # a link to a file that is called otherwise
+            raise InputError(f"{said}: {path} is no Python file; give file.py:Name")
         module = importlib.util.module_from_spec(spec)
         sys.modules[module_name] = module
         try:

@@ -8,12 +8,13 @@ import inspect
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
 
+Code = ModuleType | Callable  # a module, class or function
 ROOMS = {"bench", "features", "models", "protocols"}
 # Modules that find, move and keep things and change no number; a change in them is no other result.
 INDIFFERENT = {
@@ -28,7 +29,7 @@ INDIFFERENT = {
 }
 
 
-def source_digest(*parts: object) -> str:
+def source_digest(*parts: Code) -> str:
     """Hash of what modules compute, or those that define classes or functions, and every module these take names from.
 
     Comments, docstrings and layout are left out, and so are modules that change no number (`INDIFFERENT`). Modules of
@@ -72,8 +73,8 @@ def meaning(path: str, changed: int) -> tuple[bytes, frozenset[tuple[str, str]]]
     Read again when its time of change is another.
     """
     tree = ast.parse(Path(path).read_bytes())
-    froms = [node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module]
-    imported = {(node.module, part.name) for node in froms for part in node.names}
+    froms = [(node.module, node.names) for node in tree.body if isinstance(node, ast.ImportFrom) and node.module]
+    imported = {(module, part.name) for module, parts in froms for part in parts}
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and _documented(node):
             node.body = node.body[1:]
@@ -85,7 +86,7 @@ def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFun
     return isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str)
 
 
-def _typed_in(parts: tuple[object, ...], module: str) -> bytes:
+def _typed_in(parts: tuple[Code, ...], module: str) -> bytes:
     """Source of the classes and functions themselves, where their module is no file."""
     text = []
     for part in parts:

@@ -1,23 +1,27 @@
 """What the README promises, as it is written there."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 from sklearn.model_selection import LeaveOneGroupOut, cross_val_score
 
-from bench.cli import COMMANDS
+import bench
+from bench.cli import COMMANDS, main
 from bench.work.fold import decisions
 from models.tuning import Search
+from tests.conftest import runs
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
+SNIPPETS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 
 
 def test_the_example_recogniser_runs_as_written(corpus):
-    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     names = {}
-    exec(code, names)
+    exec(SNIPPETS[0], names)
     found = cross_val_score(
         names["Level"](power=0.5), corpus, corpus.gestures, groups=corpus.subjects, cv=LeaveOneGroupOut()
     )
@@ -26,9 +30,8 @@ def test_the_example_recogniser_runs_as_written(corpus):
 
 def test_its_parameter_can_be_searched_though_it_has_no_probabilities(corpus):
     """As `bench tune model=level model.power=0.5,1,2` does in each fold."""
-    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     names = {}
-    exec(code, names)
+    exec(SNIPPETS[0], names)
     train, test = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
     search = Search({"level": names["Level"]}, {"level": {"power": [0.5, 1.0, 2.0]}}).fit(
         corpus[train], corpus.gestures[train]
@@ -59,3 +62,26 @@ def test_every_name_of_the_table_exists():
     for room in ("corpora", "features", "models", "protocols"):
         for name in names(room):
             assert f"`{name}`" in README, name
+
+
+def test_the_python_example_runs_as_written(capsys):
+    names = {}
+    exec(SNIPPETS[1], names)
+    assert names["table"]["system"].tolist() == ["svm · jung54", "rf[trees=50] · jung54"]
+    assert "Choose " in capsys.readouterr().out
+
+
+def test_a_recogniser_of_ones_own_runs_from_its_file_with_its_sizes():
+    Path("my.py").write_text(SNIPPETS[0])
+    small = ["data.subjects=3", "data.variants=normal", "data.repetitions=1"]
+    assert main(["run", "model=my.py:Level,svm", "model.power=0.5", *small]) == 0
+    _, (level, _) = runs("cell")
+    assert level.data.tags["system"] == "Level[power=0.5]"
+    corpus = bench.corpus("synth", subjects=3, variants=("normal",), repetitions=1)
+    assert level.data.metrics["flash_bytes"] == 4 * 14  # a mean per class
+    assert level.data.metrics["ram_bytes"] == 4 * (64 * corpus.lengths.max() + 14)
+    assert main(["fit", "model=my.py:Level", "out=saved", *small]) == 0
+    Path("my.py").unlink()  # the model has it inside
+    code = "import mlflow, sys; print(mlflow.pyfunc.load_model('saved').unwrap_python_model().estimator)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "Level()"

@@ -1,0 +1,140 @@
+"""The Python API: the names of the command line, tables that say what the store says."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.model_selection import LeaveOneGroupOut
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import SVC
+
+import bench
+from bench.cli import main
+from features.jung28 import Jung28
+from tests.conftest import predictions, runs
+
+SMALL = {"data__subjects": 4, "data__variants": ("normal",)}
+TYPED = ["data.subjects=4", "data.variants=normal"]
+
+
+def test_importing_it_takes_no_time_and_loads_nothing_heavy():
+    code = "import time; t = time.perf_counter(); import bench, sys; print(time.perf_counter() - t);"
+    code += "assert not {'numpy', 'pandas', 'sklearn', 'mlflow', 'torch'} & set(sys.modules); print(*dir(bench))"
+    root = str(Path(bench.__file__).parent.parent)
+    said = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True).stdout
+    assert float(said.split()[0]) < 0.2 and {"run", "choose", "corpus", "results"} <= set(said.split())
+
+
+def test_a_corpus_is_short_to_print_and_can_be_looked_at():
+    corpus = bench.corpus("synth", subjects=2, variants=("normal",))
+    counts = f"28 captures of 2 subjects, 14 gestures, {len(corpus.frames)} frames of 8x8 at 135 Hz"
+    assert repr(corpus) == f"<synthetic Corpus synth: {counts}>"
+    assert list(corpus.captures) == ["subject", "variant", "gesture", "repetition"]
+    grid, course, *_ = corpus.plot(3).axes
+    np.testing.assert_allclose(grid.images[0].get_array(), corpus[3].mean(axis=0))
+    np.testing.assert_allclose(course.lines[0].get_ydata(), corpus[3].sum(axis=(1, 2)))
+    title = corpus.plot(3).get_suptitle()
+    assert "(synthetic)" in title and corpus.captures["gesture"][3] in title
+    some = bench.corpus("synth", where="gesture == 'pat'", subjects=2)
+    assert set(some.gestures) == {"pat"}
+    with pytest.raises(bench.InputError, match="no parameter 'subject'; did you mean subjects"):
+        bench.corpus("synth", subject=2)
+
+
+def test_run_is_the_command_and_results_are_what_is_tracked(capsys):
+    table = bench.run(model=["svm", "bayes"], seed=0, **SMALL)
+    assert table["system"].tolist() == ["svm · jung54", "bayes · jung54"] and (table["folds"] == "4/4").all()
+    assert (table["data"] == "synth (synthetic)").all()
+    store, tracked = runs("cell")
+    assert [100 * r.data.metrics["accuracy"] for r in tracked] == pytest.approx(table["accuracy"])
+    assert table["flash_bytes"].tolist() == [r.data.metrics["flash_bytes"] for r in tracked]
+    assert main(["run", "model=svm,bayes", *TYPED]) == 0  # the same cells
+    assert len(runs("cell")[1]) == 2 and "stored before" in capsys.readouterr().err
+    found = bench.results(model="svm")
+    assert found["accuracy"].tolist() == pytest.approx([table["accuracy"][0]]) and "published" in found
+    with pytest.raises(bench.InputError, match="no run is tracked for these values"):
+        bench.results(model="rf")
+
+
+def test_objects_give_what_their_names_give():
+    own = make_pipeline(Jung28(), StandardScaler(), SVC(C=5))
+    table = bench.run(model=[own, SVC(C=5)], features=Jung28(), protocol=LeaveOneGroupOut(), **SMALL)
+    assert table["system"].tolist() == ["Jung28() > StandardScaler() > SVC(C=5)", "SVC(C=5) · Jung28()"]
+    assert (table["protocol"] == "LeaveOneGroupOut").all() and (table["folds"] == "4/4").all()
+    corpus = bench.corpus("synth", subjects=4, variants=("normal",))
+    expected = []
+    for name in "1234":
+        test = corpus.subjects == name
+        fitted = make_pipeline(Jung28(), StandardScaler(), SVC(C=5)).fit(corpus[~test], corpus.gestures[~test])
+        expected.append(fitted.predict(corpus[test]))
+    store, (first, _) = runs("cell")
+    labels = predictions(store, first).filter(like="p_").idxmax(axis=1).str[2:]
+    assert labels.tolist() == np.concatenate(expected).tolist()
+    again = bench.run(model=make_pipeline(Jung28(), StandardScaler(), SVC(C=5)), protocol=LeaveOneGroupOut(), **SMALL)
+    assert again["run_id"][0] == table["run_id"][0]  # an equal object is the same run
+    other = bench.run(model=make_pipeline(Jung28(), StandardScaler(), SVC(C=6)), protocol=LeaveOneGroupOut(), **SMALL)
+    assert other["run_id"][0] != table["run_id"][0]
+
+
+def test_choose_stress_stream_fit_and_tune():
+    bench.run(model=["svm", "bayes"], features="jung28", **SMALL)
+    choice = bench.choose(data="synth", protocol="loso", max_flash="256kB")
+    assert choice.system in ("svm · jung28", "bayes · jung28") and f"Choose {choice.system}" in str(choice)
+    assert bench.choose(max_flash="1B").system is None
+    found = bench.stress(model="bayes", features="jung28", faults=["noise", "shift"], **SMALL)
+    assert set(found["faults"]["fault"]) == {"noise", "shift"} and "loss.noise" in found.table
+    assert "more tables: 'faults'" in repr(found) and "<table" in found._repr_html_()
+    with pytest.raises(KeyError, match="did you mean faults"):
+        found["fault"]
+    replayed = bench.stream(model="bayes", features="jung28", hop_ms=600, **SMALL)
+    assert replayed["instants"]["accuracy"].iloc[-1] == pytest.approx(replayed.table["accuracy"][0] / 100)
+    fitted = bench.fit(model="bayes", features="jung28", **SMALL)
+    captures = bench.corpus("synth", subjects=1, variants=("normal",), seed=5)
+    assert len(fitted.recogniser.label(captures)) == 14 and fitted.uri in repr(fitted)
+    tuned = bench.tune(model="bayes", features="jung28", model__ridge=[0.01, 1.0], inner=2, **SMALL)
+    assert tuned["system"][0].startswith("tuned bayes[ridge=0.01|1.0") and isinstance(tuned, pd.DataFrame)
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"modle": "svm"}, "no key is called 'modle'; did you mean model"),
+        ({"model": "svn"}, "model=svn: not known; did you mean svm"),
+        ({"model": []}, "model=.*: give at least one value"),
+        ({"model": SVC(), "model__C": 3}, "has no parameter 'C'"),
+        ({"jobs": "two"}, "jobs=two: give a whole number"),
+    ],
+)
+def test_mistakes_are_told_as_on_the_command_line(values, told):
+    with pytest.raises(bench.InputError, match=told):
+        bench.run(**SMALL, **values)
+
+
+def test_what_does_not_exist_is_no_attribute():
+    with pytest.raises(AttributeError, match="no attribute 'rnu'"):
+        _ = bench.rnu
+    started = time.perf_counter()
+    assert callable(bench.run) and time.perf_counter() - started < 5
+
+
+@pytest.mark.parametrize("kind", ["package", "file"])
+def test_a_strangers_room_is_found_out_in_one_line(kind, tmp_path):
+    """As in a notebook, whose folder stands first on the path."""
+    place = tmp_path / ("models.py" if kind == "file" else "models")
+    if kind == "file":
+        place.write_text("MINE = 1\n")
+    else:
+        place.mkdir()
+        (place / "__init__.py").write_text("")
+    root = str(Path(bench.__file__).parent.parent)
+    # an installed touchbench stands behind the notebook's folder
+    code = f"import sys; sys.path[:0] = ['']; sys.path.append({root!r}); "
+    for ask in ("import bench; bench.run", "from bench.cli import main; sys.exit(main(['run']))"):
+        done = subprocess.run([sys.executable, "-P", "-c", code + ask], cwd=tmp_path, capture_output=True, text=True)
+        last = done.stderr.strip().splitlines()[-1]
+        assert done.returncode and "hides touchbench's own package 'models'; rename it" in last and str(place) in last
