@@ -17,7 +17,7 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError, nearest
 from bench.outcomes.runs import tracked
 from bench.outcomes.store import connect
-from bench.plan.arguments import Values, check_key, items
+from bench.plan.arguments import check_key, items
 from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import captures_of
 from bench.work.fit import Fitted
@@ -100,7 +100,7 @@ def stress(**values: object) -> Found:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
     outcomes, _ = _stress.stressed(_values(values, _stress.KEYS))
-    analyses = [outcome.findings.analysis for outcome in outcomes if outcome.findings]
+    analyses = [outcome.analysis for outcome in outcomes if outcome.findings]
     names = {"faults": "curves", "conditions": "conditions", "slices": "slices", "learning": "learning"}
     more = {
         name: pd.concat([getattr(a, part).assign(method=a.method) for a in analyses], ignore_index=True)
@@ -118,11 +118,9 @@ def stream(**values: object) -> Found:
     """
     known = _stream.KEYS - {"source", "window_ms"}
     outcomes, _ = _stream.streamed(_values(values, known))
-    good = [outcome for outcome in outcomes if outcome.findings]
+    good = [(o.findings.tables, o.plan.cell.system()) for o in outcomes if o.findings]
     more = {
-        name: pd.concat(
-            [o.findings.tables[f"{name}.csv"].assign(system=o.plan.cell.system()) for o in good], ignore_index=True
-        )
+        name: pd.concat([tables[f"{name}.csv"].assign(system=system) for tables, system in good], ignore_index=True)
         for name in ("instants", "stopping")
         if good
     }
@@ -137,10 +135,10 @@ def fit(**values: object) -> Fitted:
     """
     given = _values(values, _fit.KEYS)
     out = given.pop("out", None)
-    return _train(_fit.only_one(cells(given)), Path(out) if out is not None else None)
+    return _train(_fit.only_one(cells(given)), Path(str(out)) if out is not None else None)
 
 
-def choose(**values: object) -> _choose.Chosen:
+def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
     """The cheapest tracked system that is not measurably worse than the best, as ``bench choose`` tells it.
 
     With ``over=``, runs are made as ``bench choose over=`` makes them; see `run` for what they give.
@@ -177,7 +175,7 @@ def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
     for outcome in outcomes:
         plan, cell = outcome.plan, outcome.plan.cell
         measured = {k: 100 * v if any(s in k for s in SHARES) else v for k, v in outcome.metrics.items()}
-        about = {
+        about: dict[str, object] = {
             "system": cell.system(),
             "data": cell.data + (" (synthetic)" if plan.corpus.synthetic else ""),
             "subset": cell.where or "all",
@@ -190,7 +188,7 @@ def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _values(given: dict[str, object], known: set[str]) -> Values:
+def _values(given: dict[str, object], known: set[str]) -> dict[str, object]:
     """Keyword arguments as the command line has them; None is the same as not given."""
     values = {key.replace("__", "."): value for key, value in given.items() if value is not None}
     for key in values:

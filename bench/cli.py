@@ -13,18 +13,18 @@ RUN = """\
 bench run [key=value ...]
 
 Runs every combination of the given values; a comma lists several. A dotted key sets a parameter of that part. Each
-combination is one run in MLflow with a child run per fold. A command that was interrupted goes on where it stopped.
+combination is one run in MLflow with a child run per fold. An interrupted command goes on where it stopped.
 
   data=       {data}, or an imported corpus (see: bench data); default synth
   where=      captures to use, a condition on their columns: where="variant == 'rough'"
-  target=     columns to tell apart, such as variant or gesture+variant; default gesture
+  target=     columns that make the class to predict, such as variant or gesture+variant; default gesture
   protocol=   {protocols}; default loso
   model=      {models}; default svm
-              (a name with a year is a published system as a whole, see: bench systems)
+              (a name with a year is a whole published system, see: bench systems)
   features=   {features};
               default jung54, for the models that take features
-  seed=       of the models that have one; default 0
-  jobs=       worker processes; default as many as there are cores
+  seed=       for models that have one; default 0
+  jobs=       worker processes; default one per core
 
   bench run protocol=loso model=cnn85
   bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54
@@ -34,15 +34,15 @@ combination is one run in MLflow with a child run per fold. A command that was i
 TUNE = """\
 bench tune [key=value ...]
 
-Like bench run, with the parameters of each model searched on inner folds of whole subjects inside every training part.
-What was chosen in each fold is printed and stored, with every combination that was tried and the front of accuracy
-against prediction time. An interrupted search goes on where it stopped.
+Like bench run, but searches each model's parameters on inner folds of whole subjects inside every training part. Prints
+and stores the choice in each fold, with every combination tried and the front of accuracy against prediction time
+(combinations that no other beats in both). An interrupted search goes on where it stopped.
 
-  model.X=    values to try, such as model.C=8,32,128; without a list, the ranges that the model declares
+  model.X=    values to try, such as model.C=8,32,128; default the ranges that the model declares
   trials=     combinations to try in each fold; default 50, or all of a grid of lists
-  budget=     seconds after which no new combination is begun in a fold
+  budget=     seconds after which a fold begins no new combination
   inner=      groups of training subjects that judge, or loso; default 3
-  objective=  accuracy (default), or of those within one standard error of the best: accuracy+time, the fastest;
+  objective=  accuracy (default); or, among those within one standard error of the best: accuracy+time, the fastest;
               smallest, the first in the lists of values
   data= where= target= protocol= model= features= seed= jobs=   as for bench run
 
@@ -52,17 +52,17 @@ against prediction time. An interrupted search goes on where it stopped.
 CHOOSE = """\
 bench choose [key=value ...]
 
-From the tracked runs on the same captures: the cheapest system whose accuracy is not below that of the best by more
-than one standard error of the paired difference over subjects, and why.
+Finds, among tracked runs on the same captures, the cheapest system that loses at most one standard error of the paired
+difference over subjects to the most accurate one, and says why.
 
-  by=           cost that is to be low: flash (default), ram, predict or decision (touch to be observed plus computing)
+  by=           cost to keep low: flash (default), ram, predict or decision (touch that a decision needs plus computing)
   max_flash=    budgets, such as max_flash=256kB max_ram=32kB (kB 1000, KiB 1024 bytes; 32 bits a number)
   max_predict=  max_decision=   such as max_predict=2ms max_decision=700ms
   margin=       points of accuracy that do not matter: a one-sided paired t-test (p < 0.05) replaces the SE
   data= where= target= protocol= model= features=   choose among the runs
 
-  over=X        instead: run model= with the smallest X that suffices by the same rule, chosen in every fold on left-out
-                training subjects, beside the system as it is. X is a parameter that is a number (values: model.X=10,20,
+  over=X        instead: run model= with the smallest X that suffices by the same rule, beside the unchanged system;
+                every fold chooses it on left-out training subjects. X is a numeric parameter (values: model.X=10,20,
                 else an eighth, a quarter, a half and all of the default), or features (2 to 32 of them, or all)
   inner=        groups of training subjects that judge, or loso; default 3
 
@@ -75,14 +75,14 @@ STRESS = """\
 bench stress [key=value ...]
 
 Fits every fold once, tests it on captures as they are and under every fault at five severities, and reports where each
-method fails: subjects, classes, conditions, faults and pairs of them that are significantly below its own accuracy, the
-severity that costs half of its margin over chance, and how the order of the methods changes. Several seeds also tell
-how many captures change their label. All goes into MLflow; an interrupted command goes on where it stopped.
+method fails: subjects, classes, conditions, faults and pairs of them where it falls significantly below its own
+accuracy, the severity that costs half of its margin over chance, and how the order of the methods changes. Several
+seeds also show how many captures change label. All goes into MLflow; an interrupted command goes on where it stopped.
 
   faults=          dead_taxels, stuck_taxels, dead_lines, gain_drift, offset_drift, saturation, noise, fewer_bits,
                    dropped_frames, lower_rate, time_jitter, late_start, early_end, shift, rotation, smaller_grid, cover;
                    default all
-  train_subjects=  numbers of training subjects to be fitted on besides, for a learning curve; default none
+  train_subjects=  also fit on these numbers of training subjects, for a learning curve; default none
   out=             folder for the tables and figures; default stress
   data= where= target= protocol= model= features= seed= jobs=   as for bench run
 
@@ -96,8 +96,8 @@ Replays captures as a robot sees them: accuracy against milliseconds of touch, t
 which decides as soon as the calibrated confidence passes a threshold learned on training subjects. Each combination is
 one run in MLflow with a child run per fold; an interrupted command goes on where it stopped.
 
-  hop_ms=     milliseconds from one decision to the next; default: whenever 1.41 times as much was seen, from 62.5 ms on
-  start=      onset, or middle: the first half of each capture is not seen; default onset
+  hop_ms=     milliseconds between decisions; default: decide each time 1.41 times as much is seen, from 62.5 ms on
+  start=      onset, or middle, which skips the first half of each capture; default onset
   out=        folder of streaming.csv, stopping.csv and streaming.png, .svg; default report
   data= where= target= protocol= model= features= seed= jobs=   as for bench run
 
@@ -108,7 +108,8 @@ bench stream source=- model=MODEL [hop_ms=125] [window_ms=]
 
 Decides on frames from standard input: a line per frame, its values in row-major order with commas or spaces between
 them; a blank line ends a capture. Prints a line per decision: capture, ms, label, confidence (not calibrated). MODEL is
-what bench fit has saved. Never more than the last window_ms are kept and seen, by default the longest training capture.
+a model that bench fit saved. Keeps and sees only the last window_ms, by default the length of the longest training
+capture.
 
   sensor | bench stream source=- model=models:/m-0123456789abcdef
 """
@@ -128,11 +129,11 @@ PREDICT = """\
 bench predict MODEL FILE [out=labels.csv] [rate_hz=]
 
 Labels the captures of a CSV, parquet or .npz file in the format of bench data import table; subject and gesture may be
-missing, a column capture names captures, else they are counted from 1. Prints capture, label, confidence and the
-probability of each class. rate_hz= is checked against the rate that the model was trained at.
+missing. A column capture names captures; else they are counted from 1. Prints capture, label, confidence and the
+probability of each class. rate_hz=, if given, must match the rate of the model's training captures.
 
 MODEL is models:/..., runs:/.../model of the store of this folder, or a folder. A model is code: loading one runs it, so
-name only what you or someone you trust have saved.
+name only models saved by you or someone you trust.
 
   bench predict models:/m-0123456789abcdef new.csv out=labels.csv
 """
@@ -140,20 +141,20 @@ CHECK = """\
 bench check [key=value ...]
 
 Compares systems with a stored baseline, one line for each: same, worse, better, changed (labels), slower, larger, or
-not run. Runs what the baseline names and is not tracked yet for the code as it is. Exit code 1 if one is not the same:
-also if it is better, as a leak makes it.
+not run. Runs systems of the baseline that the current code has not run yet. Exit code 1 if one is not the same: better
+counts too, as a leak makes a system better.
 
   baseline=   the file; default reports/baseline.json
-  update=true write it anew, and show what changed. Keys of bench run add systems to it:
+  update=true write it anew, and show the changes. Keys of bench run add systems to it:
               update=true data=arm model=svm,rf
-  error=      percent, error rate of accuracy and labels for all systems together; default 1. Accuracy is judged by a
-              paired bootstrap over subjects, or over captures where subjects are too few
+  error=      percent, error rate of accuracy and labels for all systems together; default 1. A paired bootstrap judges
+              accuracy, over subjects, or over captures where subjects are too few
   changes=    percent of labels that may change in a system that must repeat them (it has no seed; or the same seed,
               processor, versions and threads); default 0.2, for rounding; 100 asks for accuracy alone
   slower=     times the baseline's computing time, as a multiple of a reference workload timed in the same fold;
               default 2. Size may grow by 10 %
   junit=      file to write for a CI server, such as check.xml
-  run=false   run nothing, take the newest complete runs that are tracked
+  run=false   run nothing, take the newest complete tracked runs
   jobs=       as for bench run
 
   bench check update=true data=haart model=svm,rf features=jung54
@@ -171,7 +172,7 @@ bench extract data=NAME features=NAME out=FILE [where=CONDITION]
 Writes the features of every capture, with its subject, gesture and conditions, as .parquet or .csv.
 """
 DATA = """\
-bench data                                      what is here, with counts, digest, source and licence
+bench data                                      the corpora here, with counts, digest, source and licence
 bench data import cost CoST.csv                 the Corpus of Social Touch as published
 bench data import haart "HAART DataSet.zip"     the HAART release, zip or folder
 bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023
@@ -183,7 +184,7 @@ bench data export synth out.csv format=cost subjects=31 repetitions=6
 REPORT = """\
 bench report [out=report]
 
-Rebuilds the published comparison from MLflow and the numbers of the papers alone, into the folder out=:
+Rebuilds the published comparison from MLflow and the papers' numbers alone, into the folder out=:
 
   index.html      everything on one page that loads nothing: every published number beside ours with a verdict, the
                   papers' tables recomputed, all runs, an interactive chart of accuracy against each cost, paired
@@ -195,8 +196,8 @@ Rebuilds the published comparison from MLflow and the numbers of the papers alon
 GALLERY = """\
 bench gallery [out=gallery]
 
-Draws every kind of figure there is, from generated captures: runs a few systems in a store inside the folder out=,
-then bench stress, bench stream and bench report. Takes some minutes; an interrupted command goes on where it stopped.
+Draws every kind of figure from generated captures: runs a few systems in a store inside the folder out=, then
+bench stress, bench stream and bench report. Takes some minutes; an interrupted command goes on where it stopped.
 """
 UI = """\
 bench ui [port=5000]
@@ -237,7 +238,7 @@ def main(arguments: list[str] | None = None) -> int:
         if not arguments or arguments[0] in ("-h", "--help", "help"):
             print("bench: which recogniser of touch gestures should I ship?\n")
             print("\n".join(f"  bench {name:8}{summary}" for name, (_, summary, _) in COMMANDS.items()))
-            print("\nbench COMMAND --help tells more of each.")
+            print("\nbench COMMAND --help says more of each.")
             return 0
         if arguments[0] == "--version":
             from importlib.metadata import version

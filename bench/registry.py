@@ -32,17 +32,21 @@ def check_rooms() -> None:
     Raises:
         InputError: one of them is somebody else's.
     """
-    home = Path(__file__).resolve().parent.parent
     for name in ("features", "models", "protocols", "reports"):
         module = sys.modules.get(name)
         spec = module.__spec__ if module else importlib.util.find_spec(name)
         if spec is None:  # a saved system carries its own code, and no reports
             continue
         places = list(spec.submodule_search_locations or []) or [spec.origin or ""]
-        if home / name not in [Path(place).resolve() for place in places] and (home / name).is_dir():
+        if place_of(name) not in [Path(place).resolve() for place in places] and place_of(name).is_dir():
             raise InputError(
                 f"{places[0]} hides touchbench's own package {name!r}; rename it, or work in another folder"
             )
+
+
+def place_of(package: str) -> Path:
+    """The folder of one of touchbench's own packages."""
+    return Path(__file__).resolve().parent.parent / package
 
 
 @cache

@@ -15,19 +15,47 @@ import inspect
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import pandas as pd
-from sklearn.base import BaseEstimator, ClassifierMixin, clone
+from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
 from models.space import Space
 
 TABLES = {"sklearn", "xgboost", "lightgbm", "catboost", "imblearn"}  # packages whose estimators learn from tables
+Given = TypeVar("Given")
 
 
-def _told(part: object, name: str, default: object = None) -> object:
+class System(Protocol):
+    """What a system must have."""
+
+    classes_: np.ndarray
+
+    def fit(self, X: Corpus, y: np.ndarray) -> System:
+        """Learn from captures and their class names."""
+
+    def predict(self, X: Corpus) -> np.ndarray:
+        """Class name of each capture."""
+
+
+class Features(Protocol):
+    """What a feature set must have: it is a scikit-learn transformer of captures to a table."""
+
+    def fit(self, X: Corpus, y: np.ndarray) -> Features:
+        """Learn from captures and their class names, if there is anything to learn."""
+
+    def transform(self, X: Corpus) -> pd.DataFrame:
+        """Features of each capture [captures, features]."""
+
+    def fit_transform(self, X: Corpus, y: np.ndarray) -> pd.DataFrame:
+        """Both, of the same captures."""
+
+
+def _told(part: object, name: str, default: object = None) -> Any:
+    """What stands under a name; that it is of the type that this page says is up to the author of the part."""
     return getattr(part, name, default)
 
 
@@ -52,18 +80,18 @@ def check(part: object) -> None:
     _told(part, "check", lambda: None)()
 
 
-def check_training(estimator: ClassifierMixin, X: Corpus, y: np.ndarray) -> None:
+def check_training(estimator: System, X: Corpus, y: np.ndarray) -> None:
     """``check_training(X, y)``: raises an `InputError` for a training part that it cannot learn from."""
     _told(estimator, "check_training", lambda X, y: None)(X, y)
 
 
-def window(estimator: ClassifierMixin, rate_hz: float) -> int | None:
+def window(estimator: System, rate_hz: float) -> int | None:
     """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows."""
     frames = estimator.get_params(deep=False).get("frames") if isinstance(estimator, BaseEstimator) else None
     return _told(estimator, "length", lambda rate_hz: frames)(rate_hz) if isinstance(frames, int) else None
 
 
-def features(estimator: ClassifierMixin) -> dict[str, BaseEstimator]:
+def features(estimator: System) -> dict[str, Features]:
     """The feature sets inside: a pipeline's step ``features``, or the dictionary ``features`` of a search."""
     if isinstance(estimator, Pipeline):
         own = estimator.named_steps.get("features")
@@ -72,7 +100,7 @@ def features(estimator: ClassifierMixin) -> dict[str, BaseEstimator]:
     return dict(found) if isinstance(found, dict) else {}
 
 
-def searches(estimator: ClassifierMixin) -> bool:
+def searches(estimator: System) -> bool:
     """``searches``: whether it chooses its parameters itself, so that nothing else should; no by default."""
     return bool(_told(estimator, "searches", False))
 
@@ -80,59 +108,59 @@ def searches(estimator: ClassifierMixin) -> bool:
 # Decisions of a fitted system
 
 
-def decides_often(estimator: ClassifierMixin) -> bool:
+def decides_often(estimator: System) -> bool:
     """Whether it has ``decide``, and so may decide more than once per capture."""
     return _told(estimator, "decide") is not None
 
 
-def decide(estimator: ClassifierMixin, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
+def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
     """``decide(X)``: every decision that it makes; by default one per capture, on all of its frames.
 
     Returns:
         A table with ``capture`` (position in X), ``start`` and ``frames`` (first frame and frames seen), and
         probabilities [decisions, classes].
     """
-    if decides_often(estimator):
-        return estimator.decide(X)
+    if (own := _told(estimator, "decide")) is not None:
+        return own(X)
     return pd.DataFrame({"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}), probabilities(estimator, X)
 
 
-def has_probabilities(estimator: ClassifierMixin) -> bool:
+def has_probabilities(estimator: System) -> bool:
     """Whether it has ``predict_proba``."""
     return _told(estimator, "predict_proba") is not None
 
 
-def probabilities(estimator: ClassifierMixin, X: object) -> np.ndarray:
+def probabilities(estimator: System, X: Corpus) -> np.ndarray:
     """``predict_proba(X)`` [captures, classes]; a system without gets 1 for its label."""
-    if has_probabilities(estimator):
-        return estimator.predict_proba(X)
+    if (own := _told(estimator, "predict_proba")) is not None:
+        return own(X)
     return np.asarray(estimator.predict(X))[:, None] == estimator.classes_
 
 
 # What happened while it was fitted
 
 
-def fit_seconds(estimator: ClassifierMixin, wall: float, cpu: float) -> tuple[float, float]:
+def fit_seconds(estimator: System, wall: float, cpu: float) -> tuple[float, float]:
     """``fit_seconds_``: wall and CPU seconds of the last fit, where ``fit`` does more; else what was measured."""
     return _told(estimator, "fit_seconds_", (wall, cpu))
 
 
-def search_seconds(estimator: ClassifierMixin) -> float | None:
+def search_seconds(estimator: System) -> float | None:
     """``search_seconds_``: seconds that its search took, also where part of it was stored before."""
     return _told(estimator, "search_seconds_")
 
 
-def history(estimator: ClassifierMixin) -> list[dict[str, float]]:
+def history(estimator: System) -> list[dict[str, float]]:
     """``history_``: numbers by epoch, tracked as metrics with steps."""
     return _told(estimator, "history_", [])
 
 
-def chosen(estimator: ClassifierMixin) -> dict[str, object]:
+def chosen(estimator: System) -> dict[str, object]:
     """``chosen_``: what it chose on its training part, by name."""
     return _told(estimator, "chosen_", {})
 
 
-def trials(estimator: ClassifierMixin) -> pd.DataFrame | None:
+def trials(estimator: System) -> pd.DataFrame | None:
     """``trials_``: what it chose among, a row each."""
     return _told(estimator, "trials_")
 
@@ -140,32 +168,32 @@ def trials(estimator: ClassifierMixin) -> pd.DataFrame | None:
 # What a fitted system weighs; `bench.work.sizes` counts what is not told
 
 
-def inside(estimator: ClassifierMixin) -> ClassifierMixin:
+def inside(estimator: System) -> System:
     """``best_``: what decides in place of a fitted search."""
     return _told(estimator, "best_", estimator)
 
 
-def members(estimator: ClassifierMixin) -> list[ClassifierMixin]:
+def members(estimator: System) -> list[System]:
     """``members``: fitted systems that decide together; none by default."""
     return _told(estimator, "members", [])
 
 
-def learnt_numbers(estimator: BaseEstimator) -> int | None:
+def learnt_numbers(part: System | Features) -> int | None:
     """``parameters_``: numbers that it has learnt, of a system or a feature set."""
-    return _told(estimator, "parameters_")
+    return _told(part, "parameters_")
 
 
-def numbers_in_memory(estimator: ClassifierMixin) -> int | None:
+def numbers_in_memory(estimator: System) -> int | None:
     """``activations_``: numbers in memory during one decision."""
     return _told(estimator, "activations_")
 
 
-def kept(feature_set: BaseEstimator, frames: int, taxels: int) -> int:
+def kept(feature_set: Features, frames: int, taxels: int) -> int:
     """``keeps(frames, taxels)`` of a feature set: numbers in memory while it is computed; by default the capture."""
     return _told(feature_set, "keeps", lambda frames, taxels: frames * taxels)(frames, taxels)
 
 
-def learns(feature_set: BaseEstimator) -> bool:
+def learns(feature_set: Features) -> bool:
     """``learns`` of a feature set: whether its values depend on training captures; yes where it does not say."""
     return bool(_told(feature_set, "learns", True))
 
@@ -173,7 +201,7 @@ def learns(feature_set: BaseEstimator) -> bool:
 # From a factory or an object to a system
 
 
-def build(factory: Callable, feature_set: object, **parameters: object) -> ClassifierMixin:
+def build(factory: Callable, feature_set: Features | None, **parameters: object) -> System:
     """A system from its factory, with the feature set where it takes one.
 
     Args:
@@ -194,7 +222,7 @@ def _is_required(parameter: inspect.Parameter) -> bool:
     )
 
 
-def behind(estimator: ClassifierMixin, feature_set: object) -> ClassifierMixin:
+def behind(estimator: System, feature_set: Features | None) -> System:
     """An estimator that learns from tables behind a feature set; any other one as it is."""
     if feature_set is None or not reads_tables(estimator):
         return estimator
@@ -212,7 +240,7 @@ def reads_tables(system: object) -> bool:
     return type(system).__module__.split(".")[0] in TABLES
 
 
-def copied(part: object) -> object:
+def copied(part: Given) -> Given:
     """An untrained copy of an estimator that was handed over; a splitter as it is."""
     return clone(part) if isinstance(part, BaseEstimator) else part
 

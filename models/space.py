@@ -1,9 +1,10 @@
-"""What a search may try for a parameter: a list of values, or a range."""
+"""What a search may try for a parameter: a list of values, or a range; and how it is asked for."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypedDict
 
 
 @dataclass(frozen=True)
@@ -16,3 +17,20 @@ class Range:
 
 
 Space = dict[str, Range | Sequence]
+
+
+class How(TypedDict, total=False):
+    """How a search goes: arguments of `models.tuning.Search`, and ``over`` of `bench choose`."""
+
+    inner: str
+    trials: int
+    budget: float
+    objective: str
+    over: str
+    seed: int | None
+
+
+class Tuning(How):
+    """The same with what is searched."""
+
+    space: Space

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,10 @@ from models import contract
 from models.inner import Tables, inner_folds, milliseconds_of
 from models.space import Range, Space
 from models.study import identity, open_study
+
+if TYPE_CHECKING:
+    from bench.source import Code
+    from models.space import Tuning
 
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a combination is not followed further
 COMBINATIONS = 1000  # at most so many are checked one by one before anything is run
@@ -378,7 +383,7 @@ class Average(ClassifierMixin, BaseEstimator):
 
 
 def tuned(
-    name: str, factory: Callable, features: dict[str, TransformerMixin] | None, shown: str, tuning: dict[str, object]
+    name: str, factory: Callable, features: dict[str, TransformerMixin] | None, shown: str, tuning: Tuning
 ) -> Search:
     """The search that `bench tune` and `bench choose over=` ask for.
 
@@ -399,7 +404,7 @@ def tuned(
     return Search({name: factory}, {name: tuning["space"]}, features, **how)
 
 
-def machinery(tuning: dict[str, object]) -> list[object]:
+def machinery(tuning: Tuning) -> list[Code]:
     """Modules that such a search depends on besides its parts."""
     import features.selection
 

@@ -1,6 +1,6 @@
 """Who is trained on and who is tested: scikit-learn splitters over captures.
 
-What the harness may ask of one stands in `protocols.contract`.
+What the harness may ask of one stands in `bench.plan.splits`.
 """
 
 PARTS = {

@@ -6,6 +6,7 @@ import shlex
 import tempfile
 from pathlib import Path
 
+import pandas as pd
 from rich.console import Console
 
 from bench.commands.printing import show
@@ -14,7 +15,7 @@ from bench.errors import InputError
 from bench.outcomes import gate
 from bench.outcomes.baseline import NAMES, Measured, read, text
 from bench.outcomes.gate import Verdict
-from bench.outcomes.runs import predictions, tracked
+from bench.outcomes.runs import needed, rows_of, tracked
 from bench.outcomes.store import Store, connect
 from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.arguments import convert, jobs_of, parse
@@ -31,12 +32,12 @@ def check(arguments: list[str]) -> int:
         InputError: something in the arguments, the baseline or the data cannot be used; no file was changed.
     """
     values = parse(arguments, KEYS)
-    how = {k: convert(k, values[k], usual) if k in values else usual for k, usual in (OPTIONS | gate.LIMITS).items()}
-    limits = {k: how[k] for k in gate.LIMITS}
+    how = {k: convert(k, values[k], usual) if k in values else usual for k, usual in OPTIONS.items()}
+    limits = {k: convert(k, values[k], usual) if k in values else usual for k, usual in gate.LIMITS.items()}
     if not 0 < limits["error"] < 100 or not 0 <= limits["changes"] <= 100 or not limits["slower"] > 0:
         raise InputError("error= and changes= are in percent, slower= is a factor above 0; write for example slower=2")
     added = [f"{k}={v}" for k, v in values.items() if k != "jobs" and k not in OPTIONS and k not in gate.LIMITS]
-    path = Path(how["baseline"])
+    path, report = Path(str(how["baseline"])), str(how["junit"])
     if how["update"]:
         if not how["run"]:
             raise InputError("run=false compares only; leave it out, update=true runs what is not tracked yet")
@@ -51,8 +52,8 @@ def check(arguments: list[str]) -> int:
         current = _tracked(connect(), baseline)
     verdicts = gate.compare(baseline, current, **limits)
     _say(verdicts)
-    if how["junit"]:
-        _write(Path(how["junit"]), gate.junit(verdicts), "junit")
+    if report:
+        _write(Path(report), gate.junit(verdicts), "junit")
     alarms = [v for v in verdicts if v.wrong]
     accept = f"; if that is meant: bench check baseline={path} update=true" if alarms else ""
     _print(
@@ -79,9 +80,10 @@ def _run(runs: list[str], jobs: int | None) -> tuple[list[Measured], int]:
             asked.setdefault(repr(cell), (cell, run))
     outcomes = evaluated([cell for cell, _ in asked.values()], jobs)
     code = show(outcomes)
-    store, found = connect(), {}
+    store = connect()
+    found: dict[tuple[str, ...], Measured] = {}
     for outcome, (_, run) in zip(outcomes, asked.values(), strict=True):
-        if len(outcome.results) == len(outcome.plan.folds):
+        if outcome.findings and len(outcome.results) == len(outcome.plan.folds):
             data = store.run(outcome.run_id).data
             table = outcome.findings.tables["predictions.parquet"]
             measured = gate.measured(data.params | data.tags | data.metrics, table, run)
@@ -94,9 +96,9 @@ def _tracked(store: Store, baseline: list[Measured]) -> list[Measured]:
     rows = tracked(store)
     rest = [k for k in NAMES if k not in ("corpus_digest", "seed")]
     asked = {tuple(then.names[k] for k in rest) for then in baseline}
-    complete = rows[rows["status"] == "FINISHED"].to_dict("records")
+    complete = rows_of(rows[rows["status"] == "FINISHED"])
     fitting = [row for row in complete if tuple(row[k] for k in rest) in asked]
-    return [gate.measured(row, predictions(store, row), "") for row in fitting]
+    return [gate.measured(row, pd.read_parquet(needed(store, row, "predictions.parquet")), "") for row in fitting]
 
 
 def _update(path: Path, added: list[str], jobs: int | None, limits: dict[str, float]) -> int:

@@ -7,6 +7,7 @@ parameter on training subjects.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.markup import escape
@@ -23,6 +24,9 @@ from bench.plan.cells import Cell, cells
 from bench.registry import parameters
 from bench.work.loop import Outcome, warn
 from models import contract
+
+if TYPE_CHECKING:
+    from models.space import How, Tuning
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", *BUDGETS}
@@ -83,7 +87,7 @@ def chosen(values: Values) -> Chosen:
     """
     if given := [k for k in values if k in ("jobs", "inner", "seed") or "." in k]:
         raise InputError(f"{given[0]}= is for over=; without it, nothing is run")
-    by = values.get("by", "flash")
+    by = str(values.get("by", "flash"))
     if by not in COSTS:
         raise InputError(f"by={by}: {nearest(by, COSTS)}")
     budgets = {BUDGETS[k]: quantity(k, values[k]) for k in BUDGETS if k in values}
@@ -114,21 +118,22 @@ def smallest(values: Values) -> list[Outcome]:
     """Run each system with the smallest value that suffices, chosen in every fold, beside the system as it is."""
     if given := {"by", "margin", *BUDGETS} & set(values):
         raise InputError(f"{given.pop()}= chooses among tracked runs; leave it out, or leave out over=")
-    over = values["over"]
+    over, inner = str(values["over"]), str(values.get("inner", "3"))
     listed = values.get(f"model.{over}")
     rest = {k: v for k, v in values.items() if k not in ("over", "inner", f"model.{over}")}
     whole = cells(rest)
-    searches = [replace(cell, tuning=_tuning(cell, over, listed, values.get("inner", "3"))) for cell in whole]
+    searches = [replace(cell, tuning=_tuning(cell, over, listed, inner)) for cell in whole]
     return evaluated([c for pair in zip(searches, whole, strict=True) for c in pair], jobs_of(values))
 
 
-def _tuning(cell: Cell, over: str, listed: object, inner: str) -> dict[str, object]:
+def _tuning(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
     """How a search picks the smallest value; all parameters but that one stay as they are.
 
     Raises:
         InputError: the model has no such parameter, or it has no sizes.
     """
-    how = {"inner": inner, "objective": "smallest", "over": over, "seed": cell.model.parameters.get("seed", 0)}
+    seed = cell.seed if "seed" in cell.model.parameters else 0
+    how: How = {"inner": inner, "objective": "smallest", "over": over, "seed": seed}
     usual = parameters(cell.model.factory)
     fixed = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
     if contract.searches(cell.estimator()):
@@ -136,16 +141,17 @@ def _tuning(cell: Cell, over: str, listed: object, inner: str) -> dict[str, obje
     if over == "features":
         if not cell.features:
             raise InputError(f"over=features: model={cell.model.short} takes none; choose over= one of its parameters")
-        return {"space": fixed} | how
+        return {"space": {**fixed}, **how}
     if over not in usual or over == "seed":
         raise InputError(f"over={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}")
-    if isinstance(usual[over], bool) or not isinstance(usual[over], int | float):
+    default = usual[over]
+    if isinstance(default, bool) or not isinstance(default, int | float):
         raise InputError(f"over={over}: it has no sizes to choose from; choose over= a parameter that is a number")
-    kind = type(usual[over])
+    kind = type(default)
     if listed is None:
-        chosen = {kind(usual[over] * share) for share in SHARES} - {0}
+        chosen = {kind(default * share) for share in SHARES} - {0}
     else:
-        chosen = {convert(f"model.{over}", text, usual[over]) for text in items(f"model.{over}", listed)}
+        chosen = {convert(f"model.{over}", text, default) for text in items(f"model.{over}", listed)}
     if not chosen:
-        raise InputError(f"over={over}: its default is {usual[over]}; give values, such as model.{over}=1,2")
-    return {"space": fixed | {over: sorted(chosen)}} | how
+        raise InputError(f"over={over}: its default is {default}; give values, such as model.{over}=1,2")
+    return {"space": {**fixed, over: sorted(chosen)}, **how}

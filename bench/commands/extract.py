@@ -29,10 +29,10 @@ def extract(arguments: list[str]) -> int:
     if len(asked) > 1:
         raise InputError("bench extract writes one table; give one value of each key")
     corpus = captures_of(asked[0].data, asked[0].data_parameters, asked[0].where, asked[0].target)
-    features = asked[0].features.make()
+    (features,) = asked[0].feature_sets().values()
     contract.check(features)
     table = features.fit(corpus, corpus.gestures).transform(corpus)
-    if both := sorted(set(corpus.captures) & set(table)):
+    if both := sorted(set(corpus.captures.columns) & set(table.columns)):
         raise InputError(
             f"{corpus.name} has a column {both[0]!r}, and so have the features; rename it and import again"
         )

@@ -49,7 +49,7 @@ def streamed(values: Values) -> tuple[list[Outcome], Path]:
     replays = [Stream(hop, start) for start in dict.fromkeys(items("start", values.get("start", "onset")))]
     jobs = jobs_of(values)
     todo = prepared(cells({k: v for k, v in values.items() if k not in OPTIONS}), replays, jobs)
-    out = writable(Path(values.get("out", "report")))
+    out = writable(Path(str(values.get("out", "report"))))
     for name in dict.fromkeys(plan.cell.data for plan, _ in todo if len(set(plan.corpus.lengths)) == 1):
         warn(
             f"warning: {name}: all captures are equally long; features that grow with duration were never seen at "

@@ -14,6 +14,7 @@ from bench.commands.printing import output, show, writable
 from bench.errors import InputError, nearest
 from bench.outcomes import stability
 from bench.outcomes.comparable import comparable
+from bench.outcomes.stability import Analysis
 from bench.outcomes.store import connect
 from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.arguments import Values, convert, items, jobs_of, parse
@@ -36,7 +37,7 @@ def stress(arguments: list[str]) -> int:
     outcomes, out = stressed(parse(arguments, KEYS))
     screen = output()
     for folder, members in grouped(outcomes, out).items():
-        analyses = [outcome.findings.analysis for outcome in members]
+        analyses = [outcome.analysis for outcome in members]
         screen.print(escape(stability_tables.title(analyses[0])), style="bold")
         for heading, note, table in stability_tables.sections(analyses):
             _print(screen, heading, note, table)
@@ -44,7 +45,7 @@ def stress(arguments: list[str]) -> int:
     return show(outcomes)
 
 
-def stressed(values: Values) -> tuple[list[Outcome], Path]:
+def stressed(values: Values) -> tuple[list[Outcome[Analysis]], Path]:
     """The cells of some values under stress, their tables and figures written and tracked; and where.
 
     Raises:
@@ -54,26 +55,26 @@ def stressed(values: Values) -> tuple[list[Outcome], Path]:
     asked = cells({k: v for k, v in values.items() if k not in OPTIONS})
     jobs = jobs_of(values)
     todo = prepared(asked, [experiment], jobs)
-    out = writable(Path(values.get("out", "stress")))
+    out = writable(Path(str(values.get("out", "stress"))))
     outcomes = execute(todo, jobs)
     for folder, members in grouped(outcomes, out).items():
         _write(folder, members)
     return outcomes, out
 
 
-def grouped(outcomes: list[Outcome], out: Path) -> dict[Path, list[Outcome]]:
+def grouped(outcomes: list[Outcome[Analysis]], out: Path) -> dict[Path, list[Outcome[Analysis]]]:
     """What went well by the folder of its tables: one for each corpus, subset and protocol."""
-    contexts: dict[tuple, list[Outcome]] = {}
+    contexts: dict[tuple, list[Outcome[Analysis]]] = {}
     for outcome in outcomes:
         if outcome.findings:
             plan = outcome.plan
             same = comparable({**outcome.tags, "corpus_digest": plan.corpus.digest})
             contexts.setdefault(same, []).append(outcome)
-    found: dict[Path, list[Outcome]] = {}
+    found: dict[Path, list[Outcome[Analysis]]] = {}
     for members in contexts.values():
         folder = out
         if len(contexts) > 1:
-            words = " ".join(members[0].findings.analysis.context)
+            words = " ".join(members[0].analysis.context)
             name = re.sub(r"[^A-Za-z0-9]+", "-", words).strip("-").lower()
             folder = out / name if out / name not in found else out / f"{name}-{len(found) + 1}"
         found[folder] = members
@@ -100,9 +101,9 @@ def _counts(values: Values) -> tuple[int, ...]:
     return tuple(sorted(counts))
 
 
-def _write(folder: Path, members: list[Outcome]) -> None:
+def _write(folder: Path, members: list[Outcome[Analysis]]) -> None:
     """Tables and figures of the methods of one context, into the folder and with every run."""
-    analyses = [outcome.findings.analysis for outcome in members]
+    analyses = [outcome.analysis for outcome in members]
     store, paths = connect(), stability_tables.write(analyses, folder)
     for outcome, analysis in zip(members, analyses, strict=True):
         for path in paths:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from typing import Any
 
 import pandas as pd
 
@@ -10,6 +11,7 @@ from bench.errors import InputError
 from bench.registry import names
 from reports.comparison import published
 
+Published = Any  # a row of published.csv, with an attribute per column
 UNREAD = {"abstract-only", "unknown", "not-a-target"}
 
 
@@ -32,7 +34,7 @@ def systems(arguments: list[str]) -> int:
     return 0
 
 
-def command(row: object) -> str:
+def command(row: Published) -> str:
     """The command that repeats one published number, or why there is none."""
     if row.system not in names("models"):
         if row.id.startswith("saadun"):
@@ -48,7 +50,7 @@ def command(row: object) -> str:
     return " ".join([*parts, f"protocol={row.protocol_key}", f"model={row.system}"])
 
 
-def _number(row: object) -> str:
+def _number(row: Published) -> str:
     if pd.isna(row.accuracy):
         return "-"
     return f"{row.accuracy:g}" + ("" if pd.isna(row.sd) else f" ± {row.sd:g}")

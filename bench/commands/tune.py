@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING, cast
 
 from bench.commands.printing import show
 from bench.commands.run import evaluated
@@ -14,7 +15,10 @@ from bench.registry import parameters
 from bench.work.loop import Outcome
 from models import contract
 
-OPTIONS = {"trials": 50, "inner": "3", "budget": float("inf"), "objective": "accuracy"}
+if TYPE_CHECKING:
+    from models.space import How, Space, Tuning
+
+OPTIONS: How = {"trials": 50, "inner": "3", "budget": float("inf"), "objective": "accuracy"}
 KEYS = RUN_KEYS | OPTIONS.keys()
 
 
@@ -36,7 +40,8 @@ def searched(values: Values) -> list[Outcome]:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    how = {k: convert(k, values[k], default) for k, default in OPTIONS.items() if k in values}
+    # Of the type of the default, each of them.
+    how = cast("How", {k: convert(k, values[k], default) for k, default in OPTIONS.items() if k in values})
     given = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
     if "seed" in given:
         raise InputError(f"model.seed={given['seed']}: give seed= instead, it is that of the search too")
@@ -50,27 +55,28 @@ def searched(values: Values) -> list[Outcome]:
     return evaluated(tuned, jobs_of(values))
 
 
-def _tuning(cell: Cell, given: dict[str, object], how: dict[str, object]) -> dict[str, object]:
+def _tuning(cell: Cell, given: dict[str, object], how: How) -> Tuning:
     name = cell.model.short
     if cell.model.given is not None:
         raise InputError(f"model={name}: an object is what it is; give its class or a factory by name to search")
     if contract.searches(cell.estimator()):
         raise InputError(f"model={name} searches by itself; use bench run model={name}")
     usual = parameters(cell.model.factory)
-    space = {
+    listed = {
         name: list(
             dict.fromkeys(convert(f"model.{name}", value, usual[name]) for value in items(f"model.{name}", text))
         )
         for name, text in given.items()
         if name in usual
     }
-    if all(len(values) == 1 for values in space.values()):
+    space: Space = {**listed}
+    if all(len(values) == 1 for values in listed.values()):
         declared = contract.space(cell.model.factory)
         if declared is None:
             raise InputError(
                 f"model={name} declares no ranges to search; list values, such as "
                 f"model.{next(iter(usual), 'parameter')}=1,2, or give it an attribute space"
             )
-        space = dict(declared) | space
+        space = {**declared, **listed}
     whole = all(isinstance(values, list) for values in space.values())
-    return {"space": space} | ({} if whole else {"trials": OPTIONS["trials"]}) | how
+    return {"space": space, **how} if whole else {"space": space, "trials": OPTIONS["trials"], **how}

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 import pandas as pd
@@ -53,7 +53,7 @@ class Corpus:
     full_scale: float = 1023.0
     name: str = "unnamed"
     digest: str = ""
-    index: np.ndarray | None = None
+    index: np.ndarray = None  # type: ignore[assignment]  # all captures, filled in below
     info: dict = field(default_factory=dict)
     path: Path | None = None
     target: str = "gesture"
@@ -101,7 +101,13 @@ class Corpus:
         """Subject of each capture, str [captures]."""
         return self.captures["subject"].to_numpy(dtype=object)
 
-    def __getitem__(self, key: object) -> np.ndarray | Corpus:
+    @overload
+    def __getitem__(self, key: int | np.integer) -> np.ndarray: ...
+
+    @overload
+    def __getitem__(self, key: slice | np.ndarray | list | tuple) -> Corpus: ...
+
+    def __getitem__(self, key: int | np.integer | slice | np.ndarray | list | tuple) -> np.ndarray | Corpus:
         if isinstance(key, tuple):  # scikit-learn asks for X[indices, ...]
             key = key[0]
         if isinstance(key, (int, np.integer)):
@@ -178,11 +184,7 @@ class Corpus:
         """
         from bench.corpora.picture import picture
 
-        return picture(self, capture)
-
-    def __reduce__(self) -> tuple:
-        if self.path is None:
-            return super().__reduce__()
-        from bench.corpora.folder import reopen
-
-        return reopen, (self.path, self.digest, self.index, self.target)
+        about = self.captures.iloc[capture]
+        words = ", ".join(f"{name} {about[name]}" for name in ("subject", "gesture") if name in about)
+        kind = " (synthetic)" if self.synthetic else ""
+        return picture(self[capture], self.rate_hz, f"{self.name}{kind}, capture {capture}: {words}")

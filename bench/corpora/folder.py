@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import hashlib
 import json
 import os
@@ -23,6 +24,16 @@ def reopen(path: Path, digest: str, index: np.ndarray, target: str) -> Corpus:
     if corpus.digest != digest:
         raise InputError(f"{path} was replaced by another corpus while it was in use; start the command again")
     return replace(corpus[index], target=target)
+
+
+def _reduced(corpus: Corpus) -> tuple:
+    """How a corpus travels to another process: a stored one by its address, so that frames never do."""
+    if corpus.path is None:
+        return object.__reduce_ex__(corpus, 2)
+    return reopen, (corpus.path, corpus.digest, corpus.index, corpus.target)
+
+
+copyreg.pickle(Corpus, _reduced)
 
 
 def content_digest(corpus: Corpus) -> str:

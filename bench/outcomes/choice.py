@@ -12,8 +12,8 @@ from scipy.stats import ttest_1samp
 
 from bench.errors import InputError
 from bench.outcomes import scores
-from bench.outcomes.comparable import COMPARABLE, context_of
-from bench.outcomes.runs import artifact, predictions, tracked
+from bench.outcomes.comparable import COMPARABLE, Row, context_of
+from bench.outcomes.runs import needed, rows_of, tracked
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
 
@@ -86,7 +86,8 @@ def candidates(
         percent [candidates, subjects].
 
     Raises:
-        InputError: no run is tracked for these values, or runs on several corpora or protocols are.
+        InputError: no run is tracked for these values, runs on several corpora or protocols are, or a table of one is
+            gone.
     """
     runs = _asked(tracked(store), asked)
     if most is not None or replays:
@@ -102,14 +103,14 @@ def candidates(
     hops = runs["stream.hop_ms"].fillna("") if "stream.hop_ms" in runs else pd.Series("", runs.index)
     for (system, _, _), group in runs.groupby([runs["system"], runs["touchbench.kind"], hops], sort=True):
         within = None if most is None else most - group["decide_ms_p50"].max()  # one instant for all seeds
-        each = [_units(store, run, within) for run in group.to_dict("records")]
+        each = [_units(store, run, within) for run in rows_of(group)]
         for unit in each[0]:
             costs = pd.DataFrame([units[unit][0] for units in each]).mean()
             rows.append({"system": system, "unit": unit, **costs, "cpu": ", ".join(sorted(set(group["cpu"])))})
             accuracy.append(pd.concat([units[unit][1] for units in each], axis=1).mean(axis=1))
     subjects = pd.DataFrame(accuracy).reset_index(drop=True)
     table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
-    return table, ", ".join(context_of(runs.iloc[0])), subjects
+    return table, ", ".join(context_of(rows_of(runs)[0])), subjects
 
 
 def _asked(runs: pd.DataFrame, asked: Mapping[str, list[str]]) -> pd.DataFrame:
@@ -122,12 +123,12 @@ def _asked(runs: pd.DataFrame, asked: Mapping[str, list[str]]) -> pd.DataFrame:
     return runs
 
 
-def _units(store: Store, run: dict, within: float | None) -> dict[str, tuple[dict[str, float], pd.Series]]:
+def _units(store: Store, run: Row, within: float | None) -> dict[str, tuple[dict[str, float], pd.Series]]:
     """Costs and accuracy by subject, in percent, of each way in which a run labels.
 
     A replayed one labels at the last instant within so many ms, or at each.
     """
-    table = predictions(store, run)
+    table = pd.read_parquet(needed(store, run, "predictions.parquet"))
 
     def of(labelled: pd.DataFrame) -> pd.Series:
         own = scores.per_subject(labelled).set_index("subject")["accuracy"]
@@ -135,7 +136,7 @@ def _units(store: Store, run: dict, within: float | None) -> dict[str, tuple[dic
 
     size = {name: run.get(f"{name}_bytes", np.nan) / 1000 for name in ("flash", "ram")}
     if run["touchbench.kind"] == "stream":
-        instants = pd.read_csv(artifact(store, run, "instants.csv"))["ms"]
+        instants = pd.read_csv(needed(store, run, "instants.csv"))["ms"]
         seen = np.sort(table["instant"].unique())  # frames
         chosen = instants.index if within is None else instants.index[instants <= within][-1:]
         cost = size | {"predict": run["decide_ms_p50"]}
@@ -188,7 +189,8 @@ def decide(
     fits = table.index[table["verdict"] == ""]
     if not len(fits):
         return Choice(table.sort_values(by), None, None, None)
-    best = int(table.loc[fits].sort_values([by])["accuracy"].idxmax())
+    cheapest = table.loc[fits].sort_values([by])
+    best = int(cheapest.index[int(cheapest["accuracy"].argmax())])
     near = []
     for i in fits:
         lost = (subjects.loc[best] - subjects.loc[i]).to_numpy()
@@ -227,8 +229,8 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int) -> l
     """The choice, its reason, and what the next costlier system would buy."""
     if choice.chosen is None:
         return ["Nothing fits: every candidate is ruled out by a budget."]
-    table = choice.table
-    own, best = table.loc[choice.chosen], table.loc[choice.best]
+    rows = dict(zip(choice.table.index, rows_of(choice.table), strict=True))
+    own, best = rows[choice.chosen], rows[choice.best]
     rule = "one standard error of the paired difference" if margin is None else f"{margin:g} points (p < 0.05)"
     said = [f"Choose {_named(own)}: {own['accuracy']:.1f} % with {by} {amount(by, own[by])}."]
     if choice.chosen == choice.best:
@@ -239,7 +241,7 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int) -> l
             f"more than {rule}: {own['loss']:.1f} ± {own['error']:.1f} points over {subjects} subjects."
         )
     if choice.costlier is not None:
-        next_one = table.loc[choice.costlier]
+        next_one = rows[choice.costlier]
         said.append(
             f"The next costlier one that is more accurate, {_named(next_one)}, would buy "
             f"{next_one['accuracy'] - own['accuracy']:.1f} points for {next_one[by] / own[by]:.2g} times the {by}."
@@ -249,5 +251,5 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int) -> l
     return said
 
 
-def _named(row: pd.Series) -> str:
+def _named(row: Row) -> str:
     return f"{row['system']} ({SAID.get(row['unit'], row['unit'])})"

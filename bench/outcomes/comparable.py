@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+Row = Mapping[str, Any]  # of a run: tags and parameters, which are text, and metrics; nan for what it has not
 COMPARABLE = ("data", "corpus_digest", "subset", "target", "protocol_label")  # tags, with the digest of the parameters
 SAME_SYSTEM = ("protocol", "system", "seed")  # besides, what makes two runs repetitions of one
 # Runs that were made before facts were tracked name a protocol whose folds are known to be of this kind.
 BEFORE_FACTS = {"loso": False, "groupkfold": False, "challenge": False, "kfold": True, "holdout": True}
 
 
-def comparable(run: Mapping[str, object]) -> tuple[str, ...]:
+def comparable(run: Row) -> tuple[str, ...]:
     """What must agree for two runs to be compared: captures and protocol, and how they are replayed.
 
     Args:
@@ -20,18 +22,18 @@ def comparable(run: Mapping[str, object]) -> tuple[str, ...]:
     return tuple(str(run.get(k, "gesture" if k == "target" else "")) for k in (*COMPARABLE, *_replay(run)))
 
 
-def _replay(run: Mapping[str, object]) -> tuple[str, ...]:
+def _replay(run: Row) -> tuple[str, ...]:
     return tuple(k for k in ("stream.start", "stream.hop_ms") if run.get(k) is not None)
 
 
-def context_of(tags: Mapping[str, object]) -> tuple[str, str, str]:
+def context_of(tags: Row) -> tuple[str, str, str]:
     """The same in words: data, subset with the target, protocol."""
     data = str(tags["data"]) + (" (synthetic)" if tags["synthetic"] == "true" else "")
     target = f", {tags['target']}" if tags["target"] != "gesture" else ""
     return data, str(tags["subset"]) + target, str(tags["protocol_label"])
 
 
-def method_of(tags: Mapping[str, object]) -> str:
+def method_of(tags: Row) -> str:
     """System, and its seed where that is not the usual one."""
     return str(tags["system"]) + (f", seed {tags['seed']}" if tags["seed"] not in ("0", "none") else "")
 
@@ -56,17 +58,17 @@ class Facts:
     official_split: bool | None
 
 
-def facts_of(run: Mapping[str, object]) -> Facts:
+def facts_of(run: Row) -> Facts:
     """The facts of a run as they were tracked; of an older one what its protocol's name and folds say.
 
     Args:
         run: a row of `bench.outcomes.runs.tracked`.
     """
     if isinstance(run.get("mixes_subjects"), str):
-        ratio, official = str(run.get("test_over_train") or ""), run.get("official_split")
-        ratio = float(ratio) if ratio else None
-        return Facts(run["mixes_subjects"] == "true", ratio, {"true": True, "false": False}.get(official))
-    name, folds = run.get("protocol_name"), float(run.get("folds", 1))
+        ratio = str(run.get("test_over_train") or "")
+        official = {"true": True, "false": False}.get(run.get("official_split", ""))
+        return Facts(run["mixes_subjects"] == "true", float(ratio) if ratio else None, official)
+    name, folds = run.get("protocol_name", ""), float(run.get("folds", 1))
     partition = name in ("loso", "groupkfold", "kfold") and folds > 1
     official = folds < 2 if name == "challenge" else None
     return Facts(BEFORE_FACTS.get(name, False), 1 / (folds - 1) if partition else None, official)

@@ -8,8 +8,8 @@ for the whole gate, shared evenly (Bonferroni).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,6 +18,9 @@ from scipy.stats import binom
 
 from bench.outcomes import scores
 from bench.outcomes.baseline import NAMES, Measured
+
+if TYPE_CHECKING:
+    from bench.outcomes.comparable import Row
 
 LIMITS = {"error": 1.0, "changes": 0.2, "slower": 2.0}
 LARGER = 1.1  # times the learnt numbers of the baseline
@@ -181,7 +184,8 @@ def counterpart(then: Measured, current: list[Measured]) -> Measured | None:
     """The run to hold against that of the baseline; one with another seed only of a random system."""
     same = [now for now in current if all(now.names[k] == then.names[k] for k in NAMES if k != "seed")]
     exact = [now for now in same if now.names["seed"] == then.names["seed"]]
-    return (exact or same or [None])[-1]
+    fitting = exact or same
+    return fitting[-1] if fitting else None
 
 
 def _missing(then: Measured, current: list[Measured]) -> Verdict:
@@ -206,7 +210,7 @@ def named(measured: Measured) -> str:
     return " | ".join(parts)
 
 
-def measured(row: Mapping[str, object], predictions: pd.DataFrame, run: str) -> Measured:
+def measured(row: Row, predictions: pd.DataFrame, run: str) -> Measured:
     """What is compared of a tracked run.
 
     Args:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Generic, SupportsFloat, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from bench.outcomes import scores
+
+Shown = TypeVar("Shown")  # what a kind of run shows besides its metrics and tables
 
 
 @dataclass
@@ -36,9 +40,16 @@ class FoldResult:
     trials: pd.DataFrame | None = None
     error: str = ""
 
+    @property
+    def table(self) -> pd.DataFrame:
+        """The predictions of a fold that went well."""
+        if self.predictions is None:
+            raise ValueError(f"fold {self.name} has no predictions")
+        return self.predictions
+
 
 @dataclass(frozen=True)
-class Findings:
+class Findings(Generic[Shown]):
     """What was measured from all folds of a run.
 
     Attributes:
@@ -51,12 +62,12 @@ class Findings:
     metrics: dict[str, float]
     tables: dict[str, pd.DataFrame] = field(default_factory=dict)
     facts: dict[str, str] = field(default_factory=dict)
-    analysis: object = None
+    analysis: Shown | None = None
 
 
 def table_of(results: list[FoldResult]) -> pd.DataFrame:
     """The tables of all folds, one behind the other."""
-    return pd.concat([r.predictions for r in results], ignore_index=True)
+    return pd.concat([r.table for r in results], ignore_index=True)
 
 
 def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float) -> dict[str, float]:
@@ -78,6 +89,7 @@ def costs(results: list[FoldResult]) -> dict[str, float]:
     """
     names = dict.fromkeys(name for r in results for name in r.metrics)  # a fold may have one that another has not
     metrics = {k: [r.metrics[k] for r in results if k in r.metrics] for k in names}
+    kinds: dict[str, Callable[[list[float]], SupportsFloat]]
     kinds = {"seconds": np.mean, "reference_ms": np.median, "predict_relative": np.median}
     found = {k: float(next((f for end, f in kinds.items() if k.endswith(end)), max)(v)) for k, v in metrics.items()}
     for name in ("predict_ms", "decide_ms"):

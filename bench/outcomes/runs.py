@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from bench.errors import InputError
-from bench.outcomes.comparable import COMPARABLE, SAME_SYSTEM, context_of
+from bench.outcomes.comparable import COMPARABLE, SAME_SYSTEM, Row, context_of
 from bench.outcomes.store import Store
 
 
@@ -35,9 +34,14 @@ def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
         raise InputError("no scored run is tracked here; make one first, for example: bench run model=svm")
     found = pd.DataFrame(rows)
     found = found.assign(complete=found["status"] == "FINISHED").sort_values(["complete", "started"])
-    options = [c for c in found if c.startswith("stream.") or c in ("faults", "train_subjects")]
+    options = [c for c in found.columns if c.startswith("stream.") or c in ("faults", "train_subjects")]
     same = [*COMPARABLE, *SAME_SYSTEM, *options]
     return found.drop(columns="complete").drop_duplicates(same, keep="last").sort_values("started")
+
+
+def rows_of(runs: pd.DataFrame) -> list[Row]:
+    """The rows of such a table."""
+    return [{str(name): value for name, value in row.items()} for row in runs.to_dict("records")]
 
 
 def with_groups(runs: pd.DataFrame) -> pd.DataFrame:
@@ -45,24 +49,39 @@ def with_groups(runs: pd.DataFrame) -> pd.DataFrame:
 
     Generated captures say so; where several corpora go by one name, the digest tells them apart.
     """
-    known = runs[["data", "synthetic", "subset", "target", "protocol_label"]].to_dict("records")
+    known = rows_of(runs[["data", "synthetic", "subset", "target", "protocol_label"]])
     words = pd.Series([", ".join(context_of(tags)) for tags in known], runs.index)
     digests = runs.groupby(words)["corpus_digest"].transform("nunique")
     return runs.assign(group=words + np.where(digests > 1, ", corpus " + runs["corpus_digest"].str[:8], ""))
 
 
-def artifact(store: Store, run: Mapping[str, object], name: str) -> Path | None:
+def artifact(store: Store, run: Row, name: str) -> Path | None:
     """The path of a run's artifact, None where it has none; ``run`` is a row of `tracked`."""
     return store.path(str(run["run_id"]), str(run["artifacts"]), name)
 
 
-def predictions(store: Store, run: Mapping[str, object]) -> pd.DataFrame | None:
+def needed(store: Store, run: Row, name: str) -> Path:
+    """The same where nothing can be told without it.
+
+    Raises:
+        InputError: it is gone.
+    """
+    path = artifact(store, run, name)
+    if path is None:
+        raise InputError(
+            f"{name} of {run['system']} (run {run['run_id']}) is gone from the store; bring it back, or delete the run "
+            "in bench ui and make it again"
+        )
+    return path
+
+
+def predictions(store: Store, run: Row) -> pd.DataFrame | None:
     """The predictions table of a run, None if it is not there."""
     path = artifact(store, run, "predictions.parquet")
     return None if path is None else pd.read_parquet(path)
 
 
-def subject_accuracy(store: Store, run: Mapping[str, object]) -> dict[str, float]:
+def subject_accuracy(store: Store, run: Row) -> dict[str, float]:
     """Accuracy of the captures of each subject, in percent, as the run stored it; empty if it is not there."""
     path = artifact(store, run, "per_subject.csv")
     if path is None:
@@ -84,7 +103,7 @@ def by_subject(store: Store, runs: pd.DataFrame) -> tuple[pd.DataFrame, pd.Serie
         The table, and the number of seeds behind each row.
     """
     complete = runs[runs["status"] == "FINISHED"]
-    rows = [subject_accuracy(store, run) for run in complete.to_dict("records")]
+    rows = [subject_accuracy(store, run) for run in rows_of(complete)]
     table = pd.DataFrame(rows, index=pd.Index(complete["system"], name="system"))
     table = table.dropna() if len(table.columns) else table.iloc[:0]
     means = table.groupby(level=0).mean()

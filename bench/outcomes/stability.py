@@ -78,12 +78,15 @@ def metrics(one: Analysis) -> dict[str, float]:
     """What is tracked of a run besides its tables; ``half_margin.<fault>`` is left out where it is never reached."""
     found = {"accuracy": one.clean, "chance": one.chance, "failing_slices": int(one.slices["failing"].sum())}
     found |= {"tested_slices": int(one.slices["tested"].sum())}
-    found |= {f"accuracy.{r.fault}.{r.severity}": r.accuracy for r in one.curves.itertuples()}
-    found |= {f"loss.{r.fault}": r.loss for r in one.margins.itertuples()}
-    found |= {f"half_margin.{r.fault}": r.half_margin for r in one.margins.itertuples() if np.isfinite(r.half_margin)}
-    found |= {f"accuracy.train_subjects.{r.train_subjects:g}": r.accuracy for r in one.learning.itertuples()}
+    faulty = one.curves[["fault", "severity", "accuracy"]].itertuples(index=False)
+    found |= {f"accuracy.{fault}.{severity}": accuracy for fault, severity, accuracy in faulty}
+    margins = list(one.margins[["fault", "loss", "half_margin"]].itertuples(index=False))
+    found |= {f"loss.{fault}": loss for fault, loss, _ in margins}
+    found |= {f"half_margin.{fault}": half for fault, _, half in margins if np.isfinite(half)}
+    learnt = one.learning[["train_subjects", "accuracy"]].itertuples(index=False)
+    found |= {f"accuracy.train_subjects.{count:g}": accuracy for count, accuracy in learnt}
     worst = one.conditions.groupby("factor", sort=False)["accuracy"].min()
-    return found | {f"worst.{_plain(factor)}": accuracy for factor, accuracy in worst.items()}
+    return found | {f"worst.{_plain(str(factor))}": accuracy for factor, accuracy in worst.items()}
 
 
 def _plain(name: str) -> str:
@@ -181,7 +184,7 @@ def learning(table: pd.DataFrame) -> pd.DataFrame:
     """Clean accuracy by the number of training subjects; the last row is the method itself (a mean if folds differ)."""
     clean = table[table["fault"] == CLEAN]
     most = clean.groupby("fold")["train_subjects"].transform("max")
-    count = clean["train_subjects"].where(clean["train_subjects"] < most, float(most.mean().round(1)))
+    count = clean["train_subjects"].where(clean["train_subjects"] < most, float(np.round(most.mean(), 1)))
     rows = []
     for number, part in clean.groupby(count):
         low, high = scores.subject_interval(part)
@@ -210,23 +213,23 @@ def slices(table: pd.DataFrame, target: str) -> pd.DataFrame:
     keys = ["fold", "capture"]
     units = unharmed(table)
     under = table[table["fault"] != CLEAN]
-    hits = [units["hit"].to_numpy(float)]
+    right_when = [units["hit"].to_numpy(float)]
     faults: list[tuple[str, int, str]] = [("", 0, "")]
     order = pd.MultiIndex.from_frame(units[keys])
-    for (fault, severity), part in under.groupby(["fault", "severity"], sort=False):
-        hits.append(part.set_index(keys)["hit"].reindex(order).to_numpy(float))
-        faults.append((fault, severity, part["amount"].iloc[0]))
-    hits = np.column_stack(hits)
+    for (fault, _), part in under.groupby(["fault", "severity"], sort=False):
+        right_when.append(part.set_index(keys)["hit"].reindex(order).to_numpy(float))
+        faults.append((str(fault), int(part["severity"].iloc[0]), part["amount"].iloc[0]))
+    hits = np.column_stack(right_when)
     codes, _ = pd.factorize(units["subject"])
     member = np.eye(codes.max() + 1)[codes].T  # [subjects, units]
     about, counts, right = [], [], []
-    for names, chosen, alone in _parts(factors(units, target)):
+    for part_names, chosen, alone in _parts(factors(units, target)):
         of_subject = member[:, chosen].sum(axis=1)
-        columns = range(len(faults)) if alone else range(1)
-        sums = member[:, chosen] @ hits[chosen][:, columns]
-        for j in columns:
-            if names or j:
-                about.append((*_named(names, faults[j]), *faults[j]))
+        met = range(len(faults)) if alone else range(1)
+        sums = member[:, chosen] @ hits[chosen][:, met]
+        for j in met:
+            if part_names or j:
+                about.append((*_named(part_names, faults[j]), *faults[j]))
                 counts.append(of_subject)
                 right.append(sums[:, j])
     names = ["kind", "slice", "fault", "severity", "amount"]
@@ -245,7 +248,8 @@ def _parts(found: dict[str, pd.Series]) -> Iterator[tuple[tuple[tuple[str, str],
     yield (), np.ones(len(first), dtype=bool), True
     single = {}
     for factor, values in found.items():
-        for value, count in values.value_counts(sort=False).items():
+        counted = values.value_counts(sort=False)
+        for value, count in zip(counted.index, counted, strict=True):
             if count >= FEWEST:
                 single[factor, value] = (values == value).to_numpy()
                 yield ((factor, value),), single[factor, value], True
@@ -364,7 +368,7 @@ def ranks(analyses: list[Analysis]) -> pd.DataFrame:
     for a in analyses:
         rows.append((a.system, CLEAN, a.clean))
         by_fault = a.curves.groupby("fault", sort=False)["accuracy"].mean()
-        rows += [(a.system, fault, value) for fault, value in by_fault.items()]
+        rows += [(a.system, str(fault), value) for fault, value in by_fault.items()]
     table = pd.DataFrame(rows, columns=["system", "fault", "accuracy"])
     means = table.groupby(["fault", "system"], sort=False)["accuracy"].mean().unstack()
     means = means.reindex(index=table["fault"].unique(), columns=table["system"].unique())

@@ -89,7 +89,7 @@ def against_best(
         matched-pairs rank-biserial correlation. NaN where something is not defined.
     """
     best = subjects.iloc[0]
-    folds = subjects if folds is None else folds
+    by_system = (subjects if folds is None else folds).T
     rows = []
     for system, accuracy in subjects.iterrows():
         lost = (accuracy - best).to_numpy(dtype=float).round(9)  # equal sums in another order are ties
@@ -97,7 +97,7 @@ def against_best(
         if system != best.name:
             row |= dict(zip(("low", "high"), interval(lost), strict=True)) | {"p": wilcoxon(lost)}
             if test_over_train is not None:
-                by_fold = (folds.loc[system] - folds.loc[best.name]).to_numpy(dtype=float).round(9)
+                by_fold = (by_system[system] - by_system[best.name]).to_numpy(dtype=float).round(9)
                 row |= dict(zip(("nb_low", "nb_high", "nb_p"), nadeau_bengio(by_fold, test_over_train), strict=True))
             row |= dict(zip(("dz", "dz_low", "dz_high"), cohen_dz(lost), strict=True))
             row |= {"rank_biserial": rank_biserial(lost)}

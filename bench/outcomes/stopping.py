@@ -5,6 +5,8 @@ Pure functions of the replay table, which `bench.work.replay` describes.
 
 from __future__ import annotations
 
+from typing import TypedDict
+
 import numpy as np
 import pandas as pd
 
@@ -12,6 +14,15 @@ from bench.outcomes.scores import subject_interval, windows
 
 THRESHOLDS = (*np.round(np.arange(0.05, 0.96, 0.05), 2).tolist(), 0.97, 0.98, 0.99, 0.995, 0.999, np.inf)
 SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
+
+
+class Curves(TypedDict):
+    """What figures show of a replay: accuracy at instants and at thresholds, and at the learned one (``adaptive``)."""
+
+    instants: pd.DataFrame
+    stopping: pd.DataFrame
+    adaptive: dict[str, float]
+    start: str
 
 
 def standing(table: pd.DataFrame, frames: int) -> pd.DataFrame:
@@ -79,7 +90,7 @@ def by_threshold(table: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
 
 def learned_point(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float) -> dict[str, float]:
     """Accuracy and mean observed time where each fold stops at the threshold that its training part gave."""
-    parts = [stopped(rows, thresholds[fold]) for fold, rows in table.groupby("fold", sort=False)]
+    parts = [stopped(rows, thresholds[str(fold)]) for fold, rows in table.groupby("fold", sort=False)]
     return _scored(pd.concat(parts, ignore_index=True), rate_hz)
 
 

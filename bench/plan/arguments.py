@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from typing import SupportsInt, TypeVar, overload
+
 from bench.errors import InputError, nearest
 
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
 KEYS = {"data", "where", "target", "seed", "jobs", *PARTS}  # of every command that runs folds
-Values = dict[str, object]  # text; from Python also numbers, objects, and lists of these
+Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
+Usual = TypeVar("Usual")
 
 
 def parse(arguments: list[str], known: set[str]) -> dict[str, str]:
@@ -54,10 +58,18 @@ def items(key: str, value: object) -> list:
         return found
     if key == "where":  # a query may hold commas
         return [value]
-    found = value.split(",")
-    if not all(found):
+    words = value.split(",")
+    if not all(words):
         raise InputError(f"{key}={value}: there is nothing between two commas")
-    return found
+    return words
+
+
+@overload
+def convert(key: str, given: object, default: None) -> int | None: ...
+
+
+@overload
+def convert(key: str, given: object, default: Usual) -> Usual: ...
 
 
 def convert(key: str, given: object, default: object) -> object:
@@ -69,23 +81,24 @@ def convert(key: str, given: object, default: object) -> object:
         InputError: it is no such value.
     """
     text = given if isinstance(given, str) else text_of(given)
+    read: Callable[[str], object]
     if default is None or text == "None":
-        kind, convert = "a whole number or None", lambda t: None if t == "None" else int(t)
+        kind, read = "a whole number or None", lambda t: None if t == "None" else int(t)
         if default is not None:
             raise InputError(f"{key}=None: give a value such as {default!r}")
     elif isinstance(default, bool):
-        kind, convert = "true or false", {"true": True, "false": False}.__getitem__
+        kind, read = "true or false", {"true": True, "false": False}.__getitem__
     elif isinstance(default, int):
-        kind, convert = "a whole number" + (" from 0 on" if key.endswith("seed") else ""), int
+        kind, read = "a whole number" + (" from 0 on" if key.endswith("seed") else ""), int
     elif isinstance(default, float):
-        kind, convert = "a number", float
+        kind, read = "a number", float
     elif isinstance(default, tuple):
-        kind, convert = "names joined by +", lambda t: tuple(t.split("+"))
+        kind, read = "names joined by +", lambda t: tuple(t.split("+"))
     else:
-        kind, convert = "text", str
+        kind, read = "text", str
     try:
-        value = convert(text)
-        if key.endswith("seed") and value < 0:
+        value = read(text)
+        if key.endswith("seed") and isinstance(value, int | float) and value < 0:
             raise ValueError(key)
         return value
     except (ValueError, KeyError) as e:
@@ -116,6 +129,7 @@ def jobs_of(values: Values) -> int | None:
     if "jobs" not in values:
         return None
     try:
-        return int(values["jobs"])
+        given = values["jobs"]
+        return int(given) if isinstance(given, SupportsInt) else int(str(given))
     except (ValueError, TypeError) as e:
         raise InputError(f"jobs={values['jobs']}: give a whole number of worker processes") from e

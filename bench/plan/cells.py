@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from bench.errors import InputError, nearest
 from bench.plan.arguments import PARTS, Values, convert, items, text_of
@@ -13,15 +14,17 @@ from bench.source import source_digest, versions
 from models import contract
 
 if TYPE_CHECKING:
-    from sklearn.base import BaseEstimator, ClassifierMixin
+    from bench.plan.splits import Splitter
+    from models.space import Tuning
 
 DEFAULTS = {"data": "synth", "protocol": "loso", "model": "svm", "seed": "0", "where": "", "target": "gesture"}
 DEFAULT_FEATURES = "jung54"
 HOW = ("inner", "trials", "budget", "objective")  # of a search, as it is typed
+Made = TypeVar("Made")  # what a part is when it is built
 
 
 @dataclass(frozen=True)
-class Part:
+class Part(Generic[Made]):
     """A protocol, feature set or model, with every parameter it takes.
 
     Attributes:
@@ -34,14 +37,14 @@ class Part:
     room: str
     name: str
     parameters: dict[str, object] = field(default_factory=dict, hash=False)
-    given: object = field(default=None, hash=False)
+    given: Made | None = field(default=None, hash=False)
 
     @property
-    def factory(self) -> object:
+    def factory(self) -> Callable[..., Made]:
         """The class or function behind the name."""
         return load(self.room, self.name)
 
-    def make(self) -> object:
+    def make(self) -> Made:
         """Build one that takes nothing from the harness: a protocol or a feature set."""
         return self.factory(**self.parameters) if self.given is None else contract.copied(self.given)
 
@@ -80,10 +83,10 @@ class Cell:
     data_parameters: dict[str, object]
     where: str
     target: str
-    protocol: Part
-    features: Part | None
-    model: Part
-    tuning: dict[str, object] | None = None
+    protocol: Part[Splitter]
+    features: Part[contract.Features] | None
+    model: Part[contract.System]
+    tuning: Tuning | None = None
 
     def system(self) -> str:
         """Model and feature set as they are named in tables."""
@@ -97,9 +100,10 @@ class Cell:
     @property
     def seed(self) -> int | None:
         """Of the search or the model; None where there is nothing random."""
-        return (self.tuning or self.model.parameters).get("seed")
+        seed = self.tuning.get("seed") if self.tuning else self.model.parameters.get("seed")
+        return seed if isinstance(seed, int) else None
 
-    def estimator(self) -> ClassifierMixin:
+    def estimator(self) -> contract.System:
         """The untrained scikit-learn classifier."""
         features = self.features.make() if self.features else None
         if self.tuning:
@@ -111,7 +115,7 @@ class Cell:
             return contract.behind(self.model.make(), features)
         return contract.build(self.model.factory, features, **self.model.parameters)
 
-    def feature_sets(self) -> dict[str, BaseEstimator]:
+    def feature_sets(self) -> dict[str, contract.Features]:
         """The feature sets that the system uses, by name; none for one that reads raw frames."""
         return {str(self.features): self.features.make()} if self.features else contract.features(self.estimator())
 
@@ -147,8 +151,8 @@ class Cell:
         if self.tuning:
             lists = {k: v for k, v in self.tuning["space"].items() if isinstance(v, list)}
             found |= {f"model.{k}": ",".join(map(text_of, v)) for k, v in lists.items()}
-            how = ("over", "inner") if "over" in self.tuning else HOW
-            found |= {k: text_of(self.tuning[k]) for k in how if k in self.tuning}
+            asked = dict(self.tuning)
+            found |= {k: text_of(asked[k]) for k in (("over", "inner") if "over" in asked else HOW) if k in asked}
         return found | ({"seed": str(self.seed)} if self.seed else {})
 
 
@@ -158,7 +162,7 @@ def _usual_data() -> dict[str, object]:
     return parameters(generate)
 
 
-def _described(tuning: dict[str, object]) -> str:
+def _described(tuning: Tuning) -> str:
     """What a search tries and how, in a few words: ``C, gamma=0.1|1, inner=loso``."""
     values = {k: v if isinstance(v, list) else None for k, v in tuning["space"].items()}
     words = [k if v is None else f"{k}=" + "|".join(map(str, v)) for k, v in values.items()]

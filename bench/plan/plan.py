@@ -13,9 +13,9 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
+from bench.plan import splits
 from bench.plan.cells import Cell
 from models import contract
-from protocols import contract as splits
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def planned(asked: list[Cell], jobs: int | None) -> list[Plan]:
     return plans
 
 
-def checked(cell: Cell) -> object:
+def checked(cell: Cell) -> contract.System:
     """The untrained system of a cell, its parameters and those of its feature sets checked.
 
     Raises:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+import pandas as pd
+
 from bench.outcomes import scores
 from bench.outcomes.results import Findings, FoldResult, costs, measure, table_of
 from bench.work.experiment import Experiment
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Evaluation(Experiment):
+class Evaluation(Experiment[pd.DataFrame]):
     """Fit on the training captures, decide on the test captures, measure accuracy and costs."""
 
     kind: ClassVar[str] = "cell"
@@ -54,9 +56,9 @@ class Evaluation(Experiment):
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Scores and costs of one fold."""
-        return scores.accuracies(result.predictions) | costs([result])
+        return scores.accuracies(result.table) | costs([result])
 
-    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings:
+    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[pd.DataFrame]:
         """Scores and costs of the whole run; confusions, subjects and classes."""
         predictions = table_of(results)
         labelled, classes = scores.captures(predictions), scores.classes_of(predictions)

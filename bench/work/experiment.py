@@ -7,19 +7,22 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Generic
 
-from bench.outcomes.results import Findings, FoldResult
+from bench.outcomes.results import Findings, FoldResult, Shown
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
+    from bench.source import Code
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Experiment(Generic[Shown]):
     """A kind of run; its fields are its options, which are part of a run's identity.
+
+    In brackets behind its name is the type of what its command shows besides (`Findings.analysis`), if there is such.
 
     Attributes:
         kind: tag of its parent runs.
@@ -49,7 +52,7 @@ class Experiment:
         """The command that makes a run of a cell."""
         return self.kind
 
-    def depends(self) -> list[object]:
+    def depends(self) -> list[Code]:
         """Modules, classes or functions whose code its numbers depend on, besides the parts of the cell."""
         return [type(self)]
 
@@ -75,7 +78,7 @@ class Experiment:
         """Tracked numbers of one fold."""
         return result.metrics
 
-    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings:
+    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[Shown]:
         """Measure the run from the folds that went well, at least one, in the order of the protocol.
 
         Args:

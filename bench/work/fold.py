@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from sklearn.base import ClassifierMixin
 from threadpoolctl import threadpool_limits
 
 from bench.corpora.corpus import Corpus
@@ -35,7 +34,7 @@ def computing(threads: int) -> Iterator[None]:
         yield
 
 
-def fitted(estimator: ClassifierMixin, corpus: Corpus) -> dict[str, float]:
+def fitted(estimator: contract.System, corpus: Corpus) -> dict[str, float]:
     """Fit to all captures of a corpus; its wall and CPU seconds.
 
     Of a system that searches, the last fit alone: the search before it may have been stored in part.
@@ -47,10 +46,10 @@ def fitted(estimator: ClassifierMixin, corpus: Corpus) -> dict[str, float]:
     return {"fit_seconds": wall, "fit_cpu_seconds": cpu}
 
 
-def footprint(estimator: ClassifierMixin, corpus: Corpus) -> dict[str, float]:
+def footprint(estimator: contract.System, corpus: Corpus) -> dict[str, float]:
     """Most memory that this process has held since `forget_peak`, and the sizes of a fitted system."""
     taxels = corpus.grid[0] * corpus.grid[1]
-    return {"peak_rss_bytes": peak_memory()} | sizes(estimator, taxels, int(corpus.lengths.max()))
+    return {"peak_rss_bytes": peak_memory(), **sizes(estimator, taxels, int(corpus.lengths.max()))}
 
 
 def forget_peak() -> None:
@@ -72,7 +71,7 @@ def peak_memory() -> int:
 
 
 def decisions(
-    estimator: ClassifierMixin, corpus: Corpus, fold: str, test: np.ndarray, classes: list[str] | None = None
+    estimator: contract.System, corpus: Corpus, fold: str, test: np.ndarray, classes: list[str] | None = None
 ) -> pd.DataFrame:
     """The predictions table of one fold, described in `bench.outcomes.scores`.
 
@@ -84,17 +83,17 @@ def decisions(
     table = table.assign(fold=fold, capture=tested.index[position], true=tested.gestures[position])
     about = tested.captures.drop(columns=tested.target if tested.target == "gesture" else [])
     about = about.iloc[position].reset_index(drop=True)
-    classes = np.unique(corpus.gestures.astype(str) if classes is None else classes)
-    columns = np.zeros((len(table), len(classes)), dtype=np.float32)
-    columns[:, np.searchsorted(classes, np.asarray(estimator.classes_).astype(str))] = proba
+    names = np.unique(corpus.gestures.astype(str) if classes is None else classes)
+    columns = np.zeros((len(table), len(names)), dtype=np.float32)
+    columns[:, np.searchsorted(names, np.asarray(estimator.classes_).astype(str))] = proba
     if not np.isfinite(columns).all():
         raise ValueError(f"{int((~np.isfinite(columns)).sum())} probabilities are not finite")
-    named = pd.DataFrame(columns, columns=[f"p_{c}" for c in classes])
+    named = pd.DataFrame(columns, columns=[f"p_{c}" for c in names])
     return pd.concat([table[["fold", "capture", "start", "frames", "true"]], about, named], axis=1)
 
 
 def latency(
-    estimator: ClassifierMixin, tested: Corpus, frames: int
+    estimator: contract.System, tested: Corpus, frames: int
 ) -> tuple[list[float], list[float], dict[str, float]]:
     """Milliseconds from raw frames to a label, one capture at a time, warm, on one thread.
 

@@ -6,7 +6,7 @@ import csv
 import sys
 from collections import deque
 from collections.abc import Iterator
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 import pandas as pd
@@ -15,6 +15,9 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.table import checked
 from bench.errors import InputError, nearest
 from bench.plan.arguments import number
+
+if TYPE_CHECKING:
+    from bench.work.saved import Recogniser
 
 HOP_MS = 125.0  # 8 decisions a second; the systems in the literature make 6 to 9
 OPTIONS = ("source", "model", "hop_ms", "window_ms")
@@ -61,7 +64,7 @@ def live(values: dict[str, str]) -> int:
     return 0
 
 
-def _corpus(window: list[np.ndarray], recogniser: object) -> Corpus:
+def _corpus(window: list[np.ndarray], recogniser: Recogniser) -> Corpus:
     """One capture, of the type that a file with these values would have."""
     values = checked(np.stack(window).reshape(-1, *recogniser.grid), recogniser.full_scale, "input", "frame")
     return Corpus.from_captures([values], pd.DataFrame(index=[0]), recogniser.rate_hz, full_scale=recogniser.full_scale)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
+from typing import Generic
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from bench.errors import InputError
-from bench.outcomes.results import Findings, FoldResult
+from bench.outcomes.results import Findings, FoldResult, Shown
 from bench.outcomes.scores import RESERVED
 from bench.outcomes.store import Store, connect, only_one
 from bench.plan.cells import Cell
@@ -21,7 +22,7 @@ from bench.work.workers import run_folds, start_workers
 from models import contract
 
 console = Console(stderr=True)
-Todo = list[tuple[Plan, Experiment]]
+Todo = list[tuple[Plan, Experiment[Shown]]]
 
 
 class Interrupted(KeyboardInterrupt):
@@ -29,7 +30,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Generic[Shown]):
     """What came of one plan.
 
     Attributes:
@@ -43,10 +44,10 @@ class Outcome:
     """
 
     plan: Plan
-    experiment: Experiment
+    experiment: Experiment[Shown]
     run_id: str
     tags: dict[str, str]
-    findings: Findings | None
+    findings: Findings[Shown] | None
     results: list[FoldResult]
     errors: dict[str, str] = field(default_factory=dict)
 
@@ -56,12 +57,19 @@ class Outcome:
         return self.findings.metrics if self.findings else {}
 
     @property
+    def analysis(self) -> Shown:
+        """What its kind of run shows besides; there is none if no fold went well."""
+        if self.findings is None or self.findings.analysis is None:
+            raise ValueError(f"nothing was found by {self.run_id}")
+        return self.findings.analysis
+
+    @property
     def chosen(self) -> dict[str, dict[str, object]]:
         """By fold, what was chosen on its training part."""
         return {r.name: r.chosen for r in self.results if r.chosen}
 
 
-def prepared(asked: Iterable[Cell], experiments: list[Experiment], jobs: int | None) -> Todo:
+def prepared(asked: Iterable[Cell], experiments: Sequence[Experiment[Shown]], jobs: int | None) -> Todo[Shown]:
     """Every cell with every experiment; all is checked before the first fold starts.
 
     Raises:
@@ -79,7 +87,7 @@ def prepared(asked: Iterable[Cell], experiments: list[Experiment], jobs: int | N
     return todo
 
 
-def execute(todo: Todo, jobs: int | None = None, illustrate: Illustrate | None = None) -> list[Outcome]:
+def execute(todo: Todo[Shown], jobs: int | None = None, illustrate: Illustrate | None = None) -> list[Outcome[Shown]]:
     """Run what is not stored yet; what is stored is measured again from its tables.
 
     Args:
@@ -101,7 +109,9 @@ def execute(todo: Todo, jobs: int | None = None, illustrate: Illustrate | None =
     return [run_one(store, plan, experiment, illustrate) for plan, experiment in todo]
 
 
-def run_one(store: Store, plan: Plan, experiment: Experiment, illustrate: Illustrate | None = None) -> Outcome:
+def run_one(
+    store: Store, plan: Plan, experiment: Experiment[Shown], illustrate: Illustrate | None = None
+) -> Outcome[Shown]:
     """Run the folds of one plan that are not stored yet, and measure it.
 
     Raises:

@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
-from sklearn.base import ClassifierMixin
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
@@ -91,7 +90,7 @@ def prefix(corpus: Corpus, frames: int) -> Corpus:
 
 
 def replayed(
-    estimator: ClassifierMixin, corpus: Corpus, fold: str, positions: np.ndarray, instants: np.ndarray
+    estimator: contract.System, corpus: Corpus, fold: str, positions: np.ndarray, instants: np.ndarray
 ) -> pd.DataFrame:
     """The replay table of some captures, without ``confidence``; sorted by capture, then instant.
 
@@ -186,7 +185,7 @@ def with_confidence(table: pd.DataFrame, calibration: Calibration, rate_hz: floa
 
 
 def learned(
-    untrained: Callable[[], ClassifierMixin], corpus: Corpus, train: np.ndarray, replay: Replay
+    untrained: Callable[[], contract.System], corpus: Corpus, train: np.ndarray, replay: Replay
 ) -> tuple[Calibration, float, pd.DataFrame]:
     """Calibration and threshold from the training part, each of its subjects replayed by a system that never met it.
 
@@ -214,7 +213,7 @@ def learned(
     return calibration, *learn_stopping(with_confidence(table, calibration, corpus.rate_hz), corpus.rate_hz)
 
 
-def decision_latency(estimator: ClassifierMixin, begun: Corpus, instants: np.ndarray) -> list[float]:
+def decision_latency(estimator: contract.System, begun: Corpus, instants: np.ndarray) -> list[float]:
     """Milliseconds from raw frames to a decision: one prefix at a time, warm, over the instants of single captures."""
     chosen = np.unique(np.linspace(0, len(begun) - 1, min(TIMED_CAPTURES, len(begun))).astype(int))
     seen = instants[np.unique(np.linspace(0, len(instants) - 1, TIMED_INSTANTS).astype(int))]
@@ -225,7 +224,7 @@ def decision_latency(estimator: ClassifierMixin, begun: Corpus, instants: np.nda
     return spent
 
 
-def system_hop(estimator: ClassifierMixin, captures: Corpus) -> float | None:
+def system_hop(estimator: contract.System, captures: Corpus) -> float | None:
     """Frames from one decision of a system to the next, None for one that decides once whatever it is given."""
     longest = int(captures.lengths.argmax())
     starts = np.unique(contract.decide(estimator, captures[longest : longest + 1])[0]["start"])

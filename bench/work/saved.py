@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, entry_points, requires, version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mlflow
 import numpy as np
@@ -19,26 +20,27 @@ import pandas as pd
 from mlflow.exceptions import MlflowException
 from mlflow.models import ModelSignature
 from mlflow.protos.databricks_pb2 import INVALID_PARAMETER_VALUE
+from mlflow.pyfunc import PythonModel
 from mlflow.types import ColSpec, DataType, ParamSchema, ParamSpec, Schema
 from mlflow.types.schema import AnyType
-from sklearn.base import ClassifierMixin
 
-import bench
-import features
-import models
-import protocols
 from bench.corpora.corpus import Corpus
 from bench.corpora.table import from_frame
 from bench.errors import InputError
 from bench.outcomes.scores import PREFIX, classes_of
 from bench.outcomes.store import store_uri
-from bench.registry import FILE_MODULE
+from bench.registry import FILE_MODULE, place_of
 from bench.work.fold import decisions
 
-PACKAGES = (bench, features, models, protocols)
+if TYPE_CHECKING:
+    from mlflow.types import TensorSpec
+
+    from models.contract import System
+
+PACKAGES = ("bench", "features", "models", "protocols")  # whose code goes with a model
 
 
-class Recogniser(mlflow.pyfunc.PythonModel):
+class Recogniser(PythonModel):
     """A fitted system with what its frames must be like.
 
     Args:
@@ -54,10 +56,11 @@ class Recogniser(mlflow.pyfunc.PythonModel):
         synthetic: whether it was trained on generated captures.
     """
 
-    def __init__(self, estimator: ClassifierMixin, corpus: Corpus) -> None:
+    def __init__(self, estimator: System, corpus: Corpus) -> None:
         self.estimator = estimator
         self.classes = [str(c) for c in np.unique(corpus.gestures.astype(str))]
-        self.grid = tuple(int(n) for n in corpus.grid)
+        rows, cols = corpus.grid
+        self.grid = int(rows), int(cols)
         self.rate_hz = float(corpus.rate_hz)
         self.full_scale = float(corpus.full_scale)
         self.longest = int(corpus.lengths.max())
@@ -126,9 +129,9 @@ class Recogniser(mlflow.pyfunc.PythonModel):
 
     def signature(self) -> ModelSignature:
         """Of `predict`; channels take whole numbers and decimals."""
-        given = [ColSpec(AnyType(), name, required=False) for name in ("capture", "frame")]
+        given: list[ColSpec | TensorSpec] = [ColSpec(AnyType(), n, required=False) for n in ("capture", "frame")]
         given += [ColSpec(AnyType(), name) for name in self.channels]
-        found = [ColSpec(DataType.string, "capture"), ColSpec(DataType.string, "label")]
+        found: list[ColSpec | TensorSpec] = [ColSpec(DataType.string, name) for name in ("capture", "label")]
         found += [ColSpec(DataType.double, n) for n in ("confidence", *(PREFIX + c for c in self.classes))]
         rate = ParamSchema([ParamSpec("rate_hz", DataType.double, self.rate_hz)])
         return ModelSignature(Schema(given), Schema(found), rate)
@@ -147,7 +150,7 @@ class Recogniser(mlflow.pyfunc.PythonModel):
         known = {"grid": list(self.grid), "rate_hz": self.rate_hz, "full_scale": self.full_scale}
         return {
             "python_model": self,
-            "code_paths": [str(Path(package.__file__).parent) for package in PACKAGES],
+            "code_paths": [str(place_of(package)) for package in PACKAGES],
             "pip_requirements": requirements(plugins, packages),
             "signature": self.signature(),
             "input_example": example,
@@ -158,12 +161,12 @@ class Recogniser(mlflow.pyfunc.PythonModel):
 def requirements(plugins: list[str], packages: tuple[str, ...] = ()) -> list[str]:
     """What a model needs besides touchbench's own code, which goes with it, at the versions that are installed."""
     names = list(packages)
-    for line in requires("touchbench"):
+    for line in requires("touchbench") or []:
         extra = re.search(r"extra == [\"'](.+?)[\"']", line)
         if not extra or extra[1] in plugins:  # a system that needs more has an extra of its name
-            names.append(re.match(r"[\w.-]+", line)[0])
+            names += re.findall(r"^[\w.-]+", line)
     for room in ("models", "features"):
-        names += [e.dist.name for e in entry_points(group=f"touchbench.{room}") if e.name in plugins]
+        names += [e.dist.name for e in entry_points(group=f"touchbench.{room}") if e.dist and e.name in plugins]
     found = {}
     for name in names:
         try:

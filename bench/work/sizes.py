@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any, TypeGuard
+
 import numpy as np
-from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.base import BaseEstimator
 
 from models import contract
+
+if TYPE_CHECKING:
+    from torch import nn
 
 BYTES = {"": 4, "_int8": 1}  # of a number, by what follows the name of the metric
 NOT_LEARNT = {"classes_", "n_features_in_", "feature_names_in_", "n_classes_", "n_outputs_"}
 
 
-def sizes(estimator: ClassifierMixin, taxels: int, frames: int) -> dict[str, int]:
+def sizes(estimator: contract.System, taxels: int, frames: int) -> dict[str, int]:
     """Learnt numbers, and bytes in flash and in memory with 32 and 8 bits a number.
 
     Args:
@@ -25,7 +30,7 @@ def sizes(estimator: ClassifierMixin, taxels: int, frames: int) -> dict[str, int
     return found | {f"ram_bytes{k}": ram * b for k, b in BYTES.items()}
 
 
-def working_numbers(estimator: ClassifierMixin, taxels: int, frames: int) -> int:
+def working_numbers(estimator: contract.System, taxels: int, frames: int) -> int:
     """Numbers in memory while the system decides once.
 
     A network counts its input and the outputs of its layers (`models.training.activations`). A classifier on features
@@ -45,7 +50,7 @@ def working_numbers(estimator: ClassifierMixin, taxels: int, frames: int) -> int
     return frames * taxels + classes
 
 
-def constants(estimator: ClassifierMixin) -> int:
+def constants(estimator: contract.System) -> int:
     """Numbers that must be kept besides the learnt ones: the scaling of features, what batch norms divide by."""
     chosen = contract.inside(estimator)
     if together := contract.members(chosen):
@@ -56,7 +61,7 @@ def constants(estimator: ClassifierMixin) -> int:
     return sum(2 * step.n_features_in_ for step in _steps(chosen)[1:-1] if _scales(step))
 
 
-def parameter_count(estimator: BaseEstimator) -> int:
+def parameter_count(estimator: contract.System) -> int:
     """Learnt numbers that a device must hold to run the classifier.
 
     A system or feature set that tells them (`models.contract.learnt_numbers`) is believed. An SVM counts its support
@@ -73,13 +78,13 @@ def parameter_count(estimator: BaseEstimator) -> int:
     return int(features + between + _learnt(steps[-1]))
 
 
-def _steps(estimator: BaseEstimator) -> list[BaseEstimator]:
+def _steps(estimator: contract.System) -> list[BaseEstimator]:
     """Of a pipeline, pipelines inside it included; else the estimator alone."""
     inner = _own(estimator).get("steps")
     return [step for _, part in inner for step in _steps(part)] if inner else [estimator]
 
 
-def _own(part: object) -> dict[str, object]:
+def _own(part: object) -> dict[str, Any]:
     found = getattr(part, "__dict__", {})
     return found if isinstance(found, dict) else {}
 
@@ -88,7 +93,7 @@ def _scales(step: object) -> bool:
     return "scale_" in _own(step)
 
 
-def _learnt(part: object) -> int:
+def _learnt(part: BaseEstimator) -> int:
     told = contract.learnt_numbers(part)
     if told is not None:
         return int(told)
@@ -144,6 +149,6 @@ def _flat(value: dict | list | tuple | np.ndarray) -> list[object]:
     return list(value.ravel()) if isinstance(value, np.ndarray) else list(value)
 
 
-def _is_network(value: object) -> bool:
+def _is_network(value: object) -> TypeGuard[nn.Module]:
     """A module of PyTorch, without importing it."""
     return any(c.__module__ == "torch.nn.modules.module" and c.__name__ == "Module" for c in type(value).__mro__)

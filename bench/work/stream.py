@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from bench.errors import InputError
 from bench.outcomes.results import Findings, FoldResult, costs, table_of
-from bench.outcomes.stopping import SHOWN_MS, by_instant, by_threshold, learned_point, shown, stopped
+from bench.outcomes.stopping import SHOWN_MS, Curves, by_instant, by_threshold, learned_point, shown, stopped
 from bench.work.experiment import Experiment
 from bench.work.fold import computing, fitted, footprint, latency
 from bench.work.replay import (
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Stream(Experiment):
+class Stream(Experiment[Curves]):
     """Accuracy against touch seen, and adaptive stopping learned on training subjects.
 
     Attributes:
@@ -105,17 +105,17 @@ class Stream(Experiment):
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy of whole captures, and of stopping at the learned threshold; costs."""
-        point = learned_point(result.predictions, {result.name: result.chosen["threshold"]}, rate_hz)
-        whole = stopped(result.predictions, float("inf"))
+        point = learned_point(result.table, thresholds([result]), rate_hz)
+        whole = stopped(result.table, float("inf"))
         found = {"accuracy": float((whole["true"] == whole["predicted"]).mean())}
         return found | {"adaptive_accuracy": point["accuracy"], "adaptive_ms": point["mean_ms"]} | costs([result])
 
-    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings:
+    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[Curves]:
         """Accuracy of whole captures and of adaptive stopping, and what a decision costs; both curves."""
         predictions, rate_hz = table_of(results), plan.corpus.rate_hz
         instants, stopping = by_instant(predictions, rate_hz), by_threshold(predictions, rate_hz)
         whole = instants.iloc[-1]
-        point = learned_point(predictions, {r.name: r.chosen["threshold"] for r in results}, rate_hz)
+        point = learned_point(predictions, thresholds(results), rate_hz)
         found = costs(results)
         found |= {"decisions_per_second": 1000 / found["decide_ms_p95"]}
         found |= {"accuracy": whole["accuracy"], "accuracy_low": whole["low"], "accuracy_high": whole["high"]}
@@ -145,3 +145,8 @@ class Stream(Experiment):
             "a second": text("decisions_per_second"),
             "own hop ms": text("system_hop_ms"),
         }
+
+
+def thresholds(results: list[FoldResult]) -> dict[str, float]:
+    """The confidence that the training part of each fold has taught to be enough."""
+    return {r.name: float(str(r.chosen["threshold"])) for r in results}

@@ -20,21 +20,23 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.outcomes import scores, stability
 from bench.outcomes.results import Findings, FoldResult, table_of
-from bench.outcomes.stability import CLEAN
+from bench.outcomes.stability import CLEAN, Analysis
 from bench.work.experiment import Experiment
 from bench.work.faults import SEVERITIES, Fault, as_shares, damaged, known
 from bench.work.fold import computing, decisions
 from models import contract
 
 if TYPE_CHECKING:
-    from sklearn.base import ClassifierMixin
-
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
+    from bench.source import Code
+
+
+Columns = dict[str, np.ndarray | str | int]  # of every row the same, or a value each
 
 
 @dataclass(frozen=True)
-class Stress(Experiment):
+class Stress(Experiment[Analysis]):
     """Accuracy under faults, and with fewer training subjects.
 
     Attributes:
@@ -68,7 +70,7 @@ class Stress(Experiment):
         few = ",".join(map(str, self.train_subjects))
         return some | ({"train_subjects": few} if few else {})
 
-    def depends(self) -> list[object]:
+    def depends(self) -> list[Code]:
         """The code of the faults, too."""
         return [Stress, *(f.damage for f in self.faults)]
 
@@ -98,14 +100,14 @@ class Stress(Experiment):
             started = time.perf_counter()
             estimator.fit(corpus[train], corpus.gestures[train])
             fitted, cpu = time.perf_counter(), time.process_time()
-            about = {"length": corpus.lengths[test], "train_subjects": len(set(corpus.subjects[train]))}
-            clean = {"fault": CLEAN, "severity": 0, "amount": ""}
+            about: Columns = {"length": corpus.lengths[test], "train_subjects": len(set(corpus.subjects[train]))}
+            clean: Columns = {"fault": CLEAN, "severity": 0, "amount": ""}
             parts = [labelled(estimator, corpus, name, test, about | clean)]
             shares = as_shares(corpus, test)
             for fault in self.faults:
                 for severity in range(1, SEVERITIES + 1):
                     worse = damaged(corpus, test, shares, fault, severity)
-                    how = {"fault": fault.name, "severity": severity, "amount": fault.describe(severity)}
+                    how: Columns = {"fault": fault.name, "severity": severity, "amount": fault.describe(severity)}
                     parts.append(labelled(estimator, worse, name, test, about | how))
             tested, cpu = time.perf_counter(), time.process_time() - cpu
             for count in self.train_subjects:
@@ -122,13 +124,14 @@ class Stress(Experiment):
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy of clean captures, and under each fault and severity; seconds."""
-        table = result.predictions
+        table = result.table
         accuracy = (table["true"] == table["predicted"]).groupby([table["fault"], table["severity"]]).mean()
-        named = {f"accuracy.{fault}.{severity}": value for (fault, severity), value in accuracy.items()}
+        by_fault = zip(accuracy.index, accuracy, strict=True)
+        named = {f"accuracy.{fault}.{severity}": value for (fault, severity), value in by_fault}
         clean = stability.unharmed(table)
         return {"accuracy": float((clean["true"] == clean["predicted"]).mean())} | named | result.metrics
 
-    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings:
+    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[Analysis]:
         """Where the system fails (`bench.outcomes.stability`), and mean seconds of a fold."""
         table = table_of(results)
         analysis = stability.analyse(tags, table)
@@ -138,7 +141,7 @@ class Stress(Experiment):
     def row(self, metrics: dict[str, float]) -> dict[str, str]:
         """Clean accuracy, mean loss over the faults, and the worst of them."""
         losses = {k.removeprefix("loss."): v for k, v in metrics.items() if k.startswith("loss.")}
-        worst = max(losses, key=losses.get, default="")
+        worst = max(losses, key=losses.__getitem__, default="")
         return {
             "clean": f"{100 * metrics['accuracy']:.1f}" if metrics else "-",
             "mean loss": f"{100 * np.mean([*losses.values()]):.1f}" if losses else "-",
@@ -147,15 +150,14 @@ class Stress(Experiment):
         }
 
 
-def labelled(
-    estimator: ClassifierMixin, corpus: Corpus, fold: str, test: np.ndarray, about: dict[str, object]
-) -> pd.DataFrame:
+def labelled(estimator: contract.System, corpus: Corpus, fold: str, test: np.ndarray, about: Columns) -> pd.DataFrame:
     """One row per test capture with the label that ``bench run`` would give it."""
     predictions = decisions(estimator, corpus, fold, test)
     proba = [scores.PREFIX + c for c in scores.classes_of(predictions)]
     mean = predictions.groupby(["fold", "capture"], sort=False)[proba].mean().to_numpy()
     rows = scores.captures(predictions).drop(columns=["start", "frames"])
-    p_true = mean[np.arange(len(rows)), pd.Index(proba).get_indexer(scores.PREFIX + rows["true"].astype(str))]
+    true = pd.Index(scores.PREFIX + rows["true"].astype(str))
+    p_true = mean[np.arange(len(rows)), pd.Index(proba).get_indexer(true)]
     return rows.assign(p_true=p_true, **about)
 
 

@@ -7,17 +7,21 @@ import json
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Generic
 
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.outcomes.results import Findings, FoldResult
+from bench.outcomes.results import Findings, FoldResult, Shown
 from bench.outcomes.store import Store
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan
 from bench.source import git_revision, source_digest, versions
 from bench.work.experiment import Experiment
 from bench.work.machine import cpu_model, simd
+
+if TYPE_CHECKING:
+    from mlflow.entities import Run
 
 Illustrate = Callable[[str, dict[str, str], Findings, Path], None]  # kind, tags, what was found, where to draw
 
@@ -48,8 +52,8 @@ def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
 
 def params_of(cell: Cell, corpus: Corpus, threads: int) -> dict[str, object]:
     """Every parameter that a run depends on, the machine and the versions."""
-    params = {"data": cell.data, "where": cell.where or "all", "target": cell.target, "corpus_digest": corpus.digest}
-    params |= {f"data.{k}": v for k, v in cell.data_parameters.items()}
+    params: dict[str, object] = {"data": cell.data, "where": cell.where or "all", "target": cell.target}
+    params |= {"corpus_digest": corpus.digest} | {f"data.{k}": v for k, v in cell.data_parameters.items()}
     for name, part in (("features", cell.features), ("model", cell.model)):
         if part:
             params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
@@ -64,7 +68,7 @@ def log_captures(store: Store, run_id: str, cell: Cell, corpus: Corpus, context:
     store.log_captures(run_id, cell.data, corpus.digest, source, len(corpus), frames, context)
 
 
-class TrackedRun:
+class TrackedRun(Generic[Shown]):
     """The parent run of a plan.
 
     Args:
@@ -80,7 +84,7 @@ class TrackedRun:
         done: finished folds by name, as they were stored.
     """
 
-    def __init__(self, store: Store, plan: Plan, experiment: Experiment, key: str) -> None:
+    def __init__(self, store: Store, plan: Plan, experiment: Experiment[Shown], key: str) -> None:
         self.store, self.plan, self.experiment = store, plan, experiment
         cell = plan.cell
         self.tags = tags_of(cell, plan.corpus) | plan.facts
@@ -91,7 +95,7 @@ class TrackedRun:
         }
         found = store.find(key, experiment.kind)
         self.run_id = found.info.run_id if found else self._create(key)
-        self.finished = bool(found) and found.info.status == "FINISHED"
+        self.finished = found is not None and found.info.status == "FINISHED"
         self.done: dict[str, FoldResult] = {}
         for child in store.folds(self.run_id) if found else []:
             if child.info.status == "FINISHED":
@@ -116,16 +120,16 @@ class TrackedRun:
             "touchbench.cell": key,
         }
         run_id = self.store.create(cell.title(), tags | self.tags)
-        protocol = {"protocol": cell.protocol.name}
-        protocol |= {f"protocol.{k}": v for k, v in cell.protocol.parameters.items()}
-        params = params_of(cell, corpus, self.plan.threads) | protocol | self.experiment.options()
-        self.store.log(run_id, params=params)
+        params = params_of(cell, corpus, self.plan.threads) | {"protocol": cell.protocol.name}
+        params |= {f"protocol.{k}": v for k, v in cell.protocol.parameters.items()}
+        self.store.log(run_id, params=params | self.experiment.options())
         log_captures(self.store, run_id, cell, corpus, "evaluation")
         return run_id
 
-    def _load(self, child: object) -> FoldResult:
+    def _load(self, child: Run) -> FoldResult:
         folder = self.store.fetched(child.info.run_id, "fold")
         timing = json.loads((folder / "timing.json").read_text())
+        trials = folder / "trials.csv"
         return FoldResult(
             child.data.tags["touchbench.fold"],
             pd.read_parquet(folder / "predictions.parquet"),
@@ -133,7 +137,7 @@ class TrackedRun:
             timing["predict_ms"],
             timing["decide_ms"],
             chosen=timing["chosen"],
-            trials=pd.read_csv(folder / "trials.csv") if timing["chosen"] else None,
+            trials=pd.read_csv(trials) if trials.exists() else None,
         )
 
     def add(self, result: FoldResult) -> str:
@@ -149,13 +153,13 @@ class TrackedRun:
             if result.error:
                 (folder / "traceback.txt").write_text(result.error)
             else:
-                result.predictions.to_parquet(folder / "predictions.parquet", index=False)
+                result.table.to_parquet(folder / "predictions.parquet", index=False)
                 timing = {"predict_ms": result.predict_ms, "decide_ms": result.decide_ms, "chosen": result.chosen}
                 (folder / "timing.json").write_text(json.dumps(timing | {"metrics": list(result.metrics)}))
                 metrics = self.experiment.fold_metrics(result, self.plan.corpus.rate_hz)
                 chosen = {f"chosen.{k}": v for k, v in result.chosen.items()}
                 self.store.log(child, metrics, chosen, result.history)
-            if result.chosen:
+            if result.trials is not None:  # a system may tell what it chose and not among what
                 result.trials.to_csv(folder / "trials.csv", index=False)
             self.store.keep(child, folder, "fold")
         self.store.end(child, "FAILED" if result.error else "FINISHED")
@@ -167,7 +171,7 @@ class TrackedRun:
         """The finished folds in the order of the protocol."""
         return [self.done[fold.name] for fold in self.plan.folds if fold.name in self.done]
 
-    def close(self, illustrate: Illustrate | None) -> Findings | None:
+    def close(self, illustrate: Illustrate | None) -> Findings[Shown] | None:
         """Measure the run from its folds and end it.
 
         Args:
@@ -203,10 +207,10 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
 
 
 def _choices(results: list[FoldResult]) -> dict[str, pd.DataFrame]:
-    """What was chosen on each training part, and what among."""
-    if not any(r.chosen for r in results):
-        return {}
-    return {
-        "chosen.csv": pd.DataFrame([{"fold": r.name} | r.chosen for r in results]),
-        "trials.csv": pd.concat([r.trials.assign(fold=r.name) for r in results], ignore_index=True),
-    }
+    """What was chosen on each training part, and what among, as far as systems tell."""
+    found: dict[str, pd.DataFrame] = {}
+    if any(r.chosen for r in results):
+        found["chosen.csv"] = pd.DataFrame([{"fold": r.name} | r.chosen for r in results])
+    if trials := [r.trials.assign(fold=r.name) for r in results if r.trials is not None]:
+        found["trials.csv"] = pd.concat(trials, ignore_index=True)
+    return found

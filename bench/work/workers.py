@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import signal
 import traceback
-from collections.abc import Iterator
-from concurrent.futures import as_completed
+from collections.abc import Callable, Generator
+from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from typing import ParamSpec, Protocol, TypeVar
 
 from joblib.externals.loky import get_reusable_executor
 
@@ -17,8 +18,21 @@ from bench.plan.plan import Fold, Plan, usable_cores
 from bench.work.experiment import Experiment
 from bench.work.fold import forget_peak
 
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
 
-def run_folds(plan: Plan, experiment: Experiment, folds: list[Fold]) -> Iterator[FoldResult]:
+
+class Workers(Protocol):
+    """What is asked of loky, which has no types."""
+
+    def submit(self, work: Callable[Given, Result], *args: Given.args, **kwargs: Given.kwargs) -> Future[Result]:
+        """Have something done in a worker."""
+
+    def shutdown(self, wait: bool, kill_workers: bool) -> None:
+        """End the processes."""
+
+
+def run_folds(plan: Plan, experiment: Experiment, folds: list[Fold]) -> Generator[FoldResult, None, None]:
     """Results in the order in which folds finish; every fold gives one, a crashed worker a failed one.
 
     Args:
@@ -28,7 +42,8 @@ def run_folds(plan: Plan, experiment: Experiment, folds: list[Fold]) -> Iterator
     """
     jobs, threads = plan.workers, plan.threads
     executor = _workers(jobs, threads)
-    waiting, running = list(folds), {}
+    waiting = list(folds)
+    running: dict[Future[FoldResult], Fold] = {}
     try:
         try:
             while waiting or running:
@@ -72,7 +87,7 @@ def start_workers(jobs: int, threads: int) -> None:
         executor.submit(usable_cores)
 
 
-def _workers(jobs: int, threads: int) -> object:
+def _workers(jobs: int, threads: int) -> Workers:
     """Worker processes that stay for the next cell: importing torch takes seconds."""
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
     return get_reusable_executor(

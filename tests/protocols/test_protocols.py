@@ -3,9 +3,9 @@ import pytest
 from sklearn.model_selection import GroupKFold, KFold, LeaveOneGroupOut, StratifiedKFold, StratifiedShuffleSplit
 
 from bench.errors import InputError
+from bench.plan.splits import label, official_split
 from protocols.captures import CaptureKFold, Holdout
 from protocols.challenge import Challenge
-from protocols.contract import label, official_split
 from protocols.subjects import LOSO, SubjectKFold
 from tests.conftest import random_corpus
 

@@ -12,16 +12,28 @@ Whether subjects are mixed, and how many captures are tested by those trained on
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Protocol
+
+import numpy as np
+
 from bench.corpora.corpus import Corpus
 
 
-def label(protocol: object, corpus: Corpus, mixes_subjects: bool) -> str:
+class Splitter(Protocol):
+    """What a protocol must have."""
+
+    def split(self, X: Corpus, y: np.ndarray, groups: np.ndarray) -> Iterable[tuple[np.ndarray, np.ndarray]]:
+        """Training and test captures of each fold, by position."""
+
+
+def label(protocol: Splitter, corpus: Corpus, mixes_subjects: bool) -> str:
     """The protocol in words."""
     own = getattr(protocol, "label", None)
     return own(corpus) if own else type(protocol).__name__ + (", subjects mixed" if mixes_subjects else "")
 
 
-def official_split(protocol: object, corpus: Corpus) -> bool | None:
+def official_split(protocol: Splitter, corpus: Corpus) -> bool | None:
     """Whether its folds are those that were published, None where there is nothing of the kind."""
     own = getattr(protocol, "official_split", None)
     return own(corpus) if own else None
