@@ -65,7 +65,9 @@ def corpus(data: str = "synth", where: str = "", target: str = "gesture", **para
     Raises:
         InputError: it is not here, or the condition cannot be used.
     """
-    (variant,) = corpus_variants({f"data.{k}": v for k, v in parameters.items()}, data, [data])
+    variant, *more = corpus_variants({f"data.{k}": v for k, v in parameters.items()}, data, [data])
+    if more:
+        raise InputError("give one value of each parameter; a tuple is one value, a list several")
     return captures_of(data, variant, where, target)
 
 

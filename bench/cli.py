@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import sys
 
-from bench.errors import InputError, nearest
+from bench.errors import InputError, StoreError, nearest
 from bench.registry import check_rooms, names
+from bench.scratch import scratch
 
 RUN = """\
 bench run [key=value ...]
@@ -130,7 +132,8 @@ bench predict MODEL FILE [out=labels.csv] [rate_hz=]
 
 Labels the captures of a CSV, parquet or .npz file in the format of bench data import table; subject and gesture may be
 missing. A column capture names captures; else they are counted from 1. Prints capture, label, confidence and the
-probability of each class. rate_hz=, if given, must match the rate of the model's training captures.
+probability of each class; in the file out=, made for people, a name that a spreadsheet would take for a formula is led
+by an apostrophe. rate_hz=, if given, must match the rate of the model's training captures.
 
 MODEL is models:/..., runs:/.../model of the store of this folder, or a folder. A model is code: loading one runs it, so
 name only models saved by you or someone you trust.
@@ -178,6 +181,7 @@ bench data import haart "HAART DataSet.zip"     the HAART release, zip or folder
 bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023
                                                 any long CSV or parquet (subject, gesture, frame, conditions, channels)
                                                 or .npz (frames, offsets, subject, gesture)
+bench data verify arm                           whether every stored file is as it was imported; exit code 1 if not
 bench data export synth out.csv format=cost subjects=31 repetitions=6
                                                 any corpus with CoST's columns, in the format of CoST.csv
 """
@@ -224,15 +228,17 @@ COMMANDS = {
     "check": ("bench.commands.check:check", "compare with a stored baseline, a gate for CI", CHECK),
     "systems": ("bench.commands.systems:systems", "list published numbers and the commands that repeat them", SYSTEMS),
     "extract": ("bench.commands.extract:extract", "write a table of features", EXTRACT),
-    "data": ("bench.commands.data:data", "list, import and export corpora", DATA),
+    "data": ("bench.commands.data:data", "list, import, verify and export corpora", DATA),
     "report": ("bench.commands.report:report", "rebuild the published comparison from MLflow", REPORT),
     "gallery": ("bench.commands.gallery:gallery", "draw every kind of figure, from generated captures", GALLERY),
     "ui": ("bench.commands.report:ui", "open MLflow's page on the runs", UI),
 }
+LONGEST = 300  # characters of a message
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point; an `InputError` is one line and exit code 2."""
+    """Entry point; an `InputError` is one line and exit code 2, a store that fails one line and 1."""
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         if not arguments or arguments[0] in ("-h", "--help", "help"):
@@ -252,19 +258,41 @@ def main(arguments: list[str] | None = None) -> int:
         if {"-h", "--help"} & set(rest):
             print(_help(name), end="")
             return 0
+        if any("\0" in argument for argument in rest):
+            raise InputError("an argument holds a NUL character; take it out")
         module, function = COMMANDS[name][0].split(":")
-        code = getattr(importlib.import_module(module), function)(rest)
+        with scratch():
+            code = getattr(importlib.import_module(module), function)(rest)
         sys.stdout.flush()
         return code
     except InputError as e:
-        print(f"bench: {' '.join(str(e).split())}", file=sys.stderr)
+        print(_line(e), file=sys.stderr)
         return 2
+    except StoreError as e:
+        print(_line(e), file=sys.stderr)
+        return 1
     except BrokenPipeError:  # whoever read the output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as e:
+        if e.errno == errno.ENAMETOOLONG:
+            print(_line(ValueError(f"{e.filename}: the name is too long; choose a shorter one")), file=sys.stderr)
+            return 2
+        if e.errno not in FULL:
+            raise
+        where = f" ({e.filename})" if e.filename else ""
+        print(f"bench: no space is left{where}; make room and repeat the command, it goes on", file=sys.stderr)
+        return 1
     except KeyboardInterrupt as e:
         print(f"bench: {e or 'interrupted'}", file=sys.stderr)
         return 130
+
+
+def _line(error: Exception) -> str:
+    """An error in one line; a long one loses its middle, as what to do stands at the end."""
+    said = " ".join(str(error).split())
+    kept = (LONGEST - 3) // 2
+    return f"bench: {said if len(said) <= LONGEST else f'{said[:kept]} … {said[-kept:]}'}"
 
 
 def _help(name: str) -> str:

@@ -1,4 +1,4 @@
-"""The one error that a user is meant to see; apart so that raising it imports nothing heavy."""
+"""The errors that a user is meant to see; apart so that raising them imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -8,6 +8,10 @@ from collections.abc import Iterable
 
 class InputError(Exception):
     """What the user gave cannot be used; the message is one line: what, where, what to do."""
+
+
+class StoreError(Exception):
+    """The store, or the disk under it, failed in the middle of the work: one line; the same command goes on later."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -14,6 +14,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
 
+from bench.registry import FILE_MODULE
+
 Code = ModuleType | Callable  # a module, class or function
 ROOMS = {"bench", "features", "models", "protocols"}
 # Modules that find, move and keep things and change no number; a change in them is no other result.
@@ -37,6 +39,7 @@ def source_digest(*parts: Code) -> str:
     """
     todo = [part.__name__ if inspect.ismodule(part) else part.__module__ for part in parts]
     own = ROOMS | {name.split(".")[0] for name in todo}
+    beside = {Path(str(sys.modules[name].__file__)).parent for name in todo if name.startswith(FILE_MODULE)}
     found: dict[str, bytes] = {}
     while todo:
         name = todo.pop()
@@ -51,11 +54,19 @@ def source_digest(*parts: Code) -> str:
             used |= {f"{place}.{part}" if f"{place}.{part}" in sys.modules else place for place, part in imported}
         else:  # typed into a notebook
             found[name] = _typed_in(parts, name)
-        todo += [o for o in used if isinstance(o, str) and o.split(".")[0] in own and o in sys.modules]
+        todo += [o for o in used if isinstance(o, str) and (o.split(".")[0] in own or _lies_in(o, beside))]
+        todo = [o for o in todo if o in sys.modules]
     h = hashlib.sha256()
     for name in sorted(found):
-        h.update(name.encode() + found[name])
+        called = FILE_MODULE if name.startswith(FILE_MODULE) else name  # whose rest tells place and every letter
+        h.update(called.encode() + found[name])
     return h.hexdigest()
+
+
+def _lies_in(name: str, folders: set[Path]) -> bool:
+    """Whether a module is a file in one of some folders: what a user's file imports from beside it."""
+    path = getattr(sys.modules.get(name), "__file__", None)
+    return path is not None and Path(path).parent in folders
 
 
 def _names(module: ModuleType) -> set[str | None]:

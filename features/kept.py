@@ -1,4 +1,8 @@
-"""Tables of features, kept in the data folder: computed once per corpus, shared by folds and models."""
+"""Tables of features, kept in the data folder: computed once per corpus, shared by folds and models.
+
+A table says in its file what it was computed from, and a checksum of its values. One that is damaged, or another's, is
+computed again.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,14 @@ import tempfile
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.folder import home, open_folder
+from bench.corpora.files import Damaged, clear, stamp
+from bench.corpora.folder import open_folder
+from bench.scratch import home, owner
 from bench.source import source_digest
 
 
@@ -20,31 +27,57 @@ def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
     """Features of each capture [captures, n_features]: kept for a stored corpus, computed for one in memory."""
     if not X.digest or X.path is None:
         return features.extract(X)
-    path = home() / "features" / f"{cache_key(features, X.digest)}.parquet"
+    about = _about(features, X.digest)
+    path = home() / "features" / f"{_key(about)}.parquet"
     try:
-        table = _read(path)
-    except (OSError, ValueError):  # not there yet, or damaged
+        table = _read(path, about)
+    except Exception:  # not there yet, or damaged: pyarrow raises a dozen types where bytes mean nothing
         if not _writable(path.parent):
             return features.extract(X)
         whole = open_folder(X.path)
         if whole.digest != X.digest:  # replaced by another corpus while this one is mapped
             return features.extract(X)
         table = features.extract(whole)
-        _keep(table, path)
+        _keep(table, path, about)
     return table.iloc[X.index].reset_index(drop=True)
 
 
 def cache_key(features: BaseEstimator, digest: str) -> str:
     """Hash of corpus, class, parameters and source code."""
+    return _key(_about(features, digest))
+
+
+def _about(features: BaseEstimator, digest: str) -> tuple[str, ...]:
+    """What a table is computed from."""
     kind = type(features)
-    parts = [digest, kind.__name__, repr(sorted(features.get_params().items())), source_digest(kind)]
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
+    return digest, kind.__name__, repr(sorted(features.get_params().items())), source_digest(kind)
+
+
+def _key(about: tuple[str, ...]) -> str:
+    return hashlib.sha256("\n".join(about).encode()).hexdigest()[:32]
 
 
 @lru_cache(maxsize=4)
-def _read(path: Path) -> pd.DataFrame:
+def _read(path: Path, about: tuple[str, ...]) -> pd.DataFrame:
     """A stored table; its name is made of all that it depends on, so it need not be read twice."""
-    return pd.read_parquet(path)
+    stamp(path)  # a folder would be read as a table in parts, a pipe would wait for ever
+    table = pd.read_parquet(path)
+    said, table.attrs = table.attrs, {}
+    if said != {"about": list(about), "sum": _sum(table)}:
+        raise Damaged(f"{path.name} differs from what was kept")
+    return table
+
+
+def _sum(table: pd.DataFrame) -> str:
+    """SHA-256 of the names, types and values of a table; what is no number is one value, whatever its bits."""
+    h = hashlib.sha256(repr([(name, str(kind)) for name, kind in table.dtypes.items()]).encode())
+    h.update(repr(len(table)).encode())
+    for name in table:
+        values = table[name].to_numpy()
+        if values.dtype.kind == "f" and (nothing := np.isnan(values)).any():
+            values = np.where(nothing, np.nan, values)
+        h.update(values.tobytes() if values.dtype.kind in "biuf" else repr(values.tolist()).encode())
+    return h.hexdigest()
 
 
 def _writable(folder: Path) -> bool:
@@ -55,13 +88,16 @@ def _writable(folder: Path) -> bool:
     return os.access(folder, os.W_OK)
 
 
-def _keep(table: pd.DataFrame, path: Path) -> None:
+def _keep(table: pd.DataFrame, path: Path, about: tuple[str, ...]) -> None:
     """Write beside the final name and rename; where that cannot be done the values are merely computed again."""
     beside = None
     try:
-        handle, beside = tempfile.mkstemp(prefix=".", dir=path.parent)
+        clear(path.parent)
+        handle, beside = tempfile.mkstemp(prefix=f".{owner()}", dir=path.parent)
         os.close(handle)
-        table.to_parquet(beside, index=False)
+        said = table.copy(deep=False)
+        said.attrs = {"about": about, "sum": _sum(table)}
+        said.to_parquet(beside, index=False)
         os.replace(beside, path)
     except OSError:  # such as a full disk
         if beside:

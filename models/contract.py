@@ -15,7 +15,8 @@ import inspect
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Protocol, TypeVar
+from types import FunctionType
+from typing import Any, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -23,6 +24,9 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.registry import required
+from features.base import FeatureSet
 from models.space import Space
 
 TABLES = {"sklearn", "xgboost", "lightgbm", "catboost", "imblearn"}  # packages whose estimators learn from tables
@@ -87,14 +91,17 @@ def check_training(estimator: System, X: Corpus, y: np.ndarray) -> None:
 
 def window(estimator: System, rate_hz: float) -> int | None:
     """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows."""
+    if callable(own := _told(estimator, "length")):
+        return own(rate_hz)
     frames = estimator.get_params(deep=False).get("frames") if isinstance(estimator, BaseEstimator) else None
-    return _told(estimator, "length", lambda rate_hz: frames)(rate_hz) if isinstance(frames, int) else None
+    return frames if isinstance(frames, int) else None
 
 
 def features(estimator: System) -> dict[str, Features]:
-    """The feature sets inside: a pipeline's step ``features``, or the dictionary ``features`` of a search."""
+    """The feature sets inside: a pipeline's step ``features`` or first built-in set, a search's ``features``."""
     if isinstance(estimator, Pipeline):
-        own = estimator.named_steps.get("features")
+        first = estimator.steps[0][1]
+        own = estimator.named_steps.get("features", first if isinstance(first, FeatureSet) else None)
         return {type(own).__name__.lower(): own} if isinstance(own, BaseEstimator) else {}
     found = _told(estimator, "features")
     return dict(found) if isinstance(found, dict) else {}
@@ -141,8 +148,9 @@ def probabilities(estimator: System, X: Corpus) -> np.ndarray:
 
 
 def fit_seconds(estimator: System, wall: float, cpu: float) -> tuple[float, float]:
-    """``fit_seconds_``: wall and CPU seconds of the last fit, where ``fit`` does more; else what was measured."""
-    return _told(estimator, "fit_seconds_", (wall, cpu))
+    """``fit_seconds_``: (wall, CPU) seconds of the last fit, where ``fit`` does more; else what was measured."""
+    own = _told(estimator, "fit_seconds_", (wall, cpu))
+    return (own, cpu) if isinstance(own, int | float) else own
 
 
 def search_seconds(estimator: System) -> float | None:
@@ -209,17 +217,10 @@ def build(factory: Callable, feature_set: Features | None, **parameters: object)
         feature_set: a transformer of captures to a table; None for a system that reads captures.
         parameters: keyword arguments.
     """
-    asked = [p.name for p in inspect.signature(factory).parameters.values() if _is_required(p)]
+    asked = required(factory)
     if asked and feature_set is not None:
         return factory(**{asked[0]: feature_set}, **parameters)
     return behind(factory(**parameters), feature_set)
-
-
-def _is_required(parameter: inspect.Parameter) -> bool:
-    return parameter.default is parameter.empty and parameter.kind not in (
-        parameter.VAR_POSITIONAL,
-        parameter.VAR_KEYWORD,
-    )
 
 
 def behind(estimator: System, feature_set: Features | None) -> System:
@@ -230,14 +231,42 @@ def behind(estimator: System, feature_set: Features | None) -> System:
 
 
 def reads_tables(system: object) -> bool:
-    """Whether an estimator, a class or a function without required arguments learns from tables, not from captures."""
+    """Whether an estimator, a class or a factory without required arguments learns from tables, not from captures.
+
+    What stands first in it decides: the first step of a pipeline, all members of a union or an ensemble, what a search
+    searches. A class of one's own learns from tables if it is derived from one that does.
+
+    Raises:
+        InputError: the factory raises something.
+    """
     if inspect.isclass(system):
-        return system.__module__.split(".")[0] in TABLES and system is not Pipeline
-    if inspect.isroutine(system):
-        system = system()
-    while isinstance(system, Pipeline):
-        system = system.steps[0][1]
-    return type(system).__module__.split(".")[0] in TABLES
+        return not issubclass(system, Pipeline) and _of_tables(system)
+    if not isinstance(system, BaseEstimator) and callable(system):
+        try:
+            system = system()
+        except InputError:
+            raise
+        except Exception as e:  # a factory of the user's may raise anything
+            name = getattr(system, "__name__", type(system).__name__)
+            raise InputError(f"model={name}: it cannot be made: {type(e).__name__}: {e}") from e
+    if isinstance(system, Pipeline):
+        return reads_tables(system.steps[0][1])
+    if not _of_tables(type(system)) or not isinstance(system, BaseEstimator):
+        return _of_tables(type(system))
+    own = system.get_params(deep=False)
+    members = [part[1] for key in ("transformer_list", "estimators", "transformers") for part in own.get(key) or []]
+    inside = [part for part in (*members, own.get("estimator")) if isinstance(part, BaseEstimator)]
+    return all(reads_tables(part) for part in inside)
+
+
+def _of_tables(kind: type) -> bool:
+    """Whether a class, or one it is derived from, is of a package whose estimators learn from tables."""
+    modules = [each.__module__ for each in kind.__mro__]
+    return any(
+        m.split(".")[0] in TABLES
+        for m in modules
+        if m not in ("sklearn.base", "sklearn.utils.metaestimators") and not m.startswith("sklearn.utils")
+    )
 
 
 def copied(part: Given) -> Given:
@@ -245,9 +274,11 @@ def copied(part: Given) -> Given:
     return clone(part) if isinstance(part, BaseEstimator) else part
 
 
-def settings(part: object) -> dict[str, object]:
-    """Parameters of an object, those of estimators inside it included; a splitter's attributes."""
-    return part.get_params() if isinstance(part, BaseEstimator) else vars(part)
+def settings(part: object) -> str:
+    """Parameters of an object in full, those of estimators inside it included; a splitter's attributes."""
+    found = part.get_params() if isinstance(part, BaseEstimator) else vars(part)
+    with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
+        return repr({k: f"{v.__module__}.{v.__qualname__}" if _code(v) else v for k, v in found.items()})
 
 
 def shown(part: object) -> str:
@@ -257,24 +288,31 @@ def shown(part: object) -> str:
     return " ".join(repr(part).split()) if isinstance(part, BaseEstimator) else type(part).__name__
 
 
-def classes(part: object) -> list[type]:
-    """Classes of an object and the estimators inside it that are not of an installed library."""
-    found = {type(each) for each in _nested(part)}
-    return sorted((c for c in found if _library(c) is None), key=lambda c: (c.__module__, c.__qualname__))
+def classes(part: object) -> list[Callable]:
+    """Classes of an object and of what is inside it, and functions, that are not of an installed library."""
+    found = {each if _code(each) else type(each) for each in _nested(part)}
+    own = (c for c in found if _library(c) is None and c.__module__.split(".")[0] not in sys.stdlib_module_names)
+    return sorted(own, key=lambda c: (c.__module__, c.__qualname__))
 
 
 def libraries(part: object) -> tuple[str, ...]:
     """Distributions that the classes of an object come from."""
-    return tuple(sorted({name for each in _nested(part) if (name := _library(type(each)))}))
+    kinds = {each if _code(each) else type(each) for each in _nested(part)}
+    return tuple(sorted({name for kind in kinds if (name := _library(kind))}))
 
 
 def _nested(part: object) -> Iterator[object]:
     yield part
     if isinstance(part, BaseEstimator):
-        yield from (value for value in part.get_params().values() if isinstance(value, BaseEstimator))
+        yield from (v for v in part.get_params().values() if isinstance(v, BaseEstimator) or _code(v))
 
 
-def _library(kind: type) -> str | None:
+def _code(value: object) -> TypeGuard[type | FunctionType]:
+    """Whether a value is a class or a function, which are told by their name and source."""
+    return inspect.isclass(value) or inspect.isfunction(value)
+
+
+def _library(kind: Any) -> str | None:
     """The installed distribution that a class is of, by its package's name; None for touchbench's and one's own."""
     name = kind.__module__.split(".")[0]
     if name in ("bench", "features", "models", "protocols", "__main__") or name not in sys.modules:

@@ -15,7 +15,7 @@ import numpy as np
 from filelock import FileLock
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.folder import home
+from bench.scratch import home
 from bench.source import source_digest, versions
 
 

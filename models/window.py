@@ -15,7 +15,10 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.memory import ensure
 from models.training import Samples, Windows, activations, moved, probabilities
+
+LONGEST_S = 3600.0  # of a window
 
 
 class WindowNet(ClassifierMixin, BaseEstimator):
@@ -79,8 +82,10 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         for name, value in counts.items():
             if value is not None and value < 1:
                 raise InputError(f"model.{name}={value}: give at least 1")
-        if not 0 <= self.seconds < float("inf"):
-            raise InputError(f"model.seconds={self.seconds:g}: give a number above 0, or 0 for what frames says")
+        if not 0 <= self.seconds <= LONGEST_S:
+            raise InputError(
+                f"model.seconds={self.seconds:g}: give a number above 0 up to {LONGEST_S:g}, or 0 for what frames says"
+            )
         if self.seconds and self.frames != signature(type(self)).parameters["frames"].default:
             raise InputError(f"model.frames={self.frames} and model.seconds={self.seconds:g}: give one of them")
         if not 0 < self.rate < float("inf"):
@@ -94,8 +99,13 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         """Refuse a training part before anything is run.
 
         Raises:
-            InputError: a system that lets one training subject choose the epoch has only one.
+            InputError: a system that lets one training subject choose the epoch has only one; a batch of windows does
+                not fit into memory.
         """
+        if self.frames is not None:
+            said = f"model.seconds={self.seconds:g}" if self.seconds else f"model.frames={self.frames}"
+            values = self.batch * float(self.length(X.rate_hz)) * int(np.prod(X.grid))
+            ensure(f"{said} model.batch={self.batch}", 4 * values)
         if self.holds_out and len(set(X.subjects.astype(str))) < 2:
             raise InputError(f"{type(self).__name__} lets one training subject choose the epoch; train on two or more")
 

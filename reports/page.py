@@ -19,6 +19,7 @@ from reports.comparison import comparison, published, shown
 from reports.figures import Picture
 from reports.layout import Block, Chart, Heading, Table, Text, footnotes, markdown, page
 from reports.provenance import provenance, software
+from reports.sheet import write_sheet
 from reports.verdicts import against
 
 GROUPS = 3  # captures-and-protocol groups that get statistics and figures
@@ -44,7 +45,7 @@ def write_report(store: Store, folder: Path) -> list[Path]:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
         blocks, tables = assemble(store, runs, papers, folder / "figures")
         for name, table in tables.items():
-            table.to_csv(folder / f"{name}.csv", index=False)
+            write_sheet(table, folder / f"{name}.csv")
         written = {path for block in blocks if isinstance(block, Picture) for path in block.paths}
         for old in set((folder / "figures").glob("[0-9]*-*.[ps][nv]g")) - written:  # of an earlier report
             old.unlink()

@@ -12,6 +12,7 @@ from bench.outcomes import scores
 from bench.outcomes.stability import ALPHA, CLEAN, FAMILIES, Analysis, families, ranks, seeds
 from reports import stability_figures as figures
 from reports.layout import md_table
+from reports.sheet import write_sheet
 
 TOP = 10  # rows of a table
 
@@ -37,7 +38,7 @@ def write(analyses: list[Analysis], folder: Path) -> list[Path]:
         paths = []
         for name, table in tables.items():
             paths.append(folder / f"stability_{name}.csv")
-            table.to_csv(paths[-1], index=False)
+            write_sheet(table, paths[-1])
         paths.append(folder / "stability.md")
         paths[-1].write_text(markdown(analyses))
         return paths + figures.draw(analyses, folder)

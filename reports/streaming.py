@@ -10,6 +10,7 @@ from bench.errors import InputError
 from bench.outcomes.comparable import comparable, context_of, method_of
 from bench.outcomes.store import Store
 from reports.figures import MARKERS
+from reports.sheet import write_sheet
 
 DASHES = ("-", "--", "-.", ":")
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature
@@ -40,7 +41,7 @@ def write_streaming(store: Store, run_ids: list[str], folder: Path) -> list[Path
             about = [{k: row[k] for k in ("system", *TOLD)} for row in rows]
             parts = [row[table].assign(**a)[[*a, *row[table]]] for row, a in zip(rows, about, strict=True)]
             paths.append(folder / f"{name}.csv")
-            pd.concat(parts, ignore_index=True).to_csv(paths[-1], index=False)
+            write_sheet(pd.concat(parts, ignore_index=True), paths[-1])
         return paths + figure(rows, folder)
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e

@@ -138,3 +138,44 @@ def test_a_strangers_room_is_found_out_in_one_line(kind, tmp_path):
         done = subprocess.run([sys.executable, "-P", "-c", code + ask], cwd=tmp_path, capture_output=True, text=True)
         last = done.stderr.strip().splitlines()[-1]
         assert done.returncode and "hides touchbench's own package 'models'; rename it" in last and str(place) in last
+
+
+def test_values_of_other_types_than_text_are_taken_or_refused():
+    with pytest.raises(bench.InputError, match="by=3"):
+        bench.choose(by=3)
+    small = {"data__subjects": 3, "data__variants": ("normal",)}
+    found = bench.choose(model="bayes", over="features", inner=2, **small)
+    assert found is not None
+    usual, none = (bench.run(model="bayes", protocol="challenge", **SMALL, **s) for s in ({}, {"protocol__seed": None}))
+    assert usual["run_id"].tolist() == none["run_id"].tolist()
+
+
+def test_a_system_that_tells_what_it_chose_and_not_among_what_is_tracked(tmp_path):
+    Path("own.py").write_text(
+        "from sklearn.pipeline import Pipeline\n\nfrom models.svm import svm\n\n\n"
+        "class Level(Pipeline):\n"
+        "    @property\n"
+        "    def chosen_(self):\n"
+        "        return {'level': 3}\n\n\n"
+        "def level(features):\n"
+        "    return Level(svm(features).steps)\n"
+    )
+    table = bench.run(model="own.py:level", features="jung28", **SMALL)
+    assert (table["folds"] == "4/4").all()
+    store, (run,) = runs("cell")
+    assert pd.read_csv(store.fetched(run.info.run_id, "chosen.csv"))["level"].tolist() == [3] * 4
+
+
+def test_a_part_behind_a_link_is_found(tmp_path):
+    Path("real.py").write_text("from sklearn.svm import SVC\n\n\ndef mine():\n    return SVC()\n")
+    Path("link.py").symlink_to("real.py")
+    table = bench.run(model="link.py:mine", features="jung28", **SMALL)
+    assert (table["folds"] == "4/4").all()
+
+
+def test_a_lost_artifact_is_named_in_one_line(capsys):
+    bench.run(model=["svm", "bayes"], features="jung28", **SMALL)
+    store, found = runs("cell")
+    store.path(found[0].info.run_id, found[0].info.artifact_uri, "predictions.parquet").unlink()
+    with pytest.raises(bench.InputError, match=r"predictions\.parquet of svm .* is gone from the store"):
+        bench.choose()

@@ -1,4 +1,4 @@
-"""The command ``bench data``: corpora listed, imported and exported."""
+"""The command ``bench data``: corpora listed, imported, verified and exported."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import sys
 from pathlib import Path
 
 from bench.corpora.cost import write
-from bench.corpora.folder import home
-from bench.corpora.library import import_corpus, open_corpus, overview
+from bench.corpora.library import import_corpus, open_corpus, overview, verify
 from bench.errors import InputError
 from bench.plan.cells import corpus_variants
+from bench.scratch import home
 
 
 def data(arguments: list[str]) -> int:
-    """List what is here, import a corpus, or export one.
+    """List what is here, import a corpus, verify or export one.
 
     Raises:
         InputError: something in the arguments or the files cannot be used.
@@ -23,6 +23,8 @@ def data(arguments: list[str]) -> int:
             return show()
         case ["import", kind, source, *options]:
             return read(kind, Path(source), _options(options))
+        case ["verify", name]:
+            return check(name)
         case ["export", name, target, *options]:
             return export(name, Path(target), _options(options))
     raise InputError(f"bench data {' '.join(arguments)}: not understood; see bench data --help")
@@ -45,6 +47,9 @@ def show() -> int:
     print(f"Corpora in {home()}\n")
     print("synth\n  generated on demand, any number of subjects and repetitions; synthetic, says nothing about people")
     for row in overview():
+        if "damaged" in row:
+            print(f"{row['data']}\n  {row['damaged']}")
+            continue
         print(
             f"{row['data']}\n  {row['captures']} captures, {row['subjects']} subjects, {row['gestures']} gestures, "
             f"{row['frames']} frames of {row['grid']} at {row['rate_hz']:g} Hz\n  columns: {row['columns']}\n"
@@ -63,6 +68,20 @@ def read(kind: str, source: Path, options: dict[str, str]) -> int:
         f"{len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of {corpus.grid[0]}x{corpus.grid[1]} "
         f"at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}"
     )
+    return 0
+
+
+def check(name: str) -> int:
+    """Print a line for every file of a stored corpus, read anew, and whether it is what was stored."""
+    files = verify(name)
+    width = max(map(len, files), default=0)
+    for file, wrong in files.items():
+        told = f"damaged: {wrong.removeprefix(f'{file} ')}" if wrong else "as it was stored"
+        print(f"{file:{width}}  {told}")
+    if any(files.values()):
+        print(f"{name}: damaged; " + ("generated again when it is used" if name == "synth" else "import it again"))
+        return 1
+    print(f"{name}: {'as it was stored' if files else 'nothing is stored'}")
     return 0
 
 

@@ -8,8 +8,10 @@ from bench.corpora.table import read_unlabelled
 from bench.errors import InputError, nearest
 from bench.plan.arguments import number, parse
 from bench.plan.cells import Cell, cells
+from reports.sheet import write_sheet
 
 KEYS = {"data", "where", "target", "features", "model", "seed", "out"}
+OPTIONS = ("out", "rate_hz")  # of predict
 
 
 def fit(arguments: list[str]) -> int:
@@ -47,15 +49,15 @@ def predict(arguments: list[str]) -> int:
         InputError: something in the arguments or the file cannot be used.
     """
     match arguments:
-        case [model, path, *options] if "=" not in path:
+        case [model, path, *options] if path.partition("=")[0] not in OPTIONS or Path(path).is_file():
             pass
         case _:
             raise InputError("give a model and a file: bench predict MODEL FILE; see bench predict --help")
     values = {}
     for option in options:
         name, _, value = option.partition("=")
-        if name not in ("out", "rate_hz") or not value:
-            raise InputError(f"{option!r}: no such option; {nearest(name, ['out', 'rate_hz'])}")
+        if name not in OPTIONS or not value:
+            raise InputError(f"{option!r}: no such option; {nearest(name, OPTIONS)}")
         if name in values:
             raise InputError(f"{name}= is given twice; give it once")
         values[name] = value
@@ -68,12 +70,11 @@ def predict(arguments: list[str]) -> int:
     corpus = read_unlabelled(Path(path), recogniser.rate_hz, recogniser.grid, recogniser.full_scale)
     table = recogniser.label(corpus)
     table.insert(0, "capture", corpus.captures["capture"])
-    text = table.to_csv(index=False, float_format="%.6g")
     if "out" not in values:
-        print(text, end="")
+        print(table.to_csv(index=False, float_format="%.6g"), end="")
         return 0
     try:
-        Path(values["out"]).write_text(text)
+        write_sheet(table, Path(values["out"]), "%.6g")
     except OSError as e:
         raise InputError(f"out={values['out']}: cannot be written ({e.strerror}); choose another file") from e
     print(f"{values['out']}: {len(table)} captures labelled")

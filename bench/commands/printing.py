@@ -35,19 +35,17 @@ def writable(folder: Path) -> Path:
     return folder
 
 
-def show(outcomes: list[Outcome], table: bool = True) -> int:
+def show(outcomes: list[Outcome]) -> int:
     """Print what was chosen in each fold, a row for each run, and what failed; the exit code.
 
     Args:
         outcomes: of one kind.
-        table: whether the rows are printed; a command may have tables of its own.
     """
     out = output()
     for outcome in outcomes:
         if outcome.chosen and not outcome.experiment.options():  # else it is what the experiment learned
             out.print(_choices(outcome))
-    if table:
-        out.print(_rows(outcomes))
+    out.print(_rows(outcomes))
     if any(outcome.plan.corpus.synthetic for outcome in outcomes):
         out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
     failed = {f"{_named(o)}: fold {name}": where for o in outcomes for name, where in o.errors.items()}

@@ -127,23 +127,17 @@ class Corpus:
         return (self[i] for i in range(len(self)))
 
     def select(self, where: str) -> Corpus:
-        """Captures whose columns satisfy a pandas query such as ``variant == 'rough'``.
+        """Captures whose columns satisfy a condition such as ``variant == 'rough' and subject in ['1', '2']``.
+
+        A condition compares, and can do nothing else: what it may hold is the part of pandas' queries that
+        `bench.corpora.where` computes.
 
         Raises:
-            InputError: the query cannot be evaluated, or no capture satisfies it.
+            InputError: it is no condition on these columns, or no capture satisfies it.
         """
-        if "@" in where:
-            raise InputError(f"where={where!r}: only columns can be named, '@' cannot be used")
-        try:
-            mask = self.captures.eval(where, engine="python")
-        except Exception as e:  # pandas raises a dozen types here, all of them mean a bad query
-            columns = ", ".join(self.captures.columns)
-            raise InputError(f"where={where!r}: {e}; the columns of {self.name} are {columns}") from e
-        if not (isinstance(mask, pd.Series) and mask.dtype == bool):
-            raise InputError(f"where={where!r} is not a condition; write one such as \"subject != '3'\"")
-        if not mask.any():
-            raise InputError(f"where={where!r} selects none of the {len(self)} captures of {self.name}")
-        return self[np.flatnonzero(mask)]
+        from bench.corpora.where import chosen  # here, so that a change of its messages is no change of the Corpus
+
+        return self[np.flatnonzero(chosen(where, self.captures, self.name))]
 
     def with_target(self, target: str) -> Corpus:
         """The same captures, told apart by other columns: ``variant``, or ``gesture+variant``.

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.limits import called, quoted
 from bench.corpora.text import FrameFile, capture_starts
 from bench.errors import InputError
 
@@ -158,15 +159,16 @@ def read(path: Path) -> Corpus:
         InputError: the file is not in the format, or is broken; the message names the line.
     """
     path = Path(path)
-    file = FrameFile(path, path.name)
+    name = called(path)
+    file = FrameFile(path, name)
     file.require(LABELS + CHANNELS)
     if len(file.columns) != len(LABELS + CHANNELS):
-        extra = sorted(set(file.columns) - set(LABELS + CHANNELS))
-        raise InputError(f"{path.name}, line 1: column {extra[0]!r} is not one of CoST's; import it as a table instead")
+        extra = quoted(min(set(file.columns) - set(LABELS + CHANNELS)))
+        raise InputError(f"{name}, line 1: column {extra} is not one of CoST's; import it as a table instead")
     labels, values = file.read(LABELS, CHANNELS, FULL_SCALE)
-    _check_codes(labels, "variant", len(VARIANTS), path.name)
-    _check_codes(labels, "gesture", len(GESTURES), path.name)
-    starts = capture_starts(labels[LABELS[:3]], labels["frame"].to_numpy(), 1, path.name)
+    _check_codes(labels, "variant", len(VARIANTS), name)
+    _check_codes(labels, "gesture", len(GESTURES), name)
+    starts = capture_starts(labels[LABELS[:3]], labels["frame"].to_numpy(), 1, name)
     first = labels.iloc[starts]
     captures = pd.DataFrame(
         {

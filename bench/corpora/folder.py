@@ -1,13 +1,25 @@
-"""Stored corpora: a folder each in the user's data folder, mapped when it is opened."""
+"""Stored corpora: a folder each in the user's data folder, checked and mapped when it is opened.
+
+``frames.npy``, ``lengths.npy`` and ``captures.parquet`` hold the corpus. ``corpus.json`` holds the rest, and under
+``info.stored``, where older versions do not mind it, size and SHA-256 of each file and a checksum of itself; it never
+changes. ``seal.json`` says what ``frames.npy`` looked like (size, times, inode) when its SHA-256 was last found right.
+
+Small files are hashed at each opening, frames only when they look different. This finds damage and changes by
+accident; who can write into the folder can also write a corpus of their own there.
+"""
 
 from __future__ import annotations
 
 import copyreg
 import hashlib
+import io
 import json
+import math
 import os
+import re
 import shutil
 import tempfile
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,18 +27,27 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.files import Damaged, clear, compare, sha256_of, short, small_file, stamp, write_text
 from bench.errors import InputError
+from bench.scratch import owner
+
+SMALL = ("lengths.npy", "captures.parquet")
+FILES = ("frames.npy", *SMALL)
+ABOUT = ("name", "digest", "rate_hz", "full_scale", "info")  # in corpus.json
+LARGEST = 1 << 30  # bytes of a file of unknown size that is read into memory
+HASH = "[0-9a-f]{64}"
+_seen: set[tuple] = set()  # what was verified in folders that cannot be written, so that no seal can tell
 
 
 def reopen(path: Path, digest: str, index: np.ndarray, target: str) -> Corpus:
     """Map a stored corpus again in another process, so that frames never travel."""
     corpus = open_folder(path)
     if corpus.digest != digest:
-        raise InputError(f"{path} was replaced by another corpus while it was in use; start the command again")
+        raise InputError(f"{short(path)} was replaced by another corpus while it was in use; start the command again")
     return replace(corpus[index], target=target)
 
 
-def _reduced(corpus: Corpus) -> tuple:
+def _reduced(corpus: Corpus) -> str | tuple:
     """How a corpus travels to another process: a stored one by its address, so that frames never do."""
     if corpus.path is None:
         return object.__reduce_ex__(corpus, 2)
@@ -39,63 +60,205 @@ copyreg.pickle(Corpus, _reduced)
 def content_digest(corpus: Corpus) -> str:
     """SHA-256 over frames, lengths, captures, rate and scale of a whole corpus."""
     h = hashlib.sha256()
-    h.update(repr((corpus.frames.shape, corpus.frames.dtype.str, corpus.rate_hz, corpus.full_scale)).encode())
+    numbers = [n.item() if isinstance(n, np.generic) else n for n in (corpus.rate_hz, corpus.full_scale)]
+    h.update(repr((corpus.frames.shape, corpus.frames.dtype.str, *numbers)).encode())
     h.update(np.ascontiguousarray(corpus.frames).data)
     h.update(np.ascontiguousarray(corpus.lengths, dtype=np.int64).data)
     h.update(corpus.captures.to_csv(index=False).encode())
     return h.hexdigest()
 
 
-def home() -> Path:
-    """The user's data folder: imported corpora and cached features (``TOUCHBENCH_HOME`` overrides)."""
-    if override := os.environ.get("TOUCHBENCH_HOME"):
-        return Path(override)
-    from platformdirs import user_data_path
+def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
+    """Store a whole corpus as a folder, written beside its name and renamed.
 
-    return user_data_path("touchbench")
+    A folder that is there already stays if it holds the same corpus unharmed; else it is replaced.
 
-
-def write_folder(corpus: Corpus, folder: Path) -> None:
-    """Store a whole corpus as a folder, written beside its name and renamed; a folder that is there already stays.
+    Args:
+        corpus: what to store.
+        folder: where.
+        digest: its `content_digest`, if that is known.
 
     Raises:
         OSError: the folder cannot be written.
     """
+    digest = digest or content_digest(corpus)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    clear(folder.parent)
+    if _holds(folder, digest):
+        return
+    beside, aside = (Path(tempfile.mkdtemp(prefix=f".{owner()}", dir=folder.parent)) for _ in range(2))
     try:
         np.save(beside / "frames.npy", np.ascontiguousarray(corpus.frames))
         np.save(beside / "lengths.npy", np.asarray(corpus.lengths, dtype=np.int64))
         corpus.captures.to_parquet(beside / "captures.parquet", index=False)
-        meta = {
-            "name": corpus.name,
-            "digest": content_digest(corpus),
-            "rate_hz": corpus.rate_hz,
-            "full_scale": corpus.full_scale,
-            "info": corpus.info,
-        }
-        (beside / "corpus.json").write_text(json.dumps(meta, indent=1))
-        if not folder.exists():  # names are made of content hashes, so the same content is there already
+        about = {n: getattr(corpus, n) for n in ABOUT} | {"digest": digest}
+        _seal_all(beside, about, folder.name, {n: sha256_of(beside / n) for n in FILES})
+        if os.path.lexists(folder) and not _holds(folder, digest):
+            folder.rename(aside / "old")
+        if not os.path.lexists(folder):
             beside.rename(folder)
     except OSError:
-        if not folder.exists():  # else another process was faster by a moment
+        if not _holds(folder, digest):  # else another process was faster by a moment
             raise
     finally:
         shutil.rmtree(beside, ignore_errors=True)
+        shutil.rmtree(aside, ignore_errors=True)
 
 
-def open_folder(folder: Path) -> Corpus:
-    """Map a stored corpus.
+def _holds(folder: Path, digest: str) -> bool:
+    """Whether a corpus is there already, unharmed."""
+    try:
+        about, _ = _about(folder)
+    except Damaged:
+        return False
+    return about["digest"] == digest and not any(verified(folder, folder.name).values())
+
+
+def open_folder(folder: Path, key: str = "") -> Corpus:
+    """Map a stored corpus, if it is what was stored.
+
+    Args:
+        folder: where it is.
+        key: the name of the folder that it was written for, if that matters.
 
     Raises:
-        InputError: the folder does not hold a complete corpus.
+        InputError: the folder does not hold a complete corpus, unchanged.
     """
     try:
-        meta = json.loads((folder / "corpus.json").read_text())
-        frames = np.load(folder / "frames.npy", mmap_mode="r")
-        lengths = np.load(folder / "lengths.npy")
-        captures = pd.read_parquet(folder / "captures.parquet")
-    except (OSError, ValueError) as e:
-        raise InputError(f"{folder} is not a complete corpus ({e}); import it again") from e
-    starts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
-    return Corpus(frames.view(np.ndarray), starts, lengths, captures, path=folder, **meta)
+        about, stored = _about(folder)
+        if stored is None:
+            return _open_unsealed(folder, about, key)
+        if key and stored["folder"] != key:
+            raise Damaged(f"it was written for {stored['folder'][:40]}")
+        contents = {name: small_file(folder / name, stored["files"][name]) for name in SMALL}
+        _check_frames(folder, *stored["files"]["frames.npy"])
+        return _corpus(folder, about, contents)
+    except Damaged as e:
+        raise InputError(f"{short(folder)} was changed or damaged ({e}); import it again") from e
+
+
+def verified(folder: Path, key: str = "") -> dict[str, str]:
+    """What is wrong with each file, ``""`` for nothing: all are read and hashed anew.
+
+    Args:
+        folder: of a corpus.
+        key: the name of the folder that it was written for, if that matters.
+    """
+    try:
+        _, stored = _about(folder)
+    except Damaged as e:
+        return {"corpus.json": str(e)} | dict.fromkeys(FILES, "cannot be checked without corpus.json")
+    found = dict.fromkeys(("corpus.json", *FILES), "")
+    for name, (size, sha256) in stored["files"].items() if stored else ():
+        try:
+            compare(folder / name, size, sha256)
+        except Damaged as e:
+            found[name] = str(e)
+    if found["frames.npy"]:  # however it looks, it is not to be opened again
+        with suppress(OSError):
+            (folder / "seal.json").unlink()
+    if not any(found.values()):
+        try:
+            open_folder(folder, key)
+        except InputError as e:
+            found["corpus.json"] = str(e)
+    return found
+
+
+def _about(folder: Path) -> tuple[dict, dict | None]:
+    """What ``corpus.json`` says, and what was stored beside it; None for a folder of an older version."""
+    try:
+        about = json.loads(small_file(folder / "corpus.json"))
+    except (ValueError, RecursionError) as e:
+        raise Damaged("corpus.json cannot be read") from e
+    if not isinstance(about, dict) or set(about) != set(ABOUT) or not isinstance(about["info"], dict):
+        raise Damaged("corpus.json does not say what a corpus is")
+    stored = about["info"].pop("stored", None)
+    if stored is None and (folder / "seal.json").exists():
+        raise Damaged("corpus.json does not say what was stored")
+    if stored is not None and (not isinstance(stored, dict) or stored.pop("sum", None) != _sum(about, stored)):
+        raise Damaged("corpus.json differs from what was stored")
+    numbers = [about["rate_hz"], about["full_scale"]]
+    if not (
+        all(isinstance(n, int | float) and not isinstance(n, bool) and 0 < n < math.inf for n in numbers)
+        and isinstance(about["name"], str)
+        and isinstance(about["digest"], str)
+        and re.fullmatch(HASH, about["digest"])
+    ):
+        raise Damaged("corpus.json holds impossible values")
+    return about, stored
+
+
+def _sum(about: dict, stored: dict) -> str:
+    return hashlib.sha256(json.dumps([about, stored], sort_keys=True).encode()).hexdigest()
+
+
+def _check_frames(folder: Path, size: int, sha256: str) -> None:
+    """Compare the frames with what was stored, if they have changed since that was last done."""
+    path = folder / "frames.npy"
+    now = (sha256, *stamp(path))
+    with suppress(Damaged, ValueError, RecursionError):
+        if json.loads(small_file(folder / "seal.json")) == list(now):
+            return
+    if (path, *now) in _seen:
+        return
+    compare(path, size, sha256)
+    try:
+        clear(folder)
+        write_text(folder / "seal.json", json.dumps(now))
+    except OSError:
+        _seen.add((path, *now))
+
+
+def _seal_all(folder: Path, about: dict, key: str, files: dict[str, tuple[int, str]]) -> None:
+    """Write ``corpus.json`` and ``seal.json`` beside files of these sizes and hashes."""
+    about, stored = json.loads(json.dumps([about, {"folder": key, "files": files}], default=np.generic.item))
+    about["info"]["stored"] = stored | {"sum": _sum(about, stored)}
+    write_text(folder / "corpus.json", json.dumps(about, indent=1))
+    write_text(folder / "seal.json", json.dumps([files["frames.npy"][1], *stamp(folder / "frames.npy")]))
+
+
+def _open_unsealed(folder: Path, about: dict, key: str) -> Corpus:
+    """Open what an older version has stored: the content must be that of the digest. Seal it."""
+    if key and not about["digest"].startswith(key):
+        raise Damaged("an older version stored it and did not say what for")
+    contents = {name: small_file(folder / name, most=LARGEST) for name in SMALL}
+    corpus = _corpus(folder, about, contents)
+    now = (folder, *(stamp(folder / name) for name in ("corpus.json", *FILES)))
+    if now in _seen:
+        return corpus
+    if content_digest(corpus) != about["digest"]:
+        raise Damaged("the content is not that of its digest")
+    files = {name: (len(content), hashlib.sha256(content).hexdigest()) for name, content in contents.items()}
+    try:
+        _seal_all(folder, about, folder.name, files | {"frames.npy": sha256_of(folder / "frames.npy")})
+    except OSError:
+        _seen.add(now)
+    return corpus
+
+
+def _corpus(folder: Path, about: dict, contents: dict[str, bytes]) -> Corpus:
+    """The corpus itself, its parts checked against each other."""
+    size = stamp(folder / "frames.npy")[0]
+    try:
+        frames = np.load(folder / "frames.npy", mmap_mode="r", allow_pickle=False)
+        lengths = np.load(io.BytesIO(contents["lengths.npy"]), allow_pickle=False)
+        captures = pd.read_parquet(io.BytesIO(contents["captures.parquet"]))
+    except Exception as e:  # numpy and pyarrow raise a dozen types where bytes mean nothing
+        raise Damaged(f"a file cannot be read: {' '.join(str(e).split())[:60]}") from e
+    if not (
+        isinstance(frames, np.memmap)
+        and frames.ndim == 3
+        and frames.offset + frames.nbytes == size
+        and frames.size
+        and frames.dtype.kind in "uif"
+        and isinstance(lengths, np.ndarray)
+        and lengths.dtype == np.int64
+        and lengths.shape == (len(captures),)
+        and lengths.min(initial=1) > 0
+        and lengths.sum() == len(frames)
+        and {"subject", "gesture"} <= set(captures)
+    ):
+        raise Damaged("frames, lengths and captures do not fit together")
+    starts = np.cumsum(lengths) - lengths
+    return Corpus(frames.view(np.ndarray), starts, lengths, captures, path=folder, **about)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-import lzma
-import zipfile
-import zlib
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.limits import called, plain, quoted
+from bench.corpora.packed import Archive, by_macos
 from bench.corpora.text import FrameFile, capture_starts
 from bench.errors import InputError
 
+T = TypeVar("T")
 TRAINING = "training.csv"
 TEST = "testWITHLABELS.csv"
 CELLS = [f"cell{i}" for i in range(1, 65)]
@@ -28,6 +33,7 @@ PUBLISHED_GESTURES = {
     "test": dict.fromkeys(GESTURES, 36) | {"constant": 35},
 }
 PUBLISHED_SUBJECTS = 10
+_BROKEN = "not a readable zip file ({}); get it again"
 
 
 def read(path: Path) -> Corpus:
@@ -40,8 +46,9 @@ def read(path: Path) -> Corpus:
         InputError: a file is missing or broken; the message names the line.
     """
     path = Path(path)
-    sources = _members(path) if path.is_file() else _files(path)
-    parts = [_part(sources[TRAINING], TRAINING, "train"), _part(sources[TEST], TEST, "test")]
+    with ExitStack() as stack:
+        sources = _members(stack.enter_context(Archive(path, _BROKEN))) if path.is_file() else _files(path)
+        parts = [_read_part(sources[TRAINING], TRAINING, "train"), _read_part(sources[TEST], TEST, "test")]
     frames = np.concatenate([values for _, values in parts]).reshape(-1, 8, 8)
     captures = pd.concat([rows for rows, _ in parts], ignore_index=True)
     info = {
@@ -75,50 +82,60 @@ def differences(captures: pd.DataFrame) -> list[str]:
 
 def _files(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such file or folder; give the zip file or the folder of the release")
-    found = {}
-    for file in sorted([*folder.glob("*.csv"), *folder.glob("*/*.csv")]):
-        found.setdefault(file.name.lower(), file)
-    return {name: _need(found, name, folder.name) for name in (TRAINING, TEST)}
-
-
-def _members(path: Path) -> dict[str, bytes]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            found = {}
-            for member in archive.infolist():
-                found.setdefault(member.filename.rsplit("/", 1)[-1].lower(), member)
-            return {name: _bytes(archive, _need(found, name, path.name)) for name in (TRAINING, TEST)}
-    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, OSError) as e:
-        # RuntimeError: a member is encrypted, or (NotImplementedError) packed in a way that Python does not know
-        raise InputError(f"{path.name}: not a readable zip file ({e}); get it again") from e
-
-
-def _need(found: dict, name: str, where: str) -> object:
-    if name.lower() not in found:
-        raise InputError(f"{where}: {name} is missing; give the release with its {TRAINING} and {TEST}")
-    return found[name.lower()]
-
-
-def _bytes(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
-    with archive.open(member) as f:
-        content = f.read(LARGEST_MEMBER + 1)  # what the header says of its size may be wrong
-    if len(content) > LARGEST_MEMBER:
         raise InputError(
-            f"{Path(archive.filename).name}: {member.filename} is larger than {LARGEST_MEMBER >> 20} MiB; "
-            "this is not the HAART release"
+            f"{plain(folder, 160)}: there is no such file or folder; give the zip file or the folder of the release"
         )
-    return content
+    files = [file for pattern in ("*", "*/*") for file in folder.glob(pattern) if file.is_file()]
+    return _chosen({file.relative_to(folder).as_posix(): file for file in files}.items(), called(folder))
 
 
-def _part(source: Path | bytes, name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
+def _members(archive: Archive) -> dict[str, Callable[[], Iterator[bytes]]]:
+    name = called(archive.path)
+    found = _chosen(((member.filename, member) for member in archive.members), name)
+    for member in found.values():
+        if member.file_size > LARGEST_MEMBER:
+            raise InputError(
+                f"{name}: {plain(member.filename, 60)} is larger than {LARGEST_MEMBER >> 20} MiB; "
+                "this is not the HAART release"
+            )
+    return {name: partial(archive.content, member) for name, member in found.items()}
+
+
+def _read_part(source: Path | Callable[[], Iterator[bytes]], name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
+    try:
+        return _part(source, name, split)
+    except InputError:
+        if not isinstance(source, Path):
+            deque(source(), maxlen=0)  # a damaged archive, which its checksum shows at the end, is the better reason
+        raise
+
+
+def _chosen(everything: Iterable[tuple[str, T]], where: str) -> dict[str, T]:
+    """The two files among all by their paths, the ones that lie least deep."""
+    found: dict[str, list[tuple[int, T]]] = {}
+    for path, file in everything:
+        if not by_macos(path):
+            *folders, name = path.split("/")
+            found.setdefault(name.lower(), []).append((len(folders), file))
+    chosen = {}
+    for name in (TRAINING, TEST):
+        if name.lower() not in found:
+            raise InputError(f"{where}: {name} is missing; give the release with its {TRAINING} and {TEST}")
+        least = min(depth for depth, _ in found[name.lower()])
+        first, *others = (file for depth, file in found[name.lower()] if depth == least)
+        if others:
+            raise InputError(f"{where}: {name} is in it twice; leave only the one that is meant")
+        chosen[name] = first
+    return chosen
+
+
+def _part(source: Path | Callable[[], Iterator[bytes]], name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
     file = FrameFile(source, name)
     participant = "ParticipantNo" if split == "train" else "ParticipantID"
     numbered = [] if split == "train" else ["Sequence"]
     conditions = [participant, "Substrate", "Cover", "Gesture"]
     file.require([*conditions, *numbered, *CELLS])
     labels, values = file.read(numbered, CELLS, FULL_SCALE)
-    labels[conditions] = labels[conditions].apply(lambda c: c.astype(str).str.strip())
     if split == "test":
         starts = capture_starts(labels[conditions], labels["Sequence"].to_numpy(), 1, name)
     else:
@@ -130,8 +147,8 @@ def _part(source: Path | bytes, name: str, split: str) -> tuple[pd.DataFrame, np
             f"{name}, line {line}: the capture that starts here has {lengths[wrong[0]]} frames instead of {FRAMES}; "
             "get the file again"
         )
-    first = labels.iloc[starts].reset_index(drop=True)
-    _check_labels(first[participant], r"[PT]?[1-9]\d*", "a participant such as P4", starts, name)
+    first = labels.iloc[starts].reset_index(drop=True).astype(dict.fromkeys(conditions, str))
+    _check_labels(first[participant], "[PT]?[1-9][0-9]{0,8}", "a participant such as P4", starts, name)
     _check_labels(first["Gesture"], "|".join(GESTURES), f"one of {', '.join(GESTURES)}", starts, name)
     captures = pd.DataFrame(
         {
@@ -149,7 +166,9 @@ def _check_labels(labels: pd.Series, pattern: str, wanted: str, starts: np.ndarr
     wrong = np.flatnonzero(~labels.str.fullmatch(pattern).to_numpy(dtype=bool))
     if len(wrong):
         i = wrong[0]
-        raise InputError(f"{name}, line {starts[i] + 2}: {labels.name} is {labels.iloc[i]!r}, not {wanted}; correct it")
+        raise InputError(
+            f"{name}, line {starts[i] + 2}: {labels.name} is {quoted(labels.iloc[i])}, not {wanted}; correct it"
+        )
 
 
 def _blocks(labels: pd.DataFrame, name: str) -> np.ndarray:

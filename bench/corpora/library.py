@@ -9,17 +9,23 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+import os
 import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from filelock import FileLock, Timeout
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.folder import content_digest, home, open_folder, write_folder
+from bench.corpora.files import Damaged, short, small_file, write_text
+from bench.corpora.folder import content_digest, open_folder, verified, write_folder
 from bench.errors import InputError, nearest
 from bench.registry import load
+from bench.scratch import home
+
+NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 
 
 def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
@@ -37,8 +43,8 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     reader = load("corpora", kind)
     arguments = _reader_arguments(kind, reader, dict(options))
     name = options.get("name", kind)
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
-        raise InputError(f"name={name}: use letters, digits, - and _")
+    if not re.fullmatch(NAME, name):
+        raise InputError(f"name={name[:60]}: use letters, digits, - and _, at most 100")
     if name == "synth":
         raise InputError("name=synth is the generated corpus; choose another name")
     folder = home() / "corpora" / name
@@ -47,50 +53,107 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
         with FileLock(folder.parent / f".{name}.lock", timeout=0):
             corpus = reader(source, **arguments)
             corpus = Corpus(**{**vars(corpus), "name": name, "info": corpus.info | {"format": kind}})
-            digest = content_digest(corpus)[:16]
-            write_folder(corpus, folder / digest)
-            beside = folder / ".current"
-            beside.write_text(digest)
-            beside.replace(folder / "current")
-            for old in folder.iterdir():
-                if old.is_dir() and old.name != digest:
+            digest = content_digest(corpus)
+            stored = folder / digest[:16]
+            write_folder(corpus, stored, digest)
+            pointer = folder / "current"
+            if pointer.is_dir() and not pointer.is_symlink():
+                shutil.rmtree(pointer)
+            write_text(pointer, stored.name)
+            for old in folder.iterdir():  # nobody else writes here, the lock is ours
+                if old.is_dir() and old != stored:
                     shutil.rmtree(old, ignore_errors=True)
+                elif old.name.startswith("."):
+                    old.unlink(missing_ok=True)
     except Timeout as e:
         raise InputError(f"another import of name={name} is under way; wait for it or choose another name=") from e
     except OSError as e:
-        raise InputError(f"{folder} cannot be written ({e}); set TOUCHBENCH_HOME to a folder that can") from e
+        raise InputError(
+            f"{short(folder)} cannot be written ({e.strerror or e}); set TOUCHBENCH_HOME to a folder that can"
+        ) from e
     finally:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
-    return open_folder(folder / digest)
+    return open_folder(stored)
 
 
 def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
     """Open an imported corpus, or generate and open the synthetic one.
 
     Raises:
-        InputError: there is no such corpus.
+        InputError: there is no such corpus, or it is no longer what was imported.
     """
     if name == "synth":
         return _synthetic(parameters)
+    folder = _pointed(name)
+    corpus = open_folder(folder, folder.name)
+    if corpus.name != name:
+        raise InputError(f"{short(folder)} was changed or damaged (it is {corpus.name[:40]}); import it again")
+    return corpus
+
+
+def _pointer(name: str) -> Path:
+    """The file that says which folder is meant; it may be damaged."""
     pointer = home() / "corpora" / name / "current"
-    if not pointer.is_file():
-        raise InputError(
-            f"data={name}: not imported; {nearest(name, ['synth', *imported()])}. Import it with: bench data import ..."
-        )
-    return open_folder(pointer.parent / pointer.read_text().strip())
+    if not re.fullmatch(NAME, name) or not os.path.lexists(pointer):
+        known = nearest(name[:60], ["synth", *imported()])
+        known = known if len(known) <= 150 else f"{known[:147]}..."
+        raise InputError(f"data={name[:60]}: not imported; {known}. Import it with: bench data import ...")
+    return pointer
+
+
+def _pointed(name: str) -> Path:
+    """The folder of an imported corpus."""
+    pointer = _pointer(name)
+    try:
+        digest = small_file(pointer, most=100).decode(errors="replace").strip()
+        if not re.fullmatch("[0-9a-f]{16}", digest):
+            raise Damaged("current names no corpus")
+    except Damaged as e:
+        raise InputError(f"{short(pointer.parent)} was changed or damaged ({e}); import it again") from e
+    return pointer.parent / digest
+
+
+def verify(name: str) -> dict[str, str]:
+    """Every file of a stored corpus with what is wrong with it, ``""`` for nothing; all are read and hashed anew.
+
+    Args:
+        name: of an imported corpus, or ``synth`` for all that were generated.
+
+    Raises:
+        InputError: there is no such corpus.
+    """
+    if name == "synth":
+        folders = sorted(f for f in (home() / "corpora" / "synth").glob("[0-9a-f]*") if f.is_dir())
+        return {f"{f.name}/{file}": wrong for f in folders for file, wrong in verified(f, f.name).items()}
+    _pointer(name)
+    try:
+        folder = _pointed(name)
+    except InputError as e:
+        return {"current": str(e)}
+    found = {"current": "", **verified(folder, folder.name)}
+    if not any(found.values()):
+        try:
+            open_corpus(name, {})
+        except InputError as e:
+            found["corpus.json"] = str(e)
+    return found
 
 
 def imported() -> list[str]:
     """Names of the corpora that are stored."""
-    return sorted(p.parent.name for p in (home() / "corpora").glob("*/current"))
+    return sorted(p.parent.name for p in (home() / "corpora").glob("*/current") if re.fullmatch(NAME, p.parent.name))
 
 
 def overview() -> list[dict[str, object]]:
-    """What is here: figures of each imported corpus."""
-    rows = []
+    """What is here: figures of each imported corpus, or what is wrong with it under ``damaged``."""
+    rows: list[dict[str, object]] = []
     for name in imported():
-        corpus = open_corpus(name, {})
+        try:
+            corpus = open_corpus(name, {})
+        except InputError as e:
+            rows.append({"data": name, "damaged": str(e)})
+            continue
         rows.append(
             {
                 "data": name,
@@ -100,7 +163,7 @@ def overview() -> list[dict[str, object]]:
                 "frames": len(corpus.frames),
                 "grid": "x".join(map(str, corpus.grid)),
                 "rate_hz": corpus.rate_hz,
-                "columns": ", ".join(c for c in corpus.captures if c not in ("subject", "gesture")),
+                "columns": ", ".join(str(c) for c in corpus.captures if c not in ("subject", "gesture")),
                 "digest": corpus.digest[:16],
                 "source": corpus.info.get("source", ""),
                 "licence": corpus.info.get("licence", ""),
@@ -128,15 +191,21 @@ def _reader_arguments(kind: str, reader: Callable, options: dict[str, str]) -> d
     return arguments
 
 
-def _synthetic(parameters: dict[str, object]) -> Corpus:
+def _synthetic(parameters: dict[str, Any]) -> Corpus:
+    """The generated corpus, stored under all that it depends on; a damaged one is generated again."""
     from bench.corpora import synth
 
     code = Path(synth.__file__).read_bytes()
     key = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode() + code).hexdigest()[:16]
     folder = home() / "corpora" / "synth" / key
-    if not folder.exists():
-        try:
-            write_folder(synth.generate(**parameters), folder)
-        except OSError as e:
-            raise InputError(f"{folder} cannot be written ({e}); set TOUCHBENCH_HOME to a folder that can") from e
-    return open_folder(folder)
+    try:
+        return open_folder(folder, key)
+    except InputError:  # not there, or damaged
+        corpus = synth.generate(**parameters)
+    try:
+        write_folder(corpus, folder)
+    except OSError as e:
+        raise InputError(
+            f"{short(folder)} cannot be written ({e.strerror or e}); set TOUCHBENCH_HOME to a folder that can"
+        ) from e
+    return open_folder(folder, key)

@@ -17,9 +17,12 @@ from scipy.signal import lfilter
 from bench.corpora.corpus import Corpus
 from bench.corpora.cost import FULL_SCALE, VARIANTS
 from bench.errors import InputError
+from bench.memory import ensure
 
 PAD_MM = 160.0  # side of the sensitive area
 SHORTEST_S, LONGEST_S = 10 / 135, 1747 / 135
+BYTES_PER_VALUE = 40  # while one capture is computed: a few arrays of 64 bits
+BYTES_PER_CAPTURE = 500  # its row of the table, besides its frames
 RAW_PER_GCM2 = 0.36  # sensor value per g/cm2 of the tables, whose scale was calibrated
 
 
@@ -110,7 +113,8 @@ def generate(
         uint16 frames 0..1023; subject, variant, gesture, repetition.
 
     Raises:
-        InputError: a count below 1, a seed below 0, an unknown variant, or a rate that is not above 0.
+        InputError: a count below 1, a seed below 0, an unknown variant, a rate that is not above 0, or more
+            captures than there is memory for.
     """
     for name, value in (("subjects", subjects), ("repetitions", repetitions), ("rows", rows), ("cols", cols)):
         if value < 1:
@@ -121,6 +125,16 @@ def generate(
         raise InputError(f"data.rate_hz={rate_hz:g}: give a rate above 0")
     if unknown := [v for v in variants if v not in VARIANTS] or (not variants and ["nothing"]):
         raise InputError(f"data.variants={unknown[0]}: give some of {'+'.join(VARIANTS)}")
+    count = float(subjects) * repetitions * len(variants) * len(GESTURES)
+    seconds = count / len(GESTURES) * sum(way.duration for way in GESTURES.values())
+    taxels = float(rows) * cols
+    longest = max(1.0, LONGEST_S * rate_hz) * taxels * BYTES_PER_VALUE
+    frames = max(count, seconds * rate_hz) * taxels * 2 * np.dtype(np.uint16).itemsize  # apart, and put together
+    ensure(
+        f"data.subjects={subjects} data.repetitions={repetitions} data.rows={rows} data.cols={cols} "
+        f"data.rate_hz={rate_hz:g}",
+        longest + frames + count * BYTES_PER_CAPTURE,
+    )
     arrays, about = [], []
     for subject in range(1, subjects + 1):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(subject,)))

@@ -34,8 +34,8 @@ def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
         raise InputError("no scored run is tracked here; make one first, for example: bench run model=svm")
     found = pd.DataFrame(rows)
     found = found.assign(complete=found["status"] == "FINISHED").sort_values(["complete", "started"])
-    options = [c for c in found.columns if c.startswith("stream.") or c in ("faults", "train_subjects")]
-    same = [*COMPARABLE, *SAME_SYSTEM, *options]
+    options = [c for c in found.columns if c.startswith(("stream.", f"{kind}.")) or c in ("faults", "train_subjects")]
+    same = [*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name", *options]
     return found.drop(columns="complete").drop_duplicates(same, keep="last").sort_values("started")
 
 

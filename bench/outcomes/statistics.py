@@ -155,12 +155,12 @@ def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[floa
 def wilcoxon(differences: np.ndarray) -> float:
     """Two-sided p of the signed rank test, exact up to 13 differences also where some are equal.
 
-    Equal differences share their mean rank, zeros are left out. 1 where nothing differs, NaN for a single subject.
+    Equal differences share their mean rank, zeros are left out. 1 where at most one differs, NaN for a single subject.
     """
     if len(differences) < 2:
         return np.nan
     moved = differences[differences != 0]
-    if not len(moved):
+    if len(moved) < 2:  # whatever its sign, one alone is as likely
         return 1.0
     if len(moved) > 13:
         return float(stats.wilcoxon(moved).pvalue)

@@ -11,23 +11,71 @@ import logging
 import os
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 from urllib.parse import unquote, urlparse
 
 import numpy as np
 from filelock import FileLock, Timeout
 
-from bench.corpora.folder import home
-from bench.errors import InputError
+from bench.errors import InputError, StoreError
+from bench.scratch import home, owner, sweep
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
     from mlflow.entities import Run
 
 EXPERIMENT = "touchbench"
+PATIENCE = 60.0  # seconds that another program may lock MLflow's file
+RETRIES = "5"  # of a request to a server: they wait 0, 4, 8, 16 and 32 seconds
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+
+def patient(work: Callable[Given, Result]) -> Callable[Given, Result]:
+    """Wait while another program has MLflow's file; what fails for good ends as a `StoreError`."""
+
+    @wraps(work)
+    def done(*args: Given.args, **kwargs: Given.kwargs) -> Result:
+        until = time.monotonic() + PATIENCE
+        while True:
+            try:
+                with reached():
+                    return work(*args, **kwargs)
+            except StoreError as e:
+                if "database is locked" not in str(e) or time.monotonic() > until:
+                    raise
+                time.sleep(0.5)
+
+    return done
+
+
+@contextmanager
+def reached() -> Iterator[None]:
+    """Say in one line what failed in MLflow, its file, its server or the disk.
+
+    Raises:
+        StoreError: instead of theirs.
+    """
+    from mlflow.exceptions import MlflowException
+    from requests.exceptions import RequestException
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        yield
+    except (MlflowException, RequestException, SQLAlchemyError, OSError) as e:
+        raise StoreError(
+            f"the MLflow store {store_uri()} failed: {_first_line(e)}; what is stored stays, repeat the command when "
+            "the store works again"
+        ) from e
+
+
+def _first_line(error: BaseException) -> str:
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    return lines[0][-150:]  # what MLflow cites ends with the cause
 
 
 def store_uri() -> str:
@@ -47,6 +95,7 @@ class Store:
         self.client = client
         self.experiment_id = experiment_id
 
+    @patient
     def runs(self, asked: str) -> list[Run]:
         """Every run that MLflow's filter lets through, newest first."""
         found: list[Run] = []
@@ -68,6 +117,7 @@ class Store:
         found = self.runs(f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'")
         return found[0] if found else None
 
+    @patient
     def run(self, run_id: str) -> Run:
         """A run by its id."""
         return self.client.get_run(run_id)
@@ -88,11 +138,13 @@ class Store:
             if "accuracy" in f.data.metrics
         }
 
+    @patient
     def history(self, run_id: str, metric: str) -> np.ndarray:
         """Values of a metric by epoch, [epochs, 2]: epoch and value."""
         points = self.client.get_metric_history(run_id, metric)
         return np.array(sorted((m.step, m.value) for m in points if m.step > 0), dtype=float).reshape(-1, 2)
 
+    @patient
     def path(self, run_id: str, place: str, name: str) -> Path | None:
         """A run's artifact as a local file: where it lies if the store is on this machine, else fetched.
 
@@ -104,27 +156,36 @@ class Store:
         Returns:
             None where the run has none of that name.
         """
-        uri = urlparse(place)
-        if uri.scheme in ("", "file") or (len(uri.scheme) == 1):  # a drive letter is no scheme
-            folder = Path(place) if uri.scheme != "file" else Path(unquote(uri.path))
+        if (folder := _local(place)) is not None:
             return folder / name if (folder / name).is_file() else None
         from mlflow.exceptions import MlflowException
+        from requests.exceptions import ConnectionError as Unreachable
 
         try:
             return Path(self.client.download_artifacts(run_id, name))
-        except (OSError, MlflowException):
+        except (OSError, MlflowException) as e:
+            if isinstance(e, Unreachable) or "API request to" in str(e):  # which says nothing of the artifact
+                raise
             return None
 
+    @patient
     def fetched(self, run_id: str, name: str) -> Path:
         """An artifact, or a folder of them, that must be there, as local files."""
         return Path(self.client.download_artifacts(run_id, name))
 
+    def where(self, run_id: str, name: str) -> str:
+        """Where an artifact can be looked at: its path if the store is on this machine, else in words."""
+        folder = _local(self.run(run_id).info.artifact_uri)
+        return f"{name} of run {run_id} in bench ui" if folder is None else str(folder / name)
+
+    @patient
     def create(self, name: str, tags: dict[str, str]) -> str:
         """A new run; its id."""
         return self.client.create_run(
             self.experiment_id, run_name=name, tags=tags | {"mlflow.runName": name}
         ).info.run_id
 
+    @patient
     def log(
         self,
         run_id: str,
@@ -144,6 +205,7 @@ class Store:
         for i in range(1000, len(points), 1000):
             self.client.log_batch(run_id, points[i : i + 1000])
 
+    @patient
     def log_captures(
         self, run_id: str, name: str, digest: str, source: str, captures: int, frames: int, context: str
     ) -> None:
@@ -163,6 +225,7 @@ class Store:
                     raise
                 time.sleep(pause)
 
+    @patient
     def keep(self, run_id: str, path: Path, where: str = "") -> None:
         """Store a file, or the files of a folder, with a run."""
         if path.is_dir():
@@ -170,17 +233,28 @@ class Store:
         else:
             self.client.log_artifact(run_id, str(path), where or None)
 
+    @patient
     def begin(self, run_id: str) -> None:
         """Mark a run that goes on."""
         self.client.update_run(run_id, status="RUNNING")
 
+    @patient
     def end(self, run_id: str, status: str) -> None:
         """End a run: FINISHED, FAILED or KILLED."""
         self.client.set_terminated(run_id, status)
 
+    @patient
     def delete(self, run_id: str) -> None:
         """Take a run out of all lists."""
         self.client.delete_run(run_id)
+
+
+def _local(place: str) -> Path | None:
+    """The folder of an address of artifacts, None if it is not on this machine."""
+    uri = urlparse(place)
+    if uri.scheme == "file":
+        return Path(unquote(uri.path))
+    return Path(place) if len(uri.scheme) <= 1 else None  # a drive letter is no scheme
 
 
 def connect() -> Store:
@@ -192,32 +266,44 @@ def connect() -> Store:
     uri = store_uri()
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
-    os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
+    asked = os.environ.get("MLFLOW_HTTP_REQUEST_MAX_RETRIES")
+    os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = asked or "2"  # a wrong address is no reason to wait long
     path = Path(urlparse(uri).path.removeprefix("/")) if uri.startswith("sqlite:///") else None
     if path is not None:
         _check_writable(path)
     import mlflow
     from mlflow.exceptions import MlflowException
+    from sqlalchemy.exc import SQLAlchemyError
 
     # Several processes that create the tables at the same moment break the file for good.
     with FileLock(path.with_name(path.name + ".lock") if path else lock_folder() / "tracking.lock"):
-        logging.getLogger("mlflow.store.db").setLevel(logging.WARNING)  # creating its tables is no news
+        logging.getLogger("mlflow.store.db").setLevel(logging.CRITICAL)  # what fails is said by `reached`
         try:
-            if path is not None and not path.exists():
-                create(path)
+            if path is not None:
+                sweep(path.parent, f".{path.name}.")
+                if not path.exists() or not path.stat().st_size:
+                    create(path)
             mlflow.set_tracking_uri(uri)
             client = mlflow.MlflowClient(uri)
-            found = client.get_experiment_by_name(EXPERIMENT)
-            return Store(client, found.experiment_id if found else client.create_experiment(EXPERIMENT))
-        except MlflowException as e:
-            raise InputError(f"MLflow store {uri} cannot be used: {str(e).splitlines()[0]}") from e
+            experiment_id = _experiment(client)
+        except (MlflowException, SQLAlchemyError, StoreError) as e:
+            raise InputError(f"MLflow store {uri} cannot be used: {_first_line(e.__cause__ or e)}") from e
+        finally:
+            os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = asked or RETRIES
+    return Store(client, experiment_id)
+
+
+@patient
+def _experiment(client: MlflowClient) -> str:
+    found = client.get_experiment_by_name(EXPERIMENT)
+    return found.experiment_id if found else client.create_experiment(EXPERIMENT)
 
 
 def create(path: Path) -> None:
     """Make MLflow's SQLite file with its tables, beside its name and renamed: a kill leaves none or a good one."""
     from mlflow.store.db.utils import _initialize_tables, create_sqlalchemy_engine
 
-    with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+    with tempfile.TemporaryDirectory(prefix=f".{path.name}.{owner()}", dir=path.parent) as folder:
         beside = Path(folder) / path.name
         engine = create_sqlalchemy_engine(f"sqlite:///{beside}")
         _initialize_tables(engine)

@@ -11,6 +11,7 @@ PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
 KEYS = {"data", "where", "target", "seed", "jobs", *PARTS}  # of every command that runs folds
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 Usual = TypeVar("Usual")
+LARGEST, LARGEST_SEED = 10**6, 2**32 - 1  # of a whole number, of a seed, which NumPy and scikit-learn bound
 
 
 def parse(arguments: list[str], known: set[str]) -> dict[str, str]:
@@ -52,7 +53,8 @@ def items(key: str, value: object) -> list:
         InputError: there is nothing between two of them, or nothing at all.
     """
     if not isinstance(value, str):
-        found = list(value) if isinstance(value, list | tuple) else [value]
+        several = isinstance(value, list) or (isinstance(value, tuple) and "." not in key)  # a parameter may be a tuple
+        found = list(value) if isinstance(value, list | tuple) and several else [value]
         if not found:
             raise InputError(f"{key}=[]: give at least one value")
         return found
@@ -100,9 +102,12 @@ def convert(key: str, given: object, default: object) -> object:
         value = read(text)
         if key.endswith("seed") and isinstance(value, int | float) and value < 0:
             raise ValueError(key)
-        return value
     except (ValueError, KeyError) as e:
-        raise InputError(f"{key}={text}: give {kind}, such as {default}") from e
+        raise InputError(f"{key}={text[:60]}: give {kind}, such as {default}") from e
+    most = LARGEST_SEED if key.endswith("seed") else LARGEST
+    if isinstance(value, int) and abs(value) > most:
+        raise InputError(f"{key}={text[:60]}: give {most} at most")
+    return value
 
 
 def text_of(value: object) -> str:

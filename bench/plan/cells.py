@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from bench.errors import InputError, nearest
 from bench.plan.arguments import PARTS, Values, convert, items, text_of
-from bench.registry import load, parameters, required
+from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
 from models import contract
 
@@ -32,17 +34,26 @@ class Part(Generic[Made]):
         name: a registered one or ``file.py:Name``; of an object what it is shown as.
         parameters: by name.
         given: the object itself, where one was handed over from Python.
+        module: that its file was loaded as, which tells one state of the file from another; empty for other parts.
     """
 
     room: str
     name: str
     parameters: dict[str, object] = field(default_factory=dict, hash=False)
     given: Made | None = field(default=None, hash=False)
+    module: str = field(default="", hash=False, repr=False)
 
     @property
     def factory(self) -> Callable[..., Made]:
-        """The class or function behind the name."""
-        return load(self.room, self.name)
+        """The class or function behind the name.
+
+        Raises:
+            InputError: its file is not what it was when the command began.
+        """
+        found = load(self.room, self.name)
+        if self.module and found.__module__ != self.module:
+            raise InputError(f"{self.name}: the file was changed while it was in use; start the command again")
+        return found
 
     def make(self) -> Made:
         """Build one that takes nothing from the harness: a protocol or a feature set."""
@@ -55,8 +66,11 @@ class Part(Generic[Made]):
 
     @property
     def short(self) -> str:
-        """The name without a file's path."""
-        return self.name.rpartition(":")[2] if self.given is None else self.name
+        """The name without a file's path; with the file's name if it is also that of a built-in part."""
+        file, _, own = self.name.rpartition(":")
+        if self.given is not None or not file:
+            return self.name
+        return f"{Path(file).stem}.{own}" if own in names(self.room) else own
 
     def __str__(self) -> str:
         """The name with those parameters that are not the default: ``svm[C=8.0]``."""
@@ -68,7 +82,7 @@ class Part(Generic[Made]):
         if self.given is None:
             return self.room, self.short, self.parameters, source_digest(self.factory)
         own = contract.classes(self.given)
-        return self.room, self.name, repr(contract.settings(self.given)), source_digest(*own) if own else ""
+        return self.room, self.name, contract.settings(self.given), source_digest(*own) if own else ""
 
     def packages(self) -> tuple[str, ...]:
         """Packages that this part alone depends on."""
@@ -96,6 +110,11 @@ class Cell:
     def title(self) -> str:
         """System, data and protocol: the name of the run."""
         return f"{self.system()} | {self.data} | {self.protocol}"
+
+    @property
+    def given(self) -> bool:
+        """Whether a part is an object that was handed over from Python."""
+        return any(part is not None and part.given is not None for part in (self.protocol, self.features, self.model))
 
     @property
     def seed(self) -> int | None:
@@ -179,8 +198,8 @@ def cells(values: Values) -> list[Cell]:
     feature_sets = items("features", values.get("features", DEFAULT_FEATURES))
     takes = [_takes_features(model) for model in chosen["model"]]
     if "features" in values and not any(takes):
-        names = ", ".join(map(str, chosen["model"]))
-        raise InputError(f"features={values['features']} does nothing: {names} takes none; leave features= out")
+        models = ", ".join(map(str, chosen["model"]))
+        raise InputError(f"features={values['features']} does nothing: {models} takes none; leave features= out")
     seeds = [convert("seed", s, 0) for s in chosen["seed"]]
     found: dict[str, Cell] = {}
     for data, where, target, protocol, (model, takes_features), seed in itertools.product(
@@ -196,7 +215,8 @@ def cells(values: Values) -> list[Cell]:
                 _variants(values, "model", model, chosen["model"], seed),
             ):
                 cell = Cell(data, parts[0], where, target, *parts[1:])
-                found.setdefault(repr(cell), cell)
+                given = [id(part.given) for part in parts[1:] if part and part.given is not None]
+                found.setdefault(f"{cell!r} {given}", cell)
     return list(found.values())
 
 
@@ -224,13 +244,21 @@ def _variants(values: Values, key: str, name: object, siblings: list, seed: int 
         if parameter not in known:
             raise InputError(f"{key}={name} has no parameter {parameter!r}; {nearest(parameter, known)}")
     if not isinstance(name, str):
+        wanted = "split" if key == "protocol" else "fit"
+        if inspect.isclass(name) or not callable(getattr(name, wanted, None)):
+            kind = getattr(name, "__name__", type(name).__name__)
+            raise InputError(f"{key}={kind}: give a name, or an object that can {wanted}, such as {kind}()")
         return [Part(room, contract.shown(name), given=name)]
-    usual = parameters(load(room, name))
+    factory, module = load(room, name), ""
+    if (file := name.rpartition(":")[0]).endswith(".py"):  # from wherever a worker is started
+        name, module = f"{Path(file).absolute()}:{name.rpartition(':')[2]}", factory.__module__
+    usual = parameters(factory)
     if seed is not None and "seed" in usual:
         usual = usual | {"seed": seed}
     taken = {p: text for p, text in given.items() if p in usual}
-    sweep = {p: [convert(f"{key}.{p}", v, usual[p]) for v in items(p, text)] for p, text in taken.items()}
-    return [Part(room, name, usual | dict(zip(sweep, c, strict=True))) for c in itertools.product(*sweep.values())]
+    sweep = {p: [convert(f"{key}.{p}", v, usual[p]) for v in items(f"{key}.{p}", text)] for p, text in taken.items()}
+    made = [usual | dict(zip(sweep, c, strict=True)) for c in itertools.product(*sweep.values())]
+    return [Part(room, name, chosen, module=module) for chosen in made]
 
 
 def corpus_variants(values: Values, data: str, siblings: list[str]) -> list[dict[str, object]]:
@@ -238,11 +266,13 @@ def corpus_variants(values: Values, data: str, siblings: list[str]) -> list[dict
     given = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("data.")}
     if "synth" not in siblings and given:
         raise InputError(f"data.{next(iter(given))}: only data=synth has parameters; choose captures with where=")
+    if not isinstance(data, str):
+        raise InputError("data= takes the name of a corpus, such as data='synth'; see bench data")
     if data != "synth":
         return [{}]
     usual = _usual_data()
     for parameter in given:
         if parameter not in usual:
             raise InputError(f"data=synth has no parameter {parameter!r}; {nearest(parameter, usual)}")
-    sweep = {p: [convert(f"data.{p}", v, usual[p]) for v in items(p, t)] for p, t in given.items()}
+    sweep = {p: [convert(f"data.{p}", v, usual[p]) for v in items(f"data.{p}", t)] for p, t in given.items()}
     return [usual | dict(zip(sweep, c, strict=True)) for c in itertools.product(*sweep.values())]

@@ -67,10 +67,15 @@ class Plan:
         }
 
     def identity(self) -> dict[str, object]:
-        """What its results depend on: corpus, chosen captures, cell, threads of a fold."""
+        """What its results depend on: corpus, chosen captures, folds, cell, threads of a fold."""
+        folds = hashlib.sha256()
+        for fold in self.folds:
+            for positions in (fold.train, fold.test):
+                folds.update(f"{fold.name} {len(positions)} ".encode() + np.asarray(positions, np.int64).tobytes())
         captures = {
             "digest": self.corpus.digest,
             "captures": hashlib.sha256(self.corpus.index.tobytes()).hexdigest(),
+            "folds": folds.hexdigest(),
             "threads": self.threads,
         }
         return captures | self.cell.identity()

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
 from bench.outcomes.results import FoldResult, costs
-from bench.outcomes.store import connect
+from bench.outcomes.store import connect, only_one, reached
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
+from bench.scratch import owner, sweep
 from bench.work.evaluation import Evaluation
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.loop import fill_cache
@@ -86,15 +87,34 @@ def fit(cell: Cell, out: Path | None = None) -> Fitted:
     by_value()
     key = hashlib.sha256(f"{key_of(plan, Evaluation())} fit".encode()).hexdigest()[:20]
     tags = tags_of(cell, corpus) | {"touchbench.kind": "fit", "touchbench.cell": key}
-    run_id = store.create(f"{cell.system()} | {cell.data} | all captures", tags)
-    try:
+    with only_one(key):
+        for cut_off in store.runs(f"tags.`touchbench.cell` = '{key}' and attributes.status = 'RUNNING'"):
+            store.delete(cut_off.info.run_id)
+        run_id = store.create(f"{cell.system()} | {cell.data} | all captures", tags)
         store.log(run_id, metrics, params_of(cell, corpus, threads) | {"captures": len(corpus)})
         log_captures(store, run_id, cell, corpus, "training")
         with quiet():
-            with mlflow.start_run(run_id=run_id):
-                saved = mlflow.pyfunc.log_model(name="model", **model)
             if out is not None:
-                mlflow.pyfunc.save_model(str(out), **model)
-    except OSError as e:
-        raise InputError(f"the model cannot be written ({e}); choose another folder") from e
+                _save(model, out)
+            with reached(), mlflow.start_run(run_id=run_id):
+                saved = mlflow.pyfunc.log_model(name="model", **model)
     return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus))
+
+
+def _save(model: dict[str, Any], out: Path) -> None:
+    """Save a model as a folder, beside its name and renamed: a kill leaves none or a whole one.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    import mlflow
+
+    out = out.absolute()
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        sweep(out.parent, f".{out.name}.")
+        beside = out.with_name(f".{out.name}.{owner()}model")
+        mlflow.pyfunc.save_model(str(beside), **model)
+        beside.rename(out)
+    except OSError as e:
+        raise InputError(f"out={out}: cannot be written ({e.strerror or e}); choose another folder") from e

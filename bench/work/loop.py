@@ -136,13 +136,14 @@ def run_one(
                     child = run.add(result)
                     bar.advance(task)
                     if result.error:
-                        errors[result.name] = str(store.fetched(child, "fold/traceback.txt"))
+                        errors[result.name] = store.where(child, "fold/traceback.txt")
                         reason = result.error.strip().splitlines()[-1]
                         bar.console.print(f"fold {result.name} failed: {reason}", style="red", markup=False)
             found = run.close(illustrate)
             return Outcome(plan, experiment, run.run_id, run.tags, found, run.results(), errors)
         except KeyboardInterrupt as e:
-            run.interrupt()
+            if not run.finished:
+                run.interrupt()
             said = "interrupted; every finished fold is stored and the same command goes on from there"
             raise Interrupted(said) from e
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, entry_points, requires, version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mlflow
 import numpy as np
@@ -83,15 +83,6 @@ class Recogniser(PythonModel):
                 "or fit a model to captures of that rate"
             )
 
-    def check_grid(self, rows: int, cols: int) -> None:
-        """Refuse frames of another grid.
-
-        Raises:
-            InputError: it is not the grid of the training captures.
-        """
-        if (rows, cols) != self.grid:
-            raise InputError(f"frames are {rows}x{cols}, this model was trained on {self.grid[0]}x{self.grid[1]}")
-
     def label(self, corpus: Corpus) -> pd.DataFrame:
         """One row per capture: label, confidence (the probability of the label), and p_<class> for each class.
 
@@ -136,7 +127,7 @@ class Recogniser(PythonModel):
         rate = ParamSchema([ParamSpec("rate_hz", DataType.double, self.rate_hz)])
         return ModelSignature(Schema(given), Schema(found), rate)
 
-    def model(self, plugins: list[str], frames: np.ndarray, packages: tuple[str, ...] = ()) -> dict[str, object]:
+    def model(self, plugins: list[str], frames: np.ndarray, packages: tuple[str, ...] = ()) -> dict[str, Any]:
         """Arguments for MLflow's ``log_model`` and ``save_model``.
 
         Args:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic
 
+import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
@@ -91,9 +92,14 @@ class TrackedRun(Generic[Shown]):
         self.tags |= {"protocol": str(cell.protocol), "protocol_label": plan.label}
         self.tags |= {
             "touchbench.command": experiment.command(cell),
-            "touchbench.arguments": json.dumps(cell.arguments() | experiment.arguments()),
         }
+        if not cell.given:  # an object cannot be typed
+            self.tags["touchbench.arguments"] = json.dumps(cell.arguments() | experiment.arguments())
         found = store.find(key, experiment.kind)
+        seen = found.inputs.dataset_inputs if found and found.inputs else []
+        if found and found.info.status != "FINISHED" and not seen:  # cut off while it was made
+            store.delete(found.info.run_id)
+            found = None
         self.run_id = found.info.run_id if found else self._create(key)
         self.finished = found is not None and found.info.status == "FINISHED"
         self.done: dict[str, FoldResult] = {}
@@ -155,7 +161,9 @@ class TrackedRun(Generic[Shown]):
             else:
                 result.table.to_parquet(folder / "predictions.parquet", index=False)
                 timing = {"predict_ms": result.predict_ms, "decide_ms": result.decide_ms, "chosen": result.chosen}
-                (folder / "timing.json").write_text(json.dumps(timing | {"metrics": list(result.metrics)}))
+                (folder / "timing.json").write_text(
+                    json.dumps(timing | {"metrics": list(result.metrics)}, default=_plain)
+                )
                 metrics = self.experiment.fold_metrics(result, self.plan.corpus.rate_hz)
                 chosen = {f"chosen.{k}": v for k, v in result.chosen.items()}
                 self.store.log(child, metrics, chosen, result.history)
@@ -199,6 +207,11 @@ class TrackedRun(Generic[Shown]):
     def interrupt(self) -> None:
         """Mark the run as killed; what is stored stays and is found again."""
         self.store.end(self.run_id, "KILLED")
+
+
+def _plain(value: object) -> object:
+    """A number of NumPy as JSON takes it; anything else as it is printed."""
+    return value.item() if isinstance(value, np.generic) else str(value)
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:

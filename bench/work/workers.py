@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
+import time
 import traceback
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, as_completed
@@ -91,10 +94,22 @@ def _workers(jobs: int, threads: int) -> Workers:
     """Worker processes that stay for the next cell: importing torch takes seconds."""
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
     return get_reusable_executor(
-        max_workers=jobs, timeout=60, initializer=_ignore_interrupts, env=dict.fromkeys(names, str(threads))
+        max_workers=jobs,
+        timeout=60,
+        initializer=_begin,
+        initargs=(os.getpid(),),
+        env=dict.fromkeys(names, str(threads)),
     )
 
 
-def _ignore_interrupts() -> None:
-    """Ctrl-C reaches the whole process group; only the parent acts on it."""
+def _begin(parent: int) -> None:
+    """Ctrl-C reaches the whole process group, only the parent acts on it; a parent that is killed cannot."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process, in the middle of a fold, once its parent is gone: nobody would take the result."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)

@@ -133,7 +133,7 @@ def test_an_object_is_known_by_its_classes_settings_and_libraries():
     part = make_pipeline(Jung28(), StandardScaler(), RandomForestClassifier(7))
     assert contract.shown(part) == "Jung28() > StandardScaler() > RandomForestClassifier(n_estimators=7)"
     assert contract.classes(part) == [Jung28] and contract.libraries(part) == ("scikit-learn",)
-    assert contract.settings(KNeighborsClassifier(3))["n_neighbors"] == 3
+    assert "'n_neighbors': 3," in contract.settings(KNeighborsClassifier(3))
     fitted = KNeighborsClassifier(3).fit([[0], [1], [2]], [0, 1, 1])
     assert not hasattr(contract.copied(fitted), "classes_")
-    assert contract.settings(rf(Jung28()))["classifier__n_estimators"] == 500
+    assert "'classifier__n_estimators': 500," in contract.settings(rf(Jung28()))

@@ -14,9 +14,10 @@ from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
 from sklearn.preprocessing import MinMaxScaler
 from sklearn.svm import SVC
 
-from bench.corpora.folder import home, open_folder, write_folder
+from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.pareto import front
+from bench.scratch import home
 from bench.work.sizes import parameter_count
 from features.balli import Balli
 from features.hughes36 import Hughes36

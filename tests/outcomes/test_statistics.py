@@ -36,6 +36,7 @@ def test_signed_ranks_of_many_subjects_and_of_none_that_differ():
     many = RNG.normal(0.3, 1, 40)
     assert statistics.wilcoxon(many) == pytest.approx(stats.wilcoxon(many).pvalue)
     assert statistics.wilcoxon(np.zeros(8)) == 1 and np.isnan(statistics.wilcoxon(np.ones(1)))
+    assert statistics.wilcoxon(np.array([0, 0, 0.1, 0])) == 1
 
 
 def test_interval_is_scipys_paired_t_interval():

@@ -15,11 +15,11 @@ from joblib.externals.loky import get_reusable_executor
 
 from bench import registry
 from bench.cli import main
-from bench.corpora.folder import home
 from bench.corpora.library import open_corpus
 from bench.outcomes.store import connect
 from bench.plan import cells
 from bench.plan.plan import Plan, folds_of, share_cores
+from bench.scratch import home
 from bench.work import loop
 from bench.work.fold import decisions, forget_peak, peak_memory
 from tests.conftest import BENCH, in_process, predictions, random_corpus, runs
@@ -237,7 +237,7 @@ def test_the_same_cell_twice_at_once_is_refused(monkeypatch, capsys):
 @pytest.mark.live
 @pytest.mark.real_store
 def test_stores_created_by_several_processes_at_once_are_whole(tmp_path):
-    code = "from bench.tracking import connect; print(connect().experiment_id)"
+    code = "from bench.outcomes.store import connect; print(connect().experiment_id)"
     started = [
         subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         for _ in range(3)

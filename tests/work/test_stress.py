@@ -226,8 +226,8 @@ def test_other_faults_or_training_subjects_are_another_run(corpus):
 
 
 def test_no_faulted_capture_reaches_the_feature_cache(tmp_path, monkeypatch):
-    from bench.corpora.folder import home
     from bench.corpora.library import open_corpus
+    from bench.scratch import home
 
     (cell,) = cells({"model": "bayes", "data.subjects": "2", "data.variants": "normal"})
     corpus = open_corpus(cell.data, cell.data_parameters)

@@ -1,0 +1,80 @@
+"""The user's data folder, and temporary folders there that the next command clears away if this one is killed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def home() -> Path:
+    """The user's data folder: imported corpora and cached features (``TOUCHBENCH_HOME`` overrides)."""
+    if override := os.environ.get("TOUCHBENCH_HOME"):
+        return Path(override)
+    from platformdirs import user_data_path
+
+    return user_data_path("touchbench")
+
+
+@contextmanager
+def scratch() -> Iterator[None]:
+    """Put all that Python's ``tempfile`` makes into a folder of this process; it and those of dead processes go.
+
+    Where the data folder cannot be written, temporary files lie where they always do.
+    """
+    place, before, mine = home() / "tmp", tempfile.tempdir, None
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        sweep(place)
+        mine = tempfile.mkdtemp(prefix=owner(), dir=place)
+    except OSError:  # nothing was asked of the folder yet; what needs it says so itself
+        pass
+    else:
+        tempfile.tempdir = mine
+    try:
+        yield
+    finally:
+        tempfile.tempdir = before
+        if mine:
+            shutil.rmtree(mine, ignore_errors=True)
+
+
+def owner() -> str:
+    """How the name begins of what belongs to this process, which may share its folder with other machines."""
+    return f"{socket.gethostname()}-{os.getpid()}-"
+
+
+def sweep(place: Path, before: str = "") -> None:
+    """Remove what dead processes of this machine have left, with the semaphores of their workers.
+
+    Args:
+        place: folder whose entries are named by `owner`.
+        before: what stands before the owner in their names.
+    """
+    start = f"{before}{socket.gethostname()}-"
+    for path in place.glob(f"{start}*"):
+        number = path.name.removeprefix(start).partition("-")[0]
+        if number.isdigit() and not alive(int(number)):
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
+            for semaphore in Path("/dev/shm").glob(f"sem.loky-{number}-*"):  # Linux; a whole group killed leaves them
+                semaphore.unlink(missing_ok=True)
+
+
+def alive(pid: int) -> bool:
+    """Whether there is a process of this number."""
+    if os.name == "nt":  # where signal 0 would end it
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # it is there and belongs to someone else
+        return True
+    return True

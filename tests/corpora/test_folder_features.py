@@ -1,0 +1,157 @@
+"""Tables of features that were kept of stored corpora: damaged ones, and those of others, are computed again."""
+
+import os
+import shutil
+import time
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from bench.corpora.folder import open_folder, write_folder
+from bench.errors import InputError
+from bench.scratch import home
+from features import kept
+from features.jung28 import Jung28
+from features.jung54 import Jung54
+from features.kept import cache_key
+from tests.conftest import random_corpus
+
+
+@pytest.fixture
+def stored(corpus, tmp_path):
+    write_folder(corpus, tmp_path / "c")
+    return open_folder(tmp_path / "c")
+
+
+@pytest.fixture
+def table(stored):
+    """Where the features of the corpus are kept, with them."""
+    Jung28().transform(stored)
+    kept._read.cache_clear()
+    return home() / "features" / f"{cache_key(Jung28(), stored.digest)}.parquet"
+
+
+@pytest.fixture
+def extracted(monkeypatch):
+    """A list with an entry for each time that features were computed."""
+    asked, real = [], Jung28.extract
+    monkeypatch.setattr(Jung28, "extract", lambda self, c: (asked.append(len(c)), real(self, c))[1])
+    return asked
+
+
+def rewritten(path, change):
+    """Change a table and write it again with all that the file says of it."""
+    whole = pq.read_table(path)
+    frame = change(whole.to_pandas())
+    frame.attrs = {}
+    changed = pa.Table.from_pandas(frame, preserve_index=False)
+    pq.write_table(changed.replace_schema_metadata(whole.schema.metadata), path)
+
+
+def doubled(frame):
+    frame["f01_mean_pressure"] *= 2
+    return frame
+
+
+def swapped(frame):
+    frame.iloc[[0, 1]] = frame.iloc[[1, 0]].to_numpy()
+    return frame
+
+
+CHANGES = {
+    "values doubled": doubled,
+    "rows swapped": swapped,
+    "a row less": lambda frame: frame.iloc[:-1],
+    "a row more": lambda frame: pd.concat([frame, frame.iloc[:1]]),
+    "columns swapped": lambda frame: frame[[*frame.columns[::-1]]],
+    "names swapped": lambda frame: frame.set_axis([*frame.columns[1:], frame.columns[0]], axis=1),
+    "a column less": lambda frame: frame.iloc[:, 1:],
+    "other types": lambda frame: frame.astype(np.float32),
+    "text": lambda frame: frame.astype(str),
+    "no rows": lambda frame: frame.iloc[:0],
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_a_changed_table_is_computed_again(table, stored, corpus, extracted, name):
+    expected = Jung28().transform(corpus)
+    rewritten(table, CHANGES[name])
+    kept._read.cache_clear()
+    del extracted[:]
+    assert Jung28().transform(stored).equals(expected) and extracted == [36]
+    kept._read.cache_clear()
+    assert Jung28().transform(stored).equals(expected) and extracted == [36]  # mended
+
+
+@pytest.mark.parametrize("how", ["flip", "cut", "empty", "folder", "folder of tables", "pipe", "nowhere"])
+def test_a_damaged_file_is_computed_again(table, stored, corpus, how):
+    expected, content = Jung28().transform(corpus), table.read_bytes()
+    table.unlink()
+    if how == "flip":
+        table.write_bytes(content[:200] + bytes([content[200] ^ 1]) + content[201:])
+    elif how in ("cut", "empty"):
+        table.write_bytes(content[: len(content) // 2] if how == "cut" else b"")
+    elif how == "pipe":
+        os.mkfifo(table)
+    elif how == "nowhere":
+        table.symlink_to("nothing")
+    else:
+        table.mkdir()
+        if how == "folder of tables":
+            (table / "a.parquet").write_bytes(content)
+    for _ in range(2):
+        kept._read.cache_clear()
+        assert Jung28().transform(stored).equals(expected)
+    assert [p.name for p in table.parent.iterdir()] == [table.name]  # nothing lies beside it
+
+
+def test_a_table_of_another_corpus_class_or_version_is_computed_again(table, stored, corpus, tmp_path, extracted):
+    write_folder(random_corpus(seed=1), tmp_path / "d")
+    other = open_folder(tmp_path / "d")
+    for features, c in ((Jung28(), other), (Jung54(), stored), (Jung28("capture"), stored)):
+        features.transform(c)
+        shutil.copy(home() / "features" / f"{cache_key(features, c.digest)}.parquet", table)
+        kept._read.cache_clear()
+        assert Jung28().transform(stored).equals(Jung28().transform(corpus))
+    del extracted[:]
+    Jung28().transform(corpus).to_parquet(table)  # as older versions kept it
+    kept._read.cache_clear()
+    Jung28().transform(stored)
+    assert extracted == [36, 36]
+
+
+def test_what_is_no_number_and_the_sign_of_nothing_are_kept(stored, corpus, monkeypatch):
+    odd = pd.DataFrame({"a": np.full(36, -np.nan), "b": np.full(36, -0.0), "c": np.inf, "d": np.arange(36) % 2 == 0})
+    odd["e"], odd["f"] = np.float32(0.1), np.arange(36, dtype=np.int8)
+    odd.loc[3, "a"] = 1.5
+    asked = []
+    monkeypatch.setattr(Jung28, "extract", lambda self, c: (asked.append(1), odd)[1])
+    for _ in range(3):
+        kept._read.cache_clear()
+        found = Jung28().transform(stored)
+        assert found.equals(odd) and np.signbit(found["b"]).all() and not found.attrs
+    assert asked == [1]
+
+
+def test_frames_that_are_changed_under_an_open_corpus_fill_no_cache(stored, corpus):
+    path = stored.path / "frames.npy"
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    with path.open("r+b") as file:  # in place: the mapped frames change, too
+        file.write(content)
+    with pytest.raises(InputError, match="import it again"):
+        Jung28().transform(stored)
+    assert not list((home() / "features").iterdir())
+
+
+def test_reading_a_good_table_takes_milliseconds(table, stored, extracted):
+    took = []
+    for _ in range(10):
+        kept._read.cache_clear()
+        started = time.perf_counter()
+        Jung28().transform(stored)
+        took.append(time.perf_counter() - started)
+    assert min(took) < 0.1 and not extracted

@@ -1,0 +1,229 @@
+"""Imported corpora by name: what points to them, what verifies them, and the generated one, which mends itself."""
+
+import json
+import os
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.cli import main
+from bench.corpora import library, synth
+from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
+from bench.errors import InputError
+from bench.scratch import home
+from tests.conftest import random_corpus
+
+SYNTH = {"subjects": 1, "variants": ("normal",)}
+
+
+@pytest.fixture
+def arm(monkeypatch):
+    """A function that imports a corpus under the name arm."""
+
+    def reader(source: Path, seed: float = 0):
+        return random_corpus(seed=int(seed), info={"source": str(source), "warnings": []})
+
+    monkeypatch.setattr(library, "load", lambda room, kind: reader)
+
+    def bring(name="arm", seed="0"):
+        return import_corpus("any", Path("x"), {"name": name, "seed": seed})
+
+    bring()
+    return bring
+
+
+def folder(name="arm"):
+    (found,) = (p for p in (home() / "corpora" / name).iterdir() if p.is_dir())
+    return found
+
+
+def flip(path, as_before=False):
+    times, content = path.stat(), bytearray(path.read_bytes())
+    content[-5] ^= 1
+    path.write_bytes(content)
+    if as_before:
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\xff\xfe\x00",
+        b"..",
+        b"../other/0123456789abcdef",
+        b"/etc",
+        b"0123456789abcdef",
+        b"0123456789ABCDEF",
+        b"0" * 5000,
+        "é".encode() * 16,
+        b"\0",
+        "folder",
+        "pipe",
+        "loop",
+        "nowhere",
+    ],
+)
+def test_what_points_nowhere_or_outside_is_refused_and_mended_by_an_import(arm, content, capsys):
+    pointer = home() / "corpora" / "arm" / "current"
+    good = pointer.read_text()
+    pointer.unlink()
+    if content == "folder":
+        pointer.mkdir()
+    elif content == "pipe":
+        os.mkfifo(pointer)
+    elif content == "loop":
+        pointer.symlink_to("current")
+    elif content == "nowhere":
+        pointer.symlink_to("nothing")
+    else:
+        pointer.write_bytes(content)
+    with pytest.raises(InputError, match="import it again") as refused:
+        open_corpus("arm", {})
+    assert len(str(refused.value)) <= 300
+    assert main(["data", "verify", "arm"]) == 1
+    assert "arm: damaged; import it again" in capsys.readouterr().out
+    if content in ("loop", "nowhere"):
+        assert imported() == []
+    arm()
+    assert pointer.read_text() == good and not pointer.is_symlink() and len(open_corpus("arm", {})) == 36
+
+
+def test_verify_says_it_of_each_file(arm, capsys):
+    assert main(["data", "verify", "arm"]) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in out] == [
+        "current",
+        "corpus.json",
+        "frames.npy",
+        "lengths.npy",
+        "captures.parquet",
+        "arm:",
+    ]
+    assert all(line.endswith("as it was stored") for line in out)
+    flip(folder() / "frames.npy", as_before=True)
+    (folder() / "lengths.npy").unlink()
+    assert main(["data", "verify", "arm"]) == 1
+    out = capsys.readouterr().out.splitlines()
+    assert out[2] == "frames.npy        damaged: differs from what was stored"
+    assert out[3] == "lengths.npy       damaged: is not there"
+    assert out[4].endswith("as it was stored") and out[5] == "arm: damaged; import it again"
+    assert main(["data", "verify", "leg"]) == 2
+    assert "data=leg: not imported; known: arm, synth" in capsys.readouterr().err
+    assert main(["data", "verify"]) == 2 and "not understood" in capsys.readouterr().err
+
+
+def test_a_damaged_corpus_does_not_hide_the_others(arm, capsys):
+    arm("leg", "1")
+    flip(folder("arm") / "frames.npy")
+    assert main(["data"]) == 0
+    out = capsys.readouterr().out
+    assert "import it again" in out and "leg\n  36 captures" in out
+    assert [("damaged" in row, row["data"]) for row in overview()] == [(True, "arm"), (False, "leg")]
+    assert main(["run", "data=arm"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "frames.npy differs" in error and "import it again" in error
+
+
+def test_an_import_of_the_same_mends_what_is_damaged(arm):
+    for harm in (
+        lambda: flip(folder() / "frames.npy"),
+        lambda: flip(folder() / "captures.parquet", as_before=True),
+        lambda: shutil.rmtree(folder()),
+        lambda: (folder() / "corpus.json").unlink(),
+        lambda: shutil.rmtree(home() / "corpora" / "arm"),
+    ):
+        harm()
+        if (home() / "corpora" / "arm").exists():
+            with pytest.raises(InputError, match="import it again"):
+                open_corpus("arm", {})
+        assert len(arm()) == 36 and not any(verify("arm").values())
+        assert {p.name for p in (home() / "corpora" / "arm").iterdir()} == {"current", folder().name}
+
+
+def test_the_folder_of_another_corpus_is_refused(arm, tmp_path):
+    arm("leg", "1")
+    one, other = folder("arm"), folder("leg")
+    one.rename(tmp_path / "aside")
+    other.rename(one)
+    with pytest.raises(InputError, match="written for"):
+        open_corpus("arm", {})
+    assert any(verify("arm").values())
+    arm("leg", "1")
+    shutil.rmtree(home() / "corpora" / "arm")
+    shutil.copytree(home() / "corpora" / "leg", home() / "corpora" / "arm")  # a whole one under another name
+    with pytest.raises(InputError, match=r"it is leg.*import it again"):
+        open_corpus("arm", {})
+    assert "it is leg" in verify("arm")["corpus.json"]
+
+
+@pytest.mark.parametrize("name", ["../corpora/arm", "/tmp", "x" * 300, "arm\0", "", ".", "arm/../arm", "é"])
+def test_a_name_that_cannot_be_is_not_imported(arm, name):
+    with pytest.raises(InputError, match="not imported") as refused:
+        open_corpus(name, {})
+    assert len(str(refused.value)) <= 300
+    if name:
+        with pytest.raises(InputError, match="use letters, digits"):
+            arm(name)
+
+
+def test_a_damaged_generated_corpus_is_generated_again(tmp_path, monkeypatch):
+    expected = synth.generate(**SYNTH)
+    made, real = [], synth.generate
+    monkeypatch.setattr(synth, "generate", lambda **how: (made.append(1), real(**how))[1])
+
+    def right():
+        corpus = open_corpus("synth", SYNTH)
+        return np.array_equal(corpus.frames, expected.frames) and corpus.captures.equals(expected.captures)
+
+    assert right() and right() and len(made) == 1
+    place = folder("synth")
+    harms = [lambda n=name: flip(place / n) for name in ("frames.npy", "captures.parquet", "corpus.json")]
+    harms += [lambda: (place / "lengths.npy").unlink(), lambda: shutil.rmtree(place)]
+    harms += [lambda: (shutil.rmtree(place), place.write_text("a file"))]
+    for count, harm in enumerate(harms, 2):
+        harm()
+        assert right() and right() and len(made) == count
+    open_corpus("synth", SYNTH | {"seed": 1})
+    one, other = sorted(p for p in place.parent.iterdir())
+    one.rename(tmp_path / "one")
+    other.rename(one)
+    (tmp_path / "one").rename(other)  # swapped
+    assert right() and not any(wrong for name, wrong in verify("synth").items() if name.startswith(place.name))
+    assert main(["data", "verify", "synth"]) == 1  # the other one, until it is used
+    open_corpus("synth", SYNTH | {"seed": 1})
+    assert main(["data", "verify", "synth"]) == 0
+    assert len(list(place.parent.iterdir())) == 2
+
+
+def age(place):
+    """Make it a folder of an older version."""
+    about = json.loads((place / "corpus.json").read_text())
+    del about["info"]["stored"]
+    (place / "corpus.json").write_text(json.dumps(about, indent=1))
+    (place / "seal.json").unlink()
+
+
+def test_what_older_versions_stored_is_sealed_or_generated_again(arm):
+    expected = open_corpus("arm", {})
+    age(folder())
+    assert np.array_equal(open_corpus("arm", {}).frames, expected.frames) and (folder() / "seal.json").exists()
+    assert not any(verify("arm").values())
+    open_corpus("synth", SYNTH)
+    place = folder("synth")
+    age(place)  # nothing in it says that it was generated with these parameters
+    assert open_corpus("synth", SYNTH).digest and (place / "seal.json").exists()
+    assert not any(verify("synth").values())
+
+
+def test_opening_takes_milliseconds(arm):
+    open_corpus("arm", {})
+    took = []
+    for _ in range(20):
+        started = time.perf_counter()
+        open_corpus("arm", {})
+        took.append(time.perf_counter() - started)
+    assert min(took) < 0.05

@@ -1,0 +1,373 @@
+"""Conditions on captures: the same as pandas' queries where they are allowed, and nothing but conditions."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench import source
+from bench.corpora.corpus import Corpus
+from bench.corpora.where import chosen
+from bench.errors import InputError
+
+WORDS = ["pat", "rub", "slap", "a b", "", "é", "p", "'", "&", "or"]
+
+
+def table(seed=0, rows=12):
+    """Text with and without gaps, whole numbers, floats with gaps, truth; names with a space and with an accent."""
+    rng = np.random.default_rng(seed)
+    floats = rng.integers(-4, 5, rows) / 2
+    floats[rng.random(rows) < 0.3] = np.nan
+    gaps = pd.Series(rng.choice(WORDS, rows)).where(rng.random(rows) < 0.7)
+    return pd.DataFrame(
+        {
+            "subject": rng.choice(["1", "2", "10"], rows),
+            "gesture": rng.choice(WORDS, rows),
+            "cover": gaps,
+            "n": rng.integers(-3, 4, rows),
+            "two words": rng.integers(0, 3, rows),
+            "épaisseur": floats,
+            "flag": rng.random(rows) < 0.5,
+        }
+    )
+
+
+def corpus(captures):
+    frames = [np.ones((1, 2, 2), np.uint16)] * len(captures)
+    return Corpus.from_captures(frames, captures, 100.0, name="arm")
+
+
+def one(*choices):
+    return st.one_of(*(c if isinstance(c, st.SearchStrategy) else st.just(c) for c in choices))
+
+
+texts = st.sampled_from(WORDS).map(repr)
+numerals = one(st.integers(-4, 9).map(str), st.sampled_from(["0.5", "-1.5", "2e0", "1_0"]))
+text_columns = st.sampled_from(["subject", "gesture", "cover", "`gesture`"])
+number_columns = st.sampled_from(["n", "`two words`", "épaisseur"])
+lists = st.tuples(st.lists(one(texts, numerals, "True"), max_size=4), st.sampled_from(["[{}]", "({},)"])).map(
+    lambda found: found[1].format(", ".join(found[0])) if found[0] else "[]"
+)
+spaces = st.sampled_from(["", " ", "  "])
+
+
+@st.composite
+def numbers(draw, depth=2):
+    if not depth or draw(st.booleans()):
+        return draw(one(numerals, number_columns, number_columns))
+    left, right = draw(numbers(depth=depth - 1)), draw(numbers(depth=depth - 1))
+    op = draw(st.sampled_from(["+", "-", "*", "/", "//", "%"]))
+    return draw(st.sampled_from(["({} {} {})", "{}{}{}", "-({} {} {})"])).format(left, op, right)
+
+
+@st.composite
+def comparisons(draw):
+    """What is about a column; a pair of texts, as we read it and as pandas does."""
+    order, equal = st.sampled_from(["<", "<=", ">", ">="]), st.sampled_from(["==", "!="])
+    gap = draw(spaces)
+    kind = draw(st.integers(0, 8))
+    if kind == 0:
+        parts = [draw(text_columns), draw(one(order, equal)), draw(texts)]
+    elif kind == 1:
+        parts = [draw(texts), draw(one(order, equal)), draw(text_columns)]
+    elif kind == 2:
+        parts = [draw(numbers()), draw(one(order, equal)), draw(number_columns), draw(order), draw(numbers())]
+    elif kind == 3:
+        column = draw(one(text_columns, number_columns, "flag"))
+        parts = [column, draw(st.sampled_from([" in ", " not in ", "==", "!="])), draw(lists)]
+    elif kind == 4:
+        parts = [draw(number_columns), draw(one(order, equal)), draw(number_columns)]
+    elif kind == 5:
+        parts = [draw(st.sampled_from(["flag", "flag == True", "flag != False", "cover == gesture", "n == 'pat'"]))]
+    elif kind == 6:
+        name = draw(st.sampled_from(["startswith", "endswith", "contains"]))
+        column, part = draw(text_columns), draw(texts)
+        literally = ", regex=False" if name == "contains" else ""
+        return f"{column}.str.{name}({part})", f"{column}.str.{name}({part}{literally})"
+    elif kind == 7:
+        column, one_, other = draw(number_columns), draw(numerals), draw(numerals)
+        parts = [f"{column}.between({one_}, {other})"]
+    else:
+        parts = [f"{draw(one(text_columns, number_columns))}.isin({draw(lists)})"]
+    text = gap.join(parts)
+    return text, text
+
+
+@st.composite
+def conditions(draw, depth=3):
+    if not depth or draw(st.integers(0, 2)) == 0:
+        return draw(comparisons())
+    left = draw(conditions(depth=depth - 1))
+    shape = draw(st.sampled_from(["not {}", "~({})", "({})"] + ["{} and {}", "{} or {}", "{} & {}", "{}|{}"] * 2))
+    right = draw(conditions(depth=depth - 1))
+    return tuple(shape.format(one_, other) for one_, other in zip(left, right, strict=True))
+
+
+def pandas_says(text, captures):
+    """Its mask, or None where it finds none."""
+    try:
+        mask = captures.eval(text, engine="python")
+    except Exception:
+        return None
+    return mask.to_numpy() if isinstance(mask, pd.Series) and mask.dtype == bool else None
+
+
+def we_say(text, captures):
+    try:
+        return chosen(text, captures, "arm")
+    except InputError as e:
+        assert len(str(e)) <= 300 and "\n" not in str(e)
+        return np.zeros(len(captures), bool) if "selects none of the" in str(e) else None
+
+
+@given(conditions(), st.integers(0, 1000))
+def test_the_same_as_pandas(both, seed):
+    captures = table(seed)
+    before = captures.copy()
+    ours, theirs = we_say(both[0], captures), pandas_says(both[1], captures)
+    if theirs is not None:  # what it refuses, such as comparing text with order, is free
+        assert ours is not None and np.array_equal(ours, theirs), both
+    pd.testing.assert_frame_equal(captures, before)
+
+
+def test_the_comparison_with_pandas_is_not_empty():
+    examples = [
+        "subject == '1' and n > 1",
+        "subject == '1' & n > 1 | flag",  # & and | bind as and and or do
+        "not subject == '1'",
+        "~flag or n in [1, 2]",
+        "-1 < n <= 2",
+        "gesture == ['pat', 'rub']",
+        "['pat'] != gesture",
+        "`two words` * 2 - n // 2 >= 3 % 2 + n / 4",
+        "épaisseur.between(-1, 0.5) and épaisseur == épaisseur",
+        "épaisseur != épaisseur",
+        "cover != 'pat'",
+        "gesture.str.startswith('p') | gesture.str.endswith('b') and cover.isin(('pat', 'rub'))",
+        "n in (1,)",
+        "'pat' == gesture",
+        "gesture == '&' or gesture == \"'\"",
+    ]
+    for text in examples:
+        captures = table(3, 60)
+        theirs = pandas_says(text, captures)
+        assert theirs is not None and theirs.any(), text
+        assert np.array_equal(chosen(text, captures, "arm"), theirs), text
+
+
+def test_contains_is_literal():
+    captures = pd.DataFrame({"gesture": ["a.b", "axb", "(" * 9]})
+    assert chosen("gesture.str.contains('a.b')", captures, "arm").tolist() == [True, False, False]
+    assert chosen("gesture.str.contains('((')", captures, "arm").tolist() == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("n ==", "character 4: invalid syntax"),
+        ("n = 1", "character 3: invalid syntax"),
+        ("n == 1 and flagg", "character 12: no column 'flagg'; the columns of arm are subject, gesture"),
+        ("n == 1 & x.y", "character 10: 'x.y' cannot be used"),  # & is longer where Python reads it
+        ("épaisseur > 1 and é.b", "character 19: 'é.b' cannot be used"),  # bytes are not characters
+        ("`two words` > 1 and `no words` > 1", "character 21: no column 'no words'"),
+        ("  n.size > 1", "character 3: 'n.size' cannot be used"),
+        ("n", "is not a condition"),
+        ("subject", "is not a condition"),
+        ("1 + 1", "is not a condition"),
+        ("True", "is not a condition"),
+        ("not n", "character 5: is not a condition"),
+        ("flag and True", "character 10: is not a condition"),
+        ("n == 99", "selects none of the 12 captures of arm"),
+        ("subject == '1", "character 12: ' is not closed"),
+        ("`n == 1", "character 1: ` is not closed"),
+        ("n == 1 # so", "character 8: a comment"),
+        ("subject in '1'", "character 12: is not a list"),
+        ("subject < 1", "character 1: cannot be computed"),
+        ("1 / 0 < n", "character 1: cannot be computed (division by zero)"),
+        ("subject + '1' == '11'", "character 1: is not a number"),
+        ("flag + 1 > 1", "character 1: is not a number"),
+        ("1 < 2", "character 1: compares no column"),
+        ("n in [1, n]", "character 10: is not text or a number"),
+        ("n is 1", "cannot be used"),
+        ("n == None", "'None' cannot be used"),
+        ("", "invalid syntax"),
+        ("n == 1 or " * 1001, "has 10010 characters"),
+        ("(" * 150 + "n" + ")" * 150 + " == 1 and", "invalid syntax"),
+        ("(" * 250 + "n == 1" + ")" * 250, "too many nested parentheses"),
+        ("~" * 9000 + "flag", "too deeply nested"),
+        ("not " * 2400 + "flag", "too deeply nested"),
+        ("n" + " + 1" * 2000 + " > 0", "too deeply nested"),
+        ("n" + ".n" * 4900, "too deeply nested"),
+        ("'" * 9999, "three quotes in a row"),
+        ("n == 1\0", "character"),
+        ("n == '\udc80'", "no text"),
+    ],
+)
+def test_what_is_refused_is_told_with_its_place(text, told):
+    with pytest.raises(InputError) as refused:
+        corpus(table()).select(text)
+    assert told in str(refused.value) and len(str(refused.value)) <= 300, str(refused.value)
+
+
+def test_long_conditions_and_names_are_told_in_short():
+    captures = table().rename(columns={"n": "n" * 400})
+    for text in ("x" * 400 + " == 1", "'" + "é\x00" * 900 + "' == 1", "gesture == '" + "x" * 900 + "' or x == 1"):
+        with pytest.raises(InputError) as refused:
+            corpus(captures).select(text)
+        assert len(str(refused.value)) <= 300 and "where=" in str(refused.value)
+
+
+ATTEMPTS = [
+    # those of the review
+    "n.__init__.__func__.__globals__['sys'].modules['os'].system('touch stolen') == n",
+    "n.to_csv('stolen') == n",
+    "n.to_frame().eval('n.to_csv(\"stolen\")') == n",
+    "n.rename('m', inplace=True) == n",
+    # code
+    "@os.system('touch stolen') == 0",
+    "@n == 1",
+    "@__import__('os').system('touch stolen') == n",
+    "__import__('os').system('touch stolen') == n",
+    "open('stolen', 'w') == n",
+    "eval('1') == n",
+    "exec('x = 1') == n",
+    "compile('1', '', 'eval') == n",
+    "getattr(n, 'to_csv')('stolen') == n",
+    "setattr(n, 'name', 'm') == n",
+    "vars(n) == n",
+    "globals()['os'] == n",
+    "print(n) == n",
+    "type(n)('x', (), {}) == n",
+    "breakpoint() == n",
+    "(lambda: n)() == n",
+    "[x for x in n] == n",
+    "{x for x in n} == n",
+    "{x: 1 for x in n} == n",
+    "sum(x for x in n) == n",
+    "n in [y := 1]",
+    "(n := 3) == n",
+    "f'{n.to_csv(\"stolen\")}' == gesture",
+    "gesture == f'{n}'",
+    "gesture == b'pat'",
+    "await n == 1",
+    "(yield n) == n",
+    "(yield from n) == n",
+    "n if flag else n",
+    "*n == 1",
+    "n.isin(*[[1]])",
+    "n.isin(**{'values': [1]})",
+    "n == {1, 2}",
+    "n == {'a': 1}",
+    "n == ...",
+    "n == 1j",
+    "import os",
+    "n == 1; import os",
+    "n = 1",
+    "del n",
+    "m = n + 1",
+    "assert flag",
+    # attributes, parts and other methods
+    "n.__class__ == 1",
+    "n.values == 1",
+    "n.T == n",
+    "n[0] == 1",
+    "n[:] == 1",
+    "n.str.__class__ == 1",
+    "gesture.str.__init__ == gesture",
+    "gesture.str.startswith.__self__ == gesture",
+    "gesture.str['pat'] == 'p'",
+    "gesture.str.upper() == 'PAT'",
+    "gesture.str.replace('p', 'q') == 'q'",
+    "gesture.str.startswith('p').to_csv('stolen') == n",
+    "gesture.str.contains('(a+)+$', regex=True)",
+    "gesture.str.contains('p', flags=2)",
+    "gesture.str.contains(gesture)",
+    "gesture.str.match('(a+)+$')",
+    "gesture.str.repeat(10) == 'x'",
+    "gesture.str.startswith(n.to_csv('stolen'))",
+    "gesture.str.isin(['pat'])",
+    "n.between(n.to_csv('stolen'), 1)",
+    "n.between(1, 2, inclusive='left')",
+    "n.isin(n)",
+    "n.isin([n.to_csv('stolen')])",
+    "n.isin([[1]])",
+    "n.apply(print) == n",
+    "n.map(print) == n",
+    "n.pipe(print) == n",
+    "n.sum() == 1",
+    "n.to_pickle('stolen') == n",
+    "n.isin.__func__ == 1",
+    "(n).isin([1]).any() == 1",
+    "(n + 1).isin([1])",
+    "n(1) == n",
+    "sin(n) > 0",
+    "index > 1",
+    "ilevel_0 > 1",
+    "inf > n",
+    "datetime == n",
+    "`n`.to_csv('stolen') == n",
+    "n.`to_csv`('stolen') == n",
+    # time and memory
+    "10**10**10 > n",
+    "n**n > 1",
+    "2 ** 99999999 > n",
+    "1 << 99999999 > n",
+    "n << 60 > 1",
+    "'a' * 10**9 == gesture",
+    "'a' * 1000000000 == gesture",
+    "gesture * 1000000000 == gesture",
+    "[1] * 1000000000 == n",
+    "n in [1] * 1000000000",
+    "'%1000000000d' % 1 == gesture",
+    "'{:>1000000000}'.format(1) == gesture",
+    "n @ n > 1",
+    "n ^ 1 == 1",
+    "n & 1 == 1 == n | 2",
+    "((n & 1)) == 1",
+    "1" * 5000 + " > n",
+]
+
+
+@pytest.mark.parametrize("text", ATTEMPTS)
+def test_a_condition_can_do_nothing_else(text, tmp_path, monkeypatch):
+    monkeypatch.setattr("os.system", lambda *_: pytest.fail("a command was run"))
+    made = corpus(table())
+    before = made.captures.copy()
+    started = time.perf_counter()
+    with pytest.raises(InputError) as refused:
+        made.select(text)
+    assert time.perf_counter() - started < 2
+    message = str(refused.value)
+    assert len(message) <= 300 and "\n" not in message and message.startswith("where=")
+    assert "character" in message and "allowed on columns" in message or "the columns of arm are" in message
+    pd.testing.assert_frame_equal(made.captures, before)
+    assert all(made.captures[c].name == c for c in made.captures)
+    assert not list(tmp_path.iterdir()) and not Path("stolen").exists()
+
+
+def test_a_long_condition_takes_time_in_proportion():
+    captures = table(rows=8000)
+    for text in (
+        " or ".join(["subject == '1'"] * 600),
+        "n in [" + ", ".join(["1"] * 3000) + "]",
+        "'" + "\\'" * 4900,
+        "`" * 9999,
+        "'" * 2 + " '" * 4900,
+        "n > " + "9" * 4000 + "*9" * 60,
+    ):
+        started = time.perf_counter()
+        we_say(text, captures)
+        assert time.perf_counter() - started < 5
+
+
+def test_a_change_of_it_makes_no_run_stale(monkeypatch):
+    before, original = source.source_digest(Corpus), source.meaning
+    for name, other in (("where.py", False), ("files.py", False), ("folder.py", False), ("corpus.py", True)):
+        changed = lambda p, at, n=name: (original(p, at)[0] + p.endswith(n) * b"changed", original(p, at)[1])  # noqa: E731
+        with monkeypatch.context() as patch:
+            patch.setattr(source, "meaning", changed)
+            assert (source.source_digest(Corpus) != before) == other

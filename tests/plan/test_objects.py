@@ -1,0 +1,158 @@
+"""Objects, classes and files of one's own: what tells two apart, and what is handed features."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.ensemble import VotingClassifier
+from sklearn.model_selection import GridSearchCV, PredefinedSplit, ShuffleSplit, StratifiedShuffleSplit
+from sklearn.naive_bayes import GaussianNB
+from sklearn.pipeline import FeatureUnion, make_pipeline
+from sklearn.svm import SVC
+
+import bench
+from bench.errors import InputError
+from bench.plan.cells import cells
+from bench.plan.plan import planned
+from bench.work.evaluation import Evaluation
+from bench.work.tracking import key_of
+from features.jung28 import Jung28
+from features.jung54 import Jung54
+from models import contract
+from tests.conftest import runs
+
+SMALL = {"data.subjects": 3, "data.variants": ("normal",)}
+TYPED = {"data__subjects": 3, "data__variants": ("normal",)}
+
+
+def keys(**values):
+    return [key_of(plan, Evaluation()) for plan in planned(cells(SMALL | values), None)]
+
+
+def test_folds_are_part_of_what_a_run_is():
+    splits = [PredefinedSplit(np.repeat(folds, 14)) for folds in ([0, 1, 1], [0, 1, 1], [0, 1, 0])]
+    first, again, other = keys(model="bayes", protocol=splits)
+    assert first == again != other
+    drawn = StratifiedShuffleSplit(2, test_size=14)  # without a seed: other folds each time, so never resumed
+    assert keys(model="bayes", protocol=drawn) != keys(model="bayes", protocol=drawn)
+    seeded = StratifiedShuffleSplit(2, test_size=14, random_state=0)
+    assert keys(model="bayes", protocol=seeded) == keys(model="bayes", protocol=seeded)
+
+
+def test_a_file_s_code_and_what_lies_beside_it_are_part_of_what_a_run_is(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    Path("helping.py").write_text("C = 1\n")
+    own = "import helping\nfrom sklearn.svm import SVC\n\n\ndef mine():\n    return SVC(C=helping.C)\n"
+    Path("my.py").write_text(own)
+    first = keys(model="my.py:mine", features="jung28")
+    Path("my.py").write_text("# a comment\n" + own)
+    assert keys(model="my.py:mine", features="jung28") == first
+    Path("helping.py").write_text("C = 22\n")
+    assert keys(model="my.py:mine", features="jung28") != first
+    Path("helping.py").write_text("C = 1\n")
+    Path("my.py").write_text(own.replace("SVC(C", "SVC(degree=2, C"))
+    assert keys(model="my.py:mine", features="jung28") != first
+
+
+def test_a_file_that_changes_while_it_is_used_is_refused():
+    Path("my.py").write_text("from sklearn.svm import SVC\n\n\ndef mine():\n    return SVC()\n")
+    (cell,) = cells({"model": "my.py:mine"})
+    cell.estimator()
+    Path("my.py").write_text("from sklearn.svm import SVC\n\n\ndef mine():\n    return SVC(C=2)\n")
+    with pytest.raises(InputError, match="was changed while it was in use"):
+        cell.estimator()
+
+
+def test_a_part_called_like_a_built_in_one_keeps_its_own_row(tmp_path):
+    Path("my.py").write_text("from sklearn.naive_bayes import GaussianNB\n\n\ndef svm():\n    return GaussianNB()\n")
+    bench.run(model=["svm", "my.py:svm"], features="jung28", **TYPED)
+    assert sorted(bench.results()["system"]) == ["my.svm · jung28", "svm · jung28"]
+
+
+class OwnSVC(SVC):
+    pass
+
+
+class Raw(ClassifierMixin, BaseEstimator):
+    def __init__(self, made=None):
+        self.made = made
+
+
+def test_what_stands_first_decides_whether_captures_or_a_table_is_read():
+    tables = [SVC(), OwnSVC(), make_pipeline(OwnSVC()), VotingClassifier([("a", SVC()), ("b", GaussianNB())])]
+    tables += [partial(SVC, C=8), SVC, OwnSVC, GridSearchCV(SVC(), {"C": [1]})]
+    assert [contract.reads_tables(part) for part in tables] == [True] * len(tables)
+    union = FeatureUnion([("a", Jung28()), ("b", Jung54())])
+    captures = [Raw(), Raw, make_pipeline(Jung28(), SVC()), make_pipeline(union, SVC())]
+    captures += [GridSearchCV(make_pipeline(Jung28(), SVC()), {"svc__C": [1]})]
+    assert [contract.reads_tables(part) for part in captures] == [False] * len(captures)
+
+
+def test_searches_and_unions_over_captures_run(capsys):
+    union = make_pipeline(FeatureUnion([("a", Jung28()), ("b", Jung54())]), SVC())
+    search = GridSearchCV(make_pipeline(Jung28(), SVC()), {"svc__C": [1, 2]}, cv=2)
+    table = bench.run(model=[union, search], **TYPED)
+    assert (table["folds"] == "3/3").all()
+    _, tracked = runs("cell")
+    assert [r.data.tags["features"] for r in tracked] == ["raw frames", "raw frames"]
+    assert all("touchbench.arguments" not in r.data.tags for r in tracked)  # an object cannot be typed
+    assert list(contract.features(make_pipeline(Jung28(), SVC()))) == ["jung28"]
+
+
+def test_settings_are_told_in_full_and_code_by_its_name():
+    long = np.arange(5000)
+    assert contract.settings(Raw(long)) != contract.settings(Raw(np.where(long == 2500, 0, long)))
+    assert contract.settings(Raw(SVC)) == "{'made': 'sklearn.svm._classes.SVC'}"
+    assert contract.classes(Raw(OwnSVC)) == [OwnSVC, Raw] and contract.classes(Raw(len)) == [Raw]
+
+
+class Telling(ClassifierMixin, BaseEstimator):
+    """A system that tells all it can in the plainest way."""
+
+    def fit(self, X, y):
+        self.classes_ = np.unique(y)
+        self.chosen_ = {"k": np.int64(3), "s": np.float32(0.5), "n": None}
+        self.fit_seconds_ = 1.5
+        return self
+
+    def length(self, rate_hz):
+        return round(10 * rate_hz)
+
+    def predict(self, X):
+        return np.full(len(X), self.classes_[0])
+
+
+def test_what_a_system_tells_may_be_plain(capsys):
+    table = bench.run(model=Telling(), **TYPED)
+    assert (table["folds"] == "3/3").all()
+    _, (run,) = runs("cell")
+    assert run.data.metrics["fit_seconds"] == pytest.approx(1.5)
+    assert "shorter than the 1350-frame window" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"model": SVC}, r"model=SVC: give a name, or an object that can fit, such as SVC\(\)"),
+        ({"protocol": ShuffleSplit}, "protocol=ShuffleSplit: give a name, or an object that can split"),
+        ({"data": 3}, "data= takes the name of a corpus"),
+        ({"model": "bad.py:boom"}, "model=boom: it cannot be made: ValueError: no weights file"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(values, told):
+    Path("bad.py").write_text("def boom():\n    raise ValueError('no weights file')\n")
+    with pytest.raises(InputError, match=told):
+        bench.run(**values)
+
+
+def test_a_tuple_is_one_value_of_a_parameter():
+    assert set(bench.corpus("synth", subjects=2, variants=("normal", "rough")).captures["variant"]) == {
+        "normal",
+        "rough",
+    }
+    with pytest.raises(InputError, match="a tuple is one value, a list several"):
+        bench.corpus("synth", variants=["normal", "rough"])
+    table = bench.run(model="bayes", features="jung28", data__subjects=2, data__variants=("normal", "rough"))
+    assert len(table) == 1
