@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import socket
 import tempfile
@@ -30,6 +31,8 @@ def scratch() -> Iterator[None]:
     try:
         place.mkdir(parents=True, exist_ok=True)
         sweep(place)
+        for kept in (home() / "features", home() / "corpora", *(home() / "corpora").glob("*")):
+            sweep(kept, ".")  # written beside their names
         mine = tempfile.mkdtemp(prefix=owner(), dir=place)
     except OSError:  # nothing was asked of the folder yet; what needs it says so itself
         pass
@@ -55,10 +58,10 @@ def sweep(place: Path, before: str = "") -> None:
         place: folder whose entries are named by `owner`.
         before: what stands before the owner in their names.
     """
-    start = f"{before}{socket.gethostname()}-"
-    for path in place.glob(f"{start}*"):
-        number = path.name.removeprefix(start).partition("-")[0]
-        if number.isdigit() and not alive(int(number)):
+    named = re.compile(rf"{re.escape(before + socket.gethostname())}-(\d{{1,9}})-[^-]*")
+    for path in place.glob(f"{before}*"):
+        found = named.fullmatch(path.name)
+        if found and not alive(int(number := found[1])):
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
             else:

@@ -33,12 +33,27 @@ def test_temporary_files_lie_in_a_folder_that_goes_with_the_command():
 def test_only_what_dead_processes_of_this_machine_left_is_swept(tmp_path):
     host = scratch.owner().split(f"-{os.getpid()}-")[0]
     gone = tmp_path / f"{host}-{dead_process()}-x"
-    keep = [tmp_path / f"{host}-{os.getpid()}-x", tmp_path / f"other{host}-1-x", tmp_path / f"{host}-x-1"]
+    keep = [
+        tmp_path / f"{host}-{os.getpid()}-x",
+        tmp_path / f"other{host}-1-x",
+        tmp_path / f"{host}-x-1",
+        tmp_path / f"{host}-{dead_process()}-1-x",
+    ]
     for path in (gone, *keep):
         path.mkdir()
         (path / "file").write_text("")
     scratch.sweep(tmp_path)
     assert sorted(tmp_path.iterdir()) == sorted(keep)
+
+
+def test_what_was_being_written_when_a_command_was_killed_goes_with_the_next_command():
+    name = f".{scratch.owner().split(f'-{os.getpid()}-')[0]}-{dead_process()}-abcdefgh"
+    left = [scratch.home() / place / name for place in ("features", "corpora", "corpora/synth", "corpora/mine")]
+    for path in left:
+        path.mkdir(parents=True)
+        (path / "frames.npy").write_bytes(b"half")
+    with scratch.scratch():
+        assert not [path for path in left if path.exists()]
 
 
 def test_a_folder_that_cannot_be_written_changes_nothing(tmp_path, monkeypatch):

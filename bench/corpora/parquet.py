@@ -20,7 +20,7 @@ from bench.corpora.values import check, smallest
 from bench.errors import InputError
 
 _AT_ONCE = 1 << 22  # values that are unpacked in one step
-_WIDTHS = {"BOOLEAN": 1, "INT32": 4, "FLOAT": 4, "INT96": 12}  # bytes of a value; 8 for most others
+_WIDTHS = {"BOOLEAN": 1, "INT32": 4, "FLOAT": 4, "INT96": 12, "BYTE_ARRAY": 32}  # bytes of a value in memory
 
 
 class ParquetFile:

@@ -54,8 +54,9 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
     if taken := [n for n in captures if n in RESERVED or n.startswith("p_")]:
         name = short(taken[0])
         raise InputError(f"{called(path)}: a condition cannot be called {name}, which predictions need; rename it")
-    captures["subject"] = captures["subject"].astype(str)
-    captures["gesture"] = captures["gesture"].astype(str)
+    for label in ("subject", "gesture"):
+        if captures[label].dtype != "str":
+            captures[label] = captures[label].astype(str)
     info = {"source": path.name, "licence": "the user's own", "synthetic": False, "warnings": []}
     return Corpus(frames, starts, lengths, captures, float(rate_hz), float(full_scale), "table", info=info)
 
@@ -152,7 +153,7 @@ def _cut(
     captures = labels.iloc[starts].reset_index(drop=True)
     for column in captures:  # categories come from the readers, plain columns are what a query wants
         if isinstance(captures[column].dtype, pd.CategoricalDtype):
-            captures[column] = captures[column].astype(str)
+            captures[column] = captures[column].cat.categories.astype(str).take(captures[column].cat.codes)
     return values.reshape(-1, *size), starts, np.diff(starts, append=len(frame)), captures
 
 

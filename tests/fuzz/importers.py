@@ -3,8 +3,8 @@
 python tests/fuzz/importers.py --examples 5000 --seed 0
 
 Every import ends in one class: ``refused`` in one line of at most 300 characters; ``right``, the same as the
-independent reader finds; ``wrong``, anything else that ends well, also a good file that is refused; ``traceback``, also a
-process that dies; ``beyond`` 10 s or 1500 MiB. The last three must be 0; their files are kept.
+independent reader finds; ``wrong``, anything else that ends well, also a good file that is refused; ``traceback``,
+also a process that dies; ``beyond`` 10 s or 1500 MiB. The last three must be 0; their files are kept.
 """
 
 import argparse

@@ -88,7 +88,8 @@ def value_of(rng: random.Random, style: str, scale: float) -> float:
         return rng.randint(0, int(min(scale, 65535)))
     if style == "large":
         return rng.choice([0, 65535, 65536, 1 << 24, 1 << 25, 3 << 30]) if scale > 1e11 else rng.randint(0, int(scale))
-    return rng.choice([rng.random() * min(scale, 1e6), 0.0, 1e-3 * scale, float(rng.randint(0, int(min(scale, 9))))])
+    scale = min(scale, 1e6)
+    return rng.choice([rng.random() * scale, 0.0, 1e-3 * scale, float(rng.randint(0, int(min(scale, 9))))])
 
 
 def number(rng: random.Random, value: float) -> str:
@@ -283,7 +284,7 @@ def parquet_bytes(rng: random.Random, table: pa.Table) -> bytes:
     pq.write_table(
         table,
         buffer,
-        row_group_size=rng.choice([1, 3, 1000]),
+        row_group_size=rng.choice([1, 3, 1000]) if table.num_rows < 1000 else 1 << 20,
         version=rng.choice(["1.0", "2.4", "2.6"]),
         compression=rng.choice(["none", "snappy", "zstd", "gzip", "brotli", "lz4"]),
         use_dictionary=rng.random() < 0.7,

@@ -6,8 +6,10 @@ from tests.fuzz import inputs
 from tests.fuzz.inputs import KINDS, Input, Text
 from tests.fuzz.mutations_packed import changed_haart, changed_npz, changed_parquet
 
-NUMBERS = """0 -1 -0 +1 1.5 1e3 1e39 1e200 1e400 1e-50 nan inf -inf 0x10 0X1F 1_0 1,0 ٣ ½ 𝟏 16777217 33554432 65536 1023 1024 2
-3 00001 1. .5 1e e1 --1 0b1 1d5 9007199254740993 18446744073709551616 9223372036854775807 -9223372036854775808 1111111111111111111"""
+NUMBERS = """0 -1 -0 +1 1.5 1e3 1e39 1e200 1e400 1e-50 nan inf -inf 0x10 0X1F 1_0 1,0 ٣ ½ 𝟏 16777217 33554432 65536
+1023 1024 2 3 00001 1. .5 1e e1 --1 0b1 1d5 9007199254740993 18446744073709551616 9223372036854775807
+-9223372036854775808
+1111111111111111111"""
 LABELS = """NaN TRUE null None ' =1+1 @a 🙂 P1 T9 pat rub subject gesture frame " "" "a a" "a"b" "a""b" """
 ODD = [
     " ",

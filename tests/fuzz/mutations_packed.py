@@ -1,5 +1,6 @@
 """What can be wrong with archives, arrays and parquet files, in what they hold and in what they say of it."""
 
+import json
 import random
 import struct
 import zlib
@@ -50,7 +51,7 @@ def _members(rng: random.Random, members: dict, damage: list) -> None:
     if what in ("gone", "renamed"):
         content = members.pop(name)
         if what == "renamed":
-            other = [name.upper(), name + "~", "../" + name, "/" + name, "x\n" + name, "é/" + name, "", "._" + name]
+            other = [name.upper(), name + "~", "../" + name, "/" + name, "x\n" + name, "é/" + name, "._" + name]
             members[rng.choice(other)] = content
     elif what == "beside":
         members[f"other/{base}"] = members[name]
@@ -167,7 +168,7 @@ def changed_parquet(rng: random.Random, often: int, damage: list) -> tuple:
     """A parquet file and its options; where nothing is wrong with the table, bytes are to be."""
     table, options = inputs.good_parquet(rng)
     for _ in range(often - rng.choice([0, 1]) if often else 0):
-        if table.num_rows and table.num_columns:
+        if 0 < table.num_rows < 1000 and table.num_columns:
             table = _table(rng, table, damage)
     return inputs.parquet_bytes(rng, table), options
 
@@ -195,9 +196,9 @@ def _table(rng: random.Random, table: pa.Table, damage: list) -> pa.Table:
     if what == "rows":
         return table.slice(0, 0)
     if what == "many":
-        return _long(table, rng.choice([10_000, 10_000_000]))
+        return _long(table, rng.choice([10_000, 2_000_000]))
     about = [
-        '{"index_columns": ["%s"]}' % name,
+        json.dumps({"index_columns": [name]}),
         "{",
         "[]",
         '{"index_columns": null}',
@@ -234,10 +235,9 @@ def _long(table: pa.Table, count: int) -> pa.Table:
     """A few columns of very many equal rows, which pack to nearly nothing."""
     zeros = pa.array(np.zeros(count, np.int8))
     columns = {}
-    for name in table.column_names[:6]:
-        kind = table.schema.field(name).type
-        one = table.column(name)[:1].combine_chunks()
-        columns[name] = pa.DictionaryArray.from_arrays(zeros, one) if pa.types.is_string(kind) else zeros
+    for i, name in enumerate(table.column_names[:6]):  # two columns may have one name
+        one = table.column(i)[:1].combine_chunks()
+        columns[name] = pa.DictionaryArray.from_arrays(zeros, one) if pa.types.is_string(one.type) else zeros
     return pa.table(columns)
 
 

@@ -105,6 +105,7 @@ def limited():
 
 
 @pytest.mark.pool
+@pytest.mark.live
 def test_a_full_disk_in_the_middle_of_a_run_loses_nothing(tmp_path):
     """A limit on the size of a file, which is just above that of an empty store, stands for the disk."""
     reference, full = tmp_path / "reference", tmp_path / "full"
