@@ -15,7 +15,7 @@ from bench.corpora.limits import called, check_names, plain, quoted, size
 from bench.corpora.packed import Archive
 from bench.errors import InputError
 
-_BROKEN = "not a .npz file of plain arrays ({}); save it without objects"
+_BROKEN = "not a .npz file of plain arrays ({}); save it again, without objects"
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ from bench.errors import InputError
 MOST_LABEL = 200  # characters
 MOST_CONDITIONS = 256  # columns beside the channels
 MOST_TIMES = 100  # what a packed file may unpack to, in its own size; sensor values seldom reach 20
-ALWAYS = 64 << 20  # bytes that every packed file may unpack to
+ALWAYS = 16 << 20  # bytes that every packed file may unpack to
 
 # Characters that end a line, move a cursor or cannot be written as UTF-8: files, tables and terminals take them ill.
 _UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff]")

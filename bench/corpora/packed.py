@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import bz2
 import copy
+import lzma
 import zipfile
 import zlib
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 from bench.corpora.limits import called, check_unpacked, plain, size
 from bench.errors import InputError
 
 PART = 1 << 20  # bytes
-_PIECE = {zipfile.ZIP_STORED: PART, zipfile.ZIP_DEFLATED: PART}
-_SMALL_PIECE = 4096  # other packings unpack a piece in one go, 7000 times as large at worst
+_MOST_LZMA = 256 << 20  # bytes of its dictionary; zip programs take 64 MiB at most
 
 
 class Archive:
@@ -38,9 +40,12 @@ class Archive:
             self._zip = zipfile.ZipFile(path)
         except Exception as e:  # damage shows as a dozen types: BadZipFile, struct.error, UnicodeDecodeError, ...
             raise self._error(e) from e
-        files = [m for m in self._zip.infolist() if not m.is_dir() and not by_macos(m.filename)]
-        self.members = files
-        check_unpacked(sum(m.file_size for m in files), path, "pack it without compression")
+        self.members = [m for m in self._zip.infolist() if not m.is_dir() and not by_macos(m.filename)]
+        try:
+            check_unpacked(sum(m.file_size for m in self.members), path, "pack it without compression")
+        except InputError:
+            self._zip.close()
+            raise
 
     def __enter__(self) -> Archive:
         return self
@@ -52,36 +57,61 @@ class Archive:
         return InputError(f"{called(self.path)}: {self._broken.format(plain(reason))}")
 
     def content(self, member: zipfile.ZipInfo) -> Iterator[bytes]:
-        """A member in parts of about 1 MiB.
+        """A member in parts of at most 1 MiB.
 
         Raises:
             InputError: it is damaged, or not of the size that the archive says.
         """
-        looked = copy.copy(member)
-        looked.file_size += 1  # zipfile reads to the declared size and no further; one byte more shows a lie
-        looked.CRC = None  # of the declared size; compared here
-        piece = _PIECE.get(member.compress_type, _SMALL_PIECE)
-        left, crc, gathered = member.file_size, 0, []
+        left, crc = member.file_size, 0
         try:
-            with self._zip.open(looked) as f:
-                while data := f.read(piece):
-                    left -= len(data)
-                    if left < 0:
-                        break
-                    crc = zlib.crc32(data, crc)
-                    gathered.append(data)
-                    if len(gathered) * piece >= PART:
-                        yield b"".join(gathered)
-                        gathered = []
+            for part in _unpacked(self._packed(member), member.compress_type):
+                left -= len(part)
+                if left < 0:
+                    break
+                crc = zlib.crc32(part, crc)
+                yield part
         except Exception as e:  # decoders raise whatever damaged bytes lead them to
             raise self._error(e) from e
         if left:
             how = "larger" if left < 0 else "smaller"
-            name = plain(member.filename, 60)
-            raise self._error(f"{name} is {how} than it says, {size(member.file_size)}")
+            raise self._error(f"{plain(member.filename, 60)} is {how} than it says, {size(member.file_size)}")
         if crc != member.CRC:
             raise self._error(f"the checksum of {plain(member.filename, 60)} is another")
-        yield b"".join(gathered)
+
+    def _packed(self, member: zipfile.ZipInfo) -> Iterator[bytes]:
+        """The bytes of a member as they lie in the archive; zipfile would unpack some of them without a bound."""
+        looked = copy.copy(member)
+        looked.compress_type, looked.file_size, looked.CRC = zipfile.ZIP_STORED, member.compress_size, None
+        with self._zip.open(looked) as f:
+            while part := f.read(PART):
+                yield part
+
+
+def _unpacked(parts: Iterator[bytes], packing: int) -> Iterator[bytes]:
+    """What packed bytes hold, in parts of at most 1 MiB."""
+    if packing == zipfile.ZIP_STORED:
+        yield from parts
+    elif packing == zipfile.ZIP_DEFLATED:
+        deflated = zlib.decompressobj(-15)
+        for part in parts:
+            full = True
+            while full and not deflated.eof:
+                found = deflated.decompress(part, PART)
+                part, full = deflated.unconsumed_tail, len(found) == PART
+                yield found
+    elif packing in (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):
+        if packing == zipfile.ZIP_BZIP2:
+            decoder: bz2.BZ2Decompressor | lzma.LZMADecompressor = bz2.BZ2Decompressor()
+        else:  # version and length of the properties, the properties, the data; ``.lzma`` files have a size in between
+            first = next(parts, b"")
+            decoder = lzma.LZMADecompressor(lzma.FORMAT_ALONE, memlimit=_MOST_LZMA)
+            parts = chain([first[4:9] + b"\xff" * 8 + first[9:]], parts)
+        for part in parts:
+            while not decoder.eof and (part or not decoder.needs_input):
+                yield decoder.decompress(part, PART)
+                part = b""
+    else:
+        raise ValueError(f"packed in way {packing}, which is not known")
 
 
 def by_macos(name: str) -> bool:

@@ -24,8 +24,8 @@ def unpacked(path: Path, metadata: Any, enough: int) -> int:
     total = 0
     with open(path, "rb") as f:
         for group in range(metadata.num_row_groups):
-            for column in range(metadata.num_columns):
-                chunk = metadata.row_group(group).column(column)
+            chunks = metadata.row_group(group)
+            for chunk in map(chunks.column, range(metadata.num_columns)):
                 at = chunk.data_page_offset
                 if chunk.has_dictionary_page and chunk.dictionary_page_offset:
                     at = min(at, chunk.dictionary_page_offset)

@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pyarrow.types as kinds
 
-from bench.corpora.labels import Words
-from bench.corpora.limits import allowance, called, check_conditions, check_names, check_unpacked, flaw, plain, short
+from bench.corpora.labels import Words, words_of
+from bench.corpora.limits import allowance, called, check_conditions, check_names, check_unpacked, plain
 from bench.corpora.pages import unpacked
 from bench.corpora.values import check, smallest
 from bench.errors import InputError
@@ -93,7 +93,9 @@ class ParquetFile:
         for batch in self._batches(list(words), max(1, _AT_ONCE // len(self._fields))):
             for i, field in about:
                 if field.name in words:
-                    words[field.name].add(*self._words(batch.column(i), field.name, row))
+                    with self._readable():
+                        found = words_of(batch.column(i), field.name.strip(), f"{self.label}, row", row)
+                    words[field.name].add(*found)
                 else:
                     others[field.name].append(batch.column(i))
             block = np.empty((len(batch), channels))
@@ -128,28 +130,6 @@ class ParquetFile:
                     return
                 if len(batch):
                     yield batch
-
-    def _words(self, column: pa.Array, name: str, row: int) -> tuple[list[str], np.ndarray]:
-        """Words and the code of each row; ``row`` is that of the first in the file."""
-        with self._readable():
-            coded = column if kinds.is_dictionary(column.type) else column.dictionary_encode()
-            if coded.null_count:
-                missing = int(np.flatnonzero(coded.is_null().to_numpy(zero_copy_only=False))[0])
-                raise InputError(f"{self.label}, row {row + missing + 1}: {plain(name.strip(), 60)} is empty; fill it")
-            used, codes = np.unique(coded.indices.to_numpy(), return_inverse=True)
-            found = coded.dictionary.take(pa.array(used)).cast(pa.large_binary()).to_pylist()
-        words = []
-        for i, content in enumerate(found):
-            try:
-                word = (content or b"").decode().strip()
-                wrong = flaw(word)
-            except UnicodeDecodeError:
-                wrong = "is not text in UTF-8; save it as text"
-            if wrong:
-                at = row + int(np.flatnonzero(codes == i)[0]) + 1
-                raise InputError(f"{self.label}, row {at}: {short(name.strip())} {wrong}")
-            words.append(word)
-        return words, codes
 
 
 def _index_columns(schema: pa.Schema) -> set[str]:

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from bench.corpora.arrays import read_arrays
 from bench.corpora.corpus import RESERVED, Corpus
-from bench.corpora.limits import called, check_conditions, flaw, plain, short
+from bench.corpora.labels import Words, words_of
+from bench.corpora.limits import called, check_conditions, plain, short
 from bench.corpora.parquet import ParquetFile
 from bench.corpora.text import FrameFile, capture_starts
 from bench.corpora.values import check, checked, smallest
@@ -150,11 +152,16 @@ def _cut(
         first = "line 2" if unit == "line" else "row 1"
         raise InputError(f"{name}, {first}: a capture starts at frame {origin} instead of 0 or 1; restore its frames")
     starts = capture_starts(labels, frame, origin, name, unit)
-    captures = labels.iloc[starts].reset_index(drop=True)
-    for column in captures:  # categories come from the readers, plain columns are what a query wants
+    captures = _plain(labels.iloc[starts].reset_index(drop=True))
+    return values.reshape(-1, *size), starts, np.diff(starts, append=len(frame)), captures
+
+
+def _plain(captures: pd.DataFrame) -> pd.DataFrame:
+    """Text instead of the categories that come from the readers: plain columns are what a query wants."""
+    for column in captures:
         if isinstance(captures[column].dtype, pd.CategoricalDtype):
             captures[column] = captures[column].cat.categories.astype(str).take(captures[column].cat.codes)
-    return values.reshape(-1, *size), starts, np.diff(starts, append=len(frame)), captures
+    return captures
 
 
 def _check_layout(columns: list[str], channels: int, where: str, required: list[str]) -> None:
@@ -221,14 +228,14 @@ def _arrays(
         shape = plain(arrays[wrong[0]].shape)
         raise InputError(f"{name}: {short(wrong[0])} has shape {shape}, captures are {len(offsets) - 1}")
     check_conditions(len(arrays), name)
-    about = pd.DataFrame({n: _condition(array, n, name) for n, array in arrays.items()})
+    about = _plain(pd.DataFrame({n: _condition(array, n, name) for n, array in arrays.items()}))
     if frames.dtype.kind not in "iuf":
         raise InputError(f"{name}: frames are of type {plain(frames.dtype, 40)}; save them as numbers")
     values = checked(frames, full_scale, name, "frame")
     return values, offsets[:-1], np.diff(offsets), about
 
 
-def _condition(array: np.ndarray, column: str, name: str) -> np.ndarray | list[str]:
+def _condition(array: np.ndarray, column: str, name: str) -> np.ndarray | pd.Categorical:
     """Labels or numbers of the captures in types that tables can hold."""
     kinds, wanted = ("USiu", "text or whole numbers") if column in LABELS else ("USiufb", "text or numbers")
     if array.dtype.kind not in kinds:
@@ -245,17 +252,13 @@ def _condition(array: np.ndarray, column: str, name: str) -> np.ndarray | list[s
     return array
 
 
-def _words(array: np.ndarray, column: str, name: str) -> list[str]:
-    words = []
-    if array.dtype.kind == "U" and len(wrong := np.argwhere(array.view(np.uint32).reshape(len(array), -1) > 0x10FFFF)):
-        raise InputError(f"{name}, capture {wrong[0, 0] + 1}: {short(column)} is no text; save it again")
-    for i in range(len(array)):
-        where = f"{name}, capture {i + 1}"
-        try:
-            word = array[i].decode() if array.dtype.kind == "S" else str(array[i])
-        except UnicodeDecodeError as e:
-            raise InputError(f"{where}: {short(column)} is not text in UTF-8; save it as text") from e
-        if wrong := flaw(word.strip()):
-            raise InputError(f"{where}: {short(column)} {wrong}")
-        words.append(word.strip())
-    return words
+def _words(array: np.ndarray, column: str, name: str) -> pd.Categorical:
+    width, most = (np.uint32, 0x10FFFF) if array.dtype.kind == "U" else (np.uint8, 255)
+    codes = np.ascontiguousarray(array).view(width).reshape(len(array), -1)
+    ended = (codes[:, :-1] == 0) & (codes[:, 1:] != 0)  # NumPy ends a text where only zeros follow, others at the first
+    strange = (codes > most) | ((codes >= 0xD800) & (codes < 0xE000))  # numbers of no character
+    if len(wrong := np.flatnonzero(ended.any(axis=1) | strange.any(axis=1))):
+        raise InputError(f"{name}, capture {wrong[0] + 1}: {short(column)} is not text; save it again")
+    words = Words()
+    words.add(*words_of(pa.array(array), column, f"{name}, capture"))
+    return words.column()

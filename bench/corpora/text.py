@@ -212,9 +212,10 @@ class FrameFile:
         columns = dict(zip(self.columns, table.itercolumns(), strict=True))
         content = lines.content
         if (b"x" in content or b"X" in content) and re.search(rb"0[xX]", content):  # pyarrow reads 0x10 as 16
-            as_text = self._parse(content, types | dict.fromkeys(channels | whole, pa.string()))
+            numbers = channels | whole
+            as_text = self._parse(content, types | dict.fromkeys(numbers, pa.string()))
             for name, column in zip(self.columns, as_text.itercolumns(), strict=True):
-                if name in channels | whole and pc.any(pc.match_substring_regex(column, "[xX]")).as_py():
+                if name in numbers and pc.any(pc.match_substring_regex(column, "[xX]")).as_py():
                     raise _Unfit
         kind = types[wanted.channels[0]]
         values = np.empty((len(table), len(channels)), np.uint16 if kind == pa.uint16() else np.float64)
@@ -266,7 +267,8 @@ class FrameFile:
         place = {name: i for i, name in enumerate(self.columns)}
         whole = [(place[n], n) for n in wanted.whole]
         channels = [(place[n], n) for n in wanted.channels]
-        labels = [(i, n) for n, i in place.items() if n not in {*wanted.whole, *wanted.channels}]
+        numbers = {*wanted.whole, *wanted.channels}
+        labels = [(i, n) for n, i in place.items() if n not in numbers]
         content = lines.content.removesuffix(b"\n")
         for number, raw in enumerate(content.split(b"\n"), start=lines.first):
             where = f"{self.label}, line {number}"

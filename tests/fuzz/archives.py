@@ -33,7 +33,7 @@ def members(path: Path) -> dict:
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             files = [m for m in archive.infolist() if not m.is_dir() and not by_macos(m.filename)]
-            need(sum(m.file_size for m in files) <= max(64 << 20, 100 * len(raw)), "unpacks to too much")
+            need(sum(m.file_size for m in files) <= max(16 << 20, 100 * len(raw)), "unpacks to too much")
             for member in files:
                 need(member.filename not in found, "a member twice")
                 found[member.filename] = archive.read(member)
@@ -174,7 +174,9 @@ def parquet(path: Path, grid: tuple, highest: float) -> Content:
     channels = grid[0] * grid[1]
     try:
         metadata = pq.read_metadata(path)
-        need(metadata.num_rows * metadata.num_columns * 8 <= max(64 << 20, 100 * path.stat().st_size), "too much")
+        columns = [metadata.schema.column(i).physical_type for i in range(metadata.num_columns)]
+        row = sum({"BYTE_ARRAY": 32, "INT32": 4, "FLOAT": 4, "BOOLEAN": 1, "INT96": 12}.get(c, 8) for c in columns)
+        need(metadata.num_rows * row <= max(16 << 20, 100 * path.stat().st_size), "too much")
         read_in = pq.read_table(path)
         about = json.loads((read_in.schema.metadata or {}).get(b"pandas", b"{}"))
         index = [name for name in about.get("index_columns", []) if isinstance(name, str)]
