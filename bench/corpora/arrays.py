@@ -15,6 +15,7 @@ from bench.corpora.limits import called, check_names, plain, quoted, size
 from bench.corpora.packed import Archive
 from bench.errors import InputError
 
+_LONGEST_HEADER = 1 << 16  # bytes; NumPy reads none above 10 000
 _BROKEN = "not a .npz file of plain arrays ({}); save it again, without objects"
 
 
@@ -37,7 +38,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 def _array(archive: Archive, member: ZipInfo, name: str) -> np.ndarray:
     parts = archive.content(member)
     try:
-        first = next(parts)
+        first = _beginning(parts)
         shape, fortran, dtype, begin = _header(first)
         if dtype.hasobject or not dtype.itemsize:
             raise ValueError(f"{quoted(name)} holds {'objects' if dtype.hasobject else 'nothing'}")
@@ -60,6 +61,16 @@ def _array(archive: Archive, member: ZipInfo, name: str) -> np.ndarray:
         data = (data != 0).view(np.uint8)  # a byte that is neither 0 nor 1 is no truth value
     array = np.ndarray(shape, dtype, data, order="F" if fortran else "C")
     return array.astype(dtype.newbyteorder("="), copy=False)
+
+
+def _beginning(parts: Iterator[bytes]) -> bytes:
+    """As much as holds any header."""
+    found = b""
+    for part in parts:
+        found += part
+        if len(found) > _LONGEST_HEADER:
+            break
+    return found
 
 
 def _from(first: bytes, others: Iterator[bytes]) -> Iterator[bytes]:

@@ -32,7 +32,8 @@ def quoted(text: str, most: int = 40) -> str:
 
 def plain(text: object, most: int = 80) -> str:
     """What a path or another's error says, in one line."""
-    return short("".join(c if c.isprintable() else " " for c in short(str(text), 4 * most)), most)
+    said = short(str(text) or type(text).__name__, 4 * most)
+    return short("".join(c if c.isprintable() else " " for c in said), most)
 
 
 def called(path: Path) -> str:

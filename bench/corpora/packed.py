@@ -40,7 +40,8 @@ class Archive:
             self._zip = zipfile.ZipFile(path)
         except Exception as e:  # damage shows as a dozen types: BadZipFile, struct.error, UnicodeDecodeError, ...
             raise self._error(e) from e
-        self.members = [m for m in self._zip.infolist() if not m.is_dir() and not by_macos(m.filename)]
+        files = [m for m in self._zip.infolist() if not m.filename.endswith("/")]
+        self.members = [m for m in files if not by_macos(m.filename)]
         try:
             check_unpacked(sum(m.file_size for m in self.members), path, "pack it without compression")
         except InputError:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from decimal import Decimal
 from functools import partial
-from itertools import chain
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 import pandas as pd
@@ -20,30 +16,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 
+from bench.corpora.cells import Wanted, cells_of, explain, is_written
 from bench.corpora.labels import Words
-from bench.corpora.limits import check_conditions, check_names, flaw, quoted, short
-from bench.corpora.values import EXACT, highest_of, smallest, unfit, why
+from bench.corpora.limits import check_conditions, check_names, flaw, quoted
+from bench.corpora.lines import Lines, blocks, parts_of
+from bench.corpora.values import smallest, unfit
 from bench.errors import InputError
 
-BLOCK = 8 << 20  # bytes that are parsed at once
-_BLANK = b" \t\n"
-MOST_LINE = 4 << 20  # bytes
 DOUBLE = 1 << 53  # float64 holds every whole number up to here
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-_INTEGER = re.compile("-?[0-9]+")
-
-
-@dataclass
-class _Wanted:
-    """What is read of each line: columns of whole numbers, columns of sensor values, and what these may be."""
-
-    whole: list[str]
-    channels: list[str]
-    full_scale: float
-    fractions: bool
-
-    def __post_init__(self) -> None:
-        self.highest = highest_of(self.full_scale)
 
 
 @dataclass
@@ -52,15 +32,6 @@ class _Block:
 
     values: np.ndarray
     labels: dict[str, np.ndarray | tuple[list[str], np.ndarray]]
-
-
-@dataclass
-class _Lines:
-    """Number of the first line, how many there are, and their bytes; lines end with line feeds, the last one may."""
-
-    first: int
-    count: int
-    content: bytes
 
 
 class _Unfit(Exception):
@@ -85,9 +56,9 @@ class FrameFile:
     """
 
     def __init__(self, source: Path | Callable[[], Iterable[bytes]], label: str) -> None:
-        self.source = partial(_parts, source, label) if isinstance(source, Path) else source
+        self.source = partial(parts_of, source, label) if isinstance(source, Path) else source
         self.label = label
-        lines = next(self._blocks(), None)
+        lines = next(blocks(self.source(), label), None)
         if lines is None:
             raise InputError(f"{label}: the file is empty; give a file with a header line and one line per frame")
         try:
@@ -96,7 +67,10 @@ class FrameFile:
             raise InputError(f"{label}: not a text file in UTF-8; give the CSV file itself") from e
         if not header.strip():
             raise InputError(f"{label}, line 1: blank; begin the file with its header")
-        self.columns = [name.strip().strip('"').strip() for name in _cells(header, header=True)]
+        cells = cells_of(header, header=True)
+        if cells[-1].endswith("\n"):
+            raise InputError(f"{label}, line 1: the quote of the last cell is not closed; a cell holds no line break")
+        self.columns = [name.strip().strip('"').strip() for name in cells]
         check_names(self.columns, f"{label}, line 1")
 
     def require(self, names: list[str]) -> None:
@@ -128,7 +102,7 @@ class FrameFile:
             InputError: a cell that does not fit, with its line and column.
         """
         check_conditions(len(self.columns) - len(channels), f"{self.label}, line 1")
-        wanted = _Wanted(whole, channels, full_scale, fractions)
+        wanted = Wanted(whole, channels, full_scale, fractions)
         values, numbers, words = [], {name: [] for name in whole}, {}
         for block in _ahead(self._reader(wanted), self._rows()):
             values.append(block.values)
@@ -142,55 +116,23 @@ class FrameFile:
         labels = {n: np.concatenate(numbers[n]) if n in numbers else words[n].column() for n in block.labels}
         return pd.DataFrame(labels), np.concatenate(values)
 
-    def _blocks(self) -> Iterator[_Lines]:
-        """The file in parts of whole lines, without the blank lines at its end."""
-        first, blank, rest = 1, 0, b""
-        for part in chain(self.source(), [None]):
-            if part is None:
-                content, rest = rest, b""
-            elif end := part.rfind(b"\n") + 1:
-                content, rest = b"".join((rest, memoryview(part)[:end])), part[end:]
-            else:  # as old Macs end lines; the last byte may be half of another line end
-                rest += part
-                end = rest.rfind(b"\r", 0, -1) + 1
-                content, rest = rest[:end], rest[end:]
-                if len(rest) > MOST_LINE:
-                    line = blank or first
-                    raise InputError(
-                        f"{self.label}, line {line}: longer than {MOST_LINE >> 20} MiB; this is not a table"
-                    )
-            if b"\r" in content:
-                content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-            ended = content.count(b"\n")
-            full = ended + (not content.endswith(b"\n"))
-            if content[-2:].removesuffix(b"\n")[-1:] in (b"", b" ", b"\t", b"\n"):  # else a copy is spared
-                content = content.rstrip(_BLANK)
-                full = content.count(b"\n") + 1 if content else 0
-            if content and blank:
-                raise InputError(f"{self.label}, line {blank}: blank, but not at the end; delete the line")
-            if content:
-                yield _Lines(first, full, content)
-            if ended > full:
-                blank = blank or first + full
-            first += ended
-
-    def _rows(self) -> Iterator[_Lines]:
-        """As `_blocks`, without the header."""
-        for lines in self._blocks():
+    def _rows(self) -> Iterator[Lines]:
+        """All lines but the header."""
+        for lines in blocks(self.source(), self.label):
             if lines.first == 1:
                 _, _, rest = lines.content.partition(b"\n")
-                lines = _Lines(2, lines.count - 1, rest)
+                lines = Lines(2, lines.count - 1, rest)
             if lines.content:
                 yield lines
 
-    def _reader(self, wanted: _Wanted) -> Callable[[_Lines], _Block]:
+    def _reader(self, wanted: Wanted) -> Callable[[Lines], _Block]:
         """What reads a block, or says what is wrong with it."""
         text = pa.dictionary(pa.int32(), pa.string())
         types = dict.fromkeys(self.columns, text) | dict.fromkeys(wanted.whole, pa.int64())
         plain = types | dict.fromkeys(wanted.channels, pa.uint16())
         forms = [plain, types | dict.fromkeys(wanted.channels, pa.float64())] if wanted.fractions else [plain]
 
-        def read(lines: _Lines) -> _Block:
+        def read(lines: Lines) -> _Block:
             for types in list(forms):
                 try:
                     found = self._parsed(lines, types, wanted)
@@ -199,42 +141,27 @@ class FrameFile:
                 if types is forms[-1]:
                     del forms[:-1]  # one decimal seldom comes alone
                 return found
-            self._explain(lines, wanted)
+            explain(lines, self.columns, wanted, self.label)
 
         return read
 
-    def _parsed(self, lines: _Lines, types: dict[str, pa.DataType], wanted: _Wanted) -> _Block:
+    def _parsed(self, lines: Lines, types: dict[str, pa.DataType], wanted: Wanted) -> _Block:
         table = self._parse(lines.content, types)
         if len(table) != lines.count or any(column.null_count for column in table.itercolumns()):
             raise _Unfit  # a blank line, a line break within quotes, or an empty cell
-        channels = set(wanted.channels)
-        whole = set(wanted.whole)
+        if (b"x" in lines.content or b"X" in lines.content) and re.search(rb"0[xX]", lines.content):
+            self._refuse_hexadecimal(lines.content, types, wanted)
         columns = dict(zip(self.columns, table.itercolumns(), strict=True))
-        content = lines.content
-        if (b"x" in content or b"X" in content) and re.search(rb"0[xX]", content):  # pyarrow reads 0x10 as 16
-            numbers = channels | whole
-            as_text = self._parse(content, types | dict.fromkeys(numbers, pa.string()))
-            for name, column in zip(self.columns, as_text.itercolumns(), strict=True):
-                if name in numbers and pc.any(pc.match_substring_regex(column, "[xX]")).as_py():
-                    raise _Unfit
-        kind = types[wanted.channels[0]]
-        values = np.empty((len(table), len(channels)), np.uint16 if kind == pa.uint16() else np.float64)
+        whole_values = types[wanted.channels[0]] == pa.uint16()
+        values = np.empty((len(table), len(wanted.channels)), np.uint16 if whole_values else np.float64)
         for i, name in enumerate(wanted.channels):
-            values[:, i] = columns[name].to_numpy()
-        if values.max() > wanted.highest if kind == pa.uint16() else unfit(values, wanted.highest).any():
+            values[:, i] = columns.pop(name).to_numpy()
+        if values.max() > wanted.highest if whole_values else unfit(values, wanted.highest).any():
             raise _Unfit
         if values.max() >= DOUBLE:
-            self._compare(content, values, wanted)
-        labels: dict[str, np.ndarray | tuple[list[str], np.ndarray]] = {}
-        for name, column in columns.items():
-            if name in whole:
-                labels[name] = column.to_numpy()
-            elif name not in channels:
-                coded = column.combine_chunks()
-                words = [word.strip() for word in coded.dictionary.to_pylist()]
-                if any(map(flaw, words)):
-                    raise _Unfit
-                labels[name] = words, coded.indices.to_numpy()
+            self._refuse_rounded(lines.content, values, wanted)
+        whole = set(wanted.whole)
+        labels = {n: column.to_numpy() if n in whole else _words(column) for n, column in columns.items()}
         return _Block(values.astype(smallest(values), copy=False), labels)
 
     def _parse(self, content: bytes, types: dict[str, pa.DataType]) -> pa.Table:
@@ -251,64 +178,32 @@ class FrameFile:
         except pa.ArrowException as e:
             raise _Unfit from e
 
-    def _compare(self, content: bytes, values: np.ndarray, wanted: _Wanted) -> None:
-        """Refuse numbers so large that float64 may not be what is written."""
-        rows = np.flatnonzero((values >= DOUBLE).any(axis=1))
+    def _refuse_hexadecimal(self, content: bytes, types: dict[str, pa.DataType], wanted: Wanted) -> None:
+        """Find numbers such as 0x10, which pyarrow reads as 16, among labels that may be called so."""
+        numbers = {*wanted.channels, *wanted.whole}
+        table = self._parse(content, types | dict.fromkeys(numbers, pa.string()))
+        for name, column in zip(self.columns, table.itercolumns(), strict=True):
+            if name in numbers and pc.any(pc.match_substring_regex(column, "[xX]")).as_py():
+                raise _Unfit
+
+    def _refuse_rounded(self, content: bytes, values: np.ndarray, wanted: Wanted) -> None:
+        """Find numbers so large that float64 is not what is written."""
         text = content.split(b"\n")
         place = {name: i for i, name in enumerate(self.columns)}
-        for row in rows:
-            cells = _cells(text[row].decode())
+        for row in np.flatnonzero((values >= DOUBLE).any(axis=1)):
+            cells = cells_of(text[row].decode())
             for name, value in zip(wanted.channels, values[row], strict=True):
-                if value >= DOUBLE and not _written(cells[place[name]], value):
+                if value >= DOUBLE and not is_written(cells[place[name]], value):
                     raise _Unfit
 
-    def _explain(self, lines: _Lines, wanted: _Wanted) -> NoReturn:
-        """Find the first line that does not fit and say what is wrong with it."""
-        place = {name: i for i, name in enumerate(self.columns)}
-        whole = [(place[n], n) for n in wanted.whole]
-        channels = [(place[n], n) for n in wanted.channels]
-        numbers = {*wanted.whole, *wanted.channels}
-        labels = [(i, n) for n, i in place.items() if n not in numbers]
-        content = lines.content.removesuffix(b"\n")
-        for number, raw in enumerate(content.split(b"\n"), start=lines.first):
-            where = f"{self.label}, line {number}"
-            try:
-                cells = _cells(raw.decode())
-            except UnicodeDecodeError as e:
-                raise InputError(f"{where}: not text in UTF-8; get the file again") from e
-            if not cells:
-                raise InputError(f"{where}: 0 fields instead of {len(self.columns)}, the line is blank; delete it")
-            if len(cells) != len(self.columns):
-                raise InputError(
-                    f"{where}: {len(cells)} fields instead of {len(self.columns)}; the file is cut off or damaged "
-                    "here, get it again or delete the line"
-                )
-            for i, name in whole:
-                if not _is_int64(cells[i].strip(" \t")):
-                    what = f"is {quoted(cells[i])}, not a whole number; correct the cell"
-                    raise InputError(f"{where}: {short(name)} {what}")
-            for i, name in channels:
-                if wrong := _value_flaw(cells[i].strip(" \t"), wanted):
-                    raise InputError(f"{where}: {short(name)} {wrong}")
-            for i, name in labels:
-                if wrong := flaw(cells[i].strip()):
-                    raise InputError(f"{where}: {short(name)} {wrong}")
-            if cells[-1].endswith("\n"):
-                raise InputError(f"{where}: the quote of the last cell is not closed; a cell holds no line break")
-        raise InputError(
-            f"{self.label}, line {lines.first} or after: cannot be read as CSV; check quotes and line ends"
-        )
 
-
-def _parts(path: Path, label: str) -> Iterator[bytes]:
-    try:
-        if path.exists() and not path.is_file() and not path.is_dir():
-            raise InputError(f"{label}: cannot be read (a device or a pipe); give a file")
-        with open(path, "rb") as f:
-            while part := f.read(BLOCK):
-                yield part
-    except OSError as e:
-        raise InputError(f"{label}: cannot be read ({e.strerror}); check the path") from e
+def _words(column: pa.ChunkedArray) -> tuple[list[str], np.ndarray]:
+    """The words of a column without spaces around them, and the code of each row."""
+    coded = column.combine_chunks()
+    words = [word.strip() for word in coded.dictionary.to_pylist()]
+    if any(map(flaw, words)):
+        raise _Unfit
+    return words, coded.indices.to_numpy()
 
 
 def _ahead(work: Callable, items: Iterable) -> Iterator:
@@ -321,43 +216,6 @@ def _ahead(work: Callable, items: Iterable) -> Iterator:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
-
-
-def _cells(line: str, header: bool = False) -> list[str]:
-    """The cells of one line; the last one ends with a line feed if a quote is open.
-
-    Only quotes need the csv module, which takes no cell above 128 KiB.
-    """
-    if '"' in line:
-        try:
-            return next(csv.reader([line + "\n"], skipinitialspace=header))
-        except csv.Error:
-            pass
-    return line.split(",") if line else []
-
-
-def _is_int64(cell: str) -> bool:
-    digits = cell.removeprefix("-").lstrip("0") or "0"
-    return bool(_INTEGER.fullmatch(cell)) and len(digits) < 20 and int(digits) < 2**63 + cell.startswith("-")
-
-
-def _written(cell: str, value: float) -> bool:
-    return Decimal(cell.strip(" \t")) == Decimal(float(value))
-
-
-def _value_flaw(cell: str, wanted: _Wanted) -> str:
-    """What is wrong with a sensor value, as the end of a message, or nothing."""
-    shape, kind = (_NUMBER, "a number") if wanted.fractions else (_INTEGER, "a whole number")
-    if not shape.fullmatch(cell):
-        return f"is {quoted(cell)}, not {kind}; correct the cell"
-    value = float(cell)
-    if value < 0 or (cell.startswith("-") and not wanted.fractions):
-        return f"is {short(cell, 40)}, below 0; correct the cell"
-    if value > wanted.highest:
-        return f"is {short(cell, 40)}, above the full scale {wanted.full_scale:g}; correct it or give full_scale="
-    if value > EXACT and (unfit(np.array([value]), wanted.highest).any() or not _written(cell, value)):
-        return f"is {short(cell, 40)}{why(value, wanted.full_scale)}"
-    return ""
 
 
 def capture_starts(labels: pd.DataFrame, frame: np.ndarray, origin: int, label: str, unit: str = "line") -> np.ndarray:

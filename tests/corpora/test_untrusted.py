@@ -101,6 +101,7 @@ def test_labels_that_cannot_be_read(tmp_path, flaw):
 def test_a_line_break_within_quotes(tmp_path):
     for broken in ('"an\nn",pat,0,arm,1,2', 'ann,pat,0,arm,1,"2\n"', 'ann,pat,0,"arm,1,2'):
         refused("line 3: ", read, csv_file(tmp_path, "ann,pat,0,arm,1,2", broken, "ann,pat,1,arm,1,2"))
+    refused("line 1: the quote", read, csv_file(tmp_path, "ann,pat,0,arm,1,2", header=HEADER.replace("b\n", '"b\n')))
 
 
 def test_names_of_columns_that_cannot_be(tmp_path):
@@ -291,6 +292,19 @@ def test_a_zip_that_a_mac_or_a_file_manager_made(tmp_path):
     with pytest.warns(UserWarning, match="Duplicate name"):
         path = release(tmp_path, [("training.csv", "x")])
     refused("training.csv is in it twice", haart.read, path)
+
+
+def test_a_member_without_a_name(tmp_path):
+    for path in (release(tmp_path, [("a", "x")]), _with_member(npz_file(tmp_path).parent, "a")):
+        raw = bytearray(path.read_bytes())
+        for signature, at in ((b"PK\x03\x04", 26), (b"PK\x01\x02", 28)):
+            place = raw.find(signature)
+            while raw[place + at : place + at + 2] != b"\1\0":
+                place = raw.find(signature, place + 1)
+            raw[place + at : place + at + 4] = b"\0\0\1\0"  # the name becomes an extra field
+        path.write_bytes(raw)
+    assert len(haart.read(tmp_path / "r.zip")) == 2
+    refused("my.npz: ", read, tmp_path / "my.npz")
 
 
 def test_an_npz_that_was_packed_again_by_a_mac(tmp_path):

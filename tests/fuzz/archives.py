@@ -32,7 +32,7 @@ def members(path: Path) -> dict:
     raw = path.read_bytes()
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
-            files = [m for m in archive.infolist() if not m.is_dir() and not by_macos(m.filename)]
+            files = [m for m in archive.infolist() if not m.filename.endswith("/") and not by_macos(m.filename)]
             need(sum(m.file_size for m in files) <= max(16 << 20, 100 * len(raw)), "unpacks to too much")
             for member in files:
                 need(member.filename not in found, "a member twice")
@@ -40,6 +40,7 @@ def members(path: Path) -> dict:
                 name, extra = struct.unpack("<HH", raw[member.header_offset + 26 : member.header_offset + 30])
                 begin = member.header_offset + 30 + name + extra
                 packed = raw[begin : begin + member.compress_size]
+                need(len(packed) == member.compress_size, "a member that ends after the file")
                 if member.compress_type == zipfile.ZIP_DEFLATED:
                     packed = zlib.decompressobj(-15).decompress(packed, member.file_size + 1)
                 elif member.compress_type == zipfile.ZIP_BZIP2:
@@ -152,8 +153,9 @@ def npz(path: Path, grid: tuple | None, highest: float) -> Content:
     shape, kind, flat = arrays.pop("frames")
     need(len(shape) == 3 and 0 not in shape and kind in "iuf", "frames")
     need(grid is None or shape[1:] == grid, "another grid")
-    (n, *more), kind, offsets = arrays.pop("offsets")
-    need(not more and kind in "iu" and n > 1 and offsets[0] == 0 and offsets[-1] == shape[0], "offsets")
+    size, kind, offsets = arrays.pop("offsets")
+    n = size[0] if len(size) == 1 else 0
+    need(kind in "iu" and n > 1 and offsets[0] == 0 and offsets[-1] == shape[0], "offsets")
     lengths = lengths_of(offsets[:-1], offsets[-1])
     need(min(lengths) > 0, "an empty capture")
     columns = {}

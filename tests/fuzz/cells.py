@@ -101,6 +101,7 @@ def lengths_of(starts: list, total: int) -> list:
 
 
 def layout(header: list, channels: int) -> list:
+    need(len(header) > channels, "too few columns")
     names = header[: len(header) - channels]
     for name in ("subject", "gesture", "frame"):
         need(name in names, f"no {name} before the channels")

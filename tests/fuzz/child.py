@@ -99,7 +99,10 @@ class Child:
         return json.loads(line) if line else None
 
     def _gone(self, why: str) -> Outcome:
-        died = self.process.poll()
+        try:
+            died = self.process.wait(1)  # what dies may take a moment
+        except subprocess.TimeoutExpired:
+            died = None
         self.stop()
         return Outcome("beyond", why) if died is None else Outcome("traceback", f"the process died with {died}")
 
@@ -157,6 +160,8 @@ def judged(request: dict, outcome: Outcome, corpus: object) -> Outcome:
         if outcome.kind == "right":
             return Outcome("wrong", f"imported, but {e}")
         return outcome
+    except Exception:
+        return Outcome("wrong", f"the independent reader is at fault: {traceback.format_exc()[-2000:]}")
     if outcome.kind == "refused":
         return Outcome("wrong", f"refused, but the independent reader finds no fault: {outcome.message}")
     if difference := readers.difference(expected, corpus):

@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import SimpleQueue
@@ -27,11 +27,11 @@ from tests.fuzz.mutations import example  # noqa: E402
 BAD = ("wrong", "traceback", "beyond")
 
 
-def outcomes(examples: int, seed: int, keep: Path, processes: int = 2) -> Iterator[tuple[Input, Outcome]]:
-    """Import so many files; what ends badly is kept.
+def outcomes(numbers: Iterable[int], seed: int, keep: Path, processes: int = 2) -> Iterator[tuple[Input, Outcome]]:
+    """Import the files of these numbers; what ends badly is kept.
 
     Args:
-        examples: number of files.
+        numbers: of the files; KINDS take turns.
         seed: chooses them.
         keep: folder for the files of bad outcomes, each with what is known of it.
         processes: that import side by side.
@@ -59,7 +59,7 @@ def outcomes(examples: int, seed: int, keep: Path, processes: int = 2) -> Iterat
         children.put(Child())
     with ThreadPoolExecutor(processes) as pool:
         try:
-            yield from pool.map(one, range(examples))
+            yield from pool.map(one, numbers)
         finally:
             pool.shutdown(cancel_futures=True)
             for _ in range(processes):
@@ -88,12 +88,14 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir()) / "touchbench-fuzz")
+    parser.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS, help="only these of the files")
     asked = parser.parse_args()
+    numbers = [n for n in range(asked.examples) if KINDS[n % len(KINDS)] in asked.kinds]
     counts: Counter = Counter()
     slowest: dict = {}
     largest: dict = {}
     started = time.perf_counter()
-    for given, found in outcomes(asked.examples, asked.seed, asked.keep, asked.processes):
+    for given, found in outcomes(numbers, asked.seed, asked.keep, asked.processes):
         counts[given.kind, found.kind] += 1
         slowest[given.kind] = max(slowest.get(given.kind, 0), found.seconds)
         largest[given.kind] = max(largest.get(given.kind, 0), found.mib)
@@ -101,7 +103,7 @@ def main() -> int:
             last = found.message.strip().splitlines()[-1] if found.message.strip() else ""
             print(f"{found.kind}: {given.kind}, {'; '.join(given.damage) or 'good'}: {last[:300]}", flush=True)
     print(printed(counts, slowest, largest))
-    print(f"{asked.examples} files in {time.perf_counter() - started:.0f} s; bad ones are in {asked.keep}")
+    print(f"{len(numbers)} files in {time.perf_counter() - started:.0f} s; bad ones are in {asked.keep}")
     return int(any(counts[kind, bad] for kind in KINDS for bad in BAD))
 
 

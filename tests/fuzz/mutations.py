@@ -29,6 +29,8 @@ ODD = [
 ]
 LONG = ["9" * 400, "9" * 5000, "0" * 5000, "0." + "3" * 5000, "x" * 201, "x" * 200_000]
 CELLS = ["", *NUMBERS.split(), *LABELS.split(), *ODD, *LONG, "\udcff"]
+SLY = [*"0x10 0X1F 0x1 0x0 16777217 33554432 9007199254740993 1_0 +1 1e3 .5 -0 nan inf 1e39 ٣".split()]  # nearly good
+SLY += ["\ufeffann", "a\0b", "\u3000", '"a\nb"', "a\u2028b", "ann\x85", "x" * 201, '"ann" ', "ann\0"]
 NAMES = ["", " ", "a\0b", "x" * 201, "x" * 140_000, '"a,b"', '"a', "ü"]
 NAMES += "subject gesture frame capture fold p_pat index ch1 cell1".split()
 
@@ -77,14 +79,14 @@ def _line(rng: random.Random, text: Text) -> int:
 
 def _of_all(rng: random.Random, text: Text) -> str:
     """A cell for every line, short where there are many."""
-    return rng.choice([c for c in CELLS if len(c) * len(text.lines) < 10_000_000])
+    return rng.choice([c for c in [*CELLS, *SLY] if len(c) * len(text.lines) < 10_000_000])
 
 
 def _cell(rng: random.Random, text: Text, damage: list) -> None:
     cells = text.lines[_line(rng, text)] if text.lines else []
     if cells:
         at = rng.randrange(min(len(cells), rng.choice([6, len(cells)])))
-        cells[at] = rng.choice(CELLS)
+        cells[at] = rng.choice(rng.choice([CELLS, SLY]))
         damage.append(f"cell {cells[at][:20]!r}")
 
 

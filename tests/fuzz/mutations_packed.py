@@ -11,8 +11,9 @@ import pyarrow as pa
 
 from tests.fuzz import inputs
 
-FIELDS = [  # of a zip's directory and of a member's own header: flags, packing, checksum, sizes
+FIELDS = [  # of a zip's directory and a member's own header: flags, packing, checksum, sizes, lengths of names, place
     *[((8, 6), "<H"), ((10, 8), "<H"), ((16, 14), "<L"), ((20, 18), "<L"), ((24, 22), "<L")],
+    *[((28, 26), "<H"), ((30, 28), "<H"), ((42, 10), "<L")],
 ]
 NASTY = {
     "f": [np.nan, np.inf, -1, -0.0, 1e39, 1e200, 16777217, 2.0**53, 1e-300],
