@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from bench.outcomes import scores, statistics
 from bench.outcomes.comparable import facts_of, seed_number
 from bench.outcomes.runs import by_subject, predictions, tracked, with_groups
 from bench.outcomes.store import Store
+from bench.scratch import owner, sweep
 from reports import behaviour, curves, details, ranks, recomputed, speed
 from reports.comparison import comparison, published, shown
 from reports.figures import Picture
@@ -42,18 +45,31 @@ def write_report(store: Store, folder: Path) -> list[Path]:
     """
     runs, papers = with_groups(tracked(store)), published()
     try:
-        (folder / "figures").mkdir(parents=True, exist_ok=True)
-        blocks, tables = assemble(store, runs, papers, folder / "figures")
-        for name, table in tables.items():
-            write_sheet(table, folder / f"{name}.csv")
-        written = {path for block in blocks if isinstance(block, Picture) for path in block.paths}
-        for old in set((folder / "figures").glob("[0-9]*-*.[ps][nv]g")) - written:  # of an earlier report
-            old.unlink()
-        (folder / "comparison.md").write_text(markdown(blocks, folder), encoding="utf-8")
-        (folder / "index.html").write_text(page(blocks, blocks[0].text), encoding="utf-8")
+        folder.mkdir(parents=True, exist_ok=True)
+        sweep(folder, ".")
+        with tempfile.TemporaryDirectory(prefix=f".{owner()}", dir=folder) as beside:
+            written = _write(store, Path(beside), runs, papers)
+            (folder / "figures").mkdir(exist_ok=True)
+            for name in written:  # a report that is stopped while it is made leaves the earlier one as it was
+                os.replace(Path(beside) / name, folder / name)
+        for old in (folder / "figures").glob("[0-9]*-*.[ps][nv]g"):
+            if old.relative_to(folder) not in written:  # of an earlier report
+                old.unlink()
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
-    return [folder / "index.html", folder / "comparison.md", *(folder / f"{n}.csv" for n in tables), *sorted(written)]
+    return [folder / name for name in written]
+
+
+def _write(store: Store, folder: Path, runs: pd.DataFrame, papers: pd.DataFrame) -> list[Path]:
+    """Write a report into an empty folder; its files, the page last, relative to the folder."""
+    (folder / "figures").mkdir()
+    blocks, tables = assemble(store, runs, papers, folder / "figures")
+    for name, table in tables.items():
+        write_sheet(table, folder / f"{name}.csv")
+    (folder / "comparison.md").write_text(markdown(blocks, folder), encoding="utf-8")
+    (folder / "index.html").write_text(page(blocks, blocks[0].text), encoding="utf-8")
+    pictures = sorted(path.relative_to(folder) for b in blocks if isinstance(b, Picture) for path in b.paths)
+    return [*pictures, *(Path(f"{name}.csv") for name in tables), Path("comparison.md"), Path("index.html")]
 
 
 def assemble(

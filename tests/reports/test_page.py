@@ -2,6 +2,7 @@
 
 import json
 import re
+import socket
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -172,6 +173,29 @@ def test_figures_of_an_earlier_report_go_and_other_files_stay(quick, store):
     Path("report/figures/mine.png").touch()
     report(store)
     assert not Path("report/figures/9-old-speed.png").exists() and Path("report/figures/mine.png").exists()
+
+
+def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypatch):
+    def found():
+        return {p: p.read_bytes() for p in Path("report").rglob("*") if p.is_file()}
+
+    tracked_run(store, "a", made_up(3))
+    report(store)
+    before = found()
+    tracked_run(store, "b", made_up(3, seed=1))
+
+    def cut(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(page, "page", cut)
+        with pytest.raises(KeyboardInterrupt):
+            report(store)
+    assert found() == before
+    left = Path("report", f".{socket.gethostname()}-{2**22 + 1}-abc")  # of a process that was killed; no PID is so high
+    left.mkdir()
+    report(store)
+    assert found() != before and not left.exists()
 
 
 def test_one_line_where_nothing_is_tracked_or_nothing_can_be_written(quick, store, capsys):
