@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import importlib
+import io
 import os
 import sys
 
@@ -240,6 +241,7 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; an `InputError` is one line and exit code 2, a store that fails one line and 1."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    _open_output()
     try:
         if not arguments or arguments[0] in ("-h", "--help", "help"):
             print("bench: which recogniser of touch gestures should I ship?\n")
@@ -261,6 +263,7 @@ def main(arguments: list[str] | None = None) -> int:
         if any("\0" in argument for argument in rest):
             raise InputError("an argument holds a NUL character; take it out")
         module, function = COMMANDS[name][0].split(":")
+        _check_place()
         with scratch():
             code = getattr(importlib.import_module(module), function)(rest)
         sys.stdout.flush()
@@ -281,18 +284,44 @@ def main(arguments: list[str] | None = None) -> int:
         if e.errno not in FULL:
             raise
         where = f" ({e.filename})" if e.filename else ""
-        print(f"bench: no space is left{where}; make room and repeat the command, it goes on", file=sys.stderr)
+        said = f"no space is left{where}; make room and repeat the command, it goes on"
+        print(_line(ValueError(said)), file=sys.stderr)
+        return 1
+    except MemoryError as e:
+        print(_line(ValueError(f"memory ran out ({e or 'no more is given'}); ask for less")), file=sys.stderr)
         return 1
     except KeyboardInterrupt as e:
         print(f"bench: {e or 'interrupted'}", file=sys.stderr)
         return 130
 
 
+def _open_output() -> None:
+    """Let standard output take whatever is printed: where it is closed, and names of files that are no text."""
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")  # for as long as the process lives
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def _check_place() -> None:
+    """Find out whether the working folder was deleted, where nothing relative can be found.
+
+    Raises:
+        InputError: it was.
+    """
+    try:
+        os.getcwd()
+    except OSError as e:
+        raise InputError(f"the working folder is gone ({e.strerror}); change to another") from e
+
+
 def _line(error: Exception) -> str:
     """An error in one line; a long one loses its middle, as what to do stands at the end."""
     said = " ".join(str(error).split())
-    kept = (LONGEST - 3) // 2
-    return f"bench: {said if len(said) <= LONGEST else f'{said[:kept]} … {said[-kept:]}'}"
+    said = "".join(c if c.isprintable() else repr(c)[1:-1] for c in said)  # what a terminal would obey
+    most = LONGEST - len("bench: ")
+    kept = (most - 3) // 2
+    return f"bench: {said if len(said) <= most else f'{said[:kept]} … {said[-kept:]}'}"
 
 
 def _help(name: str) -> str:

@@ -8,7 +8,7 @@ import shutil
 import socket
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -33,6 +33,7 @@ def scratch() -> Iterator[None]:
         sweep(place)
         for kept in (home() / "features", home() / "corpora", *(home() / "corpora").glob("*")):
             sweep(kept, ".")  # written beside their names
+        _sweep_semaphores()
         mine = tempfile.mkdtemp(prefix=owner(), dir=place)
     except OSError:  # nothing was asked of the folder yet; what needs it says so itself
         pass
@@ -46,13 +47,32 @@ def scratch() -> Iterator[None]:
             shutil.rmtree(mine, ignore_errors=True)
 
 
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Where to write a file that then takes the place of ``path``; what is there stays if that fails.
+
+    What is there and no plain file, such as ``/dev/stdout``, is written to as it is.
+    """
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    path = path.resolve()
+    sweep(path.parent, ".")
+    beside = path.with_name(f".{owner()}part{path.suffix}")
+    try:
+        yield beside
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
 def owner() -> str:
     """How the name begins of what belongs to this process, which may share its folder with other machines."""
     return f"{socket.gethostname()}-{os.getpid()}-"
 
 
 def sweep(place: Path, before: str = "") -> None:
-    """Remove what dead processes of this machine have left, with the semaphores of their workers.
+    """Remove what dead processes of this machine have left.
 
     Args:
         place: folder whose entries are named by `owner`.
@@ -61,13 +81,20 @@ def sweep(place: Path, before: str = "") -> None:
     named = re.compile(rf"{re.escape(before + socket.gethostname())}-(\d{{1,9}})-[^-]*")
     for path in place.glob(f"{before}*"):
         found = named.fullmatch(path.name)
-        if found and not alive(int(number := found[1])):
+        if found and not alive(int(found[1])):
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 path.unlink(missing_ok=True)
-            for semaphore in Path("/dev/shm").glob(f"sem.loky-{number}-*"):  # Linux; a whole group killed leaves them
-                semaphore.unlink(missing_ok=True)
+
+
+def _sweep_semaphores() -> None:
+    """Remove those of the user's dead processes that had workers: on Linux a whole group killed leaves them."""
+    for semaphore in Path("/dev/shm").glob("sem.loky-*"):
+        found = re.fullmatch(r"sem\.loky-(\d{1,9})-.*", semaphore.name)
+        if found and not alive(int(found[1])):
+            with suppress(OSError):  # another user's, or gone by now
+                semaphore.unlink()
 
 
 def alive(pid: int) -> bool:

@@ -56,6 +56,19 @@ def test_what_was_being_written_when_a_command_was_killed_goes_with_the_next_com
         assert not [path for path in left if path.exists()]
 
 
+@pytest.mark.skipif(not os.access("/dev/shm", os.W_OK), reason="semaphores are files on Linux alone")
+def test_semaphores_of_dead_processes_go_with_the_next_command():
+    left, mine = (Path(f"/dev/shm/sem.loky-{pid}-touchbench") for pid in (dead_process(), os.getpid()))
+    try:
+        left.touch()
+        mine.touch()
+        with scratch.scratch():
+            assert not left.exists() and mine.exists()
+    finally:
+        left.unlink(missing_ok=True)
+        mine.unlink(missing_ok=True)
+
+
 def test_a_folder_that_cannot_be_written_changes_nothing(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("TOUCHBENCH_HOME", str(tmp_path / "file"))

@@ -10,6 +10,7 @@ from bench.errors import InputError
 from bench.plan.arguments import parse
 from bench.plan.cells import cells
 from bench.plan.plan import captures_of
+from bench.scratch import replacing
 from models import contract
 
 KEYS = {"data", "where", "features", "out"}
@@ -38,7 +39,8 @@ def extract(arguments: list[str]) -> int:
         )
     whole = pd.concat([corpus.captures, table], axis=1)
     try:
-        whole.to_parquet(out, index=False) if out.suffix == ".parquet" else whole.to_csv(out, index=False)
+        with replacing(out) as beside:
+            whole.to_parquet(beside, index=False) if out.suffix == ".parquet" else whole.to_csv(beside, index=False)
     except OSError as e:
         raise InputError(f"{out} cannot be written ({e.strerror or e}); choose another out=") from e
     kind = "synthetic " if corpus.synthetic else ""

@@ -8,6 +8,7 @@ from bench.corpora.table import read_unlabelled
 from bench.errors import InputError, nearest
 from bench.plan.arguments import number, parse
 from bench.plan.cells import Cell, cells
+from bench.scratch import replacing
 from reports.sheet import write_sheet
 
 KEYS = {"data", "where", "target", "features", "model", "seed", "out"}
@@ -74,8 +75,9 @@ def predict(arguments: list[str]) -> int:
         print(table.to_csv(index=False, float_format="%.6g"), end="")
         return 0
     try:
-        write_sheet(table, Path(values["out"]), "%.6g")
+        with replacing(Path(values["out"])) as beside:
+            write_sheet(table, beside, "%.6g")
     except OSError as e:
-        raise InputError(f"out={values['out']}: cannot be written ({e.strerror}); choose another file") from e
+        raise InputError(f"out={values['out']}: cannot be written ({e.strerror or e}); choose another file") from e
     print(f"{values['out']}: {len(table)} captures labelled")
     return 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -32,8 +33,8 @@ def ui(arguments: list[str]) -> int:
         InputError: a port that is not a number, or a store that cannot be opened.
     """
     port = parse(arguments, {"port"}).get("port", "5000")
-    if not port.isdecimal():
-        raise InputError(f"port={port}: give a number")
+    if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
+        raise InputError(f"port={port[:60]}: give a number from 1 to 65535")
     experiment = connect().experiment_id
     # MLflow's front page is about language models; this one is the table of runs.
     print(f"http://127.0.0.1:{port}/#/experiments/{experiment}/runs?workflowType=machine_learning", flush=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from bench.commands.printing import console, show, writable
@@ -17,6 +18,7 @@ from reports.streaming import write_streaming
 
 OPTIONS = {"hop_ms", "start", "out"}
 KEYS = RUN_KEYS | OPTIONS | {"source", "window_ms"}
+LONGEST_WINDOW = 86_400_000.0  # ms
 
 
 def stream(arguments: list[str]) -> int:
@@ -29,6 +31,10 @@ def stream(arguments: list[str]) -> int:
     if "source" in values:
         from bench.work.live import live
 
+        if sys.stdin is None:
+            raise InputError(f"source={values['source']}: standard input is closed; send frames to it")
+        if "window_ms" in values and number("window_ms", values["window_ms"]) > LONGEST_WINDOW:
+            raise InputError(f"window_ms={values['window_ms'][:60]}: give at most {LONGEST_WINDOW:g}, a day")
         return live(values)
     if "window_ms" in values:
         raise InputError(f"window_ms={values['window_ms']}: only with source=-; leave it out")

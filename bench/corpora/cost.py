@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.limits import called, quoted
+from bench.corpora.limits import called, plain, quoted
 from bench.corpora.text import FrameFile, capture_starts
 from bench.errors import InputError
 
@@ -189,7 +189,7 @@ def read(path: Path) -> Corpus:
             "seeded random 21 / 10 splits instead and says so in every row"
         )
     info = {
-        "source": f"{path.name}; 4TU, doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29",
+        "source": f"{plain(path.name, 200)}; 4TU, doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29",
         "licence": "CC BY-NC-SA 4.0",
         "synthetic": False,
         "warnings": warnings,
@@ -207,6 +207,9 @@ def write(corpus: Corpus, path: Path) -> None:
         InputError: the corpus does not fit the format, or the file cannot be written.
     """
     path, captures = Path(path), corpus.captures
+    if not path.name or (path.exists() and not path.is_file()):  # a device would be replaced
+        what = "a folder" if path.is_dir() else "not a plain file"
+        raise InputError(f"{path} cannot be written (it is {what}); name a file")
     if corpus.grid != (8, 8) or corpus.frames.dtype != np.uint16:
         rows, cols = corpus.grid
         raise InputError(

@@ -52,7 +52,7 @@ def read(path: Path) -> Corpus:
     frames = np.concatenate([values for _, values in parts]).reshape(-1, 8, 8)
     captures = pd.concat([rows for rows, _ in parts], ignore_index=True)
     info = {
-        "source": f"{path.name}; UBC SPIN lab, Human-Animal Affective Robot Touch",
+        "source": f"{plain(path.name, 200)}; UBC SPIN lab, Human-Animal Affective Robot Touch",
         "licence": "none stated by its authors",
         "synthetic": False,
         "warnings": differences(captures),

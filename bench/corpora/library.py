@@ -21,6 +21,7 @@ from filelock import FileLock, Timeout
 from bench.corpora.corpus import Corpus
 from bench.corpora.files import Damaged, short, small_file, write_text
 from bench.corpora.folder import content_digest, open_folder, verified, write_folder
+from bench.corpora.limits import plain
 from bench.errors import InputError, nearest
 from bench.registry import load
 from bench.scratch import home
@@ -41,7 +42,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
             way, or a data folder that cannot be written. What was stored before stays.
     """
     reader = load("corpora", kind)
-    arguments = _reader_arguments(kind, reader, dict(options))
+    arguments = _reader_arguments(kind, reader, dict(options), source)
     name = options.get("name", kind)
     if not re.fullmatch(NAME, name):
         raise InputError(f"name={name[:60]}: use letters, digits, - and _, at most 100")
@@ -51,7 +52,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.parent / f".{name}.lock", timeout=0):
-            corpus = reader(source, **arguments)
+            corpus = _read(reader, source, arguments)
             corpus = Corpus(**{**vars(corpus), "name": name, "info": corpus.info | {"format": kind}})
             digest = content_digest(corpus)
             stored = folder / digest[:16]
@@ -172,7 +173,15 @@ def overview() -> list[dict[str, object]]:
     return rows
 
 
-def _reader_arguments(kind: str, reader: Callable, options: dict[str, str]) -> dict[str, object]:
+def _read(reader: Callable, source: Path, arguments: dict[str, object]) -> Corpus:
+    """What a reader makes of a file, whose own errors are none of the data folder's."""
+    try:
+        return reader(source, **arguments)
+    except OSError as e:
+        raise InputError(f"{plain(source, 160)}: cannot be read ({e.strerror or e}); check the path") from e
+
+
+def _reader_arguments(kind: str, reader: Callable, options: dict[str, str], source: Path) -> dict[str, object]:
     """Options as the types that the reader's signature names."""
     taken = dict(list(inspect.signature(reader, eval_str=True).parameters.items())[1:])
     arguments: dict[str, object] = {}
@@ -187,6 +196,8 @@ def _reader_arguments(kind: str, reader: Callable, options: dict[str, str]) -> d
             raise InputError(f"{key}={text}: give a number") from e
     missing = [k for k, p in taken.items() if p.default is inspect.Parameter.empty and k not in arguments]
     if missing:
+        if not os.path.lexists(source):  # what is asked for would not help
+            raise InputError(f"{plain(source, 160)}: there is no such file; give the path of a file")
         raise InputError(f"format {kind} also needs {', '.join(f'{k}=' for k in missing)}")
     return arguments
 

@@ -59,7 +59,7 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
     for label in ("subject", "gesture"):
         if captures[label].dtype != "str":
             captures[label] = captures[label].astype(str)
-    info = {"source": path.name, "licence": "the user's own", "synthetic": False, "warnings": []}
+    info = {"source": plain(path.name, 200), "licence": "the user's own", "synthetic": False, "warnings": []}
     return Corpus(frames, starts, lengths, captures, float(rate_hz), float(full_scale), "table", info=info)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -68,14 +69,19 @@ def reached() -> Iterator[None]:
         yield
     except (MlflowException, RequestException, SQLAlchemyError, OSError) as e:
         raise StoreError(
-            f"the MLflow store {store_uri()} failed: {_first_line(e)}; what is stored stays, repeat the command when "
-            "the store works again"
+            f"the MLflow store {_shown(store_uri())} failed: {_first_line(e)}; what is stored stays, repeat the "
+            "command when the store works again"
         ) from e
 
 
 def _first_line(error: BaseException) -> str:
     lines = str(error).strip().splitlines() or [type(error).__name__]
     return lines[0][-150:]  # what MLflow cites ends with the cause
+
+
+def _shown(uri: str) -> str:
+    """An address without its password, as messages end in logs."""
+    return re.sub("(//[^/:@]*):[^/]*@", r"\1:***@", uri)
 
 
 def store_uri() -> str:
@@ -286,8 +292,8 @@ def connect() -> Store:
             mlflow.set_tracking_uri(uri)
             client = mlflow.MlflowClient(uri)
             experiment_id = _experiment(client)
-        except (MlflowException, SQLAlchemyError, StoreError) as e:
-            raise InputError(f"MLflow store {uri} cannot be used: {_first_line(e.__cause__ or e)}") from e
+        except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:  # a driver, a name
+            raise InputError(f"MLflow store {_shown(uri)} cannot be used: {_first_line(e.__cause__ or e)}") from e
         finally:
             os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = asked or RETRIES
     return Store(client, experiment_id)

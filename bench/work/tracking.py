@@ -143,7 +143,7 @@ class TrackedRun(Generic[Shown]):
             timing["predict_ms"],
             timing["decide_ms"],
             chosen=timing["chosen"],
-            trials=pd.read_csv(trials) if trials.exists() else None,
+            trials=pd.read_csv(trials, float_precision="round_trip") if trials.exists() else None,
         )
 
     def add(self, result: FoldResult) -> str:

@@ -235,6 +235,12 @@ def test_offsets_that_are_none(tmp_path, offsets):
     refused("my.npz: offsets must rise from 0 to 3", read, path)
 
 
+@pytest.mark.parametrize("kind", ["<f2", ">f2", "<f4", ">f8", "i1", ">u8", "longdouble"])
+@pytest.mark.filterwarnings("error")
+def test_npz_frames_of_any_type_without_a_word(tmp_path, kind):
+    assert read(npz_file(tmp_path, frames=np.full((3, 1, 2), 7).astype(kind))).frames.tolist() == 3 * [[[7, 7]]]
+
+
 @pytest.mark.parametrize("kind", [">f4", ">f8", "<f2", ">i4", ">u2", "longdouble", "?", ">U3", "u8"])
 def test_npz_conditions_of_any_plain_type(tmp_path, kind):
     from bench.corpora.library import import_corpus
@@ -252,6 +258,12 @@ def test_a_longdouble_that_would_change(tmp_path):
     exact = np.longdouble(1) + np.longdouble(2) ** -60
     refused("capture 2: day is", read, npz_file(tmp_path, day=np.array([1, exact])))
     assert read(npz_file(tmp_path, frames=np.full((3, 1, 2), exact))).frames.tolist() == np.ones((3, 1, 2)).tolist()
+
+
+@pytest.mark.parametrize("name", ["a\x1b[31m.csv", "a\nb.csv", "\udcff.csv", "\u202egpj.csv"])
+def test_what_a_file_is_called_can_be_shown_for_ever_after(tmp_path, name):
+    path = csv_file(tmp_path, "ann,pat,0,arm,1,2").rename(tmp_path / name)
+    assert read(path).info["source"].isprintable()
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])

@@ -175,3 +175,34 @@ def test_an_address_where_nobody_answers_is_refused(monkeypatch):
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     with pytest.raises(InputError, match="127.0.0.1:1 cannot be used"):
         store.connect()
+
+
+@pytest.mark.parametrize(
+    ("uri", "told"),
+    [
+        ("postgresql+nodriver://me:secret@127.0.0.1:9/x", "nodriver://me:***@127.0.0.1:9/x cannot be used"),
+        ("http://me:secret@127.0.0.1:9", "http://me:***@127.0.0.1:9 cannot be used"),
+    ],
+)
+def test_an_address_that_cannot_be_opened_is_one_line_without_its_password(uri, told, monkeypatch, capsys):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    monkeypatch.setitem(sys.modules, "psycopg", None)  # a driver that is not installed
+    assert main(["report"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert told in line and "secret" not in line
+
+
+@pytest.mark.parametrize(
+    "error",
+    [ModuleNotFoundError("No module named 'psycopg'"), UnicodeEncodeError("utf-8", "\udcff", 0, 1, "no text")],
+    ids=["a driver that is not installed", "a name that is no text"],
+)
+def test_what_else_keeps_a_store_from_opening_is_one_line(error, monkeypatch, capsys):
+    def create(_):
+        raise error
+
+    monkeypatch.setattr(store, "create", create)
+    assert main(["report"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "cannot be used: " in line and line.endswith(str(error)[-20:])

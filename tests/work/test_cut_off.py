@@ -7,6 +7,7 @@ import pytest
 
 from bench.cli import main
 from bench.outcomes.store import Store, connect
+from bench.work.tracking import TrackedRun
 from tests.conftest import runs
 
 SMALL = ["model=bayes", "features=jung28", "data.subjects=3", "data.variants=normal"]
@@ -55,3 +56,18 @@ def test_a_model_that_was_cut_off_while_it_was_saved_does_not_block_the_next(mon
     assert not Path("saved").exists()
     assert main(["fit", *SMALL, "out=saved"]) == 0
     assert (Path("saved") / "MLmodel").is_file()
+
+
+def test_what_a_finished_fold_chose_among_is_read_back_to_the_last_bit(monkeypatch, tmp_path):
+    command = ["stream", "model=svm", "features=jung28", "data.subjects=4", "data.variants=normal"]
+
+    def trials():
+        (run,) = connect().of_kind("stream")
+        return connect().fetched(run.info.run_id, "trials.csv").read_text()
+
+    assert main(command) == 0
+    unbroken = trials()
+    monkeypatch.chdir(tmp_path)  # another store
+    killed_in(monkeypatch, TrackedRun, "close", command)
+    assert main(command) == 0
+    assert trials() == unbroken
