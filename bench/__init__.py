@@ -16,7 +16,7 @@ from __future__ import annotations
 import importlib
 
 API = ("choose", "corpus", "fit", "results", "run", "stream", "stress", "tune")
-VALUES = {"Corpus": "bench.corpora.corpus", "InputError": "bench.errors", "fault": "bench.work.faults"}
+VALUES = {"Corpus": "bench.corpora.corpus", "InputError": "bench.errors", "fault": "bench.corpora.faults"}
 __all__ = [*API, *VALUES]
 
 

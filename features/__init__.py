@@ -1,4 +1,4 @@
-"""The published feature sets, one file each; names and where they are made (nothing is imported before it is used)."""
+"""The feature sets, one file each; names and where they are made (nothing is imported before it is used)."""
 
 PARTS = {
     "jung28": "features.jung28:Jung28",
@@ -8,4 +8,5 @@ PARTS = {
     "gaus": "features.gaus:Gaus",
     "hughes36": "features.hughes36:Hughes36",
     "ta273": "features.ta273:Ta273",
+    "touch": "features.touch:TouchFeatures",
 }

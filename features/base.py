@@ -39,8 +39,9 @@ class FeatureSet(TransformerMixin, BaseEstimator):
         return self
 
     def transform(self, X: Corpus) -> pd.DataFrame:
-        """Features of each capture [captures, n_features]."""
-        return of_corpus(self, X)
+        """Features of each capture [captures, n_features]; of pieces of captures, indexed by the capture."""
+        table = of_corpus(self, X)
+        return table.set_axis(X.index) if X.steps else table
 
     def get_feature_names_out(self, input_features: object = None) -> np.ndarray:
         """Names of the columns, str [n_features], once fitted."""

@@ -21,13 +21,16 @@ from bench.corpora.files import Damaged, clear, stamp
 from bench.corpora.folder import open_folder
 from bench.scratch import home, owner
 from bench.source import source_digest
+from features.signals import blocks
+
+PIECES = ("of capture", "piece")  # columns of a kept table that tell its rows, where steps were taken
 
 
 def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
     """Features of each capture [captures, n_features]: kept for a stored corpus, computed for one in memory."""
     if not X.digest or X.path is None:
         return features.extract(X)
-    about = _about(features, X.digest)
+    about = _about(features, X.digest, X.steps)
     path = home() / "features" / f"{_key(about)}.parquet"
     try:
         table = _read(path, about)
@@ -37,20 +40,39 @@ def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
         whole = open_folder(X.path)
         if whole.digest != X.digest:  # replaced by another corpus while this one is mapped
             return features.extract(X)
-        table = features.extract(whole)
+        table = _extracted(features, whole, X.steps)
         _keep(table, path, about)
-    return table.iloc[X.index].reset_index(drop=True)
+    if not X.steps:
+        return table.iloc[X.index].reset_index(drop=True)
+    rows = pd.MultiIndex.from_frame(table[[*PIECES]]).get_indexer(pd.MultiIndex.from_arrays([X.index, X.piece]))
+    return table.iloc[rows].drop(columns=[*PIECES])
 
 
-def cache_key(features: BaseEstimator, digest: str) -> str:
-    """Hash of corpus, class, parameters and source code."""
-    return _key(_about(features, digest))
+def _extracted(features: BaseEstimator, whole: Corpus, steps: tuple) -> pd.DataFrame:
+    """Features of all captures of a corpus; after steps, with columns that tell of which piece."""
+    if not steps:
+        return features.extract(whole)
+    parts = []
+    for block in blocks(whole):
+        part = whole[block]
+        for step in steps:
+            part = step(part)
+        parts.append(features.extract(part).assign(**dict(zip(PIECES, (part.index, part.piece), strict=True))))
+    return pd.concat(parts, ignore_index=True)
 
 
-def _about(features: BaseEstimator, digest: str) -> tuple[str, ...]:
+def cache_key(features: BaseEstimator, digest: str, steps: tuple = ()) -> str:
+    """Hash of corpus, steps, class, parameters and source code."""
+    return _key(_about(features, digest, steps))
+
+
+def _about(features: BaseEstimator, digest: str, steps: tuple) -> tuple[str, ...]:
     """What a table is computed from."""
     kind = type(features)
-    return digest, kind.__name__, repr(sorted(features.get_params().items())), source_digest(kind)
+    said = (digest, kind.__name__, repr(sorted(features.get_params().items())))
+    if not steps:
+        return *said, source_digest(kind)
+    return *said, source_digest(kind, *{type(step) for step in steps}), repr(steps)
 
 
 def _key(about: tuple[str, ...]) -> str:

@@ -6,6 +6,7 @@ The first ones go with any feature set, the others are published systems as a wh
 PARTS = {
     "bayes": "models.bayes:bayes",
     "tree": "models.tree:tree",
+    "lda": "models.lda:lda",
     "svm": "models.svm:svm",
     "mlp": "models.mlp:mlp",
     "softmax": "models.softmax:softmax",
@@ -38,4 +39,5 @@ PARTS = {
     "hughes2017_ae_rnn": "models.hughes2017:Hughes2017AERNN",
     "ren2023_transformer": "models.ren2023:Ren2023Transformer",
     "rocket": "models.rocket:Rocket",
+    "reflex": "models.reflex:Reflex",
 }

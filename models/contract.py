@@ -25,6 +25,7 @@ from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.registry import parameters as registered
 from bench.registry import required
 from features.base import FeatureSet
 from models.space import Space
@@ -95,6 +96,11 @@ def window(estimator: System, rate_hz: float) -> int | None:
         return own(rate_hz)
     frames = estimator.get_params(deep=False).get("frames") if isinstance(estimator, BaseEstimator) else None
     return frames if isinstance(frames, int) else None
+
+
+def frames_at_once(estimator: System, frames: int) -> int:
+    """``window_``: frames of a capture of so many that a fitted system decides on at once; by default all."""
+    return min(frames, _told(estimator, "window_", frames))
 
 
 def features(estimator: System) -> dict[str, Features]:
@@ -217,10 +223,33 @@ def build(factory: Callable, feature_set: Features | None, **parameters: object)
         feature_set: a transformer of captures to a table; None for a system that reads captures.
         parameters: keyword arguments.
     """
+    recipe = {k: v for k, v in parameters.items() if k in recipe_of(factory)}
+    parameters = {k: v for k, v in parameters.items() if k not in recipe}
     asked = required(factory)
     if asked and feature_set is not None:
-        return factory(**{asked[0]: feature_set}, **parameters)
-    return behind(factory(**parameters), feature_set)
+        system = factory(**{asked[0]: feature_set}, **parameters)
+    else:
+        system = behind(factory(**parameters), feature_set)
+    if not recipe:
+        return system
+    from models.recipe import Recipe
+
+    return Recipe(system, **recipe)
+
+
+def recipe_of(factory: Callable) -> dict[str, object]:
+    """Parameters that any system has besides its own (`models.recipe.Recipe`), and their defaults."""
+    from models.recipe import Recipe
+
+    own = registered(factory)
+    return {k: v for k, v in registered(Recipe).items() if k not in own}
+
+
+def recipe_code() -> tuple[Callable, ...]:
+    """What computes the steps of `recipe_of`."""
+    from models.recipe import Recipe
+
+    return (Recipe,)
 
 
 def behind(estimator: System, feature_set: Features | None) -> System:

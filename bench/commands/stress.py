@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.commands.printing import output, show, writable
+from bench.corpora.faults import Fault, known
 from bench.errors import InputError, nearest
 from bench.outcomes import stability
 from bench.outcomes.comparable import comparable
@@ -19,7 +20,6 @@ from bench.outcomes.store import connect
 from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.arguments import Values, convert, items, jobs_of, parse
 from bench.plan.cells import cells
-from bench.work.faults import Fault, known
 from bench.work.loop import Outcome, execute, prepared
 from bench.work.stress import Stress
 from reports import stability_tables

@@ -5,7 +5,7 @@ Everything that features, models and protocols may know of the harness is on thi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
@@ -43,6 +43,9 @@ class Corpus:
         info: source, licence, synthetic (bool), warnings (list of str).
         path: the folder that the frames are mapped from, or None when they are in memory.
         target: the columns of ``captures`` that make up the class, joined by ``+``.
+        steps: what was done to the captures since they were stored (`bench.corpora.steps`), in order. Several captures
+            may then come from one stored capture and have its ``index``.
+        piece: int64 [captures], tells those of one ``index`` apart; 0 before any step.
     """
 
     frames: np.ndarray
@@ -57,10 +60,14 @@ class Corpus:
     info: dict = field(default_factory=dict)
     path: Path | None = None
     target: str = "gesture"
+    steps: tuple[Callable[[Corpus], Corpus], ...] = ()
+    piece: np.ndarray = None  # type: ignore[assignment]  # as index
 
     def __post_init__(self) -> None:
         if self.index is None:
             object.__setattr__(self, "index", np.arange(len(self.starts)))
+        if self.piece is None:
+            object.__setattr__(self, "piece", np.zeros(len(self.starts), dtype=np.int64))
 
     @classmethod
     def from_captures(
@@ -121,6 +128,7 @@ class Corpus:
             lengths=self.lengths[key],
             captures=self.captures.iloc[key].reset_index(drop=True),
             index=self.index[key],
+            piece=self.piece[key],
         )
 
     def __iter__(self) -> Iterator[np.ndarray]:

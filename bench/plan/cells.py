@@ -62,7 +62,7 @@ class Part(Generic[Made]):
     def changed(self) -> dict[str, object]:
         """Parameters that are not the default; the seed is no such."""
         usual = parameters(self.factory) if self.given is None else {}
-        return {k: v for k, v in self.parameters.items() if v != usual[k] and k != "seed"}
+        return {k: v for k, v in self.parameters.items() if k not in usual or (v != usual[k] and k != "seed")}
 
     @property
     def short(self) -> str:
@@ -80,7 +80,9 @@ class Part(Generic[Made]):
     def identity(self) -> tuple:
         """What two equal parts have in common: name, parameters, and what their code says."""
         if self.given is None:
-            return self.room, self.short, self.parameters, source_digest(self.factory)
+            beyond = set(self.parameters) - set(parameters(self.factory))
+            code = source_digest(self.factory, *contract.recipe_code() if beyond else ())
+            return self.room, self.short, self.parameters, code
         own = contract.classes(self.given)
         return self.room, self.name, contract.settings(self.given), source_digest(*own) if own else ""
 
@@ -239,7 +241,9 @@ def _variants(values: Values, key: str, name: object, siblings: list, seed: int 
     """
     room = PARTS[key]
     given = {k.partition(".")[2]: v for k, v in values.items() if k.startswith(f"{key}.")}
-    known = {p for s in siblings if isinstance(s, str) for p in parameters(load(room, s))}
+    factories = [load(room, s) for s in siblings if isinstance(s, str)]
+    besides = contract.recipe_of if key == "model" else lambda factory: {}
+    known = {p for f in factories for p in (*parameters(f), *besides(f))}
     for parameter in given:
         if parameter not in known:
             raise InputError(f"{key}={name} has no parameter {parameter!r}; {nearest(parameter, known)}")
@@ -255,10 +259,16 @@ def _variants(values: Values, key: str, name: object, siblings: list, seed: int 
     usual = parameters(factory)
     if seed is not None and "seed" in usual:
         usual = usual | {"seed": seed}
-    taken = {p: text for p, text in given.items() if p in usual}
-    sweep = {p: [convert(f"{key}.{p}", v, usual[p]) for v in items(f"{key}.{p}", text)] for p, text in taken.items()}
-    made = [usual | dict(zip(sweep, c, strict=True)) for c in itertools.product(*sweep.values())]
+    known_to = usual | besides(factory)
+    taken = {p: text for p, text in given.items() if p in known_to}
+    sweep = {p: [convert(f"{key}.{p}", v, known_to[p]) for v in items(f"{key}.{p}", text)] for p, text in taken.items()}
+    made = [_told(usual, known_to, dict(zip(sweep, c, strict=True))) for c in itertools.product(*sweep.values())]
     return [Part(room, name, chosen, module=module) for chosen in made]
+
+
+def _told(usual: dict, known: dict, asked: dict) -> dict[str, object]:
+    """All parameters of a part's own, and those others that are not as usual."""
+    return usual | {p: value for p, value in asked.items() if p in usual or value != known[p]}
 
 
 def corpus_variants(values: Values, data: str, siblings: list[str]) -> list[dict[str, object]]:

@@ -37,6 +37,7 @@ def working_numbers(estimator: contract.System, taxels: int, frames: int) -> int
     counts what the features are computed from (`models.contract.kept`), the features, and a score per class; any other
     system the whole capture and a score per class.
     """
+    frames = contract.frames_at_once(estimator, frames)
     chosen = contract.inside(estimator)
     if together := contract.members(chosen):  # one after the other
         return max(working_numbers(member, taxels, frames) for member in together)

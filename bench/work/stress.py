@@ -17,12 +17,12 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.faults import SEVERITIES, Fault, as_shares, damaged, known
 from bench.errors import InputError
 from bench.outcomes import scores, stability
 from bench.outcomes.results import Findings, FoldResult, table_of
 from bench.outcomes.stability import CLEAN, Analysis
 from bench.work.experiment import Experiment
-from bench.work.faults import SEVERITIES, Fault, as_shares, damaged, known
 from bench.work.fold import computing, decisions
 from models import contract
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from bench.corpora.faults import SEVERITIES, known
 from bench.outcomes import stability
 from bench.plan.arguments import KEYS, jobs_of, parse
 from bench.plan.cells import cells
 from bench.plan.plan import planned
-from bench.work.faults import SEVERITIES, known
 from bench.work.stress import Stress
 from bench.work.workers import run_folds
 from reports import stability_tables

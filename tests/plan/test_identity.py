@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from bench import source
+from bench.corpora.faults import FAULTS
 from bench.plan.cells import cells
 from bench.plan.plan import Plan, corpus_of, folds_of
 from bench.work.evaluation import Evaluation
-from bench.work.faults import FAULTS
 from bench.work.stream import Stream
 from bench.work.stress import Stress
 from bench.work.tracking import key_of
@@ -69,7 +69,7 @@ def code(text):
         ("bench/outcomes/stability.py", code, {"stress"}),
         ("bench/outcomes/store.py", code, set()),
         ("bench/work/evaluation.py", code, {"run"}),
-        ("bench/work/faults.py", code, {"stress"}),
+        ("bench/corpora/faults.py", code, {"stress"}),
         ("bench/work/loop.py", code, set()),
         ("bench/work/replay.py", code, {"stream"}),
         ("bench/work/sizes.py", code, {"run", "stress", "stream"}),

@@ -10,12 +10,12 @@ import pytest
 from sklearn.base import BaseEstimator, ClassifierMixin
 
 from bench.cli import main
+from bench.corpora.faults import FAULTS, as_shares, damaged
 from bench.outcomes import scores
 from bench.outcomes.stability import COLUMNS
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, Plan, folds_of
 from bench.work.evaluation import Evaluation
-from bench.work.faults import FAULTS, as_shares, damaged
 from bench.work.stress import Stress, labelled, subset
 from bench.work.tracking import key_of
 from bench.work.workers import do_fold

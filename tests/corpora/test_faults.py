@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from bench.cli import STRESS
 from bench.corpora.corpus import Corpus
+from bench.corpora.faults import FAULTS, SEVERITIES, as_shares, damaged, fault
 from bench.work import faults
-from bench.work.faults import FAULTS, SEVERITIES, as_shares, damaged, fault
 from tests.conftest import random_corpus
 
 ALL = list(FAULTS.values())

@@ -1,0 +1,236 @@
+"""What may be done to captures before a system sees them: damage for training, repair, scaling, windows.
+
+A step is called with a `Corpus` and gives another, captures in the same order. It learns nothing, so that it does the
+same in training and test, and what it makes of a capture depends on that capture alone. `Repair` and `Scale` are
+causal: a frame depends on those before it, never on those after it, so that a robot can do the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.faults import SEVERITIES, as_shares, known
+from bench.errors import InputError, nearest
+
+REPAIRS = ("stuck", "dead", "offset")
+SCALES = ("none", "peak")
+SETTLED_S = 0.25  # what has not moved for so long is not touched, or broken
+PASSES = 3  # broken taxels without a sound neighbour are filled from filled ones
+COPY = 1 << 40  # of a piece: what is below is its first frame
+
+
+class Step:
+    """One step: it makes of each capture one or several."""
+
+    def rows(self, corpus: Corpus) -> np.ndarray:
+        """Which capture of a corpus each of those that are made of it comes from."""
+        return np.arange(len(corpus))
+
+    def __call__(self, corpus: Corpus) -> Corpus:
+        """The captures that are made of those of a corpus, in the same order."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Windows(Step):
+    """Every capture as windows of equal length; one that is shorter stays as it is. No frame is copied.
+
+    Args:
+        seconds: length of a window, at least one frame.
+        hop: seconds from the beginning of one window to that of the next; 0 is half a window.
+    """
+
+    seconds: float
+    hop: float = 0.0
+
+    def lengths(self, rate_hz: float) -> tuple[int, int]:
+        """Frames of a window and of a hop."""
+        frames = max(1, round(self.seconds * rate_hz))
+        return frames, max(1, round(self.hop * rate_hz) if self.hop else (frames + 1) // 2)
+
+    def rows(self, corpus: Corpus) -> np.ndarray:
+        """As many of each capture as it has windows."""
+        return np.repeat(np.arange(len(corpus)), self._count(corpus))
+
+    def _count(self, corpus: Corpus) -> np.ndarray:
+        frames, hop = self.lengths(corpus.rate_hz)
+        return np.maximum(corpus.lengths - frames, 0) // hop + 1
+
+    def __call__(self, corpus: Corpus) -> Corpus:
+        """Cut; windows begin with the capture and at every hop, as far as they are full."""
+        frames, hop = self.lengths(corpus.rate_hz)
+        count, row = self._count(corpus), self.rows(corpus)
+        begin = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) * hop
+        cut = corpus[row]
+        return replace(
+            cut,
+            starts=cut.starts + begin,
+            lengths=np.minimum(cut.lengths, frames),
+            piece=cut.piece + begin,
+            steps=(*corpus.steps, self),
+        )
+
+
+@dataclass(frozen=True)
+class Faulted(Step):
+    """Captures, and damaged copies of each: one fault of those named, at a random severity.
+
+    The draws are of their own: no test capture, whose damage depends on the fault and the capture or subject alone
+    (`bench.corpora.faults`), ever gets one of them.
+
+    Args:
+        faults: names of faults.
+        copies: of each capture, damaged; the capture itself stays.
+    """
+
+    faults: tuple[str, ...]
+    copies: int = 3
+
+    def __post_init__(self) -> None:
+        for name in self.faults:
+            if name not in known():
+                given = "+".join(self.faults)
+                raise InputError(f"model.faults={given}: {name!r} is no fault; {nearest(name, known())}")
+        if self.copies < 1:
+            raise InputError(f"model.copies={self.copies}: give 1 or more")
+
+    def generator(self, capture: int, copy: int) -> np.random.Generator:
+        """The random numbers of one copy of one stored capture."""
+        seed = hashlib.sha256(f"training copy {copy} of capture {capture}".encode()).digest()
+        return np.random.default_rng(int.from_bytes(seed[:16], "little"))
+
+    def rows(self, corpus: Corpus) -> np.ndarray:
+        """Each capture once and once for each copy."""
+        return np.repeat(np.arange(len(corpus)), self.copies + 1)
+
+    def __call__(self, corpus: Corpus) -> Corpus:
+        """The captures as they are, each followed by its copies."""
+        faults = [known()[name] for name in self.faults]
+        made: list[np.ndarray] = []
+        for i, shares in enumerate(as_shares(corpus, np.arange(len(corpus)))):
+            made.append(corpus[i])
+            for copy in range(self.copies):
+                rng = self.generator(int(corpus.index[i]), copy)
+                fault, severity = faults[rng.integers(len(faults))], rng.integers(SEVERITIES)
+                made.append(_readings(corpus, fault.damage(shares, fault.amounts[severity], rng)))
+        row = self.rows(corpus)
+        copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
+        return _replaced(corpus[row], made, self, piece=corpus.piece[row] + copies * COPY)
+
+
+def _readings(corpus: Corpus, shares: np.ndarray) -> np.ndarray:
+    """Shares of full scale as what the sensor of a corpus would give."""
+    values = shares * np.float32(corpus.full_scale)
+    if corpus.frames.dtype.kind in "iu":
+        np.rint(values, out=values)
+    return values.clip(0, corpus.full_scale).astype(corpus.frames.dtype)
+
+
+@dataclass(frozen=True)
+class Repair(Step):
+    """Broken taxels found in a capture's own past and filled with the mean of their sound neighbours.
+
+    ``stuck``: a taxel has read full scale in every frame so far; or nothing but one value for a quarter of a second,
+    above all taxels that have varied. ``dead``: nothing but one value for a quarter of a second, while more than half
+    of its neighbours have varied. ``offset``: the least value so far of each taxel is taken away, a touch that never
+    lets go with it.
+
+    Args:
+        kinds: of these.
+    """
+
+    kinds: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for kind in self.kinds:
+            if kind not in REPAIRS:
+                raise InputError(f"model.repair={'+'.join(self.kinds)}: give {' or '.join(REPAIRS)}, joined by +")
+
+    def __call__(self, corpus: Corpus) -> Corpus:
+        """The captures repaired, float32."""
+        settled = max(2, int(np.ceil(SETTLED_S * corpus.rate_hz)))
+        made = [self._capture(frames.astype(np.float32), corpus.full_scale, settled) for frames in corpus]
+        return _replaced(corpus, made, self)
+
+    def _capture(self, frames: np.ndarray, full_scale: float, settled: int) -> np.ndarray:
+        least = np.minimum.accumulate(frames)
+        still = least == np.maximum.accumulate(frames)
+        long = still & (np.arange(len(frames)) >= settled - 1)[:, None, None]
+        broken = np.zeros_like(still)
+        if "stuck" in self.kinds:
+            varied = np.where(still, -1, frames).max(axis=(1, 2))
+            broken |= least >= full_scale
+            broken |= long & (frames > varied[:, None, None]) & (varied >= 0)[:, None, None]
+        if "dead" in self.kinds and long.any():
+            sides = around(np.ones_like(frames[:1]))
+            broken |= long & (2 * around((~still).astype(np.float32)) > sides)
+        if broken.any():
+            hurt = np.flatnonzero(broken.any(axis=(1, 2)))
+            frames[hurt] = _filled(frames[hurt], broken[hurt])
+        if "offset" in self.kinds:
+            frames = frames - np.minimum.accumulate(frames)
+        return frames
+
+
+def around(frames: np.ndarray) -> np.ndarray:
+    """Sum over the up to 8 neighbours of each taxel [frames, rows, cols]."""
+    wide = np.pad(frames, ((0, 0), (1, 1), (1, 1)))
+    rows = wide[:, :-2] + wide[:, 1:-1] + wide[:, 2:]
+    return rows[:, :, :-2] + rows[:, :, 1:-1] + rows[:, :, 2:] - frames
+
+
+def _filled(frames: np.ndarray, broken: np.ndarray) -> np.ndarray:
+    """Broken taxels as the mean of their sound neighbours; 0 where none is near."""
+    sound = (~broken).astype(np.float32)
+    values = frames * sound
+    for _ in range(PASSES):
+        count = around(sound)
+        new = (sound == 0) & (count > 0)
+        if not new.any():
+            break
+        mean = around(values) / np.maximum(count, 1)
+        values[new] = mean[new]
+        sound[new] = 1
+    return values
+
+
+@dataclass(frozen=True)
+class Scale(Step):
+    """Captures divided by the largest reading of their own past, so that a sensor's gain tells nothing.
+
+    Args:
+        kind: ``peak``.
+    """
+
+    kind: str
+
+    def __post_init__(self) -> None:
+        if self.kind not in SCALES[1:]:
+            raise InputError(f"model.scale={self.kind}: give {' or '.join(SCALES)}")
+
+    def __call__(self, corpus: Corpus) -> Corpus:
+        """The captures scaled to 0..full_scale, float32; readings of nothing stay 0."""
+        made = []
+        for frames in corpus:
+            values = frames.astype(np.float32)
+            most = np.maximum.accumulate(values.max(axis=(1, 2)))
+            made.append(values * (corpus.full_scale / np.where(most > 0, most, 1)).astype(np.float32)[:, None, None])
+        return _replaced(corpus, made, self)
+
+
+def _replaced(corpus: Corpus, made: list[np.ndarray], step: object, **fields: object) -> Corpus:
+    """The same captures with other frames, one array [frames, rows, cols] each."""
+    lengths = np.array([len(frames) for frames in made], dtype=np.int64)
+    empty = np.zeros((0, *corpus.grid), corpus.frames.dtype)
+    return replace(
+        corpus,
+        frames=np.concatenate(made) if made else empty,
+        starts=np.cumsum(lengths) - lengths,
+        lengths=lengths,
+        steps=(*corpus.steps, step),
+        **fields,
+    )

@@ -1,0 +1,101 @@
+"""Linear discriminants on a feature set, for captures or for windows of captures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from scipy.special import softmax
+from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.pipeline import Pipeline
+
+from bench.errors import InputError
+from features.base import FLAT
+from models.space import Range
+
+
+class Discriminants(ClassifierMixin, BaseEstimator):
+    """Gaussian classes with one covariance, shrunk towards a multiple of the identity after standardisation.
+
+    Rows that come from one capture (a `pandas.DataFrame` whose index repeats) share what is particular to it. A label
+    that is taken from n of them sees a mean whose covariance is that between captures plus one n-th of that within
+    them; ``windows`` is this n, as far as windows that overlap are independent. With 1, or one row per capture, these
+    are the usual linear discriminants. Classes count alike, however many captures they have.
+
+    Args:
+        shrinkage: 0 to 1.
+        windows: that decide on a label together.
+
+    Attributes:
+        classes_: class names.
+        coef_: [classes, features], of the features as they are given.
+        intercept_: [classes].
+    """
+
+    def __init__(self, shrinkage: float = 0.2, windows: float = 1.0) -> None:
+        self.shrinkage = shrinkage
+        self.windows = windows
+
+    def fit(self, X: pd.DataFrame | np.ndarray, y: np.ndarray) -> Discriminants:
+        """Learn from features [rows, n_features] and class names [rows]."""
+        self.classes_, codes = np.unique(y, return_inverse=True)
+        Z = np.asarray(X, dtype=np.float64)
+        self.n_features_in_ = Z.shape[1]
+        mean, sd = Z.mean(axis=0), Z.std(axis=0)
+        still = np.ptp(Z, axis=0) <= FLAT * np.abs(Z).max(axis=0)
+        sd[still] = np.inf
+        Z = (Z - mean) / sd
+        centres = _means(Z, codes)
+        Z -= centres[codes]
+        labels = X.index.to_numpy() if isinstance(X, pd.DataFrame) else np.arange(len(Z))
+        captures = np.unique(labels, return_inverse=True)[1]
+        own = _means(Z, captures)
+        weight = np.bincount(captures)[:, None]
+        between = (own * weight).T @ own
+        scatter = (Z.T @ Z + (self.windows - 1) * between) / len(Z)
+        size = np.trace(scatter) / len(scatter)
+        scatter *= 1 - self.shrinkage
+        scatter[np.diag_indices(len(scatter))] += self.shrinkage * size + 1e-9
+        coef = np.linalg.solve(scatter, centres.T).T
+        self.coef_ = coef / sd
+        self.intercept_ = -0.5 * (coef * centres).sum(axis=1) - self.coef_ @ mean
+        return self
+
+    def decision_function(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Log of the density of each class, but for what is common to all [rows, classes]."""
+        return np.asarray(X, dtype=np.float64) @ self.coef_.T + self.intercept_
+
+    def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Class probabilities [rows, classes]."""
+        return softmax(self.decision_function(X), axis=1)
+
+    def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Class names [rows]."""
+        return self.classes_[self.decision_function(X).argmax(axis=1)]
+
+
+def _means(values: np.ndarray, codes: np.ndarray) -> np.ndarray:
+    """Mean of the rows of each code [codes, n]."""
+    order = np.argsort(codes, kind="stable")
+    first = np.flatnonzero(np.diff(codes[order], prepend=-1))
+    return np.add.reduceat(values[order], first) / np.bincount(codes)[:, None]
+
+
+def lda(features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0) -> Pipeline:
+    """Linear discriminants (`Discriminants`).
+
+    Args:
+        features: transformer from captures to a table.
+        shrinkage: of the covariance, 0 to 1.
+        windows: of a capture that decide on its label together, as far as they are independent.
+
+    Raises:
+        InputError: a shrinkage or a number of windows that cannot be.
+    """
+    if not 0 <= shrinkage <= 1:
+        raise InputError(f"model.shrinkage={shrinkage:g}: give 0 to 1")
+    if not windows >= 1:
+        raise InputError(f"model.windows={windows:g}: give 1 or more")
+    return Pipeline([("features", features), ("classifier", Discriminants(shrinkage, windows))])
+
+
+lda.space = {"shrinkage": Range(1e-3, 1, log=True), "windows": Range(1, 8, log=True)}

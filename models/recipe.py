@@ -1,0 +1,157 @@
+"""What any system can be given besides: windows, repair, scaling, and training under faults."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, ClassifierMixin, clone
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.steps import COPY, Faulted, Repair, Scale, Step, Windows
+from bench.errors import InputError
+from models import contract
+
+
+class Recipe(ClassifierMixin, BaseEstimator):
+    """A system behind steps (`bench.corpora.steps`) that its captures go through, in training and when it decides.
+
+    On windows, a system that decides once per capture decides once per window, and a capture's probabilities are the
+    mean over its windows.
+
+    Args:
+        system: what learns and decides.
+        window: seconds of a window; 0 leaves captures whole.
+        hop: seconds from the beginning of one window to that of the next; 0 is half a window.
+        repair: kinds of broken taxels that are repaired, of `bench.corpora.steps.REPAIRS`.
+        scale: ``none``, or ``peak``: divided by the largest reading so far.
+        faults: that copies of the training captures go through; nothing else does. ``all`` stands for every fault.
+        copies: of each training capture, where there are faults.
+    """
+
+    def __init__(
+        self,
+        system: contract.System,
+        window: float = 0.0,
+        hop: float = 0.0,
+        repair: tuple[str, ...] = (),
+        scale: str = "none",
+        faults: tuple[str, ...] = (),
+        copies: int = 3,
+    ) -> None:
+        self.system = system
+        self.window = window
+        self.hop = hop
+        self.repair = repair
+        self.scale = scale
+        self.faults = faults
+        self.copies = copies
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be.
+
+        Raises:
+            InputError: one of them.
+        """
+        if not (self.window >= 0 and self.hop >= 0):
+            raise InputError(f"model.window={self.window:g}, model.hop={self.hop:g}: give seconds from 0 on")
+        if self.hop and not self.window:
+            raise InputError(f"model.hop={self.hop:g} needs model.window=")
+        if self.window and (contract.decides_often(self.system) or contract.window(self.system, 1.0)):
+            raise InputError(f"model.window={self.window:g}: the system cuts its own windows; leave it out")
+        self.training_steps()
+        contract.check(self.system)
+
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """As of the system inside."""
+        contract.check_training(self.system, X, y)
+
+    def steps(self) -> list[Step]:
+        """What captures go through before the system sees them."""
+        repair: list[Step] = [Repair(self.repair)] if self.repair else []
+        scale: list[Step] = [Scale(self.scale)] if self.scale != "none" else []
+        return repair + scale + ([Windows(self.window, self.hop)] if self.window else [])
+
+    def training_steps(self) -> list[Step]:
+        """The same for training captures."""
+        if not self.faults:
+            return self.steps()
+        from bench.corpora.faults import known
+
+        names = tuple(known()) if self.faults == ("all",) else self.faults
+        return [Faulted(names, self.copies), *self.steps()]
+
+    def fit(self, X: Corpus, y: np.ndarray) -> Recipe:
+        """Learn from captures and their class names."""
+        seen, row = taken(X, self.training_steps())
+        self.system_ = clone(self.system).fit(seen, np.asarray(y)[row])
+        self.classes_ = self.system_.classes_
+        if self.window:
+            self.window_ = self.length(X.rate_hz)
+        return self
+
+    def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
+        """Every decision: one per window, or those of the system inside (`models.contract.decide`)."""
+        seen, row = taken(X, self.steps())
+        table, proba = contract.decide(self.system_, seen)
+        of = table["capture"].to_numpy()
+        start = table["start"].to_numpy() + (seen.piece[of] - X.piece[row[of]]) % COPY
+        return table.assign(capture=row[of], start=start), proba
+
+    def predict_proba(self, X: Corpus) -> np.ndarray:
+        """Mean probabilities over the decisions on each capture [captures, classes]."""
+        table, proba = self.decide(X)
+        return mean_of(proba, table["capture"].to_numpy())
+
+    def predict(self, X: Corpus) -> np.ndarray:
+        """Class name of each capture."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+    def length(self, rate_hz: float) -> int | None:
+        """Frames of a window; None where captures stay whole and the system inside has no windows."""
+        if self.window:
+            return Windows(self.window, self.hop).lengths(rate_hz)[0]
+        return contract.window(self.system, rate_hz)
+
+    @property
+    def features(self) -> dict[str, contract.Features]:
+        """Feature sets of the system inside."""
+        return contract.features(self.system)
+
+    @property
+    def searches(self) -> bool:
+        """Whether the system inside chooses its parameters itself."""
+        return contract.searches(self.system)
+
+    @property
+    def best_(self) -> contract.System:
+        """What decides."""
+        return contract.inside(self.system_)
+
+    @property
+    def history_(self) -> list[dict[str, float]]:
+        """Of the system inside."""
+        return contract.history(self.system_)
+
+    @property
+    def chosen_(self) -> dict[str, object]:
+        """Of the system inside."""
+        return contract.chosen(self.system_)
+
+    @property
+    def trials_(self) -> pd.DataFrame | None:
+        """Of the system inside."""
+        return contract.trials(self.system_)
+
+
+def taken(X: Corpus, steps: list[Step]) -> tuple[Corpus, np.ndarray]:
+    """Captures after some steps, and which of ``X`` each comes from."""
+    row = np.arange(len(X))
+    for step in steps:
+        rows = step.rows(X)
+        X, row = step(X), row[rows]
+    return X, row
+
+
+def mean_of(proba: np.ndarray, capture: np.ndarray) -> np.ndarray:
+    """Mean of the rows of each capture, which lie together [captures, classes]."""
+    return np.add.reduceat(proba, np.flatnonzero(np.diff(capture, prepend=-1))) / np.bincount(capture)[:, None]

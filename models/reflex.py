@@ -1,0 +1,115 @@
+"""reflex: the recogniser to ship."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, ClassifierMixin
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.steps import Windows
+from bench.errors import InputError
+from features.touch import TouchFeatures
+from models.lda import lda
+from models.recipe import Recipe, mean_of
+
+
+class Reflex(ClassifierMixin, BaseEstimator):
+    """Linear discriminants on windows of a second, with a second set of weights for the first half second.
+
+    1. *Repair*: taxels that are stuck or dead are found in the capture's own past and filled from their neighbours.
+    2. *Windows* of 1 s, one every half second. What is shorter than a second is cut into windows of 0.5 s, one every
+       quarter of a second, and judged by weights learnt on such windows.
+    3. *Features*: `features.touch`, rates and shares that mean the same on every grid and at every rate.
+    4. *Discriminants*: one covariance, a fifth of it shrunk to the identity. What is particular to a capture counts as
+       much again as what varies within it, since two or more windows decide on most captures; for the short windows it
+       does not, since one decides.
+    5. *Faults*: each training capture is learnt from as it is and ``copies`` times damaged, by a fault and a severity drawn at random.
+    6. A capture's probabilities are the mean over its windows. Nothing is random but the damage, whose draws are fixed.
+
+    Every number above was chosen on the training part of HAART's challenge split, leaving its subjects out one by one, or
+    is round: docs/systems.md tells what was tried.
+
+    Args:
+        window: seconds of a window.
+        early: seconds of a window of what is shorter than that.
+        shrinkage: of the covariance.
+        windows: as of `models.lda.Discriminants`.
+        repair: as of `models.recipe.Recipe`.
+        faults: as of `models.recipe.Recipe`; ``none`` for none.
+        copies: damaged copies of each training capture.
+    """
+
+    def __init__(
+        self,
+        window: float = 1.0,
+        early: float = 0.5,
+        shrinkage: float = 0.2,
+        windows: float = 2.0,
+        repair: tuple[str, ...] = ("stuck", "dead"),
+        faults: tuple[str, ...] = ("all",),
+        copies: int = 3,
+    ) -> None:
+        self.window = window
+        self.early = early
+        self.shrinkage = shrinkage
+        self.windows = windows
+        self.repair = repair
+        self.faults = faults
+        self.copies = copies
+
+    def _recipes(self) -> tuple[Recipe, Recipe]:
+        """For a whole window, and for less."""
+        kept = {"repair": () if self.repair == ("none",) else self.repair, "copies": self.copies}
+        kept["faults"] = () if self.faults == ("none",) else self.faults
+        features = TouchFeatures()
+        whole = Recipe(lda(features, self.shrinkage, self.windows), self.window, **kept)
+        return whole, Recipe(lda(features, self.shrinkage), self.early, **kept)
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be.
+
+        Raises:
+            InputError: one of them.
+        """
+        if not 0 < self.early <= self.window:
+            raise InputError(f"model.early={self.early:g}: give seconds above 0, at most model.window={self.window:g}")
+        for recipe in self._recipes():
+            recipe.check()
+
+    def length(self, rate_hz: float) -> int:
+        """Frames of a window."""
+        return Windows(self.window).lengths(rate_hz)[0]
+
+    def fit(self, X: Corpus, y: np.ndarray) -> Reflex:
+        """Learn from captures and their class names."""
+        self.whole_, self.early_ = (recipe.fit(X, y) for recipe in self._recipes())
+        self.classes_ = self.whole_.classes_
+        return self
+
+    def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
+        """One decision per window: frames seen, and probabilities [windows, classes]."""
+        short = X.lengths < self.length(X.rate_hz)
+        tables, probabilities = [], []
+        for recipe, part in ((self.whole_, np.flatnonzero(~short)), (self.early_, np.flatnonzero(short))):
+            if len(part):
+                table, proba = recipe.decide(X[part])
+                tables.append(table.assign(capture=part[table["capture"].to_numpy()]))
+                probabilities.append(proba)
+        table = pd.concat(tables, ignore_index=True)
+        order = np.argsort(table["capture"].to_numpy(), kind="stable")
+        return table.iloc[order].reset_index(drop=True), np.concatenate(probabilities)[order]
+
+    def predict_proba(self, X: Corpus) -> np.ndarray:
+        """Mean probabilities over the windows of each capture [captures, classes]."""
+        table, proba = self.decide(X)
+        return mean_of(proba, table["capture"].to_numpy())
+
+    def predict(self, X: Corpus) -> np.ndarray:
+        """Class name of each capture."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+    @property
+    def members(self) -> list[Recipe]:
+        """Both sets of weights."""
+        return [self.whole_, self.early_]
