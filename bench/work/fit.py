@@ -93,11 +93,10 @@ def fit(cell: Cell, out: Path | None = None) -> Fitted:
         run_id = store.create(f"{cell.system()} | {cell.data} | all captures", tags)
         store.log(run_id, metrics, params_of(cell, corpus, threads) | {"captures": len(corpus)})
         log_captures(store, run_id, cell, corpus, "training")
-        with quiet():
-            if out is not None:
+        with quiet(), reached(), mlflow.start_run(run_id=run_id):
+            saved = mlflow.pyfunc.log_model(name="model", **model)
+            if out is not None:  # last, so that what is killed before can be repeated: the folder is not there yet
                 _save(model, out)
-            with reached(), mlflow.start_run(run_id=run_id):
-                saved = mlflow.pyfunc.log_model(name="model", **model)
     return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus))
 
 

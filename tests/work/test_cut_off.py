@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-import mlflow
+import mlflow.pyfunc
 import numpy as np
 import pandas as pd
 import pytest
@@ -71,3 +71,10 @@ def test_what_a_finished_fold_chose_among_is_read_back_to_the_last_bit(monkeypat
     (run,) = connect().of_kind("cell")
     found = pd.read_csv(connect().fetched(run.info.run_id, "trials.csv"), float_precision="round_trip")
     assert found["accuracy"].tolist() == among["accuracy"].tolist() * 3
+
+
+def test_a_fit_that_is_cut_off_while_it_is_stored_can_be_repeated(monkeypatch):
+    killed_in(monkeypatch, mlflow.pyfunc, "log_model", ["fit", *SMALL, "out=saved"])
+    assert main(["fit", *SMALL, "out=saved"]) == 0
+    assert (Path("saved") / "MLmodel").is_file()
+    assert "FINISHED" in [r.info.status for r in connect().of_kind("fit")]
