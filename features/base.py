@@ -9,7 +9,7 @@ import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import COPY, Corpus
 from bench.errors import InputError
 from features.kept import of_corpus
 
@@ -39,9 +39,14 @@ class FeatureSet(TransformerMixin, BaseEstimator):
         return self
 
     def transform(self, X: Corpus) -> pd.DataFrame:
-        """Features of each capture [captures, n_features]; of pieces of captures, indexed by the capture."""
+        """Features of each capture [captures, n_features].
+
+        Those of pieces and copies of captures (`bench.corpora.steps`) are labelled by capture and copy.
+        """
         table = of_corpus(self, X)
-        return table.set_axis(X.index) if X.steps else table
+        if not X.steps:
+            return table
+        return table.set_axis(pd.MultiIndex.from_arrays([X.index, X.piece // COPY], names=["capture", "copy"]))
 
     def get_feature_names_out(self, input_features: object = None) -> np.ndarray:
         """Names of the columns, str [n_features], once fitted."""

@@ -122,8 +122,9 @@ class Hughes36(FeatureSet):
                 frames = _standardised(observe(part), *self.standard_[i])
                 likelihood = self.models_[i].log_likelihood(frames, part.lengths) / part.lengths[:, None]
                 columns[block, i * classes : (i + 1) * classes] = np.maximum(likelihood, LEAST_LIKELY)
-        likelihoods = pd.DataFrame(columns, columns=self.names_[: 2 * classes])
-        return pd.concat([likelihoods, super().transform(X)[self.level_]], axis=1)
+        others = super().transform(X)[self.level_]
+        likelihoods = pd.DataFrame(columns, others.index, self.names_[: 2 * classes])
+        return pd.concat([likelihoods, others], axis=1)
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the gesture-level features of every capture, the duration included."""

@@ -69,8 +69,9 @@ class Ta273(FeatureSet):
     def transform(self, X: Corpus) -> pd.DataFrame:
         """Features of each capture [captures, n_features]."""
         crossings = crossings_per_second(mean_pressure(X), X.lengths, self.levels_, X.rate_hz)
-        crossed = pd.DataFrame(crossings, columns=[f"level{i}_crossings" for i in range(1, LEVELS + 1)])
-        return pd.concat([super().transform(X), crossed], axis=1)[self.names_]
+        others = super().transform(X)
+        crossed = pd.DataFrame(crossings, others.index, [f"level{i}_crossings" for i in range(1, LEVELS + 1)])
+        return pd.concat([others, crossed], axis=1)[self.names_]
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Everything but the crossings of levels."""

@@ -17,6 +17,7 @@ SPREAD = 16  # places of a sorted list of taxels
 SEGMENT_S = 1.2  # of a spectrum
 POINTS = 64  # least of a spectrum, padded
 BANDS = np.array([0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32]) / 32  # of half the rate
+POINT = 1e-3  # of a side: a spread below is that of a point
 LAGS_S = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
 SIGNALS = (
     *("total", "peak", "change", "rise", "relative_change", "net_change", "one_way", "row", "col", "spread"),
@@ -165,7 +166,8 @@ def signals(p: np.ndarray) -> np.ndarray:
     wide = _ratio(np.einsum("ij,ij,ij->i", by_col, right, right), total)
     askew = _ratio(_dot(np.einsum("ijk,k->ij", p, c.astype(np.float32)), r), total) - row * col * (total > 0)
     spread = np.sqrt(np.maximum(high + wide, 0))
-    elongation = _ratio(np.sqrt((high - wide) ** 2 + 4 * askew**2), high + wide)
+    # Of pressure on one taxel, what is left of both is rounding.
+    elongation = _ratio(np.sqrt((high - wide) ** 2 + 4 * askew**2), np.where(spread > POINT, high + wide, 0)).clip(0, 1)
     travel = np.hypot(np.diff(row, prepend=row[:1]), np.diff(col, prepend=col[:1]))
 
     flow_row, flow_col, explained = _flow(p, step)
@@ -305,7 +307,7 @@ def _spectrum(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
         part = (part - part.mean(axis=1, keepdims=True)) * window
         spectrum = np.fft.rfft(part, points, axis=1)[:, 1:]
         power = power + spectrum.real**2 + spectrum.imag**2
-    power = power / (len(begins) * (window**2).sum() * points / length)
+    power = power / (len(begins) * (window**2).sum() * points)
     first = np.floor(BANDS[:-1] * points / 2 + 1e-9).astype(int)
     total = power.sum(axis=1)
     bands = np.log((np.add.reduceat(power, first, axis=1) + 1e-6 * total[:, None] + 1e-12) / (total[:, None] + 1e-12))
@@ -333,13 +335,14 @@ def _lagged(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
 def _space(shares: np.ndarray) -> list[np.ndarray]:
     """Sorted mean, SD and largest of the taxels, read at equally spaced places, and the entropy of each."""
     mean = shares.mean(axis=1, dtype=np.float64)
-    square = np.einsum("ijk,ijk->ik", shares, shares).astype(np.float64) / shares.shape[1]
+    away = shares - mean[:, None].astype(np.float32)  # squares of the shares themselves would hide a small SD
+    variance = np.einsum("ijk,ijk->ik", away, away).astype(np.float64) / shares.shape[1]
     taxels = mean.shape[1]
     at = np.linspace(0, taxels - 1, SPREAD)
     low = at.astype(int)
     high, part = np.minimum(low + 1, taxels - 1), at - low
     found = []
-    for values in (mean, np.sqrt(np.maximum(square - mean**2, 0)), shares.max(axis=1).astype(np.float64)):
+    for values in (mean, np.sqrt(variance), shares.max(axis=1).astype(np.float64)):
         ordered = -np.sort(-values, axis=1)
         found.append(np.log(ordered[:, low] * (1 - part) + ordered[:, high] * part + EPS))
         share = values / np.maximum(values.sum(axis=1, keepdims=True), 1e-9)

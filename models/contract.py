@@ -113,9 +113,19 @@ def features(estimator: System) -> dict[str, Features]:
     return dict(found) if isinstance(found, dict) else {}
 
 
+def seen_by_features(estimator: System, X: Corpus) -> list[Corpus]:
+    """``seen(X)``: what its feature sets are given of captures, in training and when it decides; by default these."""
+    return _told(estimator, "seen", lambda X: [X])(X)
+
+
 def searches(estimator: System) -> bool:
     """``searches``: whether it chooses its parameters itself, so that nothing else should; no by default."""
     return bool(_told(estimator, "searches", False))
+
+
+def trained_faults(estimator: System) -> tuple[str, ...]:
+    """``trained_faults``: names of the faults that copies of its training captures go through; none by default."""
+    return _told(estimator, "trained_faults", ())
 
 
 # Decisions of a fitted system
@@ -223,18 +233,24 @@ def build(factory: Callable, feature_set: Features | None, **parameters: object)
         feature_set: a transformer of captures to a table; None for a system that reads captures.
         parameters: keyword arguments.
     """
-    recipe = {k: v for k, v in parameters.items() if k in recipe_of(factory)}
+    usual = recipe_of(factory)
+    recipe: dict[str, Any] = {k: _as_typed(v, usual[k]) for k, v in parameters.items() if k in usual}
     parameters = {k: v for k, v in parameters.items() if k not in recipe}
     asked = required(factory)
     if asked and feature_set is not None:
         system = factory(**{asked[0]: feature_set}, **parameters)
     else:
         system = behind(factory(**parameters), feature_set)
-    if not recipe:
+    if all(v == usual[k] for k, v in recipe.items()):
         return system
     from models.recipe import Recipe
 
     return Recipe(system, **recipe)
+
+
+def _as_typed(value: object, usual: object) -> object:
+    """Names joined by +, which a search draws, as a tuple where that is what is usual."""
+    return tuple(filter(None, value.split("+"))) if isinstance(usual, tuple) and isinstance(value, str) else value
 
 
 def recipe_of(factory: Callable) -> dict[str, object]:

@@ -16,14 +16,15 @@ from models.space import Range
 class Discriminants(ClassifierMixin, BaseEstimator):
     """Gaussian classes with one covariance, shrunk towards a multiple of the identity after standardisation.
 
-    Rows that come from one capture (a `pandas.DataFrame` whose index repeats) share what is particular to it. A label
-    that is taken from n of them sees a mean whose covariance is that between captures plus one n-th of that within
-    them; ``windows`` is this n, as far as windows that overlap are independent. With 1, or one row per capture, these
-    are the usual linear discriminants. Classes count alike, however many captures they have.
+    Rows that come from one capture (``capture`` of the index of a `pandas.DataFrame`) share what is particular to it. A
+    label that is taken from n of them sees a mean whose covariance is that between captures plus one n-th of that
+    within them; ``windows`` is this n, as far as windows that overlap are independent. With 1, or one row per capture,
+    these are the usual linear discriminants. Classes count alike, however many captures they have.
 
     Args:
         shrinkage: 0 to 1.
         windows: that decide on a label together.
+        damaged: how much a row of a damaged copy counts (``copy`` of the index is above 0); others count 1.
 
     Attributes:
         classes_: class names.
@@ -31,27 +32,26 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         intercept_: [classes].
     """
 
-    def __init__(self, shrinkage: float = 0.2, windows: float = 1.0) -> None:
+    def __init__(self, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0) -> None:
         self.shrinkage = shrinkage
         self.windows = windows
+        self.damaged = damaged
 
     def fit(self, X: pd.DataFrame | np.ndarray, y: np.ndarray) -> Discriminants:
         """Learn from features [rows, n_features] and class names [rows]."""
         self.classes_, codes = np.unique(y, return_inverse=True)
         Z = np.asarray(X, dtype=np.float64)
         self.n_features_in_ = Z.shape[1]
-        mean, sd = Z.mean(axis=0), Z.std(axis=0)
-        still = np.ptp(Z, axis=0) <= FLAT * np.abs(Z).max(axis=0)
-        sd[still] = np.inf
+        captures, weight = self._rows(X)
+        mean = weight @ Z / weight.sum()
+        sd = np.sqrt(weight @ (Z - mean) ** 2 / weight.sum())
+        sd[np.ptp(Z, axis=0) <= FLAT * np.abs(Z).max(axis=0)] = np.inf
         Z = (Z - mean) / sd
-        centres = _means(Z, codes)
+        centres, _ = _means(Z, codes, weight)
         Z -= centres[codes]
-        labels = X.index.to_numpy() if isinstance(X, pd.DataFrame) else np.arange(len(Z))
-        captures = np.unique(labels, return_inverse=True)[1]
-        own = _means(Z, captures)
-        weight = np.bincount(captures)[:, None]
-        between = (own * weight).T @ own
-        scatter = (Z.T @ Z + (self.windows - 1) * between) / len(Z)
+        own, heavy = _means(Z, captures, weight)
+        scatter = (Z.T * weight) @ Z + (self.windows - 1) * (own.T * heavy) @ own
+        scatter /= weight.sum()
         size = np.trace(scatter) / len(scatter)
         scatter *= 1 - self.shrinkage
         scatter[np.diag_indices(len(scatter))] += self.shrinkage * size + 1e-9
@@ -59,6 +59,13 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         self.coef_ = coef / sd
         self.intercept_ = -0.5 * (coef * centres).sum(axis=1) - self.coef_ @ mean
         return self
+
+    def _rows(self, X: pd.DataFrame | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of which capture each row is, numbered from 0, and how much it counts."""
+        if not isinstance(X, pd.DataFrame) or X.index.names != ["capture", "copy"]:
+            return np.arange(len(X)), np.ones(len(X))
+        captures = np.unique(X.index.get_level_values("capture"), return_inverse=True)[1]
+        return captures, np.where(X.index.get_level_values("copy") > 0, self.damaged, 1.0)
 
     def decision_function(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Log of the density of each class, but for what is common to all [rows, classes]."""
@@ -73,29 +80,33 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         return self.classes_[self.decision_function(X).argmax(axis=1)]
 
 
-def _means(values: np.ndarray, codes: np.ndarray) -> np.ndarray:
-    """Mean of the rows of each code [codes, n]."""
+def _means(values: np.ndarray, codes: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted mean of the rows of each code [codes, n], and the sum of their weights."""
     order = np.argsort(codes, kind="stable")
     first = np.flatnonzero(np.diff(codes[order], prepend=-1))
-    return np.add.reduceat(values[order], first) / np.bincount(codes)[:, None]
+    heavy = np.add.reduceat(weight[order], first)
+    return np.add.reduceat(values[order] * weight[order][:, None], first) / heavy[:, None], heavy
 
 
-def lda(features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0) -> Pipeline:
+def lda(features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0) -> Pipeline:
     """Linear discriminants (`Discriminants`).
 
     Args:
         features: transformer from captures to a table.
         shrinkage: of the covariance, 0 to 1.
         windows: of a capture that decide on its label together, as far as they are independent.
+        damaged: how much a damaged copy counts beside its capture, where ``model.faults`` makes some.
 
     Raises:
-        InputError: a shrinkage or a number of windows that cannot be.
+        InputError: a shrinkage, a number of windows or a weight that cannot be.
     """
     if not 0 <= shrinkage <= 1:
         raise InputError(f"model.shrinkage={shrinkage:g}: give 0 to 1")
-    if not windows >= 1:
+    if not 1 <= windows < float("inf"):
         raise InputError(f"model.windows={windows:g}: give 1 or more")
-    return Pipeline([("features", features), ("classifier", Discriminants(shrinkage, windows))])
+    if not 0 < damaged < float("inf"):
+        raise InputError(f"model.damaged={damaged:g}: give a number above 0")
+    return Pipeline([("features", features), ("classifier", Discriminants(shrinkage, windows, damaged))])
 
 
 lda.space = {"shrinkage": Range(1e-3, 1, log=True), "windows": Range(1, 8, log=True)}

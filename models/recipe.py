@@ -6,10 +6,14 @@ import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
 
-from bench.corpora.corpus import Corpus
-from bench.corpora.steps import COPY, Faulted, Repair, Scale, Step, Windows
+from bench.corpora.corpus import COPY, Corpus
+from bench.corpora.faults import known
+from bench.corpora.steps import Faulted, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from models import contract
+
+SEARCHED = {"window": [0.0, 1.0], "repair": ["", "stuck+dead"], "faults": ["", "all"]}  # by `models.auto`
+LONGEST_S = 3600.0  # of a window
 
 
 class Recipe(ClassifierMixin, BaseEstimator):
@@ -52,8 +56,9 @@ class Recipe(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: one of them.
         """
-        if not (self.window >= 0 and self.hop >= 0):
-            raise InputError(f"model.window={self.window:g}, model.hop={self.hop:g}: give seconds from 0 on")
+        if not (0 <= self.window <= LONGEST_S and 0 <= self.hop <= LONGEST_S):
+            said = f"model.window={self.window:g}, model.hop={self.hop:g}"
+            raise InputError(f"{said}: give seconds from 0 to {LONGEST_S:g}")
         if self.hop and not self.window:
             raise InputError(f"model.hop={self.hop:g} needs model.window=")
         if self.window and (contract.decides_often(self.system) or contract.window(self.system, 1.0)):
@@ -73,12 +78,17 @@ class Recipe(ClassifierMixin, BaseEstimator):
 
     def training_steps(self) -> list[Step]:
         """The same for training captures."""
-        if not self.faults:
-            return self.steps()
-        from bench.corpora.faults import known
+        damage: list[Step] = [Faulted(self.trained_faults, self.copies)] if self.faults else []
+        return damage + self.steps()
 
-        names = tuple(known()) if self.faults == ("all",) else self.faults
-        return [Faulted(names, self.copies), *self.steps()]
+    @property
+    def trained_faults(self) -> tuple[str, ...]:
+        """Names of the faults that copies of the training captures go through."""
+        return tuple(known()) if self.faults == ("all",) else self.faults
+
+    def seen(self, X: Corpus) -> list[Corpus]:
+        """Captures after the steps of training, and after those of deciding."""
+        return [taken(X, steps)[0] for steps in (self.training_steps(), self.steps())]
 
     def fit(self, X: Corpus, y: np.ndarray) -> Recipe:
         """Learn from captures and their class names."""

@@ -9,6 +9,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import Windows
 from bench.errors import InputError
+from features.base import FeatureSet
 from features.touch import TouchFeatures
 from models.lda import lda
 from models.recipe import Recipe, mean_of
@@ -24,11 +25,12 @@ class Reflex(ClassifierMixin, BaseEstimator):
     4. *Discriminants*: one covariance, a fifth of it shrunk to the identity. What is particular to a capture counts as
        much again as what varies within it, since two or more windows decide on most captures; for the short windows it
        does not, since one decides.
-    5. *Faults*: each training capture is learnt from as it is and ``copies`` times damaged, by a fault and a severity drawn at random.
+    5. *Faults*: a training capture is learnt from as it is and in damaged copies, each by a fault and a severity drawn
+       at random; a copy counts a tenth of the capture.
     6. A capture's probabilities are the mean over its windows. Nothing is random but the damage, whose draws are fixed.
 
-    Every number above was chosen on the training part of HAART's challenge split, leaving its subjects out one by one, or
-    is round: docs/systems.md tells what was tried.
+    Every number above was chosen on the training part of HAART's challenge split, leaving out its subjects one by one,
+    or is round: docs/systems.md tells what was tried.
 
     Args:
         window: seconds of a window.
@@ -38,6 +40,7 @@ class Reflex(ClassifierMixin, BaseEstimator):
         repair: as of `models.recipe.Recipe`.
         faults: as of `models.recipe.Recipe`; ``none`` for none.
         copies: damaged copies of each training capture.
+        damaged: how much a copy counts beside its capture: more is safer under faults and less accurate without.
     """
 
     def __init__(
@@ -49,6 +52,7 @@ class Reflex(ClassifierMixin, BaseEstimator):
         repair: tuple[str, ...] = ("stuck", "dead"),
         faults: tuple[str, ...] = ("all",),
         copies: int = 3,
+        damaged: float = 0.1,
     ) -> None:
         self.window = window
         self.early = early
@@ -57,14 +61,15 @@ class Reflex(ClassifierMixin, BaseEstimator):
         self.repair = repair
         self.faults = faults
         self.copies = copies
+        self.damaged = damaged
 
     def _recipes(self) -> tuple[Recipe, Recipe]:
         """For a whole window, and for less."""
         kept = {"repair": () if self.repair == ("none",) else self.repair, "copies": self.copies}
         kept["faults"] = () if self.faults == ("none",) else self.faults
         features = TouchFeatures()
-        whole = Recipe(lda(features, self.shrinkage, self.windows), self.window, **kept)
-        return whole, Recipe(lda(features, self.shrinkage), self.early, **kept)
+        whole = Recipe(lda(features, self.shrinkage, self.windows, self.damaged), self.window, **kept)
+        return whole, Recipe(lda(features, self.shrinkage, 1.0, self.damaged), self.early, **kept)
 
     def check(self) -> None:
         """Refuse parameters that cannot be.
@@ -108,6 +113,20 @@ class Reflex(ClassifierMixin, BaseEstimator):
     def predict(self, X: Corpus) -> np.ndarray:
         """Class name of each capture."""
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+    def seen(self, X: Corpus) -> list[Corpus]:
+        """What the features are computed from."""
+        return [corpus for recipe in self._recipes() for corpus in recipe.seen(X)]
+
+    @property
+    def features(self) -> dict[str, FeatureSet]:
+        """The feature set."""
+        return {"touch": TouchFeatures()}
+
+    @property
+    def trained_faults(self) -> tuple[str, ...]:
+        """Names of the faults that copies of the training captures go through."""
+        return self._recipes()[0].trained_faults
 
     @property
     def members(self) -> list[Recipe]:

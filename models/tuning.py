@@ -252,10 +252,13 @@ class Search(ClassifierMixin, BaseEstimator):
             trial = study.ask()
         started = time.perf_counter()
         chosen = self._suggest(trial, number)
-        name = chosen.get("features")
+        features: object = chosen.get("features")
+        name = None if self._prepares(chosen) else features  # what goes through steps first has tables of its own
+        if features:
+            features = "passthrough" if name else self._features(chosen)
         accuracy: dict[str, float] = {}
         for fold, (train, test) in enumerate(tables.folds):
-            model = self._make(chosen, "passthrough" if name else None)
+            model = self._make(chosen, features)
             model.fit(tables.train(name, fold), y[train])
             hit = model.predict(tables.test(name, fold)) == y[test]
             for subject in np.unique(subjects[test]):
@@ -313,6 +316,11 @@ class Search(ClassifierMixin, BaseEstimator):
             else:
                 chosen[key] = seeded().suggest_float(key, values.low, values.high, log=values.log)
         return chosen
+
+    def _prepares(self, chosen: dict[str, object]) -> bool:
+        """Whether a trial's captures go through steps (`models.recipe.Recipe`) before its features are computed."""
+        usual = contract.recipe_of(self.models[chosen["model"]])
+        return any(chosen.get(f"{chosen['model']}.{k}", v) not in (v, "") for k, v in usual.items())
 
     def _make(self, chosen: dict[str, object], features: object) -> ClassifierMixin:
         name = chosen["model"]

@@ -9,7 +9,7 @@ from bench.commands.printing import show
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
 from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.arguments import Values, convert, items, jobs_of, parse
+from bench.plan.arguments import Values, convert, items, jobs_of, parse, text_of
 from bench.plan.cells import Cell, cells
 from bench.registry import parameters
 from bench.work.loop import Outcome
@@ -46,7 +46,7 @@ def searched(values: Values) -> list[Outcome]:
     if "seed" in given:
         raise InputError(f"model.seed={given['seed']}: give seed= instead, it is that of the search too")
     asked = cells({k: v for k, v in values.items() if not k.startswith("model.") and k != "seed" and k not in OPTIONS})
-    known = {name for cell in asked for name in cell.model.parameters}
+    known = {name for cell in asked for name in _parameters(cell)}
     for name in given:
         if name not in known:
             raise InputError(f"model={values.get('model', 'svm')} has no parameter {name!r}; {nearest(name, known)}")
@@ -55,20 +55,27 @@ def searched(values: Values) -> list[Outcome]:
     return evaluated(tuned, jobs_of(values))
 
 
+def _parameters(cell: Cell) -> dict[str, object]:
+    """What a model takes, its own parameters first."""
+    if cell.model.given is not None:
+        return cell.model.parameters
+    return parameters(cell.model.factory) | contract.recipe_of(cell.model.factory)
+
+
+def _values(name: str, given: object, usual: object) -> list[object]:
+    """The values of a list, each of the type of the default; several names together stay joined by +."""
+    found = [convert(f"model.{name}", value, usual) for value in items(f"model.{name}", given)]
+    return [text_of(value) if isinstance(value, tuple) else value for value in found]
+
+
 def _tuning(cell: Cell, given: dict[str, object], how: How) -> Tuning:
     name = cell.model.short
     if cell.model.given is not None:
         raise InputError(f"model={name}: an object is what it is; give its class or a factory by name to search")
     if contract.searches(cell.estimator()):
         raise InputError(f"model={name} searches by itself; use bench run model={name}")
-    usual = parameters(cell.model.factory)
-    listed = {
-        name: list(
-            dict.fromkeys(convert(f"model.{name}", value, usual[name]) for value in items(f"model.{name}", text))
-        )
-        for name, text in given.items()
-        if name in usual
-    }
+    usual = _parameters(cell)
+    listed = {name: list(dict.fromkeys(_values(name, given[name], usual[name]))) for name in given if name in usual}
     space: Space = {**listed}
     if all(len(values) == 1 for values in listed.values()):
         declared = contract.space(cell.model.factory)

@@ -18,6 +18,7 @@ from bench.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+COPY = 1 << 40  # of a piece: times the number of the copy, and below that its first frame
 RESERVED = frozenset({"fold", "capture", "start", "frames", "true", "predicted"})  # columns that predictions need
 
 

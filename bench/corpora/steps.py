@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.faults import SEVERITIES, as_shares, known
 from bench.errors import InputError, nearest
 
@@ -20,7 +20,6 @@ REPAIRS = ("stuck", "dead", "offset")
 SCALES = ("none", "peak")
 SETTLED_S = 0.25  # what has not moved for so long is not touched, or broken
 PASSES = 3  # broken taxels without a sound neighbour are filled from filled ones
-COPY = 1 << 40  # of a piece: what is below is its first frame
 
 
 class Step:
@@ -218,7 +217,8 @@ class Scale(Step):
         for frames in corpus:
             values = frames.astype(np.float32)
             most = np.maximum.accumulate(values.max(axis=(1, 2)))
-            made.append(values * (corpus.full_scale / np.where(most > 0, most, 1)).astype(np.float32)[:, None, None])
+            gain = (corpus.full_scale / np.where(most > 0, most, 1)).astype(np.float32)
+            made.append(np.minimum(values * gain[:, None, None], np.float32(corpus.full_scale)))
         return _replaced(corpus, made, self)
 
 

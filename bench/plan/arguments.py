@@ -82,6 +82,8 @@ def convert(key: str, given: object, default: object) -> object:
     Raises:
         InputError: it is no such value.
     """
+    if given == () and isinstance(default, tuple):
+        return given
     text = given if isinstance(given, str) else text_of(given)
     read: Callable[[str], object]
     if default is None or text == "None":

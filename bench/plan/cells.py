@@ -151,7 +151,8 @@ class Cell:
         if self.tuning:
             from models.tuning import machinery
 
-            search = [source_digest(*machinery(self.tuning))]
+            beyond = set(self.tuning["space"]) - set(parameters(self.model.factory))
+            search = [source_digest(*machinery(self.tuning), *(contract.recipe_code() if beyond else ()))]
         return {
             "target": self.target,
             "tuning": repr(self.tuning),

@@ -152,8 +152,9 @@ def fill_cache(plan: Plan) -> None:
     """Compute once for all folds what needs no learning; a set that fails here fails in every fold, recorded there."""
     one = plan.corpus[:1]
     for features in plan.cell.feature_sets().values():
-        with suppress(Exception):
-            features.fit_transform(one, one.gestures)
+        for seen in contract.seen_by_features(plan.cell.estimator(), one):
+            with suppress(Exception):
+                features.fit_transform(seen, seen.gestures)
 
 
 def warnings(plan: Plan) -> list[str]:

@@ -135,8 +135,10 @@ class Stress(Experiment[Analysis]):
         """Where the system fails (`bench.outcomes.stability`), and mean seconds of a fold."""
         table = table_of(results)
         analysis = stability.analyse(tags, table)
-        seconds = {k: sum(r.metrics[k] for r in results) / len(results) for k in results[0].metrics}
-        return Findings(stability.metrics(analysis) | seconds, {"stress.parquet": table}, analysis=analysis)
+        found = {k: sum(r.metrics[k] for r in results) / len(results) for k in results[0].metrics}
+        trained = set(contract.trained_faults(plan.cell.estimator()))
+        found |= {"faults_tested": len(self.faults), "faults_trained": sum(f.name in trained for f in self.faults)}
+        return Findings(stability.metrics(analysis) | found, {"stress.parquet": table}, analysis=analysis)
 
     def row(self, metrics: dict[str, float]) -> dict[str, str]:
         """Clean accuracy, mean loss over the faults, and the worst of them."""
@@ -145,6 +147,7 @@ class Stress(Experiment[Analysis]):
         return {
             "clean": f"{100 * metrics['accuracy']:.1f}" if metrics else "-",
             "mean loss": f"{100 * np.mean([*losses.values()]):.1f}" if losses else "-",
+            "trained on": f"{metrics['faults_trained']:.0f} of {metrics['faults_tested']:.0f}" if metrics else "-",
             "worst fault": f"{worst.replace('_', ' ')} {100 * losses[worst]:.1f}" if losses else "-",
             "failing slices": f"{metrics['failing_slices']:.0f} of {metrics['tested_slices']:.0f}" if metrics else "-",
         }

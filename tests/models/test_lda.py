@@ -1,0 +1,224 @@
+"""Discriminants against scikit-learn's, and windows of captures against covariances taken apart by hand."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+from sklearn.base import clone
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.preprocessing import StandardScaler
+
+from bench.corpora.steps import Faulted, Windows
+from bench.errors import InputError
+from bench.plan.cells import cells
+from bench.plan.plan import checked
+from bench.work.sizes import parameter_count
+from features.jung28 import Jung28
+from models.lda import Discriminants, lda
+from tests.conftest import random_corpus
+
+
+def points(seed=0, counts=(20, 20, 20), d=4):
+    """Classes that overlap, features of very different size, and correlated."""
+    rng = np.random.default_rng(seed)
+    y = np.repeat([*"abcdef"][: len(counts)], counts)
+    own = rng.normal(size=(len(counts), d))[np.repeat(np.arange(len(counts)), counts)]
+    X = (rng.normal(size=(len(y), d)) + own) @ rng.normal(size=(d, d))
+    return X * 10.0 ** rng.integers(-3, 4, d) + rng.normal(size=d), y
+
+
+def of_captures(seed, captures=30, d=3, classes=3):
+    """Rows of captures of 1 to 6 windows each, some of them damaged, as feature sets label them."""
+    rng = np.random.default_rng(seed)
+    rows = rng.integers(1, 7, captures)
+    labels = np.repeat(rng.permutation(1000)[:captures], rows), rng.integers(0, 3, rows.sum())
+    index = pd.MultiIndex.from_arrays(labels, names=["capture", "copy"])
+    code = np.repeat(np.arange(captures) % classes, rows)
+    X = 2 * rng.normal(size=(classes, d))[code] + np.repeat(rng.normal(size=(captures, d)), rows, axis=0)
+    X = (X + 0.5 * rng.normal(size=X.shape)) @ rng.normal(size=(d, d))
+    return pd.DataFrame(X, index=index), np.array([*"abcdef"])[code]
+
+
+@given(
+    st.integers(0, 10_000),
+    st.sampled_from([(20, 20, 20), (30, 30), (5, 40, 12), (9, 50), (2, 3, 40, 6)]),
+    st.sampled_from([0.001, 0.2, 0.7, 1.0]),
+)
+def test_discriminants_equal_scikit_learns(seed, counts, shrinkage):
+    """Where classes are of different size, scikit-learn is given their shares, which weigh its covariance.
+
+    Its scores then hold the logarithms of the shares, which are taken away: here classes count alike. Both shrink to
+    the mean variance of the features as they are given, so scikit-learn is given standardised ones; its automatic
+    shrinkage, which would scale once more, is not used.
+    """
+    X, y = points(seed, counts)
+    shares = np.array(counts) / sum(counts)
+    theirs = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage, priors=shares)
+    scaled = StandardScaler().fit(X)
+    theirs.fit(scaled.transform(X), y)
+    coef, intercept = theirs.coef_, theirs.intercept_
+    if len(counts) == 2:  # theirs is the difference of the two
+        found = Discriminants(shrinkage).fit(X, y).decision_function(X)
+        expected = theirs.decision_function(scaled.transform(X)) - np.log(shares[1] / shares[0])
+        np.testing.assert_allclose(found[:, 1] - found[:, 0], expected, rtol=1e-6, atol=1e-6)
+        return
+    expected = scaled.transform(X) @ coef.T + intercept - np.log(shares)
+    ours = Discriminants(shrinkage).fit(X, y)
+    np.testing.assert_allclose(ours.decision_function(X), expected, rtol=1e-6, atol=1e-6)
+    probabilities = np.exp(expected) / np.exp(expected).sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(ours.predict_proba(X), probabilities, rtol=1e-6, atol=1e-9)
+    if len(set(counts)) == 1:
+        np.testing.assert_allclose(ours.predict_proba(X), theirs.predict_proba(scaled.transform(X)), rtol=1e-6)
+        assert np.array_equal(ours.predict(X), theirs.predict(scaled.transform(X)))
+
+
+def test_without_shrinkage_it_is_a_normal_density_with_one_covariance():
+    X, y = points(1, (20, 35, 12))
+    centred = np.concatenate([X[y == c] - X[y == c].mean(axis=0) for c in "abc"])
+    one = centred.T @ centred / len(X)
+    densities = [multivariate_normal(X[y == c].mean(axis=0), one, allow_singular=True).logpdf(X) for c in "abc"]
+    densities = np.exp(np.stack(densities, axis=1) - np.max(densities, axis=0)[:, None])
+    found = Discriminants(0).fit(X, y).predict_proba(X)
+    np.testing.assert_allclose(found, densities / densities.sum(axis=1, keepdims=True), rtol=1e-5, atol=1e-8)
+
+
+@given(st.integers(0, 10_000), st.sampled_from([1.0, 2.0, 3.7, 8.0]), st.sampled_from([0.0, 0.2]))
+def test_windows_of_a_capture_against_a_covariance_taken_apart(seed, windows, shrinkage):
+    """Scores of so many windows in sum are the log density of their mean: between captures, and one n-th within."""
+    X, y = of_captures(seed)
+    captures = X.index.get_level_values("capture").to_numpy()
+    Z = X.to_numpy()
+    Z = (Z - Z.mean(axis=0)) / Z.std(axis=0)
+    names = sorted(set(y))
+    centre = {c: Z[y == c].mean(axis=0) for c in names}
+    between, within = np.zeros((3, 3)), np.zeros((3, 3))
+    for capture in set(captures):
+        rows = Z[captures == capture]
+        own = rows.mean(axis=0)
+        away = own - centre[y[captures == capture][0]]
+        for row in rows:
+            between += np.outer(away, away) / len(X)
+            within += np.outer(row - own, row - own) / len(X)
+    one = between + within / windows
+    one = (1 - shrinkage) * one + shrinkage * np.trace(one) / 3 * np.eye(3)
+    model = Discriminants(shrinkage, windows).fit(X, y)
+    expected = np.array([[-0.5 * (m - centre[c]) @ np.linalg.solve(one, m - centre[c]) for c in names] for m in Z[:7]])
+    found = windows * model.decision_function(X.iloc[:7])
+    np.testing.assert_allclose(found - found[:, :1], expected - expected[:, :1], rtol=1e-5, atol=1e-5)
+
+
+def test_one_window_or_one_row_a_capture_are_the_usual_discriminants():
+    X, y = of_captures(5)
+    usual = Discriminants(0.2).fit(X.to_numpy(), y).decision_function(X)
+    assert np.array_equal(Discriminants(0.2).fit(X, y).decision_function(X), usual)
+    for alone in (X.reset_index(drop=True), X.to_numpy()):
+        np.testing.assert_allclose(4 * Discriminants(0.2, 4.0).fit(alone, y).decision_function(X), usual, rtol=1e-6)
+    several = 4 * Discriminants(0.2, 4.0).fit(X, y).decision_function(X)
+    assert not np.allclose(several, usual, rtol=0.05)
+
+
+@given(st.integers(0, 1000), st.sampled_from([1.0, 3.0]), st.sampled_from([1, 2, 5]))
+def test_a_weight_is_a_number_of_rows(seed, windows, times):
+    """Copies that count so often are rows that are there so often; a fraction of it, that of all others."""
+    X, y = of_captures(seed)
+    copies = X.index.get_level_values("copy").to_numpy() > 0
+    often = np.repeat(np.arange(len(X)), np.where(copies, times, 1))
+    expected = Discriminants(0.1, windows).fit(X.iloc[often], y[often]).predict_proba(X)
+    found = Discriminants(0.1, windows, float(times)).fit(X, y).predict_proba(X)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
+    often = np.repeat(np.arange(len(X)), np.where(copies, 1, times))
+    expected = Discriminants(0.1, windows).fit(X.iloc[often], y[often]).predict_proba(X)
+    found = Discriminants(0.1, windows, 1 / times).fit(X, y).predict_proba(X)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_rows_are_labelled_by_capture_and_copy(corpus):
+    """What a feature set tells of windows of damaged copies is what the discriminants read."""
+    cut = Windows(0.1)(Faulted(("noise",), 2)(corpus[np.array([5, 30])]))
+    labels = Jung28().transform(cut).index
+    assert labels.names == ["capture", "copy"] and len(labels) == len(cut)
+    assert labels.tolist() == [
+        (i, copy) for i in (5, 30) for copy in range(3) for _ in range(len(Windows(0.1)(corpus[i : i + 1])))
+    ]
+
+
+@pytest.mark.parametrize("shrinkage", [0.0, 0.2, 1.0])
+def test_constant_features_have_no_weight(shrinkage):
+    X, y = points(d=3)
+    still = np.column_stack([X, np.full(len(X), 7.0), np.full(len(X), 1e9) + np.arange(len(X)) % 2 * 1e-2, X * 0])
+    model = Discriminants(shrinkage).fit(still, y)
+    assert (model.coef_[:, 3:] == 0).all() and (model.coef_[:, :3] != 0).all()
+    moved = still.copy()
+    moved[:, 3:] = 1234
+    assert np.array_equal(model.predict_proba(moved), model.predict_proba(still))
+    if shrinkage == 0:  # else they count among the features whose mean variance it shrinks to
+        np.testing.assert_allclose(model.coef_[:, :3], Discriminants(0).fit(X, y).coef_, rtol=1e-5)
+    nothing = Discriminants(shrinkage).fit(X * 0 + 3, y)
+    np.testing.assert_allclose(nothing.predict_proba(X), 1 / 3)
+
+
+@given(st.integers(0, 1000), st.sampled_from([1.0, 3.0]))
+def test_the_order_of_rows_changes_nothing(seed, windows):
+    X, y = of_captures(seed)
+    order = np.random.default_rng(seed).permutation(len(X))
+    found = Discriminants(0.1, windows).fit(X.iloc[order], y[order])
+    expected = Discriminants(0.1, windows).fit(X, y)
+    np.testing.assert_allclose(found.predict_proba(X), expected.predict_proba(X), rtol=1e-7, atol=1e-12)
+    assert np.array_equal(found.predict(X), expected.predict(X))
+
+
+@given(st.integers(0, 1000))
+def test_units_of_features_change_nothing(seed):
+    X, y = points(seed)
+    units = 10.0 ** np.random.default_rng(seed).integers(-6, 7, 4)
+    found = Discriminants().fit(X * units + 5 * units, y).predict_proba(X * units + 5 * units)
+    np.testing.assert_allclose(found, Discriminants().fit(X, y).predict_proba(X), rtol=1e-5, atol=1e-9)
+
+
+def test_more_features_than_rows():
+    X, y = points(counts=(4, 4, 4), d=40)
+    for shrinkage in (0.001, 0.2):
+        proba = Discriminants(shrinkage).fit(X, y).predict_proba(X)
+        assert np.isfinite(proba).all() and np.array_equal(np.array([*"abc"])[proba.argmax(axis=1)], y)
+
+
+def test_labels_are_those_of_the_largest_probability_and_clones_are_untrained():
+    X, y = points(3, (20, 35, 12))
+    model = Discriminants(0.3, 2.0).fit(X, y)
+    assert np.array_equal(model.predict(X), model.classes_[model.predict_proba(X).argmax(axis=1)])
+    np.testing.assert_allclose(model.predict_proba(X).sum(axis=1), 1)
+    assert parameter_count(model) == 3 * 4 + 3
+    assert clone(model).get_params() == model.get_params() and not hasattr(clone(model), "coef_")
+
+
+def test_a_system_on_features_scales_by_its_training_captures(corpus):
+    train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
+    model = lda(Jung28(), 0.1).fit(corpus[train], corpus.gestures[train])
+    table = Jung28().transform(corpus)
+    alone = Discriminants(0.1).fit(table.iloc[train], corpus.gestures[train])
+    assert np.array_equal(model.predict_proba(corpus[test]), alone.predict_proba(table.iloc[test]))
+    assert (model.predict(random_corpus(seed=4)) == random_corpus(seed=4).gestures).mean() > 0.8
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("shrinkage", "-0.1", "model.shrinkage=-0.1: give 0 to 1"),
+        ("shrinkage", "1.5", "model.shrinkage=1.5: give 0 to 1"),
+        ("shrinkage", "nan", "model.shrinkage=nan: give 0 to 1"),
+        ("windows", "0.5", "model.windows=0.5: give 1 or more"),
+        ("windows", "nan", "model.windows=nan: give 1 or more"),
+        ("windows", "inf", "model.windows=inf: give 1 or more"),
+        ("damaged", "0", "model.damaged=0: give a number above 0"),
+        ("damaged", "inf", "model.damaged=inf: give a number above 0"),
+        ("damaged", "nan", "model.damaged=nan: give a number above 0"),
+    ],
+)
+def test_parameters_that_cannot_be(name, value, message):
+    (cell,) = cells({"model": "lda", f"model.{name}": value})
+    with pytest.raises(InputError, match=f"^{re.escape(message)}$"):
+        checked(cell)
