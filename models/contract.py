@@ -25,7 +25,6 @@ from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.registry import parameters as registered
 from bench.registry import required
 from features.base import FeatureSet
 from models.space import Space
@@ -233,39 +232,10 @@ def build(factory: Callable, feature_set: Features | None, **parameters: object)
         feature_set: a transformer of captures to a table; None for a system that reads captures.
         parameters: keyword arguments.
     """
-    usual = recipe_of(factory)
-    recipe: dict[str, Any] = {k: _as_typed(v, usual[k]) for k, v in parameters.items() if k in usual}
-    parameters = {k: v for k, v in parameters.items() if k not in recipe}
     asked = required(factory)
     if asked and feature_set is not None:
-        system = factory(**{asked[0]: feature_set}, **parameters)
-    else:
-        system = behind(factory(**parameters), feature_set)
-    if all(v == usual[k] for k, v in recipe.items()):
-        return system
-    from models.recipe import Recipe
-
-    return Recipe(system, **recipe)
-
-
-def _as_typed(value: object, usual: object) -> object:
-    """Names joined by +, which a search draws, as a tuple where that is what is usual."""
-    return tuple(filter(None, value.split("+"))) if isinstance(usual, tuple) and isinstance(value, str) else value
-
-
-def recipe_of(factory: Callable) -> dict[str, object]:
-    """Parameters that any system has besides its own (`models.recipe.Recipe`), and their defaults."""
-    from models.recipe import Recipe
-
-    own = registered(factory)
-    return {k: v for k, v in registered(Recipe).items() if k not in own}
-
-
-def recipe_code() -> tuple[Callable, ...]:
-    """What computes the steps of `recipe_of`."""
-    from models.recipe import Recipe
-
-    return (Recipe,)
+        return factory(**{asked[0]: feature_set}, **parameters)
+    return behind(factory(**parameters), feature_set)
 
 
 def behind(estimator: System, feature_set: Features | None) -> System:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
@@ -10,6 +13,7 @@ from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.faults import known
 from bench.corpora.steps import Faulted, Repair, Scale, Step, Windows
 from bench.errors import InputError
+from bench.registry import parameters as known_parameters
 from models import contract
 
 SEARCHED = {"window": [0.0, 1.0], "repair": ["", "stuck+dead"], "faults": ["", "all"]}  # by `models.auto`
@@ -151,6 +155,32 @@ class Recipe(ClassifierMixin, BaseEstimator):
     def trials_(self) -> pd.DataFrame | None:
         """Of the system inside."""
         return contract.trials(self.system_)
+
+
+def build(factory: Callable, feature_set: contract.Features | None, **parameters: object) -> contract.System:
+    """A system as of `models.contract.build`, behind its steps where some of the parameters ask for steps.
+
+    Args:
+        factory: a class or a function.
+        feature_set: a transformer of captures to a table; None for a system that reads captures.
+        parameters: keyword arguments, and any of `besides`; names joined by + stand for several.
+    """
+    usual = besides(factory)
+    own = {k: v for k, v in parameters.items() if k not in usual}
+    asked: dict[str, Any] = {k: _typed(v, usual[k]) for k, v in parameters.items() if k in usual}
+    system = contract.build(factory, feature_set, **own)
+    return Recipe(system, **asked) if any(v != usual[k] for k, v in asked.items()) else system
+
+
+def besides(factory: Callable) -> dict[str, object]:
+    """Parameters of a `Recipe` that a factory has no own ones for, and their defaults."""
+    own = known_parameters(factory)
+    return {k: v for k, v in known_parameters(Recipe).items() if k not in own}
+
+
+def _typed(value: object, usual: object) -> object:
+    """Names joined by +, which a search draws, as a tuple where that is what is usual."""
+    return tuple(filter(None, value.split("+"))) if isinstance(usual, tuple) and isinstance(value, str) else value
 
 
 def taken(X: Corpus, steps: list[Step]) -> tuple[Corpus, np.ndarray]:

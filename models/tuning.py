@@ -319,7 +319,9 @@ class Search(ClassifierMixin, BaseEstimator):
 
     def _prepares(self, chosen: dict[str, object]) -> bool:
         """Whether a trial's captures go through steps (`models.recipe.Recipe`) before its features are computed."""
-        usual = contract.recipe_of(self.models[chosen["model"]])
+        from models.recipe import besides  # here, so that steps are no part of what a search without them depends on
+
+        usual = besides(self.models[chosen["model"]])
         return any(chosen.get(f"{chosen['model']}.{k}", v) not in (v, "") for k, v in usual.items())
 
     def _make(self, chosen: dict[str, object], features: object) -> ClassifierMixin:
@@ -327,7 +329,9 @@ class Search(ClassifierMixin, BaseEstimator):
         factory = self.models[name]
         values = {"seed": self.seed} if "seed" in parameters(factory) else {}
         values |= {k.partition(".")[2]: v for k, v in chosen.items() if k.startswith(f"{name}.")}
-        return contract.build(factory, features, **values)
+        from models.recipe import build
+
+        return build(factory, features, **values)
 
     def _table(self, finished: list) -> pd.DataFrame:
         rows = []

@@ -15,7 +15,7 @@ SMALL = ["data.subjects=3", "data.variants=normal", "data.repetitions=2"]
 
 
 @pytest.mark.parametrize(
-    "name", ["plain.py:lda", "with_aeon.py:minirocket", "with_sktime.py:neighbours", "with_torch.py:tiny"]
+    "name", ["plain.py:discriminants", "with_aeon.py:minirocket", "with_sktime.py:neighbours", "with_torch.py:tiny"]
 )
 def test_an_adapter_is_less_than_five_lines_and_runs(name, capsys):
     file, _, factory = name.partition(":")

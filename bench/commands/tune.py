@@ -14,6 +14,7 @@ from bench.plan.cells import Cell, cells
 from bench.registry import parameters
 from bench.work.loop import Outcome
 from models import contract
+from models.recipe import besides
 
 if TYPE_CHECKING:
     from models.space import How, Space, Tuning
@@ -59,7 +60,7 @@ def _parameters(cell: Cell) -> dict[str, object]:
     """What a model takes, its own parameters first."""
     if cell.model.given is not None:
         return cell.model.parameters
-    return parameters(cell.model.factory) | contract.recipe_of(cell.model.factory)
+    return parameters(cell.model.factory) | besides(cell.model.factory)
 
 
 def _values(name: str, given: object, usual: object) -> list[object]:

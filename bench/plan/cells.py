@@ -13,7 +13,8 @@ from bench.errors import InputError, nearest
 from bench.plan.arguments import PARTS, Values, convert, items, text_of
 from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
-from models import contract
+from models import contract, recipe
+from models.recipe import Recipe
 
 if TYPE_CHECKING:
     from bench.plan.splits import Splitter
@@ -81,7 +82,7 @@ class Part(Generic[Made]):
         """What two equal parts have in common: name, parameters, and what their code says."""
         if self.given is None:
             beyond = set(self.parameters) - set(parameters(self.factory))
-            code = source_digest(self.factory, *contract.recipe_code() if beyond else ())
+            code = source_digest(self.factory, *([Recipe] if beyond else []))
             return self.room, self.short, self.parameters, code
         own = contract.classes(self.given)
         return self.room, self.name, contract.settings(self.given), source_digest(*own) if own else ""
@@ -134,7 +135,7 @@ class Cell:
             return tuned(self.model.short, self.model.factory, sets, str(self.features), self.tuning)
         if self.model.given is not None:
             return contract.behind(self.model.make(), features)
-        return contract.build(self.model.factory, features, **self.model.parameters)
+        return recipe.build(self.model.factory, features, **self.model.parameters)
 
     def feature_sets(self) -> dict[str, contract.Features]:
         """The feature sets that the system uses, by name; none for one that reads raw frames."""
@@ -152,7 +153,7 @@ class Cell:
             from models.tuning import machinery
 
             beyond = set(self.tuning["space"]) - set(parameters(self.model.factory))
-            search = [source_digest(*machinery(self.tuning), *(contract.recipe_code() if beyond else ()))]
+            search = [source_digest(*machinery(self.tuning), *([Recipe] if beyond else []))]
         return {
             "target": self.target,
             "tuning": repr(self.tuning),
@@ -243,7 +244,7 @@ def _variants(values: Values, key: str, name: object, siblings: list, seed: int 
     room = PARTS[key]
     given = {k.partition(".")[2]: v for k, v in values.items() if k.startswith(f"{key}.")}
     factories = [load(room, s) for s in siblings if isinstance(s, str)]
-    besides = contract.recipe_of if key == "model" else lambda factory: {}
+    besides = recipe.besides if key == "model" else lambda factory: {}
     known = {p for f in factories for p in (*parameters(f), *besides(f))}
     for parameter in given:
         if parameter not in known:

@@ -64,7 +64,7 @@ def test_auto_tells_what_it_chose(capsys):
     out = capsys.readouterr().out
     assert "Chosen in each" in out and "auto[trials=1]" in out
     _, (parent,) = runs("cell")
-    assert parent.data.tags["features"] == "jung54, ta273, balli, gaus"
+    assert parent.data.tags["features"] == "touch, jung54, ta273, balli, gaus"
 
 
 def test_a_published_system_says_its_features():
