@@ -100,7 +100,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         self.system_ = clone(self.system).fit(seen, np.asarray(y)[row])
         self.classes_ = self.system_.classes_
         if self.window:
-            self.window_ = self.length(X.rate_hz)
+            self.window_ = Windows(self.window, self.hop).lengths(X.rate_hz)[0]
         return self
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
@@ -121,9 +121,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
     def length(self, rate_hz: float) -> int | None:
-        """Frames of a window; None where captures stay whole and the system inside has no windows."""
-        if self.window:
-            return Windows(self.window, self.hop).lengths(rate_hz)[0]
+        """Frames of a window of the system inside, if it cuts its own."""
         return contract.window(self.system, rate_hz)
 
     @property
@@ -145,6 +143,11 @@ class Recipe(ClassifierMixin, BaseEstimator):
     def history_(self) -> list[dict[str, float]]:
         """Of the system inside."""
         return contract.history(self.system_)
+
+    @property
+    def search_seconds_(self) -> float | None:
+        """Of the system inside."""
+        return contract.search_seconds(self.system_)
 
     @property
     def chosen_(self) -> dict[str, object]:

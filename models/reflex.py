@@ -82,10 +82,6 @@ class Reflex(ClassifierMixin, BaseEstimator):
         for recipe in self._recipes():
             recipe.check()
 
-    def length(self, rate_hz: float) -> int:
-        """Frames of a window."""
-        return Windows(self.window).lengths(rate_hz)[0]
-
     def fit(self, X: Corpus, y: np.ndarray) -> Reflex:
         """Learn from captures and their class names."""
         self.whole_, self.early_ = (recipe.fit(X, y) for recipe in self._recipes())
@@ -94,7 +90,7 @@ class Reflex(ClassifierMixin, BaseEstimator):
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """One decision per window: frames seen, and probabilities [windows, classes]."""
-        short = X.lengths < self.length(X.rate_hz)
+        short = X.lengths < Windows(self.window).lengths(X.rate_hz)[0]
         tables, probabilities = [], []
         for recipe, part in ((self.whole_, np.flatnonzero(~short)), (self.early_, np.flatnonzero(short))):
             if len(part):

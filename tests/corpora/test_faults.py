@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.cli import STRESS
+from bench.corpora import faults
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import FAULTS, SEVERITIES, as_shares, damaged, fault
-from bench.corpora import faults
 from tests.conftest import random_corpus
 
 ALL = list(FAULTS.values())

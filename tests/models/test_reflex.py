@@ -84,7 +84,6 @@ def test_what_it_says_of_itself(corpus):
     system = Reflex(**QUICK)
     assert contract.trained_faults(system) == tuple(known())
     assert contract.trained_faults(Reflex(faults=("none",))) == ()
-    assert contract.window(system, 54.0) == 54
     for wrong in ({"early": 2.0}, {"faults": ("nosie",)}, {"repair": ("glue",)}, {"window": -1.0}):
         with pytest.raises(InputError):
             contract.check(Reflex(**wrong))
