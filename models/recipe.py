@@ -13,6 +13,7 @@ from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.faults import known
 from bench.corpora.steps import Faulted, Repair, Scale, Step, Windows
 from bench.errors import InputError
+from bench.memory import ensure
 from bench.registry import parameters as known_parameters
 from models import contract
 
@@ -71,7 +72,10 @@ class Recipe(ClassifierMixin, BaseEstimator):
         contract.check(self.system)
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """As of the system inside."""
+        """As of the system inside; refuses copies that need more memory than there is."""
+        if self.faults:
+            values = int(X.lengths.sum()) * X.grid[0] * X.grid[1] * (self.copies + 1)
+            ensure(f"model.copies={self.copies}", X.frames.itemsize * values)
         contract.check_training(self.system, X, y)
 
     def steps(self) -> list[Step]:

@@ -82,6 +82,15 @@ class Reflex(ClassifierMixin, BaseEstimator):
         for recipe in self._recipes():
             recipe.check()
 
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse copies that need more memory than there is.
+
+        Raises:
+            InputError: they do.
+        """
+        for recipe in self._recipes():
+            recipe.check_training(X, y)
+
     def fit(self, X: Corpus, y: np.ndarray) -> Reflex:
         """Learn from captures and their class names."""
         self.whole_, self.early_ = (recipe.fit(X, y) for recipe in self._recipes())

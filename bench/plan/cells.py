@@ -75,7 +75,8 @@ class Part(Generic[Made]):
 
     def __str__(self) -> str:
         """The name with those parameters that are not the default: ``svm[C=8.0]``."""
-        changed = ", ".join(f"{k}={v}" for k, v in self.changed().items())
+        told = {k: text_of(v) if isinstance(v, tuple) else v for k, v in self.changed().items()}
+        changed = ", ".join(f"{k}={v}" for k, v in told.items())
         return f"{self.short}[{changed}]" if changed else self.short
 
     def identity(self) -> tuple:

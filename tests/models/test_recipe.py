@@ -95,8 +95,8 @@ def test_a_cell_without_options_is_what_it_was(corpus, monkeypatch):
 def test_options_are_for_every_model_and_told_as_they_are_typed():
     found = cells({"model": "svm,cnn85", "model.repair": "stuck+dead", "model.copies": 3, "model.epochs": 2})
     assert [c.title().split(" | ")[0] for c in found] == [
-        "svm[repair=('stuck', 'dead')] · jung54",
-        "cnn85[epochs=2, repair=('stuck', 'dead')]",
+        "svm[repair=stuck+dead] · jung54",
+        "cnn85[epochs=2, repair=stuck+dead]",
     ]
     assert found[0].arguments()["model.repair"] == "stuck+dead"
     assert cells(found[0].arguments())[0].identity() == found[0].identity()

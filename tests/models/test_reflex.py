@@ -89,6 +89,13 @@ def test_what_it_says_of_itself(corpus):
             contract.check(Reflex(**wrong))
 
 
+@pytest.mark.parametrize("model", ["reflex", "bayes"])
+def test_more_copies_than_memory_are_refused_before_anything_is_run(model, capsys):
+    asked = ["data.subjects=3", "data.variants=normal", "model.faults=noise", "model.copies=1000000"]
+    assert main(["run", f"model={model}", *asked]) == 2
+    assert "model.copies=1000000: needs at least" in capsys.readouterr().err
+
+
 def test_stress_says_on_how_many_of_the_tested_faults_it_was_trained(capsys):
     small = ["data.subjects=3", "data.variants=normal", "faults=noise,shift"]
     assert main(["stress", *small, "model=lda", "features=jung28", "model.faults=noise", "model.copies=1"]) == 0
@@ -105,5 +112,5 @@ def test_tune_searches_windows(capsys):
 
 def test_its_parameters_are_told_like_those_of_others():
     (cell,) = cells({"model": "reflex", "model.faults": "noise+shift"})
-    assert cell.title() == "reflex[faults=('noise', 'shift')] | synth | loso"
+    assert cell.title() == "reflex[faults=noise+shift] | synth | loso"
     assert cell.estimator().trained_faults == ("noise", "shift")
