@@ -26,10 +26,15 @@ combination is one run in MLflow with a child run per fold. An interrupted comma
               (a name with a year is a whole published system, see: bench systems)
   features=   {features};
               default jung54, for the models that take features
+  model.window=  seconds: any model that decides once per capture decides on windows instead (model.hop= apart)
+  model.repair=  stuck+dead (also offset): broken taxels filled from their neighbours
+  model.scale=   peak: captures divided by the largest reading so far
+  model.faults=  all, or names joined by + (see: bench stress --help): trained on damaged copies, too (model.copies=3)
   seed=       for models that have one; default 0
   jobs=       worker processes; default one per core
 
   bench run protocol=loso model=cnn85
+  bench run data=haart model=lda features=touch model.window=1.0 model.repair=stuck+dead
   bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54
   bench run data=cost model=svm model.C=8,32,128 model.gamma=0.125
   bench run data=synth data.subjects=12 data.repetitions=2

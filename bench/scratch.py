@@ -82,10 +82,16 @@ def sweep(place: Path, before: str = "") -> None:
     for path in place.glob(f"{before}*"):
         found = named.fullmatch(path.name)
         if found and not alive(int(found[1])):
-            if path.is_dir():
-                shutil.rmtree(path, ignore_errors=True)
-            else:
-                path.unlink(missing_ok=True)
+            with suppress(OSError):  # it is gone already, or somebody else's
+                remove(path)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, a link, or a folder with all that is in it."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink()
 
 
 def _sweep_semaphores() -> None:

@@ -72,7 +72,7 @@ def _about(features: BaseEstimator, digest: str, steps: tuple) -> tuple[str, ...
     said = (digest, kind.__name__, repr(sorted(features.get_params().items())))
     if not steps:
         return *said, source_digest(kind)
-    return *said, source_digest(kind, *{type(step) for step in steps}), repr(steps)
+    return *said, source_digest(kind, *(code for step in steps for code in step.code())), repr(steps)
 
 
 def _key(about: tuple[str, ...]) -> str:

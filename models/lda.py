@@ -9,7 +9,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from features.base import FLAT
+from models.scaling import constant
 from models.space import Range
 
 
@@ -45,7 +45,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         captures, weight = self._rows(X)
         mean = weight @ Z / weight.sum()
         sd = np.sqrt(weight @ (Z - mean) ** 2 / weight.sum())
-        sd[np.ptp(Z, axis=0) <= FLAT * np.abs(Z).max(axis=0)] = np.inf
+        sd[constant(Z)] = np.inf
         Z = (Z - mean) / sd
         centres, _ = _means(Z, codes, weight)
         Z -= centres[codes]

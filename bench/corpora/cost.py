@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.limits import called, plain, quoted
 from bench.corpora.text import FrameFile, capture_starts
 from bench.errors import InputError
+from bench.scratch import replacing
 
 GESTURES = (
     "grab",
@@ -234,11 +234,10 @@ def write(corpus: Corpus, path: Path) -> None:
         ],
         axis=1,
     ).astype(np.int32)
-    beside = path.with_name(f".{path.name}.part")
     schema = pa.schema([(name, pa.int32()) for name in LABELS + CHANNELS])
     options = pacsv.WriteOptions(include_header=False)
     try:
-        with open(beside, "wb") as f:
+        with replacing(path) as beside, open(beside, "wb") as f:
             f.write(", ".join(LABELS + CHANNELS).encode() + b"\n")
             for i in range(0, len(corpus), 256):
                 some = corpus[i : i + 256]
@@ -247,11 +246,8 @@ def write(corpus: Corpus, path: Path) -> None:
                 rows = np.column_stack([np.repeat(codes[i : i + 256], some.lengths, axis=0), frame, values])
                 table = pa.Table.from_arrays([pa.array(np.ascontiguousarray(c)) for c in rows.T], schema=schema)
                 pacsv.write_csv(table, f, options)
-        os.replace(beside, path)
     except OSError as e:
         raise InputError(f"{path} cannot be written ({e.strerror}); choose another place") from e
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def differences(captures: pd.DataFrame, lengths: np.ndarray, md5: str) -> list[str]:

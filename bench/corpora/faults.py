@@ -93,6 +93,15 @@ def as_shares(corpus: Corpus, captures: np.ndarray) -> list[np.ndarray]:
     return [corpus[i].astype(np.float32) / np.float32(corpus.full_scale) for i in captures]
 
 
+def as_readings(corpus: Corpus, shares: np.ndarray) -> np.ndarray:
+    """Shares of full scale, float32, as what the sensor of a corpus would give: whole numbers are rounded."""
+    frames = shares * np.float32(corpus.full_scale)
+    if corpus.frames.dtype.kind in "iu":
+        np.rint(frames, out=frames)
+    np.clip(frames, 0, corpus.full_scale, out=frames)
+    return frames.astype(corpus.frames.dtype)
+
+
 def damaged(corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: Fault, severity: int) -> Corpus:
     """A corpus in memory whose captures ``test`` went through a fault.
 
@@ -109,15 +118,10 @@ def damaged(corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: F
     """
     subjects = corpus.subjects
     arrays = [fault.apply(s, severity, subjects[i], int(corpus.index[i])) for i, s in zip(test, shares, strict=True)]
-    frames = np.concatenate(arrays)
-    frames *= np.float32(corpus.full_scale)
-    if corpus.frames.dtype.kind in "iu":
-        np.rint(frames, out=frames)
-    np.clip(frames, 0, corpus.full_scale, out=frames)
+    frames = as_readings(corpus, np.concatenate(arrays))
     starts, lengths = np.zeros_like(corpus.starts), np.zeros_like(corpus.lengths)
     lengths[test] = [len(a) for a in arrays]
     starts[test] = np.cumsum(lengths[test]) - lengths[test]
-    frames = frames.astype(corpus.frames.dtype)
     return replace(corpus, frames=frames, starts=starts, lengths=lengths, digest="", path=None)
 
 

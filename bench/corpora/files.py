@@ -8,15 +8,13 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import shutil
-import socket
 import stat
 import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
 
-from bench.scratch import alive, owner
+from bench.scratch import owner, remove, sweep
 
 
 class Damaged(Exception):
@@ -92,17 +90,11 @@ def clear(folder: Path) -> None:
 
     Names of older versions tell no process; what has them goes after a day.
     """
+    sweep(folder, ".")
     for path in folder.glob(".*"):
         with suppress(OSError):  # it is gone already, or somebody else's
-            if found := re.fullmatch(r"\.(.+)-(\d{1,9})-\w{8}", path.name):
-                gone = found[1] == socket.gethostname() and not alive(int(found[2]))
-            else:
-                old = re.fullmatch(r"\.[0-9a-f]{16}\.\w{8}", path.name)
-                gone = old and time.time() - path.lstat().st_mtime > 86400
-            if gone and path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path, ignore_errors=True)
-            elif gone:
-                path.unlink()
+            if re.fullmatch(r"\.[0-9a-f]{16}\.\w{8}", path.name) and time.time() - path.lstat().st_mtime > 86400:
+                remove(path)
 
 
 def short(folder: Path) -> str:

@@ -8,12 +8,13 @@ causal: a frame depends on those before it, never on those after it, so that a r
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bench.corpora.corpus import COPY, Corpus
-from bench.corpora.faults import SEVERITIES, as_shares, known
+from bench.corpora.faults import SEVERITIES, as_readings, as_shares, known
 from bench.errors import InputError, nearest
 
 REPAIRS = ("stuck", "dead", "offset")
@@ -28,6 +29,10 @@ class Step:
     def rows(self, corpus: Corpus) -> np.ndarray:
         """Which capture of a corpus each of those that are made of it comes from."""
         return np.arange(len(corpus))
+
+    def code(self) -> list[Callable]:
+        """What it computes with, beyond which no change is one of its results."""
+        return [type(self)]
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures that are made of those of a corpus, in the same order."""
@@ -97,6 +102,10 @@ class Faulted(Step):
         if self.copies < 1:
             raise InputError(f"model.copies={self.copies}: give 1 or more")
 
+    def code(self) -> list[Callable]:
+        """The faults as well, which may come from other packages."""
+        return [Faulted, *(known()[name].damage for name in self.faults)]
+
     def generator(self, capture: int, copy: int) -> np.random.Generator:
         """The random numbers of one copy of one stored capture."""
         seed = hashlib.sha256(f"training copy {copy} of capture {capture}".encode()).digest()
@@ -115,18 +124,10 @@ class Faulted(Step):
             for copy in range(self.copies):
                 rng = self.generator(int(corpus.index[i]), copy)
                 fault, severity = faults[rng.integers(len(faults))], rng.integers(SEVERITIES)
-                made.append(_readings(corpus, fault.damage(shares, fault.amounts[severity], rng)))
+                made.append(as_readings(corpus, fault.damage(shares, fault.amounts[severity], rng)))
         row = self.rows(corpus)
         copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
         return _replaced(corpus[row], made, self, piece=corpus.piece[row] + copies * COPY)
-
-
-def _readings(corpus: Corpus, shares: np.ndarray) -> np.ndarray:
-    """Shares of full scale as what the sensor of a corpus would give."""
-    values = shares * np.float32(corpus.full_scale)
-    if corpus.frames.dtype.kind in "iu":
-        np.rint(values, out=values)
-    return values.clip(0, corpus.full_scale).astype(corpus.frames.dtype)
 
 
 @dataclass(frozen=True)

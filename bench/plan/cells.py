@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from bench.corpora.faults import known
 from bench.errors import InputError, nearest
 from bench.plan.arguments import PARTS, Values, convert, items, text_of
 from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
 from models import contract, recipe
-from models.recipe import Recipe
 
 if TYPE_CHECKING:
     from bench.plan.splits import Splitter
@@ -83,7 +83,7 @@ class Part(Generic[Made]):
         """What two equal parts have in common: name, parameters, and what their code says."""
         if self.given is None:
             beyond = set(self.parameters) - set(parameters(self.factory))
-            code = source_digest(self.factory, *([Recipe] if beyond else []))
+            code = source_digest(self.factory, *([recipe.Recipe] if beyond else []))
             return self.room, self.short, self.parameters, code
         own = contract.classes(self.given)
         return self.room, self.name, contract.settings(self.given), source_digest(*own) if own else ""
@@ -154,14 +154,19 @@ class Cell:
             from models.tuning import machinery
 
             beyond = set(self.tuning["space"]) - set(parameters(self.model.factory))
-            search = [source_digest(*machinery(self.tuning), *([Recipe] if beyond else []))]
-        return {
+            search = [source_digest(*machinery(self.tuning), *([recipe.Recipe] if beyond else []))]
+        return self._faults() | {
             "target": self.target,
             "tuning": repr(self.tuning),
             "search": search,
             "parts": [part.identity() for part in parts],
             "versions": versions(self.packages()),
         }
+
+    def _faults(self) -> dict[str, object]:
+        """What the faults do that the system is trained on; they may come from other packages."""
+        trained = [known()[name] for name in contract.trained_faults(self.estimator())]
+        return {"faults": [(f.name, f.amounts, source_digest(f.damage)) for f in trained]} if trained else {}
 
     def arguments(self) -> dict[str, str]:
         """The arguments that make this cell, as they are typed; what has its default is left out."""

@@ -150,9 +150,9 @@ def run_one(
 
 def fill_cache(plan: Plan) -> None:
     """Compute once for all folds what needs no learning; a set that fails here fails in every fold, recorded there."""
-    one = plan.corpus[:1]
+    given = contract.seen_by_features(plan.cell.estimator(), plan.corpus[:1])
     for features in plan.cell.feature_sets().values():
-        for seen in contract.seen_by_features(plan.cell.estimator(), one):
+        for seen in given:
             with suppress(Exception):
                 features.fit_transform(seen, seen.gestures)
 

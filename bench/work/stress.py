@@ -1,4 +1,4 @@
-"""Systems under stress: fitted once on clean captures, tested under every fault and severity.
+"""Systems under stress: fitted once on the training captures as they are, tested under every fault and severity.
 
 The table of a fold has one row per tested capture and circumstance: ``fold``, ``capture``, ``length`` (frames, clean),
 ``fault`` (``none`` for clean captures), ``severity`` (0 to 5), ``amount`` (what that is in the fault's unit),

@@ -11,18 +11,20 @@ from sklearn.base import clone
 from bench import source
 from bench.cli import main
 from bench.corpora.corpus import COPY, Corpus
+from bench.corpora.faults import FAULTS, Fault
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import checked, planned
-from bench.registry import parameters
+from bench.registry import load, parameters
 from bench.work.evaluation import Evaluation
 from bench.work.fold import decisions
 from bench.work.loop import fill_cache
 from bench.work.sizes import sizes
 from features import PARTS, kept
 from features.jung28 import Jung28
+from features.kept import cache_key
 from features.touch import TouchFeatures
 from models import contract
 from models.cnn85 import CNN85
@@ -379,3 +381,21 @@ def test_a_fold_of_a_run(monkeypatch):
     assert found == [[tested.index[i], start, frames] for i, start, frames in expected]
     assert len(expected) > len(tested) and len(result.predict_ms) == len(tested)
     assert result.metrics["ram_bytes"] == 4 * (68 + 2 * 64 + 28 + 14)
+
+
+def test_what_a_fault_of_another_package_does_is_part_of_a_run(monkeypatch, tmp_path):
+    file = tmp_path / "theirs.py"
+    asked = {"model": "bayes", "features": "jung28"}
+
+    def identities(text):
+        file.write_text(text)
+        fault = load("models", f"{file}:theirs")  # any function of a file
+        monkeypatch.setitem(FAULTS, "theirs", Fault("theirs", fault, "%", (1, 2, 3, 4, 5), False))
+        named, every, none = (
+            cells(asked | how)[0].identity() for how in ({"model.faults": "theirs"}, {"model.faults": "all"}, {})
+        )
+        return named, every, none, cache_key(Jung28(), "digest", (Faulted(("theirs",)),))
+
+    one = identities("def theirs(frames, amount, rng):\n    return frames\n")
+    other = identities("def theirs(frames, amount, rng):\n    return frames / 2\n")
+    assert [a != b for a, b in zip(one, other, strict=True)] == [True, True, False, True]
