@@ -9,6 +9,7 @@ PARTS = {
     "lda": "models.lda:lda",
     "svm": "models.svm:svm",
     "mlp": "models.mlp:mlp",
+    "perceptron": "models.perceptron:perceptron",
     "softmax": "models.softmax:softmax",
     "rf": "models.rf:rf",
     "et": "models.rf:et",

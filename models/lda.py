@@ -42,7 +42,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         self.classes_, codes = np.unique(y, return_inverse=True)
         Z = np.asarray(X, dtype=np.float64)
         self.n_features_in_ = Z.shape[1]
-        captures, weight = self._rows(X)
+        captures, weight = rows_of(X, self.damaged)
         mean = weight @ Z / weight.sum()
         sd = np.sqrt(weight @ (Z - mean) ** 2 / weight.sum())
         sd[constant(Z)] = np.inf
@@ -60,13 +60,6 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         self.intercept_ = -0.5 * (coef * centres).sum(axis=1) - self.coef_ @ mean
         return self
 
-    def _rows(self, X: pd.DataFrame | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of which capture each row is, numbered from 0, and how much it counts."""
-        if not isinstance(X, pd.DataFrame) or X.index.names != ["capture", "copy"]:
-            return np.arange(len(X)), np.ones(len(X))
-        captures = np.unique(X.index.get_level_values("capture"), return_inverse=True)[1]
-        return captures, np.where(X.index.get_level_values("copy") > 0, self.damaged, 1.0)
-
     def decision_function(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Log of the density of each class, but for what is common to all [rows, classes]."""
         return np.asarray(X, dtype=np.float64) @ self.coef_.T + self.intercept_
@@ -78,6 +71,14 @@ class Discriminants(ClassifierMixin, BaseEstimator):
     def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class names [rows]."""
         return self.classes_[self.decision_function(X).argmax(axis=1)]
+
+
+def rows_of(X: pd.DataFrame | np.ndarray, damaged: float) -> tuple[np.ndarray, np.ndarray]:
+    """Of which capture each row is, numbered from 0, and how much it counts: ``damaged`` for one of a copy, else 1."""
+    if not isinstance(X, pd.DataFrame) or X.index.names != ["capture", "copy"]:
+        return np.arange(len(X)), np.ones(len(X))
+    captures = np.unique(X.index.get_level_values("capture"), return_inverse=True)[1]
+    return captures, np.where(X.index.get_level_values("copy") > 0, damaged, 1.0)
 
 
 def _means(values: np.ndarray, codes: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
+from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.faults import known
@@ -15,6 +16,8 @@ from bench.corpora.steps import Faulted, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from bench.memory import ensure
 from bench.registry import parameters as known_parameters
+from features.base import FeatureSet
+from features.kept import after
 from models import contract
 
 SEARCHED = {"window": [0.0, 1.0], "repair": ["", "stuck+dead"], "faults": ["", "all"]}  # by `models.auto`
@@ -100,12 +103,22 @@ class Recipe(ClassifierMixin, BaseEstimator):
 
     def fit(self, X: Corpus, y: np.ndarray) -> Recipe:
         """Learn from captures and their class names."""
-        seen, row = taken(X, self.training_steps())
-        self.system_ = clone(self.system).fit(seen, np.asarray(y)[row])
+        self.system_ = self._fitted(X, np.asarray(y))
         self.classes_ = self.system_.classes_
         if self.window:
             self.window_ = Windows(self.window, self.hop).lengths(X.rate_hz)[0]
         return self
+
+    def _fitted(self, X: Corpus, y: np.ndarray) -> contract.System:
+        """The system inside; one behind a feature set is given the kept features, where there are some."""
+        system, steps = clone(self.system), self.training_steps()
+        if isinstance(system, Pipeline) and isinstance(first := system.steps[0][1], FeatureSet) and not first.learns:
+            if (kept := after(first, X, steps)) is not None:
+                table, row = kept
+                rest = Pipeline(system.steps[1:]).fit(table, y[row])
+                return Pipeline([(system.steps[0][0], first.fit(X)), *rest.steps])
+        seen, row = taken(X, steps)
+        return system.fit(seen, y[row])
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """Every decision: one per window, or those of the system inside (`models.contract.decide`)."""

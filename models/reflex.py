@@ -5,29 +5,36 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import Windows
 from bench.errors import InputError
 from features.base import FeatureSet
 from features.touch import TouchFeatures
+from models.guarded import Guarded
 from models.lda import lda
 from models.recipe import Recipe, mean_of
 
+EARLY_COPIES = 3  # for the discriminants of short windows
+EARLY_DAMAGED = 0.1  # how much each counts
+
 
 class Reflex(ClassifierMixin, BaseEstimator):
-    """Linear discriminants on windows of a second, with a second set of weights for the first half second.
+    """Linear discriminants on windows of a second, and a small network for windows that look like nothing in training.
 
     1. *Repair*: taxels that are stuck or dead are found in the capture's own past and filled from their neighbours.
     2. *Windows* of 1 s, one every half second. What is shorter than a second is cut into windows of 0.5 s, one every
-       quarter of a second, and judged by weights learnt on such windows.
+       quarter of a second.
     3. *Features*: `features.touch`, rates and shares that mean the same on every grid and at every rate.
-    4. *Discriminants*: one covariance, a fifth of it shrunk to the identity. What is particular to a capture counts as
-       much again as what varies within it, since two or more windows decide on most captures; for the short windows it
-       does not, since one decides.
-    5. *Faults*: a training capture is learnt from as it is and in damaged copies, each by a fault and a severity drawn
-       at random; a copy counts a tenth of the capture.
-    6. A capture's probabilities are the mean over its windows. Nothing is random but the damage, whose draws are fixed.
+    4. *Discriminants* (`models.lda`), learnt from undamaged windows. What is particular to a capture counts as much
+       again as what varies within it, since two or more windows decide on most captures.
+    5. *Doubt* (`models.guarded`): a window some of whose features lie beyond 2.5 SDs of training is judged by a network
+       of 18 units (`models.perceptron`) instead, wholly from 3 % of them on. It has learnt from every capture as it is
+       and in eight damaged copies, each by a fault and a severity drawn at random. So faults cost nothing where there
+       are none, and what is odd in a way that nobody thought of is met by what has seen odd things.
+    6. The short windows have discriminants alone, learnt from three copies as well, each of which counts a tenth.
+    7. A capture's probabilities are the mean over its windows.
 
     Every number above was chosen on the training part of HAART's challenge split, leaving out its subjects one by one,
     or is round: docs/systems.md tells what was tried.
@@ -35,41 +42,46 @@ class Reflex(ClassifierMixin, BaseEstimator):
     Args:
         window: seconds of a window.
         early: seconds of a window of what is shorter than that.
-        shrinkage: of the covariance.
-        windows: as of `models.lda.Discriminants`.
+        units: of the network.
+        doubt: share of unusual features from which on the network decides alone.
         repair: as of `models.recipe.Recipe`.
         faults: as of `models.recipe.Recipe`; ``none`` for none.
         copies: damaged copies of each training capture.
-        damaged: how much a copy counts beside its capture: more is safer under faults and less accurate without.
+        seed: of the network; the damage is always the same.
     """
 
     def __init__(
         self,
         window: float = 1.0,
         early: float = 0.5,
-        shrinkage: float = 0.2,
-        windows: float = 2.0,
+        units: int = 18,
+        doubt: float = 0.03,
         repair: tuple[str, ...] = ("stuck", "dead"),
         faults: tuple[str, ...] = ("all",),
-        copies: int = 3,
-        damaged: float = 0.1,
+        copies: int = 8,
+        seed: int = 0,
     ) -> None:
         self.window = window
         self.early = early
-        self.shrinkage = shrinkage
-        self.windows = windows
+        self.units = units
+        self.doubt = doubt
         self.repair = repair
         self.faults = faults
         self.copies = copies
-        self.damaged = damaged
+        self.seed = seed
 
     def _recipes(self) -> tuple[Recipe, Recipe]:
         """For a whole window, and for less."""
-        kept = {"repair": () if self.repair == ("none",) else self.repair, "copies": self.copies}
+        kept = {"repair": () if self.repair == ("none",) else self.repair}
         kept["faults"] = () if self.faults == ("none",) else self.faults
         features = TouchFeatures()
-        whole = Recipe(lda(features, self.shrinkage, self.windows, self.damaged), self.window, **kept)
-        return whole, Recipe(lda(features, self.shrinkage, 1.0, self.damaged), self.early, **kept)
+        judge = Guarded(units=self.units, doubt=self.doubt, seed=self.seed)
+        whole = Pipeline([("features", features), ("classifier", judge)])
+        early = lda(features, damaged=EARLY_DAMAGED)
+        return (
+            Recipe(whole, self.window, copies=self.copies, **kept),
+            Recipe(early, self.early, copies=min(self.copies, EARLY_COPIES), **kept),
+        )
 
     def check(self) -> None:
         """Refuse parameters that cannot be.
@@ -79,6 +91,10 @@ class Reflex(ClassifierMixin, BaseEstimator):
         """
         if not 0 < self.early <= self.window:
             raise InputError(f"model.early={self.early:g}: give seconds above 0, at most model.window={self.window:g}")
+        if not 1 <= self.units <= 4096:
+            raise InputError(f"model.units={self.units}: give 1 to 4096")
+        if not 0 < self.doubt <= 1:
+            raise InputError(f"model.doubt={self.doubt:g}: give a share above 0, at most 1")
         for recipe in self._recipes():
             recipe.check()
 
@@ -94,7 +110,7 @@ class Reflex(ClassifierMixin, BaseEstimator):
     def fit(self, X: Corpus, y: np.ndarray) -> Reflex:
         """Learn from captures and their class names."""
         self.whole_, self.early_ = (recipe.fit(X, y) for recipe in self._recipes())
-        self.classes_ = self.whole_.classes_
+        self.classes_, self.window_ = self.whole_.classes_, self.whole_.window_
         return self
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
@@ -135,5 +151,5 @@ class Reflex(ClassifierMixin, BaseEstimator):
 
     @property
     def members(self) -> list[Recipe]:
-        """Both sets of weights."""
+        """Both classifiers."""
         return [self.whole_, self.early_]

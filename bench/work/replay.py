@@ -214,13 +214,18 @@ def learned(
 
 
 def decision_latency(estimator: contract.System, begun: Corpus, instants: np.ndarray) -> list[float]:
-    """Milliseconds from raw frames to a decision: one prefix at a time, warm, over the instants of single captures."""
+    """Milliseconds from raw frames to a decision: one at a time, warm, over the instants of single captures.
+
+    A system that decides on windows sees its newest one; what it said of those before is known.
+    """
     chosen = np.unique(np.linspace(0, len(begun) - 1, min(TIMED_CAPTURES, len(begun))).astype(int))
     seen = instants[np.unique(np.linspace(0, len(instants) - 1, TIMED_INSTANTS).astype(int))]
     spent = []
     for i in chosen:
         for frames in np.unique(np.minimum(seen, begun.lengths[i])):  # its end is a decision, too
-            spent.append(milliseconds(estimator.predict, prefix(begun[i : i + 1], frames).detached())[0])
+            first = frames - contract.frames_at_once(estimator, int(frames))
+            newest = uncached(begun[i : i + 1], begun.starts[i : i + 1] + first, np.array([frames - first]))
+            spent.append(milliseconds(estimator.predict, newest.detached())[0])
     return spent
 
 

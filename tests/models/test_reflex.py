@@ -1,5 +1,7 @@
 """reflex: what it is made of, and that nothing of the people it is tested on reaches it."""
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,11 +14,19 @@ from bench.errors import InputError
 from bench.plan.cells import cells
 from features.touch import TouchFeatures
 from models import contract
+from models.guarded import Guarded
 from models.lda import Discriminants
+from models.perceptron import Perceptron
 from models.reflex import Reflex
 from tests.conftest import random_corpus, runs, with_other_values
 
 QUICK = {"copies": 1}
+
+
+@pytest.fixture(autouse=True)
+def few_updates(monkeypatch):
+    """The network learns for a shorter time than it does for a user."""
+    monkeypatch.setattr("models.guarded.Perceptron", partial(Perceptron, updates=100))
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +41,7 @@ def corpus():
 def test_a_capture_is_the_mean_of_its_windows_and_a_short_one_has_weights_of_its_own(corpus):
     system = Reflex(faults=("none",)).fit(corpus, corpus.gestures)
     found = system.predict_proba(corpus)
-    for seconds, windows, short in ((1.0, 2.0, False), (0.5, 1.0, True)):
+    for seconds, judge, short in ((1.0, Guarded(), False), (0.5, Discriminants(), True)):
         rows, tables = [], []
         for i in range(len(corpus)):
             cut = Windows(seconds)(Repair(("stuck", "dead"))(corpus[[i]]))
@@ -39,14 +49,23 @@ def test_a_capture_is_the_mean_of_its_windows_and_a_short_one_has_weights_of_its
             tables.append(TouchFeatures().extract(cut))
         index = pd.MultiIndex.from_arrays([rows, [0] * len(rows)], names=["capture", "copy"])
         table = pd.concat(tables).set_axis(index)
-        judge = Discriminants(0.2, windows).fit(table, corpus.gestures[rows])
+        judge.fit(table, corpus.gestures[rows])
         each = judge.predict_proba(table)
         for i in range(len(corpus)):
             if (corpus.lengths[i] < 30) == short:
-                np.testing.assert_allclose(found[i], each[np.array(rows) == i].mean(axis=0), atol=1e-6)
+                np.testing.assert_allclose(found[i], each[np.array(rows) == i].mean(axis=0), atol=1e-5)
     table, proba = system.decide(corpus)
     assert (np.diff(table["capture"]) >= 0).all() and len(table) == len(proba)
     assert set(table["frames"]) == {12, 15, 30}
+
+
+def test_undamaged_captures_are_what_is_not_doubted(corpus):
+    """The discriminants and what is usual come from captures as they are, the network from their copies as well."""
+    bare, damaged = (Reflex(faults=(f,), copies=2).fit(corpus, corpus.gestures) for f in ("none", "noise"))
+    bare, damaged = (system.members[0].system_.named_steps["classifier"] for system in (bare, damaged))
+    np.testing.assert_allclose(bare.linear_.coef_, damaged.linear_.coef_, rtol=1e-9)
+    assert np.array_equal(bare.mean_, damaged.mean_) and np.array_equal(bare.sd_, damaged.sd_)
+    assert not np.allclose(bare.robust_.mean_, damaged.robust_.mean_)
 
 
 @pytest.mark.parametrize("changed", ["test", "train"])
@@ -55,7 +74,9 @@ def test_no_test_subject_has_a_say_in_what_it_learns(corpus, changed):
 
     def learnt(given):
         system = Reflex(**QUICK).fit(given[train], given.gestures[train])
-        return np.concatenate([recipe.system_.named_steps["classifier"].coef_.ravel() for recipe in system.members])
+        judge, early = (recipe.system_.named_steps["classifier"] for recipe in system.members)
+        parts = [early.coef_, judge.linear_.coef_, judge.mean_, judge.sd_, *judge.robust_.coefs_, judge.robust_.scale_]
+        return np.concatenate([part.ravel() for part in parts])
 
     other = with_other_values(corpus, test if changed == "test" else train[::2])
     assert np.array_equal(learnt(corpus), learnt(other)) == (changed == "test")
@@ -84,7 +105,14 @@ def test_what_it_says_of_itself(corpus):
     system = Reflex(**QUICK)
     assert contract.trained_faults(system) == tuple(known())
     assert contract.trained_faults(Reflex(faults=("none",))) == ()
-    for wrong in ({"early": 2.0}, {"faults": ("nosie",)}, {"repair": ("glue",)}, {"window": -1.0}):
+    for wrong in (
+        {"early": 2.0},
+        {"faults": ("nosie",)},
+        {"repair": ("glue",)},
+        {"window": -1.0},
+        {"units": 0},
+        {"doubt": 0.0},
+    ):
         with pytest.raises(InputError):
             contract.check(Reflex(**wrong))
 

@@ -1,0 +1,72 @@
+"""Two classifiers for one table: one for what looks as in training, one for what does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, ClassifierMixin
+
+from models.lda import Discriminants
+from models.perceptron import Perceptron
+from models.scaling import constant
+
+UNUSUAL = 2.5  # SDs of undamaged training rows
+
+
+class Guarded(ClassifierMixin, BaseEstimator):
+    """Linear discriminants that have met no damage, and a small network that has, mixed row by row.
+
+    The more features of a row lie further than 2.5 SDs from the mean of the undamaged training rows, the more the
+    network counts: nothing where none does, all from a share of ``doubt`` on. Rows of damaged copies are told by their
+    index, as `models.lda.Discriminants` reads it. Where there are none, the network learns from the same rows.
+
+    Args:
+        windows: as of `models.lda.Discriminants`.
+        units: of the network's hidden layer.
+        doubt: share of the features.
+        seed: of the network.
+
+    Attributes:
+        classes_: class names.
+        linear_, robust_: the two, fitted.
+        mean_, sd_: of undamaged rows, float32 [features].
+    """
+
+    def __init__(self, windows: float = 2.0, units: int = 18, doubt: float = 0.03, seed: int = 0) -> None:
+        self.windows = windows
+        self.units = units
+        self.doubt = doubt
+        self.seed = seed
+
+    def fit(self, X: pd.DataFrame, y: np.ndarray) -> Guarded:
+        """Learn from features [rows, n_features], labelled by capture and copy, and class names [rows]."""
+        whole = np.asarray(X.index.get_level_values("copy") == 0) if "copy" in X.index.names else np.ones(len(X), bool)
+        usual = X[whole]
+        values = usual.to_numpy(dtype=np.float32)
+        self.n_features_in_ = values.shape[1]
+        self.mean_, self.sd_ = values.mean(axis=0), values.std(axis=0)
+        self.sd_[constant(values) | (self.sd_ == 0)] = np.inf
+        self.linear_ = Discriminants(windows=self.windows).fit(usual, y[whole])
+        self.robust_ = Perceptron(self.units, seed=self.seed).fit(X, y)
+        self.classes_ = self.linear_.classes_
+        return self
+
+    def doubts(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """How much the network counts, 0 to 1 [rows]."""
+        away = np.abs(np.asarray(X, dtype=np.float32) - self.mean_) > np.float32(UNUSUAL) * self.sd_
+        return np.minimum(away.mean(axis=1) / self.doubt, 1)
+
+    def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Class probabilities [rows, classes]."""
+        doubt = self.doubts(X)[:, None]
+        return (1 - doubt) * self.linear_.predict_proba(X) + doubt * self.robust_.predict_proba(X)
+
+    def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Class names [rows]."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+    @property
+    def parameters_(self) -> int:
+        """What both have learnt, and what a row is compared with."""
+        own = self.mean_.size + self.sd_.size
+        return own + self.linear_.coef_.size + self.linear_.intercept_.size + self.robust_.parameters_

@@ -1,0 +1,152 @@
+"""One hidden layer on a feature set, for captures or for windows of captures and their damaged copies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from scipy.special import softmax
+from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.pipeline import Pipeline
+
+from bench.errors import InputError
+from models.lda import rows_of
+from models.scaling import constant
+from models.space import Range
+
+BATCH = 256
+RATE = 2e-3  # at its highest, a third of the way (one cycle, Smith and Topin 2019)
+DECAY = 0.1  # of the weights, decoupled (Loshchilov and Hutter 2019)
+DROPPED = 0.5  # of the hidden units, while it learns
+
+
+class Perceptron(ClassifierMixin, BaseEstimator):
+    """Features in SDs of the training rows, cut off at ``clip``; rectified units; a softmax.
+
+    Rows are drawn at random as often as they count, so the updates that it learns in do not grow with the copies.
+
+    Args:
+        units: of the hidden layer.
+        updates: batches of 256 rows.
+        smoothing: share of a label that is spread over all classes.
+        clip: SDs beyond which a feature says no more: what a broken sensor makes of it stays bounded.
+        damaged: how much a row of a damaged copy counts (``copy`` of the index is above 0); others count 1.
+        seed: of weights, draws and dropped units.
+
+    Attributes:
+        classes_: class names.
+        coefs_: [features, units] and [units, classes], float32.
+        intercepts_: [units] and [classes], float32.
+        mean_, scale_: of the features, float32 [features].
+    """
+
+    def __init__(
+        self,
+        units: int = 20,
+        updates: int = 3000,
+        smoothing: float = 0.3,
+        clip: float = 2.5,
+        damaged: float = 1.0,
+        seed: int = 0,
+    ) -> None:
+        self.units = units
+        self.updates = updates
+        self.smoothing = smoothing
+        self.clip = clip
+        self.damaged = damaged
+        self.seed = seed
+
+    def fit(self, X: pd.DataFrame | np.ndarray, y: np.ndarray) -> Perceptron:
+        """Learn from features [rows, n_features] and class names [rows]."""
+        import torch  # which a system that is stored decides without
+        from torch import nn
+
+        self.classes_, codes = np.unique(y, return_inverse=True)
+        Z = np.asarray(X, dtype=np.float32)
+        self.n_features_in_ = Z.shape[1]
+        _, weight = rows_of(X, self.damaged)
+        still = constant(Z)
+        share = weight / weight.sum()
+        mean = share @ Z
+        self.mean_ = mean.astype(np.float32)
+        self.scale_ = np.sqrt(share @ (Z - self.mean_) ** 2).astype(np.float32)
+        self.scale_[still | (self.scale_ == 0)] = np.inf
+        given, target = torch.from_numpy(self._scaled(Z)), torch.from_numpy(codes)
+        until = np.cumsum(share)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(self.seed)
+            drawn = np.random.default_rng(self.seed)
+            net = nn.Sequential(
+                nn.Linear(Z.shape[1], self.units),
+                nn.ReLU(),
+                nn.Dropout(DROPPED),
+                nn.Linear(self.units, len(self.classes_)),
+            )
+            optimiser = torch.optim.AdamW(net.parameters(), lr=RATE, weight_decay=DECAY)
+            cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=self.updates)
+            loss = nn.CrossEntropyLoss(label_smoothing=self.smoothing)
+            for _ in range(self.updates):
+                rows = np.searchsorted(until, until[-1] * drawn.random(BATCH), side="right")
+                rows = torch.from_numpy(np.minimum(rows, len(Z) - 1))
+                optimiser.zero_grad()
+                loss(net(given[rows]), target[rows]).backward()
+                optimiser.step()
+                cycle.step()
+        layers = [layer for layer in net if isinstance(layer, nn.Linear)]
+        self.coefs_ = [layer.weight.detach().numpy().T.copy() for layer in layers]
+        self.intercepts_ = [layer.bias.detach().numpy().copy() for layer in layers]
+        return self
+
+    def _scaled(self, Z: np.ndarray) -> np.ndarray:
+        return ((Z - self.mean_) / self.scale_).clip(-self.clip, self.clip)
+
+    def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Class probabilities [rows, classes]."""
+        hidden = self._scaled(np.asarray(X, dtype=np.float32)) @ self.coefs_[0] + self.intercepts_[0]
+        return softmax((np.maximum(hidden, 0) @ self.coefs_[1] + self.intercepts_[1]).astype(np.float64), axis=1)
+
+    def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Class names [rows]."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+    @property
+    def parameters_(self) -> int:
+        """Weights, biases, and what features are scaled by."""
+        return sum(a.size for a in (*self.coefs_, *self.intercepts_, self.mean_, self.scale_))
+
+
+def perceptron(
+    features: TransformerMixin,
+    units: int = 20,
+    updates: int = 3000,
+    smoothing: float = 0.3,
+    clip: float = 2.5,
+    damaged: float = 1.0,
+    seed: int = 0,
+) -> Pipeline:
+    """`Perceptron` on a feature set.
+
+    Args:
+        features: transformer from captures to a table.
+        units: of the hidden layer.
+        updates: batches of 256 rows that it learns from.
+        smoothing: share of a label that is spread over all classes, 0 to below 1.
+        clip: SDs beyond which a feature says no more.
+        damaged: how much a damaged copy counts beside its capture, where ``model.faults`` makes some.
+        seed: of weights, draws and dropped units.
+
+    Raises:
+        InputError: a parameter that cannot be.
+    """
+    if not (1 <= units <= 4096 and 1 <= updates <= 10_000_000):
+        raise InputError(f"model.units={units}, model.updates={updates}: give at least 1, at most 4096 and 10000000")
+    if not 0 <= smoothing < 1:
+        raise InputError(f"model.smoothing={smoothing:g}: give 0 to below 1")
+    if not 0 < clip < float("inf"):
+        raise InputError(f"model.clip={clip:g}: give a number of SDs above 0")
+    if not 0 < damaged < float("inf"):
+        raise InputError(f"model.damaged={damaged:g}: give a number above 0")
+    net = Perceptron(units, updates, smoothing, clip, damaged, seed)
+    return Pipeline([("features", features), ("classifier", net)])
+
+
+perceptron.space = {"units": [10, 20, 40, 80], "smoothing": [0.0, 0.1, 0.3], "clip": Range(1.5, 6, log=True)}

@@ -1,0 +1,172 @@
+"""The perceptron against scikit-learn's forward pass and a loop, and the guard against its two judges."""
+
+import subprocess
+import sys
+from functools import partial
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.base import clone
+from sklearn.neural_network import MLPClassifier
+from sklearn.preprocessing import StandardScaler
+
+from bench.errors import InputError
+from bench.plan.cells import cells
+from bench.work.sizes import parameter_count
+from features.jung28 import Jung28
+from models.guarded import Guarded
+from models.lda import Discriminants
+from models.perceptron import Perceptron, perceptron
+
+QUICK = {"updates": 200}
+
+
+def table(seed=0, rows=300, d=6, copies=2):
+    """Three classes that no line separates, in captures of two windows, a part of them copies with a broken feature."""
+    rng = np.random.default_rng(seed)
+    y = rng.integers(0, 3, rows)
+    X = rng.normal(size=(rows, d)).astype(np.float32)
+    X[:, 0] += 3 * np.array([1, -1, 0])[y]
+    X[:, 1] += 4 * np.abs(y - 1)
+    copy = rng.integers(0, copies + 1, rows)
+    X[copy > 0, 2] += 30
+    index = pd.MultiIndex.from_arrays([np.arange(rows) // 2, copy], names=["capture", "copy"])
+    return pd.DataFrame(X * 10.0 ** np.arange(d), index=index), np.array([*"abc"])[y]
+
+
+def test_it_learns_what_no_line_separates():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-1, 1, (2000, 2))
+    y = np.where(X[:, 0] * X[:, 1] > 0, "same", "other")
+    found = Perceptron(updates=1500).fit(X[:1000], y[:1000]).predict(X[1000:])
+    assert (found == y[1000:]).mean() > 0.93
+    assert (Discriminants().fit(X[:1000], y[:1000]).predict(X[1000:]) == y[1000:]).mean() < 0.65
+
+
+def test_it_decides_as_scikit_learns_network_of_the_same_weights():
+    X, y = table(copies=0)
+    ours = Perceptron(units=7, clip=2.0, **QUICK).fit(X, y)
+    theirs = MLPClassifier((7,), max_iter=1).fit(np.zeros((3, 6)), [*"abc"])
+    theirs.coefs_, theirs.intercepts_ = ours.coefs_, ours.intercepts_
+    given = StandardScaler().fit(X).transform(X).clip(-2, 2)
+    np.testing.assert_allclose(ours.predict_proba(X), theirs.predict_proba(given), atol=1e-4)
+    assert np.array_equal(ours.predict(X), ours.classes_[ours.predict_proba(X).argmax(axis=1)])
+    assert parameter_count(ours) == 6 * 7 + 7 + 7 * 3 + 3 + 2 * 6
+
+
+def test_rows_are_drawn_as_often_as_they_count():
+    """Copies that count nearly nothing change nearly nothing; those that count as much as captures do."""
+    X, y = table()
+    undamaged = X[X.index.get_level_values("copy") == 0]
+    alone = Perceptron(**QUICK).fit(undamaged, y[X.index.get_level_values("copy") == 0])
+    hardly, much = (Perceptron(damaged=w, **QUICK).fit(X, y) for w in (1e-12, 1.0))
+    np.testing.assert_allclose(hardly.mean_, alone.mean_, rtol=1e-4)
+    np.testing.assert_allclose(hardly.coefs_[0], alone.coefs_[0], atol=1e-4)
+    assert abs(much.mean_[2] - alone.mean_[2]) > 1
+
+
+def test_the_same_seed_gives_the_same_and_nothing_else_is_stirred():
+    import torch
+
+    X, y = table()
+    torch.manual_seed(5)
+    expected = torch.rand(3)
+    torch.manual_seed(5)
+    one, same, other = (Perceptron(seed=s, **QUICK).fit(X, y) for s in (0, 0, 1))
+    assert torch.equal(torch.rand(3), expected)
+    assert np.array_equal(one.coefs_[0], same.coefs_[0]) and not np.array_equal(one.coefs_[0], other.coefs_[0])
+
+
+@given(st.integers(0, 100))
+def test_one_feature_says_no_more_than_its_clip(seed):
+    """Whatever a broken sensor makes of a feature, and one that was constant in training says nothing at all."""
+    X, y = table(seed, rows=60)
+    X["still"] = 7.0
+    model = Perceptron(updates=20).fit(X, y)
+    far, further = X.copy(), X.copy()
+    far.iloc[:, 0], further.iloc[:, 0] = 1e3, 1e30
+    further["still"] = -1e9
+    assert np.array_equal(model.predict_proba(far), model.predict_proba(further))
+    assert np.isfinite(model.predict_proba(further)).all()
+
+
+def test_a_stored_one_decides_without_torch(tmp_path):
+    X, y = table()
+    np.savez(tmp_path / "x.npz", X=X.to_numpy())
+    import joblib
+
+    joblib.dump(Perceptron(**QUICK).fit(X, y), tmp_path / "net.joblib")
+    said = (
+        "import joblib, numpy, sys; net = joblib.load(sys.argv[1]); "
+        "print(net.predict_proba(numpy.load(sys.argv[2])['X']).sum(), 'torch' in sys.modules)"
+    )
+    asked = [sys.executable, "-c", said, str(tmp_path / "net.joblib"), str(tmp_path / "x.npz")]
+    total, loaded = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()
+    assert float(total) == pytest.approx(len(X)) and loaded == "False"
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"units": 0}, {"updates": 0}, {"smoothing": 1.0}, {"clip": 0.0}, {"clip": float("nan")}, {"damaged": 0.0}]
+)
+def test_parameters_that_cannot_be(wrong):
+    with pytest.raises(InputError, match=f"model.{next(iter(wrong))}="):
+        perceptron(Jung28(), **wrong)
+
+
+def test_it_is_a_system_like_others():
+    (cell,) = cells({"model": "perceptron", "features": "touch", "model.window": "1.0", "model.faults": "noise"})
+    assert cell.estimator().window == 1.0 and clone(cell.estimator()).system.named_steps["classifier"].units == 20
+
+
+# The guard
+
+
+@pytest.fixture
+def few_updates(monkeypatch):
+    """The network learns for a shorter time than it does for a user."""
+    monkeypatch.setattr("models.guarded.Perceptron", partial(Perceptron, **QUICK))
+
+
+def guard(X, y, **parameters):
+    model = Guarded(**parameters)
+    model.fit(X, y)
+    return model
+
+
+def test_doubt_counts_features_beyond_two_and_a_half_deviations(few_updates):
+    X, y = table()
+    model = guard(X, y, doubt=0.5)
+    whole = X[X.index.get_level_values("copy") == 0]
+    found = model.doubts(X)
+    for row in range(len(X)):
+        away = sum(
+            abs(X.iloc[row, j] - whole.iloc[:, j].mean()) > 2.5 * whole.iloc[:, j].std(ddof=0)
+            for j in range(X.shape[1])
+        )
+        assert found[row] == pytest.approx(min(away / 6 / 0.5, 1))
+    assert found[X.index.get_level_values("copy") > 0].min() >= 1 / 3 and 0 < (found == 0).sum() < len(X)
+
+
+def test_a_row_without_doubt_is_judged_by_discriminants_of_undamaged_rows_and_one_in_doubt_by_the_network(few_updates):
+    X, y = table()
+    model = guard(X, y, doubt=1 / 6)
+    whole = X.index.get_level_values("copy") == 0
+    doubt = model.doubts(X)
+    linear = Discriminants(windows=2.0).fit(X[whole], y[whole]).predict_proba(X)
+    network = Perceptron(units=18, **QUICK).fit(X, y).predict_proba(X)
+    np.testing.assert_allclose(model.predict_proba(X)[doubt == 0], linear[doubt == 0], atol=1e-9)
+    np.testing.assert_allclose(model.predict_proba(X)[doubt == 1], network[doubt == 1], atol=1e-9)
+    softly = guard(X, y, doubt=1.0)
+    share = softly.doubts(X)[:, None]
+    np.testing.assert_allclose(softly.predict_proba(X), (1 - share) * linear + share * network, atol=1e-9)
+    assert parameter_count(model) == 2 * 6 + 3 * 6 + 3 + (6 * 18 + 18 + 18 * 3 + 3 + 2 * 6)
+
+
+def test_without_copies_both_learn_from_the_same_rows(few_updates):
+    X, y = table(copies=0)
+    model = guard(X.reset_index(drop=True), y)
+    np.testing.assert_allclose(model.linear_.coef_, Discriminants(windows=2.0).fit(X.to_numpy(), y).coef_)
+    assert np.allclose(model.predict_proba(X).sum(axis=1), 1)
