@@ -1,4 +1,4 @@
-"""When a replayed capture is decided on: what stands at an instant, and when confidence is enough.
+"""When a replayed capture is decided on: what stands at an instant, and when waiting gains too little.
 
 Pure functions of the replay table, which `bench.work.replay` describes.
 """
@@ -31,9 +31,9 @@ def standing(table: pd.DataFrame, frames: int) -> pd.DataFrame:
 
 
 def stopped(table: pd.DataFrame, threshold: float) -> pd.DataFrame:
-    """The first decision of each capture whose confidence reaches the threshold, else its last, with its label."""
+    """The first decision of each capture that is settled enough, else its last, with its label."""
     keys = [table["fold"], table["capture"]]
-    reached = (table["confidence"] >= threshold).astype(int)
+    reached = (table["settled"] >= threshold).astype(int)
     before = reached.groupby(keys, sort=False).cumsum() - reached
     return windows(table[before == 0].groupby(["fold", "capture"], sort=False).tail(1))
 
@@ -42,7 +42,7 @@ def learn_stopping(table: pd.DataFrame, rate_hz: float) -> tuple[float, pd.DataF
     """The threshold that saves most time for what training subjects show to be no loss.
 
     Args:
-        table: replay of training captures by systems that their subjects had no part in, with ``confidence``.
+        table: replay of training captures by systems that their subjects had no part in, with ``settled``.
         rate_hz: frames per second.
 
     Returns:

@@ -2,8 +2,8 @@
 
 The replay table has one row per capture and instant at which there was something new: the columns of the predictions
 table (`bench.outcomes.scores`), where ``start`` and ``frames`` are what had been seen, ``instant`` (the frames that a
-capture that is long enough would have given by then) and ``confidence`` (calibrated). After its last row a capture
-keeps its last decision.
+capture that is long enough would have given by then), ``confidence`` (calibrated) and ``settled`` (1 less what waiting
+is expected to gain). After its last row a capture keeps its last decision.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
+from sklearn.linear_model import Ridge
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
@@ -29,6 +30,11 @@ GROWTH = 2**0.5  # of what has been seen, from one instant to the next
 INNER = "3"  # groups of training subjects, each left out once
 LEAST = 1e-6  # probability that is taken for impossible
 HOTTEST = 100.0
+RIDGE = 1e-2
+STATE = (
+    *("one", "first", "first_squared", "second", "third", "time", "time_squared", "first_time", "second_time"),
+    *("same", "same_time"),
+)
 TIMED_INSTANTS = 8
 
 
@@ -92,7 +98,7 @@ def prefix(corpus: Corpus, frames: int) -> Corpus:
 def replayed(
     estimator: contract.System, corpus: Corpus, fold: str, positions: np.ndarray, instants: np.ndarray
 ) -> pd.DataFrame:
-    """The replay table of some captures, without ``confidence``; sorted by capture, then instant.
+    """The replay table of some captures, without ``confidence`` and ``settled``; sorted by capture, then instant.
 
     A system that decides per window has the mean probability of its windows so far.
 
@@ -177,17 +183,67 @@ def _place(ms: np.ndarray, first: float, last: float) -> np.ndarray:
     return np.clip(np.log(ms / first) / np.log(last / first), 0, 1) if last > first else np.zeros(len(ms))
 
 
-def with_confidence(table: pd.DataFrame, calibration: Calibration, rate_hz: float) -> pd.DataFrame:
-    """A replay table with the calibrated probability of each decision's label."""
+@dataclass(frozen=True)
+class Waiting:
+    """What the rest of a capture is expected to gain, in accuracy: least squares over replayed training captures.
+
+    A capture that would be labelled no better at its end can be decided on at once, however unsure its label is: two
+    gestures that look the same look the same for ever. So it is not confidence that says when to stop.
+
+    Args:
+        weights: of `STATE`, what is known of a decision.
+    """
+
+    weights: tuple[float, ...]
+
+    @classmethod
+    def fit(cls, table: pd.DataFrame, rate_hz: float) -> Waiting:
+        """From a replay table: its target is 1 where only the last decision is right, -1 where only this one is."""
+        right = pd.Series(table["true"].to_numpy(dtype=str) == _labels(table), index=table.index)
+        last = right.groupby([table["fold"], table["capture"]], sort=False).transform("last")
+        found = Ridge(RIDGE, fit_intercept=False).fit(_state(table, rate_hz), last.astype(float) - right)
+        return cls(tuple(found.coef_.tolist()))
+
+    def __call__(self, table: pd.DataFrame, rate_hz: float) -> np.ndarray:
+        """Expected gain of each row, -1 to 1."""
+        return np.clip(_state(table, rate_hz) @ np.array(self.weights), -1, 1)
+
+
+def _labels(table: pd.DataFrame) -> np.ndarray:
+    classes = classes_of(table)
+    return np.array(classes)[table[[PREFIX + c for c in classes]].to_numpy().argmax(axis=1)]
+
+
+def _state(table: pd.DataFrame, rate_hz: float) -> np.ndarray:
+    """What is known of each decision [rows, STATE]: its three largest probabilities, time, and the label before it."""
+    proba = -np.sort(-table[[PREFIX + c for c in classes_of(table)]].to_numpy(dtype=np.float64), axis=1)
+    first, second, third = (proba[:, i] if i < proba.shape[1] else np.zeros(len(proba)) for i in range(3))
+    octaves = np.log(1000 / rate_hz * table["frames"].to_numpy() / FIRST_MS)
+    label = pd.Series(_labels(table), index=table.index)
+    before = label.groupby([table["fold"], table["capture"]], sort=False).shift(1)
+    same = (label == before).to_numpy(dtype=float)
+    one = np.ones(len(table))
+    square, late = first**2, octaves**2
+    return np.column_stack(
+        [one, first, square, second, third, octaves, late, first * octaves, second * octaves, same, same * octaves]
+    )
+
+
+def weighed(table: pd.DataFrame, calibration: Calibration, waiting: Waiting, rate_hz: float) -> pd.DataFrame:
+    """A replay table with the calibrated probability of each decision's label, and whether it is worth waiting."""
     proba = table[[PREFIX + c for c in classes_of(table)]].to_numpy(dtype=np.float64)
     ms = 1000 / rate_hz * table["frames"].to_numpy()
-    return table.assign(confidence=calibration(proba, ms).max(axis=1))
+    return table.assign(
+        confidence=calibration(proba, ms).max(axis=1), settled=np.clip(1 - waiting(table, rate_hz), 0, 1)
+    )
 
 
 def learned(
     untrained: Callable[[], contract.System], corpus: Corpus, train: np.ndarray, replay: Replay
-) -> tuple[Calibration, float, pd.DataFrame]:
-    """Calibration and threshold from the training part, each of its subjects replayed by a system that never met it.
+) -> tuple[Calibration, Waiting, float, pd.DataFrame]:
+    """Calibration, what waiting gains and threshold, from the training part.
+
+    Each of its subjects is replayed by a system that never met it.
 
     Nothing of another capture is looked at.
 
@@ -210,7 +266,9 @@ def learned(
     ms = 1000 / corpus.rate_hz * table["frames"].to_numpy()
     proba = table[[PREFIX + c for c in classes]].to_numpy(dtype=np.float64)
     calibration = Calibration.fit(proba, true, ms)
-    return calibration, *learn_stopping(with_confidence(table, calibration, corpus.rate_hz), corpus.rate_hz)
+    waiting = Waiting.fit(table, corpus.rate_hz)
+    table = weighed(table, calibration, waiting, corpus.rate_hz)
+    return calibration, waiting, *learn_stopping(table, corpus.rate_hz)
 
 
 def decision_latency(estimator: contract.System, begun: Corpus, instants: np.ndarray) -> list[float]:

@@ -12,12 +12,13 @@ from bench.work.experiment import Experiment
 from bench.work.fold import computing, fitted, footprint, latency
 from bench.work.replay import (
     INNER,
+    STATE,
     Replay,
     decision_latency,
     learned,
     replayed,
     system_hop,
-    with_confidence,
+    weighed,
 )
 from models import contract
 from models.inner import inner_folds
@@ -40,7 +41,7 @@ class Stream(Experiment[Curves]):
     kind: ClassVar[str] = "stream"
     fold_kind: ClassVar[str] = "stream_fold"
     heading: ClassVar[str] = "Accuracy in percent against touch seen; stopping learned on training subjects"
-    columns: ClassVar[frozenset[str]] = frozenset({"instant", "confidence"})
+    columns: ClassVar[frozenset[str]] = frozenset({"instant", "confidence", "settled"})
 
     hop_ms: float | None = None
     start: str = "onset"
@@ -90,10 +91,10 @@ class Stream(Experiment[Curves]):
         instants = self.replay.instants(int(begun.lengths.max()), corpus.rate_hz)
         estimator = cell.estimator()
         with computing(threads):
-            calibration, threshold, series = learned(cell.estimator, corpus, fold.train, self.replay)
+            calibration, waiting, threshold, series = learned(cell.estimator, corpus, fold.train, self.replay)
             metrics = fitted(estimator, corpus[fold.train])
             table = replayed(estimator, begun, fold.name, fold.test, instants)
-            table = with_confidence(table, calibration, corpus.rate_hz)
+            table = weighed(table, calibration, waiting, corpus.rate_hz)
         with computing(1):
             whole, *_ = latency(estimator, corpus[fold.test], int(corpus.lengths.max()))
             decide = decision_latency(estimator, begun[fold.test], instants)
@@ -101,6 +102,7 @@ class Stream(Experiment[Curves]):
         if hop := system_hop(estimator, corpus[fold.train]):
             metrics["system_hop_ms"] = 1000 / corpus.rate_hz * hop
         chosen = {"threshold": threshold} | {f"temperature_{k}": v for k, v in asdict(calibration).items()}
+        chosen |= {f"waiting_{name}": weight for name, weight in zip(STATE, waiting.weights, strict=True)}
         return FoldResult(fold.name, table, metrics, whole, decide, chosen=chosen, trials=series)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
@@ -148,5 +150,5 @@ class Stream(Experiment[Curves]):
 
 
 def thresholds(results: list[FoldResult]) -> dict[str, float]:
-    """The confidence that the training part of each fold has taught to be enough."""
+    """How settled a label must be, as the training part of each fold has taught."""
     return {r.name: float(str(r.chosen["threshold"])) for r in results}

@@ -15,14 +15,13 @@ from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.outcomes.stopping import by_instant, by_threshold, learn_stopping, learned_point, standing, stopped
 from bench.plan.plan import Fold
-from bench.work.replay import Calibration, Replay, decision_latency, learned, prefix, replayed, with_confidence
+from bench.work.replay import STATE, Calibration, Replay, Waiting, decision_latency, learned, prefix, replayed, weighed
 from bench.work.stream import Stream
 from bench.work.workers import do_fold
 from features.jung54 import Jung54
 from tests.conftest import predictions, random_corpus, runs, with_other_values
 
 SMALL = ["model=bayes", "data.subjects=3", "data.variants=normal", "hop_ms=600", "jobs=2"]
-PLAIN = Calibration(1.0, 1.0, 1.0, 1.0)
 
 
 def test_a_decision_is_timed_where_no_capture_reaches_the_first_instant():
@@ -184,10 +183,56 @@ def test_certain_and_single_decisions_can_be_calibrated():
     assert wrong(np.eye(3), np.full(3, 10.0)).max() < 0.4
 
 
+def surely(table):
+    """Settled as far as the label is probable."""
+    return table.assign(settled=table[[c for c in table if c.startswith("p_")]].max(axis=1))
+
+
+def waited(rows=4000, seed=0):
+    """Captures decided on three times, two classes; the later label is right, the earlier one where it is sure."""
+    rng = np.random.default_rng(seed)
+    sure = rng.random(rows) < 0.5
+    true = rng.integers(0, 2, rows)
+    right = sure | (rng.random(rows) < 0.5)  # an unsure label is a guess
+    tables = []
+    for instant, (top, hit) in enumerate(
+        [(np.where(sure, 0.9, 0.6), right), (np.where(sure, 0.9, 0.6), right), (0.9, 1)]
+    ):
+        label = np.where(hit, true, 1 - true)
+        p_a = np.where(label == 0, top, 1 - np.asarray(top))
+        about = {"fold": "f", "capture": np.arange(rows), "true": np.array(["a", "b"])[true]}
+        tables.append(pd.DataFrame(about | {"instant": instant, "frames": 10 * 2**instant, "p_a": p_a, "p_b": 1 - p_a}))
+    table = pd.concat(tables).sort_values(["capture", "instant"], kind="stable", ignore_index=True)
+    return table, np.repeat(sure, 3)
+
+
+def test_waiting_is_worth_what_it_gained_in_training():
+    """An unsure label is right half of the time and always in the end: half a point; a sure one gains nothing."""
+    table, sure = waited()
+    found = Waiting.fit(table, 100.0)(waited(seed=1)[0], 100.0)
+    other, sure = waited(seed=1)
+    first = (other["instant"] == 0).to_numpy()
+    assert found[first & ~sure].mean() == pytest.approx(0.5, abs=0.06)
+    assert found[first & sure].mean() == pytest.approx(0, abs=0.06)
+    assert abs(found[(other["instant"] == 2).to_numpy()].mean()) < 0.06
+    assert len(Waiting.fit(table, 100.0).weights) == len(STATE)
+
+
+def test_hopeless_captures_are_not_waited_for():
+    """Where the last label is no better, an unsure one is settled at once, though its confidence never rises."""
+    table, sure = waited()
+    for name in ("p_a", "p_b"):  # the last decision says what the first one said
+        table[name] = table.groupby("capture")[name].transform("first")
+    plain = Calibration(100.0, 400.0, 1.0, 1.0)
+    found = weighed(table, plain, Waiting.fit(table, 100.0), 100.0)
+    assert found["confidence"].min() < 0.65 and found["settled"].min() > 0.95
+    assert set(stopped(found, 0.95)["frames"]) == {10}
+
+
 def test_stopping_as_calculated_by_hand():
     corpus = coded_corpus()
     table = replayed(Rising().fit(corpus, corpus.gestures), corpus, "x", np.arange(6), np.arange(1, 13))
-    table = with_confidence(table, PLAIN, corpus.rate_hz)
+    table = surely(table)
     # n / (n + 1) >= 0.8 from 4 frames on; the capture of 3 frames never gets there and is labelled at its end, wrongly
     early = stopped(table, 0.8)
     assert early["frames"].tolist() == [4, 3, 4, 4, 4, 4]
@@ -215,7 +260,7 @@ def test_a_loss_within_one_standard_error_is_allowed():
             wrong = s == c == 0
             rows.append(("f", 5 * s + c, str(s), "a", 1, 1, 0.9, 0.2 if wrong else 0.9, 0.8 if wrong else 0.1))
             rows.append(("f", 5 * s + c, str(s), "a", 10, 10, 0.95, 0.9, 0.1))
-    names = ["fold", "capture", "subject", "true", "frames", "instant", "confidence", "p_a", "p_b"]
+    names = ["fold", "capture", "subject", "true", "frames", "instant", "settled", "p_a", "p_b"]
     table = pd.DataFrame(rows, columns=names)
     threshold, series = learn_stopping(table, 100.0)
     lost = np.array([0.2, 0, 0])
@@ -234,7 +279,7 @@ def test_stopping_never_looks_at_later_frames(seed, threshold):
 
     def stops(given):
         table = replayed(estimator, given, "x", np.arange(len(corpus)), instants)
-        return stopped(with_confidence(table, PLAIN, corpus.rate_hz), threshold)
+        return stopped(surely(table), threshold)
 
     before = stops(corpus)
     frames = corpus.frames.copy()

@@ -1,0 +1,148 @@
+"""What buys what: from a published classifier on published features to `reflex`, one addition at a time.
+
+``python -m reports.ablation`` runs every row by `bench run`, `bench stream` and `bench stress` on HAART, each subject
+left out once, and writes a table and a figure. Folds that are stored are not run again. ``data=``, ``rows=`` (labels
+joined by ``;``) and ``out=`` change what is run, and where it goes.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bench.commands.printing import console
+from bench.commands.stream import streamed
+from bench.commands.stress import stressed
+from bench.errors import InputError, nearest
+from bench.outcomes.scores import subject_interval
+from bench.outcomes.stopping import standing
+from bench.plan.arguments import parse
+from reports.figures import Picture, new_figure, save
+
+LDA = {"model": "lda"}
+TOUCH = {"features": "touch"}
+WINDOWS = {"model.window": "1.0"}
+REPAIR = {"model.repair": "stuck+dead"}
+FAULTS = {"model.faults": "all"}
+ROWS: dict[str, dict[str, str]] = {
+    "svm, jung54": {"model": "svm", "features": "jung54"},
+    "svm, touch": {"model": "svm"} | TOUCH,
+    "lda, jung54": LDA | {"features": "jung54"},
+    "lda, touch": LDA | TOUCH,
+    "lda, touch, windows": LDA | TOUCH | WINDOWS | {"model.windows": "2"},
+    "lda, touch, windows, repair": LDA | TOUCH | WINDOWS | REPAIR | {"model.windows": "2"},
+    "lda, touch, windows, repair, faults": LDA
+    | TOUCH
+    | WINDOWS
+    | REPAIR
+    | FAULTS
+    | {"model.windows": "2", "model.damaged": "0.1"},
+    "perceptron, touch, windows, repair, faults": {"model": "perceptron", "model.units": "18", "model.copies": "8"}
+    | TOUCH
+    | WINDOWS
+    | REPAIR
+    | FAULTS,
+    "reflex": {"model": "reflex"},
+    "reflex without faults": {"model": "reflex", "model.faults": "none"},
+    "reflex without repair": {"model": "reflex", "model.repair": "none"},
+    "reflex, windows of 4 s": {"model": "reflex", "model.window": "4.0"},
+    "xgb, jung54": {"model": "xgb", "features": "jung54"},
+    "xgb, touch": {"model": "xgb"} | TOUCH,
+    "xgb, touch, windows, repair": {"model": "xgb"} | TOUCH | WINDOWS | REPAIR,
+    "xgb, touch, windows, repair, faults": {"model": "xgb"} | TOUCH | WINDOWS | REPAIR | FAULTS,
+    "rocket": {"model": "rocket"},
+    "rocket, windows, repair": {"model": "rocket", "model.window": "2.0"} | REPAIR,
+    "rocket, repair, faults": {"model": "rocket"} | REPAIR | FAULTS,
+    "hughes2017_cnn": {"model": "hughes2017_cnn"},
+    "hughes2017_cnn, repair, faults": {"model": "hughes2017_cnn"} | REPAIR | FAULTS,
+}
+SHOWN = {
+    "accuracy": "% of captures",
+    "accuracy_500_ms": "% after 0.5 s",
+    "accuracy_1000_ms": "% after 1 s",
+    "loss": "points lost, mean of all faults",
+    "flash_bytes": "kB of flash, 32 bits",
+}
+
+
+def main(arguments: list[str]) -> int:
+    """Run the rows, print their table and write it and the figure."""
+    values = parse(arguments, {"data", "rows", "out", "jobs"})
+    for label in (asked := values["rows"].split(";") if "rows" in values else [*ROWS]):
+        if label not in ROWS:
+            raise InputError(f"rows={label}: not known; {nearest(label, ROWS)}")
+    out = Path(values.get("out", "ablation"))
+    out.mkdir(parents=True, exist_ok=True)
+    shared = {"data": values.get("data", "haart")} | ({"jobs": values["jobs"]} if "jobs" in values else {})
+    rows = []
+    for label in asked:
+        console.print(label, style="bold")
+        rows.append({"row": label} | measured(shared | ROWS[label], out))
+        table = pd.DataFrame(rows)
+        table.to_csv(out / "ablation.csv", index=False)
+    (out / "ablation.md").write_text(markdown(table), encoding="utf-8")
+    drawn(table, shared["data"], out)
+    console.print(markdown(table), markup=False)
+    return 0
+
+
+def measured(values: dict[str, str], out: Path) -> dict[str, float]:
+    """One row: shares, not percent; loss is the mean over all faults and severities."""
+    (replay,), _ = streamed(values)
+    (stress,), _ = stressed(values | {"out": str(out / "stress")})
+    losses = [v for k, v in stress.metrics.items() if k.startswith("loss.")]
+    found = {"accuracy": replay.metrics["accuracy"], "loss": float(np.mean(losses))}
+    found |= {"low": replay.metrics["accuracy_low"], "high": replay.metrics["accuracy_high"]}
+    table = pd.concat([result.table for result in replay.results], ignore_index=True)
+    whole = standing(table, int(table["instant"].max()))
+    found["subject_accuracy"] = float((whole["true"] == whole["predicted"]).groupby(whole["subject"]).mean().mean())
+    for ms in (500, 1000):
+        seen = standing(table, int(ms * replay.plan.corpus.rate_hz / 1000 + 1e-6))
+        low, high = subject_interval(seen)
+        found |= {f"accuracy_{ms}_ms": float((seen["true"] == seen["predicted"]).mean())}
+        found |= {f"low_{ms}_ms": low, f"high_{ms}_ms": high}
+    return found | {"flash_bytes": replay.metrics["flash_bytes"], "fit_seconds": replay.metrics["fit_seconds"]}
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """The table as it goes into a page: percent, points and kB."""
+    lines = ["| | captures | interval | subjects | 0.5 s | 1 s | mean loss | flash kB | fit s |", "|---" * 9 + "|"]
+    for row in table.to_dict("records"):
+        share = [f"{100 * row[name]:.1f}" for name in ("accuracy_500_ms", "accuracy_1000_ms", "loss")]
+        lines.append(
+            f"| {row['row']} | {100 * row['accuracy']:.1f} | {100 * row['low']:.0f} - {100 * row['high']:.0f} | "
+            f"{100 * row['subject_accuracy']:.1f} | {' | '.join(share)} | {row['flash_bytes'] / 1e3:.0f} | "
+            f"{row['fit_seconds']:.1f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def drawn(table: pd.DataFrame, data: str, out: Path) -> Picture:
+    """A panel per measure, a bar per row, in the order in which they were run."""
+    figure, axes = new_figure((13, 1.2 + 0.24 * len(table)), (1, len(SHOWN)), (3.0, 0.2, 0.6, 0.5), (0.25, 0.9))
+    place = np.arange(len(table))[::-1]
+    for axis, (name, words) in zip(axes[0], SHOWN.items(), strict=True):
+        scale = 1e-3 if name == "flash_bytes" else 100
+        shown = scale * table[name].to_numpy()
+        axis.barh(place, shown, height=0.6, color=["tab:red" if "reflex" in r else "tab:blue" for r in table["row"]])
+        for at, value in zip(place, shown, strict=True):
+            axis.text(value, at, f" {value:.0f}" if scale < 1 else f" {value:.1f}", va="center", fontsize=8)
+        axis.set_xlim(0, 1.25 * shown.max())
+        axis.set_xlabel(words)
+        axis.set_yticks(place, table["row"] if axis is axes[0][0] else [""] * len(table))
+        axis.spines[["top", "right"]].set_visible(False)
+    caption = (
+        f"{data}, each subject left out once: every addition from svm on jung54 to reflex, and the same for others"
+    )
+    return save(figure, out, "ablation", "ablation", f"{data} loso", caption)
+
+
+if __name__ == "__main__":
+    try:
+        raise SystemExit(main(sys.argv[1:]))
+    except InputError as error:
+        console.print(str(error), style="red", markup=False)
+        raise SystemExit(2) from error
