@@ -101,7 +101,7 @@ STREAM = """\
 bench stream [key=value ...]
 
 Replays captures as a robot sees them: accuracy against milliseconds of touch, time per decision, and adaptive stopping,
-which decides as soon as the calibrated confidence passes a threshold learned on training subjects. Each combination is
+which decides as soon as waiting is expected to gain too little, as learned on training subjects. Each combination is
 one run in MLflow with a child run per fold; an interrupted command goes on where it stopped.
 
   hop_ms=     milliseconds between decisions; default: decide each time 1.41 times as much is seen, from 62.5 ms on

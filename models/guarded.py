@@ -58,8 +58,9 @@ class Guarded(ClassifierMixin, BaseEstimator):
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
-        doubt = self.doubts(X)[:, None]
-        return (1 - doubt) * self.linear_.predict_proba(X) + doubt * self.robust_.predict_proba(X)
+        values = np.asarray(X, dtype=np.float32)
+        doubt = self.doubts(values)[:, None]
+        return (1 - doubt) * self.linear_.predict_proba(values) + doubt * self.robust_.predict_proba(values)
 
     def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class names [rows]."""

@@ -8,7 +8,6 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.steps import Windows
 from bench.errors import InputError
 from features.base import FeatureSet
 from features.touch import TouchFeatures
@@ -115,7 +114,9 @@ class Reflex(ClassifierMixin, BaseEstimator):
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """One decision per window: frames seen, and probabilities [windows, classes]."""
-        short = X.lengths < Windows(self.window).lengths(X.rate_hz)[0]
+        short = X.lengths < self.window_
+        if short.all() or not short.any():
+            return (self.early_ if short.all() else self.whole_).decide(X)
         tables, probabilities = [], []
         for recipe, part in ((self.whole_, np.flatnonzero(~short)), (self.early_, np.flatnonzero(short))):
             if len(part):

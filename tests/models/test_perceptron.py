@@ -34,7 +34,7 @@ def table(seed=0, rows=300, d=6, copies=2):
     copy = rng.integers(0, copies + 1, rows)
     X[copy > 0, 2] += 30
     index = pd.MultiIndex.from_arrays([np.arange(rows) // 2, copy], names=["capture", "copy"])
-    return pd.DataFrame(X * 10.0 ** np.arange(d), index=index), np.array([*"abc"])[y]
+    return pd.DataFrame((X * 10.0 ** np.arange(d)).astype(np.float32), index=index), np.array([*"abc"])[y]
 
 
 def test_it_learns_what_no_line_separates():

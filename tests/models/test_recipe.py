@@ -3,10 +3,12 @@
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.base import clone
+from sklearn.pipeline import Pipeline
 
 from bench import source
 from bench.cli import main
@@ -399,3 +401,26 @@ def test_what_a_fault_of_another_package_does_is_part_of_a_run(monkeypatch, tmp_
     one = identities("def theirs(frames, amount, rng):\n    return frames\n")
     other = identities("def theirs(frames, amount, rng):\n    return frames / 2\n")
     assert [a != b for a, b in zip(one, other, strict=True)] == [True, True, False, True]
+
+
+def test_kept_features_of_copies_are_those_of_copies_made_again(corpus, tmp_path, monkeypatch):
+    """Of captures in another order, one of them twice, what is kept gives the same rows and the same system."""
+    write_folder(corpus, tmp_path / "c")
+    stored = open_folder(tmp_path / "c")
+    given = stored[np.array([7, 2, 2, 20, 11, 30, 25, 0, 33, 15])]
+    options = {"window": 0.1, "repair": ("stuck",), "faults": ("noise", "dropped_frames"), "copies": 2}
+    recipe = Recipe(lda(TouchFeatures()), **options)
+    assert kept.after(TouchFeatures(), given, recipe.training_steps()) is None  # nothing is kept yet
+    made, row = taken(given, recipe.training_steps())
+    expected = TouchFeatures().transform(made)  # which keeps them
+    found, rows = kept.after(TouchFeatures(), given, recipe.training_steps())
+    pd.testing.assert_frame_equal(found, expected)
+    assert np.array_equal(rows, row)
+    monkeypatch.setattr(Faulted, "__call__", lambda *_: pytest.fail("a copy was damaged again"))
+    quick = clone(recipe).fit(given, given.gestures)
+    monkeypatch.undo()
+    slow = clone(recipe).fit(given.detached(), given.gestures)
+    assert quick.system_.named_steps["features"].names_.equals(expected.columns)
+    assert type(quick.system_) is type(slow.system_) and quick.system_.steps[0][0] == slow.system_.steps[0][0]
+    again = Pipeline(quick.system_.steps[1:]).fit(expected, given.gestures[row])
+    assert np.array_equal(quick.system_.named_steps["classifier"].coef_, again.named_steps["classifier"].coef_)
