@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator
 
-from bench.corpora.corpus import COPY, Corpus
+from bench.corpora.corpus import Corpus
 from bench.corpora.files import Damaged, clear, stamp
 from bench.corpora.folder import open_folder
 from bench.scratch import home, owner
@@ -48,29 +48,15 @@ def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
     return table.iloc[rows].drop(columns=[*PIECES])
 
 
-def after(features: BaseEstimator, X: Corpus, steps: list) -> tuple[pd.DataFrame, np.ndarray] | None:
-    """Kept features of what some steps make of stored captures; no frame is touched, so no copy is damaged again.
-
-    Returns:
-        As `of_corpus` would give them of the captures after the steps, labelled by capture and copy, and which of ``X``
-        each row comes from; None where nothing is kept.
-    """
+def after(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | None:
+    """Kept features of what steps make of every capture of a stored corpus, with `PIECES`; None if there are none."""
     if not X.digest or X.path is None or X.steps or not steps:
         return None
-    about = _about(features, X.digest, tuple(steps))
+    about = _about(features, X.digest, steps)
     try:
-        table = _read(home() / "features" / f"{_key(about)}.parquet", about)
+        return _read(home() / "features" / f"{_key(about)}.parquet", about)
     except Exception:  # not there, or damaged: as above
         return None
-    of, piece = (table[name].to_numpy() for name in PIECES)
-    first, last = np.searchsorted(of, X.index), np.searchsorted(of, X.index, side="right")
-    count = last - first
-    if not count.all():
-        return None
-    row = np.repeat(np.arange(len(X)), count)
-    place = first[row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    labels = pd.MultiIndex.from_arrays([of[place], piece[place] // COPY], names=["capture", "copy"])
-    return table.iloc[place].drop(columns=[*PIECES]).set_axis(labels), row
 
 
 def _extracted(features: BaseEstimator, whole: Corpus, steps: tuple) -> pd.DataFrame:

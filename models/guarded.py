@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin
 
-from models.lda import Discriminants
+from models.lda import Discriminants, undamaged
 from models.perceptron import Perceptron
 from models.scaling import constant
 
@@ -40,7 +40,7 @@ class Guarded(ClassifierMixin, BaseEstimator):
 
     def fit(self, X: pd.DataFrame, y: np.ndarray) -> Guarded:
         """Learn from features [rows, n_features], labelled by capture and copy, and class names [rows]."""
-        whole = np.asarray(X.index.get_level_values("copy") == 0) if "copy" in X.index.names else np.ones(len(X), bool)
+        whole = undamaged(X)
         usual = X[whole]
         values = usual.to_numpy(dtype=np.float32)
         self.n_features_in_ = values.shape[1]
@@ -52,15 +52,16 @@ class Guarded(ClassifierMixin, BaseEstimator):
         return self
 
     def doubts(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
-        """How much the network counts, 0 to 1 [rows]."""
-        away = np.abs(np.asarray(X, dtype=np.float32) - self.mean_) > np.float32(UNUSUAL) * self.sd_
-        return np.minimum(away.mean(axis=1) / self.doubt, 1)
+        """How much the network counts, 0 to 1 [rows]; what is not a number is unusual."""
+        usual = np.abs(np.asarray(X, dtype=np.float32) - self.mean_) <= np.float32(UNUSUAL) * self.sd_
+        return np.minimum((~usual).mean(axis=1) / self.doubt, 1)
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
         values = np.asarray(X, dtype=np.float32)
         doubt = self.doubts(values)[:, None]
-        return (1 - doubt) * self.linear_.predict_proba(values) + doubt * self.robust_.predict_proba(values)
+        linear = np.where(doubt < 1, self.linear_.predict_proba(values), 0)  # of an endless feature, no number
+        return (1 - doubt) * linear + doubt * self.robust_.predict_proba(values)
 
     def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class names [rows]."""

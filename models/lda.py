@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeGuard
+
 import numpy as np
 import pandas as pd
 from scipy.special import softmax
@@ -75,10 +77,20 @@ class Discriminants(ClassifierMixin, BaseEstimator):
 
 def rows_of(X: pd.DataFrame | np.ndarray, damaged: float) -> tuple[np.ndarray, np.ndarray]:
     """Of which capture each row is, numbered from 0, and how much it counts: ``damaged`` for one of a copy, else 1."""
-    if not isinstance(X, pd.DataFrame) or X.index.names != ["capture", "copy"]:
+    if not _labelled(X):
         return np.arange(len(X)), np.ones(len(X))
     captures = np.unique(X.index.get_level_values("capture"), return_inverse=True)[1]
-    return captures, np.where(X.index.get_level_values("copy") > 0, damaged, 1.0)
+    return captures, np.where(undamaged(X), 1.0, damaged)
+
+
+def undamaged(X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    """Which rows are not of a damaged copy, bool [rows]."""
+    return np.asarray(X.index.get_level_values("copy") == 0) if _labelled(X) else np.ones(len(X), dtype=bool)
+
+
+def _labelled(X: pd.DataFrame | np.ndarray) -> TypeGuard[pd.DataFrame]:
+    """Whether rows are told apart by capture and copy."""
+    return isinstance(X, pd.DataFrame) and X.index.names == ["capture", "copy"]
 
 
 def _means(values: np.ndarray, codes: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

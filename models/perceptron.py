@@ -63,6 +63,8 @@ class Perceptron(ClassifierMixin, BaseEstimator):
         self.classes_, codes = np.unique(y, return_inverse=True)
         Z = np.asarray(X, dtype=np.float32)
         self.n_features_in_ = Z.shape[1]
+        if not np.isfinite(Z).all():
+            raise ValueError(f"{int((~np.isfinite(Z)).sum())} values of training features are not finite")
         _, weight = rows_of(X, self.damaged)
         still = constant(Z)
         share = weight / weight.sum()
@@ -72,6 +74,8 @@ class Perceptron(ClassifierMixin, BaseEstimator):
         self.scale_[still | (self.scale_ == 0)] = np.inf
         given, target = torch.from_numpy(self._scaled(Z)), torch.from_numpy(codes)
         until = np.cumsum(share)
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)  # so small a batch is slower with more, and sums in another order
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
             drawn = np.random.default_rng(self.seed)
@@ -91,13 +95,15 @@ class Perceptron(ClassifierMixin, BaseEstimator):
                 loss(net(given[rows]), target[rows]).backward()
                 optimiser.step()
                 cycle.step()
+        torch.set_num_threads(threads)
         layers = [layer for layer in net if isinstance(layer, nn.Linear)]
         self.coefs_ = [layer.weight.detach().numpy().T.copy() for layer in layers]
         self.intercepts_ = [layer.bias.detach().numpy().copy() for layer in layers]
         return self
 
     def _scaled(self, Z: np.ndarray) -> np.ndarray:
-        return ((Z - self.mean_) / self.scale_).clip(-self.clip, self.clip)
+        """In SDs, cut off; what is not a number is taken for the mean."""
+        return np.nan_to_num((Z - self.mean_) / self.scale_, nan=0.0).clip(-self.clip, self.clip)
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""

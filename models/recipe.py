@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -17,7 +18,7 @@ from bench.errors import InputError
 from bench.memory import ensure
 from bench.registry import parameters as known_parameters
 from features.base import FeatureSet
-from features.kept import after
+from features.kept import PIECES, after
 from models import contract
 
 SEARCHED = {"window": [0.0, 1.0], "repair": ["", "stuck+dead"], "faults": ["", "all"]}  # by `models.auto`
@@ -107,14 +108,16 @@ class Recipe(ClassifierMixin, BaseEstimator):
         self.classes_ = self.system_.classes_
         if self.window:
             self.window_ = Windows(self.window, self.hop).lengths(X.rate_hz)[0]
+        elif (inside := contract.frames_at_once(self.system_, sys.maxsize)) < sys.maxsize:
+            self.window_ = inside
         return self
 
     def _fitted(self, X: Corpus, y: np.ndarray) -> contract.System:
         """The system inside; one behind a feature set is given the kept features, where there are some."""
         system, steps = clone(self.system), self.training_steps()
-        if isinstance(system, Pipeline) and isinstance(first := system.steps[0][1], FeatureSet) and not first.learns:
-            if (kept := after(first, X, steps)) is not None:
-                table, row = kept
+        if type(system) is Pipeline and system.memory is None and _plain(first := system.steps[0][1]):
+            if (found := after(first, X, tuple(steps))) is not None:
+                table, row = _of(found, X.index)
                 rest = Pipeline(system.steps[1:]).fit(table, y[row])
                 return Pipeline([(system.steps[0][0], first.fit(X)), *rest.steps])
         seen, row = taken(X, steps)
@@ -196,6 +199,30 @@ def besides(factory: Callable) -> dict[str, object]:
     """Parameters of a `Recipe` that a factory has no own ones for, and their defaults."""
     own = known_parameters(factory)
     return {k: v for k, v in known_parameters(Recipe).items() if k not in own}
+
+
+def _plain(first: object) -> bool:
+    """Whether a part is a feature set whose table is what it extracts, whatever it is fitted to."""
+    kind = type(first)
+    return isinstance(first, FeatureSet) and (kind.fit, kind.transform) == (FeatureSet.fit, FeatureSet.transform)
+
+
+def _of(found: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
+    """Rows of some stored captures, labelled as `features.base.FeatureSet.transform` does, and which one each is of.
+
+    No frame is touched, so no copy is damaged again.
+
+    Args:
+        found: of all captures, those of one capture together, with `features.kept.PIECES`.
+        index: positions in the stored corpus.
+    """
+    of, piece = (found[name].to_numpy() for name in PIECES)
+    first = np.searchsorted(of, index)
+    count = np.searchsorted(of, index, side="right") - first
+    row = np.repeat(np.arange(len(index)), count)
+    place = first[row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    labels = pd.MultiIndex.from_arrays([of[place], piece[place] // COPY], names=["capture", "copy"])
+    return found.iloc[place].drop(columns=[*PIECES]).set_axis(labels), row
 
 
 def _typed(value: object, usual: object) -> object:

@@ -8,6 +8,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.steps import Windows
 from bench.errors import InputError
 from features.base import FeatureSet
 from features.touch import TouchFeatures
@@ -30,8 +31,8 @@ class Reflex(ClassifierMixin, BaseEstimator):
        again as what varies within it, since two or more windows decide on most captures.
     5. *Doubt* (`models.guarded`): a window some of whose features lie beyond 2.5 SDs of training is judged by a network
        of 18 units (`models.perceptron`) instead, wholly from 3 % of them on. It has learnt from every capture as it is
-       and in eight damaged copies, each by a fault and a severity drawn at random. So faults cost nothing where there
-       are none, and what is odd in a way that nobody thought of is met by what has seen odd things.
+       and in eight damaged copies, each by a fault and a severity drawn at random, a copy counting as
+       much as the capture. Faults cost little where there are none, as few features of sound captures are unusual.
     6. The short windows have discriminants alone, learnt from three copies as well, each of which counts a tenth.
     7. A capture's probabilities are the mean over its windows.
 
@@ -114,7 +115,7 @@ class Reflex(ClassifierMixin, BaseEstimator):
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """One decision per window: frames seen, and probabilities [windows, classes]."""
-        short = X.lengths < self.window_
+        short = X.lengths < Windows(self.window).lengths(X.rate_hz)[0]
         if short.all() or not short.any():
             return (self.early_ if short.all() else self.whole_).decide(X)
         tables, probabilities = [], []

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.commands.printing import console
+from bench.commands.printing import console, writable
 from bench.commands.stream import streamed
 from bench.commands.stress import stressed
 from bench.errors import InputError, nearest
@@ -71,28 +71,38 @@ SHOWN = {
 def main(arguments: list[str]) -> int:
     """Run the rows, print their table and write it and the figure."""
     values = parse(arguments, {"data", "rows", "out", "jobs"})
+    if "," in values.get("data", ""):
+        raise InputError(f"data={values['data']}: give one corpus")
     for label in (asked := values["rows"].split(";") if "rows" in values else [*ROWS]):
         if label not in ROWS:
             raise InputError(f"rows={label}: not known; {nearest(label, ROWS)}")
-    out = Path(values.get("out", "ablation"))
-    out.mkdir(parents=True, exist_ok=True)
+    out = writable(Path(values.get("out", "ablation")))
     shared = {"data": values.get("data", "haart")} | ({"jobs": values["jobs"]} if "jobs" in values else {})
-    rows = []
+    rows, failed = [], []
     for label in asked:
         console.print(label, style="bold")
-        rows.append({"row": label} | measured(shared | ROWS[label], out))
-        table = pd.DataFrame(rows)
-        table.to_csv(out / "ablation.csv", index=False)
+        if found := measured(shared | ROWS[label], out):
+            rows.append({"row": label} | found)
+        else:
+            failed.append(label)
+    if failed:
+        console.print(f"left out, for some of their folds failed: {'; '.join(failed)}", style="red", markup=False)
+    if not rows:
+        return 1
+    table = pd.DataFrame(rows)
+    table.to_csv(out / "ablation.csv", index=False)
     (out / "ablation.md").write_text(markdown(table), encoding="utf-8")
     drawn(table, shared["data"], out)
-    console.print(markdown(table), markup=False)
-    return 0
+    console.print(markdown(table), markup=False, soft_wrap=True)
+    return 1 if failed else 0
 
 
 def measured(values: dict[str, str], out: Path) -> dict[str, float]:
-    """One row: shares, not percent; loss is the mean over all faults and severities."""
+    """One row: shares, not percent; loss is the mean over all faults and severities. Empty where a fold failed."""
     (replay,), _ = streamed(values)
     (stress,), _ = stressed(values | {"out": str(out / "stress")})
+    if replay.errors or stress.errors:
+        return {}
     losses = [v for k, v in stress.metrics.items() if k.startswith("loss.")]
     found = {"accuracy": replay.metrics["accuracy"], "loss": float(np.mean(losses))}
     found |= {"low": replay.metrics["accuracy_low"], "high": replay.metrics["accuracy_high"]}

@@ -257,18 +257,21 @@ def learned(
     begun = replay.begun(part)
     instants = replay.instants(int(begun.lengths.max()), corpus.rate_hz)
     tables = []
-    for inner, judged in inner_folds(part.subjects.astype(str), INNER):
+    for number, (inner, judged) in enumerate(inner_folds(part.subjects.astype(str), INNER)):
         estimator = untrained().fit(part[inner], part.gestures[inner])
-        tables.append(replayed(estimator, begun, "", judged, instants))
+        tables.append(replayed(estimator, begun, str(number), judged, instants))
     table = pd.concat(tables, ignore_index=True)
     classes = classes_of(table)
     true = np.searchsorted(classes, table["true"].to_numpy(dtype=str))
     ms = 1000 / corpus.rate_hz * table["frames"].to_numpy()
     proba = table[[PREFIX + c for c in classes]].to_numpy(dtype=np.float64)
     calibration = Calibration.fit(proba, true, ms)
-    waiting = Waiting.fit(table, corpus.rate_hz)
-    table = weighed(table, calibration, waiting, corpus.rate_hz)
-    return calibration, waiting, *learn_stopping(table, corpus.rate_hz)
+    parts = []
+    for rows in tables:  # what waiting gains is told by other subjects than those who show what stopping loses
+        others = pd.concat([other for other in tables if other is not rows], ignore_index=True)
+        parts.append(weighed(rows, calibration, Waiting.fit(others, corpus.rate_hz), corpus.rate_hz))
+    threshold, series = learn_stopping(pd.concat(parts, ignore_index=True), corpus.rate_hz)
+    return calibration, Waiting.fit(table, corpus.rate_hz), threshold, series
 
 
 def decision_latency(estimator: contract.System, begun: Corpus, instants: np.ndarray) -> list[float]:

@@ -170,3 +170,28 @@ def test_without_copies_both_learn_from_the_same_rows(few_updates):
     model = guard(X.reset_index(drop=True), y)
     np.testing.assert_allclose(model.linear_.coef_, Discriminants(windows=2.0).fit(X.to_numpy(), y).coef_)
     assert np.allclose(model.predict_proba(X).sum(axis=1), 1)
+
+
+def test_values_that_are_not_finite_are_in_doubt_and_get_an_answer(few_updates):
+    X, y = table()
+    model = guard(X, y, doubt=1 / 6)
+    for broken in (np.inf, -np.inf, np.nan, 1e39):
+        given = X.iloc[:1].astype(np.float64)
+        given.iloc[0, 0] = broken
+        assert model.doubts(given)[0] == 1
+        assert np.isfinite(model.predict_proba(given)).all()
+    X.iloc[3, 1] = np.nan
+    with pytest.raises(ValueError, match="1 values of training features are not finite"):
+        Perceptron(**QUICK).fit(X, y)
+
+
+def test_the_number_of_threads_changes_nothing():
+    import torch
+
+    X, y = table()
+    found = []
+    for threads in (1, 2):
+        torch.set_num_threads(threads)
+        found.append(Perceptron(**QUICK).fit(X, y).coefs_[0])
+        assert torch.get_num_threads() == threads
+    assert np.array_equal(*found)

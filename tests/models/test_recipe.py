@@ -31,7 +31,7 @@ from features.touch import TouchFeatures
 from models import contract
 from models.cnn85 import CNN85
 from models.lda import lda
-from models.recipe import Recipe, mean_of, taken
+from models.recipe import Recipe, _of, mean_of, taken
 from models.rf import rf
 from models.rocket import Rocket
 from models.svm import svm
@@ -410,10 +410,11 @@ def test_kept_features_of_copies_are_those_of_copies_made_again(corpus, tmp_path
     given = stored[np.array([7, 2, 2, 20, 11, 30, 25, 0, 33, 15])]
     options = {"window": 0.1, "repair": ("stuck",), "faults": ("noise", "dropped_frames"), "copies": 2}
     recipe = Recipe(lda(TouchFeatures()), **options)
-    assert kept.after(TouchFeatures(), given, recipe.training_steps()) is None  # nothing is kept yet
-    made, row = taken(given, recipe.training_steps())
+    steps = tuple(recipe.training_steps())
+    assert kept.after(TouchFeatures(), given, steps) is None  # nothing is kept yet
+    made, row = taken(given, list(steps))
     expected = TouchFeatures().transform(made)  # which keeps them
-    found, rows = kept.after(TouchFeatures(), given, recipe.training_steps())
+    found, rows = _of(kept.after(TouchFeatures(), given, steps), given.index)
     pd.testing.assert_frame_equal(found, expected)
     assert np.array_equal(rows, row)
     monkeypatch.setattr(Faulted, "__call__", lambda *_: pytest.fail("a copy was damaged again"))
@@ -424,3 +425,33 @@ def test_kept_features_of_copies_are_those_of_copies_made_again(corpus, tmp_path
     assert type(quick.system_) is type(slow.system_) and quick.system_.steps[0][0] == slow.system_.steps[0][0]
     again = Pipeline(quick.system_.steps[1:]).fit(expected, given.gestures[row])
     assert np.array_equal(quick.system_.named_steps["classifier"].coef_, again.named_steps["classifier"].coef_)
+
+
+class Halved(TouchFeatures):
+    """A set with a transform of its own."""
+
+    def transform(self, X):
+        return super().transform(X) / 2
+
+
+class Own(Pipeline):
+    """A pipeline that answers in its own way."""
+
+    def predict_proba(self, X):
+        return np.eye(len(self.classes_))[np.zeros(len(X), dtype=int)]
+
+
+@pytest.mark.parametrize("make", [lambda: lda(Halved()), lambda: Own(lda(TouchFeatures()).steps)])
+def test_what_is_kept_is_no_short_cut_around_parts_of_ones_own(make, corpus, tmp_path):
+    write_folder(corpus, tmp_path / "c")
+    stored = open_folder(tmp_path / "c")
+    first, second = (fitted(make(), stored, window=0.1) for _ in range(2))  # the second finds features kept
+    assert type(second.system_) is type(first.system_)
+    np.testing.assert_allclose(first.predict_proba(stored), second.predict_proba(stored), atol=1e-9)
+    expected = fitted(make(), stored.detached(), window=0.1)
+    np.testing.assert_allclose(second.predict_proba(stored), expected.predict_proba(stored.detached()), atol=1e-6)
+
+
+def test_a_system_with_windows_of_its_own_keeps_them_behind_steps(corpus):
+    assert contract.frames_at_once(fitted(NETWORK(), corpus, repair=("stuck",)), 600) == 10
+    assert contract.frames_at_once(fitted(SYSTEMS["svm"](), corpus, repair=("stuck",)), 600) == 600

@@ -142,3 +142,11 @@ def test_its_parameters_are_told_like_those_of_others():
     (cell,) = cells({"model": "reflex", "model.faults": "noise+shift"})
     assert cell.title() == "reflex[faults=noise+shift] | synth | loso"
     assert cell.estimator().trained_faults == ("noise", "shift")
+
+
+def test_seconds_are_those_of_the_captures_it_is_given(corpus):
+    """At twice the rate a second has twice the frames; what is shorter goes to the discriminants for short windows."""
+    system = Reflex(**QUICK).fit(corpus, corpus.gestures)
+    faster = Corpus.from_captures([corpus[0][:1].repeat(n, axis=0) for n in (30, 45, 60)], corpus.captures[:3], 60.0)
+    table, _ = system.decide(faster)
+    assert table.groupby("capture")["frames"].max().tolist() == [30, 30, 60]

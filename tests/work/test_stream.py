@@ -277,9 +277,12 @@ def test_stopping_never_looks_at_later_frames(seed, threshold):
     estimator = Rising().fit(corpus, corpus.gestures)
     instants = np.array([1, 2, 4, 6, 12])
 
+    weights = np.random.default_rng(seed).normal(size=len(STATE)) / 5
+    judges = (surely, lambda table: weighed(table, Calibration(10.0, 120.0, 2.0, 0.5), Waiting(tuple(weights)), 100.0))
+
     def stops(given):
         table = replayed(estimator, given, "x", np.arange(len(corpus)), instants)
-        return stopped(surely(table), threshold)
+        return stopped(judges[seed % 2](table), threshold)
 
     before = stops(corpus)
     frames = corpus.frames.copy()
