@@ -99,7 +99,7 @@ def window(estimator: System, rate_hz: float) -> int | None:
 
 def frames_at_once(estimator: System, frames: int) -> int:
     """``window_``: frames of a capture of so many that a fitted system decides on at once; by default all."""
-    return min(frames, _told(estimator, "window_", frames))
+    return min(frames, _told(estimator, "window_") or frames)
 
 
 def features(estimator: System) -> dict[str, Features]:

@@ -30,6 +30,7 @@ from features.kept import cache_key
 from features.touch import TouchFeatures
 from models import contract
 from models.cnn85 import CNN85
+from models.hughes2017 import Hughes2017CNN
 from models.lda import lda
 from models.recipe import Recipe, _of, mean_of, taken
 from models.rf import rf
@@ -455,3 +456,9 @@ def test_what_is_kept_is_no_short_cut_around_parts_of_ones_own(make, corpus, tmp
 def test_a_system_with_windows_of_its_own_keeps_them_behind_steps(corpus):
     assert contract.frames_at_once(fitted(NETWORK(), corpus, repair=("stuck",)), 600) == 10
     assert contract.frames_at_once(fitted(SYSTEMS["svm"](), corpus, repair=("stuck",)), 600) == 600
+
+
+def test_a_network_without_windows_decides_on_all_of_a_capture(corpus):
+    system = Hughes2017CNN(epochs=1, batch=8).fit(corpus, corpus.gestures)
+    assert contract.frames_at_once(system, 30) == 30
+    assert sizes(system, 64, 30)["ram_bytes"] > 0
