@@ -44,7 +44,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         self.classes_, codes = np.unique(y, return_inverse=True)
         Z = np.asarray(X, dtype=np.float64)
         self.n_features_in_ = Z.shape[1]
-        captures, weight = rows_of(X, self.damaged)
+        captures, weight = _rows(X, self.damaged)
         mean = weight @ Z / weight.sum()
         sd = np.sqrt(weight @ (Z - mean) ** 2 / weight.sum())
         sd[constant(Z)] = np.inf
@@ -75,7 +75,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         return self.classes_[self.decision_function(X).argmax(axis=1)]
 
 
-def rows_of(X: pd.DataFrame | np.ndarray, damaged: float) -> tuple[np.ndarray, np.ndarray]:
+def _rows(X: pd.DataFrame | np.ndarray, damaged: float) -> tuple[np.ndarray, np.ndarray]:
     """Of which capture each row is, numbered from 0, and how much it counts: ``damaged`` for one of a copy, else 1."""
     if not _labelled(X):
         return np.arange(len(X)), np.ones(len(X))

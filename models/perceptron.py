@@ -9,7 +9,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from models.lda import rows_of
+from models.lda import undamaged
 from models.scaling import constant
 from models.space import Range
 
@@ -65,7 +65,7 @@ class Perceptron(ClassifierMixin, BaseEstimator):
         self.n_features_in_ = Z.shape[1]
         if not np.isfinite(Z).all():
             raise ValueError(f"{int((~np.isfinite(Z)).sum())} values of training features are not finite")
-        _, weight = rows_of(X, self.damaged)
+        weight = np.where(undamaged(X), 1.0, self.damaged)
         still = constant(Z)
         share = weight / weight.sum()
         mean = share @ Z
@@ -76,26 +76,28 @@ class Perceptron(ClassifierMixin, BaseEstimator):
         until = np.cumsum(share)
         threads = torch.get_num_threads()
         torch.set_num_threads(1)  # so small a batch is slower with more, and sums in another order
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(self.seed)
-            drawn = np.random.default_rng(self.seed)
-            net = nn.Sequential(
-                nn.Linear(Z.shape[1], self.units),
-                nn.ReLU(),
-                nn.Dropout(DROPPED),
-                nn.Linear(self.units, len(self.classes_)),
-            )
-            optimiser = torch.optim.AdamW(net.parameters(), lr=RATE, weight_decay=DECAY)
-            cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=self.updates)
-            loss = nn.CrossEntropyLoss(label_smoothing=self.smoothing)
-            for _ in range(self.updates):
-                rows = np.searchsorted(until, until[-1] * drawn.random(BATCH), side="right")
-                rows = torch.from_numpy(np.minimum(rows, len(Z) - 1))
-                optimiser.zero_grad()
-                loss(net(given[rows]), target[rows]).backward()
-                optimiser.step()
-                cycle.step()
-        torch.set_num_threads(threads)
+        try:
+            with torch.random.fork_rng(devices=[]):
+                torch.manual_seed(self.seed)
+                drawn = np.random.default_rng(self.seed)
+                net = nn.Sequential(
+                    nn.Linear(Z.shape[1], self.units),
+                    nn.ReLU(),
+                    nn.Dropout(DROPPED),
+                    nn.Linear(self.units, len(self.classes_)),
+                )
+                optimiser = torch.optim.AdamW(net.parameters(), lr=RATE, weight_decay=DECAY)
+                cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=self.updates)
+                loss = nn.CrossEntropyLoss(label_smoothing=self.smoothing)
+                for _ in range(self.updates):
+                    rows = np.searchsorted(until, until[-1] * drawn.random(BATCH), side="right")
+                    rows = torch.from_numpy(np.minimum(rows, len(Z) - 1))
+                    optimiser.zero_grad()
+                    loss(net(given[rows]), target[rows]).backward()
+                    optimiser.step()
+                    cycle.step()
+        finally:
+            torch.set_num_threads(threads)
         layers = [layer for layer in net if isinstance(layer, nn.Linear)]
         self.coefs_ = [layer.weight.detach().numpy().T.copy() for layer in layers]
         self.intercepts_ = [layer.bias.detach().numpy().copy() for layer in layers]

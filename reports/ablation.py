@@ -82,7 +82,8 @@ def main(arguments: list[str]) -> int:
     for label in asked:
         console.print(label, style="bold")
         if found := measured(shared | ROWS[label], out):
-            rows.append({"row": label} | found)
+            context, numbers = found
+            rows.append({"row": label} | numbers)
         else:
             failed.append(label)
     if failed:
@@ -91,18 +92,19 @@ def main(arguments: list[str]) -> int:
         return 1
     table = pd.DataFrame(rows)
     table.to_csv(out / "ablation.csv", index=False)
-    (out / "ablation.md").write_text(markdown(table), encoding="utf-8")
-    drawn(table, shared["data"], out)
-    console.print(markdown(table), markup=False, soft_wrap=True)
+    words = f"{context}; captures in percent, 95 % over people\n\n{markdown(table)}"
+    (out / "ablation.md").write_text(words, encoding="utf-8")
+    drawn(table, context, out)
+    console.print(words, markup=False, soft_wrap=True)
     return 1 if failed else 0
 
 
-def measured(values: dict[str, str], out: Path) -> dict[str, float]:
-    """One row: shares, not percent; loss is the mean over all faults and severities. Empty where a fold failed."""
+def measured(values: dict[str, str], out: Path) -> tuple[str, dict[str, float]] | None:
+    """Data and protocol, and one row in shares, loss the mean over faults and severities; None where a fold failed."""
     (replay,), _ = streamed(values)
     (stress,), _ = stressed(values | {"out": str(out / "stress")})
     if replay.errors or stress.errors:
-        return {}
+        return None
     losses = [v for k, v in stress.metrics.items() if k.startswith("loss.")]
     found = {"accuracy": replay.metrics["accuracy"], "loss": float(np.mean(losses))}
     found |= {"low": replay.metrics["accuracy_low"], "high": replay.metrics["accuracy_high"]}
@@ -114,7 +116,10 @@ def measured(values: dict[str, str], out: Path) -> dict[str, float]:
         low, high = subject_interval(seen)
         found |= {f"accuracy_{ms}_ms": float((seen["true"] == seen["predicted"]).mean())}
         found |= {f"low_{ms}_ms": low, f"high_{ms}_ms": high}
-    return found | {"flash_bytes": replay.metrics["flash_bytes"], "fit_seconds": replay.metrics["fit_seconds"]}
+    found |= {name: replay.metrics[name] for name in ("flash_bytes", "fit_seconds")}
+    corpus = replay.plan.corpus
+    kind = " (synthetic)" if corpus.synthetic else ""
+    return f"{corpus.name}{kind}, {replay.tags['protocol_label']}", found
 
 
 def markdown(table: pd.DataFrame) -> str:
@@ -130,7 +135,7 @@ def markdown(table: pd.DataFrame) -> str:
     return "\n".join(lines) + "\n"
 
 
-def drawn(table: pd.DataFrame, data: str, out: Path) -> Picture:
+def drawn(table: pd.DataFrame, context: str, out: Path) -> Picture:
     """A panel per measure, a bar per row, in the order in which they were run."""
     figure, axes = new_figure((13, 1.2 + 0.24 * len(table)), (1, len(SHOWN)), (3.0, 0.2, 0.6, 0.5), (0.25, 0.9))
     place = np.arange(len(table))[::-1]
@@ -144,10 +149,8 @@ def drawn(table: pd.DataFrame, data: str, out: Path) -> Picture:
         axis.set_xlabel(words)
         axis.set_yticks(place, table["row"] if axis is axes[0][0] else [""] * len(table))
         axis.spines[["top", "right"]].set_visible(False)
-    caption = (
-        f"{data}, each subject left out once: every addition from svm on jung54 to reflex, and the same for others"
-    )
-    return save(figure, out, "ablation", "ablation", f"{data} loso", caption)
+    caption = f"{context}: every addition from svm on jung54 to reflex, and the same for others"
+    return save(figure, out, "ablation", "ablation", context, caption)
 
 
 if __name__ == "__main__":

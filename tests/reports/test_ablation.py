@@ -4,14 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench import corpus
 from bench.errors import InputError
 from bench.outcomes import scores
 from bench.plan.cells import cells
 from models import contract
 from reports.ablation import ROWS, main
 from tests.conftest import runs
-
-SMALL = "svm, touch"
 
 
 @pytest.mark.parametrize("label", ROWS)
@@ -51,24 +50,20 @@ def test_its_numbers_are_those_of_its_runs(tmp_path, monkeypatch):
     worse = right[right.index.get_level_values("severity") > 0]
     assert len(worse) == 10 and found["loss"] == pytest.approx((clean - worse).mean())
     assert found["accuracy"] == pytest.approx(clean)
+    rate = corpus("synth", subjects=3).rate_hz
     store, (stream,) = runs("stream")
     replayed = pd.read_parquet(store.fetched(stream.info.run_id, "predictions.parquet"))
-    seen = replayed[replayed["frames"] <= 1000 / 1000 * stream_rate(replayed)].groupby("capture").tail(1)
+    seen = replayed[replayed["frames"] <= rate].groupby("capture").tail(1)
     columns = [c for c in seen if c.startswith(scores.PREFIX)]
     named = np.array([c.removeprefix(scores.PREFIX) for c in columns])[seen[columns].to_numpy().argmax(axis=1)]
     assert found["accuracy_1000_ms"] == pytest.approx((named == seen["true"].to_numpy(dtype=str)).mean())
     assert (tmp_path / "a" / "ablation.png").stat().st_size > 10_000
-    assert "| quick |" in (tmp_path / "a" / "ablation.md").read_text()
+    words = (tmp_path / "a" / "ablation.md").read_text()
+    assert "| quick |" in words and words.startswith("synth (synthetic), LOSO")
+    assert "not people" in (tmp_path / "a" / "ablation.svg").read_text()
 
 
 def few_faults():
     from bench.corpora.faults import FAULTS
 
     return {name: FAULTS[name] for name in ("noise", "shift")}
-
-
-def stream_rate(table):
-    """Frames per second of the generated corpus."""
-    from bench import corpus
-
-    return corpus("synth", subjects=3).rate_hz
