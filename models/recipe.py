@@ -17,7 +17,7 @@ from bench.corpora.steps import Faulted, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from bench.memory import ensure
 from bench.registry import parameters as known_parameters
-from features.base import FeatureSet
+from features.base import FeatureSet, labels
 from features.kept import PIECES, after
 from models import contract
 
@@ -133,6 +133,9 @@ class Recipe(ClassifierMixin, BaseEstimator):
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probabilities over the decisions on each capture [captures, classes]."""
+        if not contract.decides_often(self.system_):  # no table of decisions is needed, a tenth of a robot's time
+            seen, row = taken(X, self.steps())
+            return mean_of(contract.probabilities(self.system_, seen), row)
         table, proba = self.decide(X)
         return mean_of(proba, table["capture"].to_numpy())
 
@@ -221,8 +224,7 @@ def _of(found: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarra
     count = np.searchsorted(of, index, side="right") - first
     row = np.repeat(np.arange(len(index)), count)
     place = first[row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    labels = pd.MultiIndex.from_arrays([of[place], piece[place] // COPY], names=["capture", "copy"])
-    return found.iloc[place].drop(columns=[*PIECES]).set_axis(labels), row
+    return found.iloc[place].drop(columns=[*PIECES]).set_axis(labels(of[place], piece[place] // COPY)), row
 
 
 def _typed(value: object, usual: object) -> object:

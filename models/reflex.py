@@ -14,7 +14,7 @@ from features.base import FeatureSet
 from features.touch import TouchFeatures
 from models.guarded import Guarded
 from models.lda import lda
-from models.recipe import Recipe, mean_of
+from models.recipe import Recipe
 
 EARLY_COPIES = 3  # for the discriminants of short windows
 EARLY_DAMAGED = 0.1  # how much each counts
@@ -113,9 +113,13 @@ class Reflex(ClassifierMixin, BaseEstimator):
         self.classes_, self.window_ = self.whole_.classes_, self.whole_.window_
         return self
 
+    def _short(self, X: Corpus) -> np.ndarray:
+        """Which captures are shorter than a window."""
+        return X.lengths < Windows(self.window).lengths(X.rate_hz)[0]
+
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """One decision per window: frames seen, and probabilities [windows, classes]."""
-        short = X.lengths < Windows(self.window).lengths(X.rate_hz)[0]
+        short = self._short(X)
         if short.all() or not short.any():
             return (self.early_ if short.all() else self.whole_).decide(X)
         tables, probabilities = [], []
@@ -130,8 +134,13 @@ class Reflex(ClassifierMixin, BaseEstimator):
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probabilities over the windows of each capture [captures, classes]."""
-        table, proba = self.decide(X)
-        return mean_of(proba, table["capture"].to_numpy())
+        short = self._short(X)
+        if short.all() or not short.any():
+            return (self.early_ if short.all() else self.whole_).predict_proba(X)
+        found = np.empty((len(X), len(self.classes_)))
+        for recipe, part in ((self.whole_, ~short), (self.early_, short)):
+            found[part] = recipe.predict_proba(X[np.flatnonzero(part)])
+        return found
 
     def predict(self, X: Corpus) -> np.ndarray:
         """Class name of each capture."""
