@@ -59,6 +59,13 @@ def after(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | No
         return None
 
 
+def is_kept(features: BaseEstimator, X: Corpus, steps: tuple = ()) -> bool:
+    """Whether what steps make of the captures of a stored corpus has features that are kept."""
+    if not X.digest or X.path is None:
+        return False
+    return (home() / "features" / f"{cache_key(features, X.digest, (*X.steps, *steps))}.parquet").exists()
+
+
 def _extracted(features: BaseEstimator, whole: Corpus, steps: tuple) -> pd.DataFrame:
     """Features of all captures of a corpus; after steps, with columns that tell of which piece."""
     if not steps:

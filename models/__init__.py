@@ -15,7 +15,7 @@ PARTS = {
     "et": "models.rf:et",
     "boost": "models.boost:boost",
     "xgb": "models.xgb:xgb",
-    "auto": "models.auto:auto",
+    "auto": "models.auto:Auto",
     "cnn85": "models.cnn85:CNN85",
     "jung2014_bayes": "models.jung2014:jung2014_bayes",
     "jung2014_svm": "models.jung2014:jung2014_svm",

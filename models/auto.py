@@ -1,45 +1,508 @@
-"""The search over everything: feature sets, classifiers and their parameters, inside each training part."""
+"""The search over everything, within a budget that is the whole fit."""
 
 from __future__ import annotations
 
-from features.balli import Balli
-from features.gaus import Gaus
-from features.jung54 import Jung54
-from features.ta273 import Ta273
-from features.touch import TouchFeatures
-from models.lda import lda
-from models.recipe import SEARCHED
-from models.rf import et, rf
-from models.softmax import softmax
-from models.svm import svm
-from models.tuning import Search
-from models.xgb import xgb
+import base64
+import time
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
-MODELS = {"lda": lda, "svm": svm, "softmax": softmax, "rf": rf, "et": et, "xgb": xgb}
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, ClassifierMixin, clone
+from sklearn.utils.validation import check_is_fitted
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.pareto import front
+from bench.quantities import quantity
+from models import contract, portfolio
+from models.ensemble import Ensemble, selected, temperature_of, tempered
+from models.inner import inner_folds
+from models.judged import Inner
+from models.portfolio import Trial
+from models.recipe import Recipe
+from models.space import Range
+from models.study import identity, in_memory, open_study
+
+if TYPE_CHECKING:
+    from optuna import Study
+    from optuna.distributions import BaseDistribution
+    from optuna.trial import FrozenTrial
+
+COSTS = {"flash": "flash_bytes", "ram": "ram_bytes", "predict": "predict_ms"}
+UNIT = {"flash": 1e3, "ram": 1e3, "predict": 1.0}  # of a limit, in those of the trials
+GROWTH = 4.0  # how much more work than the best one of its model a trial may be
+SMALL = 0.3  # seconds of work that any model may begin with
+DRAWS = 20  # of the sampler, for one trial
+POOL = 12  # of the best trials an ensemble is picked
+TABLES = 0.4  # of the budget that the features of all captures may take
+CAUTION = 1.2  # times what a trial should take must be left
+SKIPS = 5  # drawn trials one after the other that would take too long end the search
+SPARE = 0.02  # of the budget, for what cannot be foreseen
+STATES = {"complete": "COMPLETE", "pruned": "PRUNED"}  # of Optuna; others are no trials to it
+WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
 
 
-def auto(
-    budget: float = 300.0,
-    trials: int | None = None,
-    inner: str = "3",
-    objective: str = "accuracy",
-    members: int = 3,
-    seed: int = 0,
-) -> Search:
-    """The best of the classifiers on the best of the feature sets, or a few of them together.
+@dataclass
+class Tried:
+    """One trial.
 
-    Whole captures or windows of a second, with or without repair and training under faults (`models.recipe.Recipe`).
+    Attributes:
+        trial: what was tried.
+        state: ``complete``; ``pruned``, as it was worse; ``late``, as it took too long; ``skipped``, as it would have;
+            ``unjudged`` where there was no time for any.
+        seconds: that it took.
+        subjects: accuracy of each left-out training subject.
+        fit_seconds: what a fit to the whole training part should take.
+        costs: bytes in flash and memory with 32 bits a number, milliseconds of a decision.
+        proba: of left-out captures, float16 [captures, classes]; None for what is not complete.
+    """
+
+    trial: Trial
+    state: str
+    seconds: float = 0.0
+    subjects: dict[str, float] = field(default_factory=dict)
+    fit_seconds: float = 0.0
+    costs: dict[str, float] = field(default_factory=dict)
+    proba: np.ndarray | None = None
+
+    @property
+    def accuracy(self) -> float:
+        """Mean over subjects; not a number where none was judged."""
+        return float(np.mean([*self.subjects.values()])) if self.subjects else float("nan")
+
+
+class Auto(ClassifierMixin, BaseEstimator):
+    """The best of many systems, or several together, found in a given time on the training part alone.
+
+    A trial is judged by training subjects that are left out (groups of them), and given up as soon as a Wilcoxon
+    signed-rank test over the subjects seen so far finds it worse than the best one (p < 0.1). First come the trials of
+    `models.portfolio.FIRST`, cheap ones that are known to be good; then a tree-structured Parzen estimator draws from
+    `models.portfolio.SPACES`. A model may become larger only where its larger trials were its best: a trial is at most
+    four times the work of the best one of its model.
+
+    At last an ensemble is picked from the left-out probabilities of the trials (`models.ensemble.selected`), begun with
+    the most accurate one, and fitted to the whole training part.
+
+    The budget is all of that: features that are not kept yet, trials, the last fits. A trial that cannot end in what
+    is left, after the last fits, is not begun. Where not even the features of all captures can be computed, every
+    second, third, ... capture is used. Without a budget nothing depends on time.
 
     Args:
-        budget: seconds of search in each fold. How far it gets depends on the machine; for a run that can be repeated
-            give ``trials`` and a budget that is not reached.
-        trials: combinations to try; None for as many as the budget allows.
+        budget: seconds of the whole fit. How far it gets depends on the machine; ``chosen_`` tells.
+        trials: how many; None for as many as the budget allows. For a run that can be repeated give trials and
+            ``budget=inf``.
         inner: groups of training subjects that judge, or ``loso``.
-        objective: ``accuracy``, or ``accuracy+time`` for the fastest that is good enough, alone (see `Search`).
-        members: how many of the best pairs of classifier and feature set decide together.
-        seed: of the search and of the classifiers.
+        members: most systems that decide together.
+        max_flash: limit of what must be stored, with 32 bits a number, such as ``64kB``; empty for none.
+        max_ram: limit of what must be in memory during a decision.
+        max_predict: limit of the time to compute a decision, such as ``2ms``.
+        max_decision: touch after which a label must be there, such as ``1s``: trials are judged by the first second of
+            left-out captures. What computing takes comes on top.
+        seed: of the search and of the systems.
+
+    Attributes:
+        best_: the fitted recogniser.
+        chosen_: what it is made of, and how far the search got.
+        trials_: a row per trial, with its costs, its weight, and whether it is on the front of accuracy and each cost.
+        tried_: the same as `Tried`.
+        search_seconds_: seconds of all trials, also of those that were stored before; ``fit_seconds_`` wall and CPU
+            seconds of the last fits.
     """
-    features = {"touch": TouchFeatures(), "jung54": Jung54(), "ta273": Ta273(), "balli": Balli(0), "gaus": Gaus()}
-    spaces = {name: model.space | SEARCHED for name, model in MODELS.items()}
-    members = members if objective == "accuracy" else min(members, 1)
-    return Search(MODELS, spaces, features, inner, trials, budget, objective, seed, members)
+
+    searches = True
+    features = portfolio.FEATURES
+
+    def __init__(
+        self,
+        budget: float = 60.0,
+        trials: int | None = None,
+        inner: str = "3",
+        members: int = 5,
+        max_flash: str = "",
+        max_ram: str = "",
+        max_predict: str = "",
+        max_decision: str = "",
+        seed: int = 0,
+    ) -> None:
+        self.budget = budget
+        self.trials = trials
+        self.inner = inner
+        self.members = members
+        self.max_flash = max_flash
+        self.max_ram = max_ram
+        self.max_predict = max_predict
+        self.max_decision = max_decision
+        self.seed = seed
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: one of them.
+        """
+        if self.inner != "loso" and not (self.inner.isdecimal() and int(self.inner) >= 2):
+            raise InputError(f"model.inner={self.inner}: give a number of subject groups from 2 on, or loso")
+        for name, least in (("trials", 1), ("members", 1)):
+            if (value := getattr(self, name)) is not None and value < least:
+                raise InputError(f"model.{name}={value}: give at least {least}")
+        if not self.budget > 0:
+            raise InputError(f"model.budget={self.budget:g}: give a number of seconds above 0")
+        if self.trials is None and self.budget == float("inf"):
+            raise InputError("this search has no end: give a number of trials, or a budget in seconds")
+        self._limits(), self._touch()
+
+    def _limits(self) -> dict[str, float]:
+        """What each cost must not exceed."""
+        given = {cost: getattr(self, f"max_{cost}") for cost in COSTS}
+        return {COSTS[c]: UNIT[c] * quantity(f"max_{c}", v, "model.") for c, v in given.items() if v}
+
+    def _touch(self) -> float | None:
+        """Seconds of a touch that a decision may see."""
+        asked = self.max_decision
+        return quantity("max_decision", asked, "model.") / 1e3 if asked else None
+
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse a training part before anything is run.
+
+        Raises:
+            InputError: it has fewer than two subjects, or an inner training part has only one class.
+        """
+        self._folds(X, y)
+
+    def _folds(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        folds = inner_folds(X.subjects.astype(str), self.inner)
+        if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
+            raise InputError(
+                f"trials are judged by leaving training subjects out, which here leaves one class; "
+                f"choose another model.inner= than {self.inner}, or more captures"
+            )
+        return folds
+
+    @property
+    def trained_faults(self) -> tuple[str, ...]:
+        """Every fault, for some of the trials are trained on damaged copies."""
+        return Recipe(None, faults=("all",)).trained_faults  # type: ignore[arg-type]
+
+    def fit(self, X: Corpus, y: np.ndarray) -> Auto:
+        """Search on the captures and their class names, then fit what was found to all of them.
+
+        Raises:
+            InputError: fewer than two subjects, or no trial is within the limits.
+        """
+        began = time.perf_counter()
+        self.check()
+        self._heats: dict[int, float] = {}
+        X, y, every = self._affordable(X, np.asarray(y))
+        inner = Inner(X, y, self._folds(X, y), self._touch(), self.seed)
+        with open_study(self.study_key(), X, y, ["maximize"], WORSE) as study:
+            self.tried_ = [_thawed(t, inner) for t in study.get_trials(deepcopy=False)][: self.trials]
+            stored = sum(t.seconds for t in self.tried_)
+            clock = Clock(began - stored, self.budget)
+            self._search(inner, study, clock)
+        self.search_seconds_ = time.perf_counter() - clock.began
+        wall, cpu = time.perf_counter(), time.process_time()
+        chosen = self._fitted(inner, clock)
+        self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
+        self.classes_ = self.best_.classes_
+        self.trials_ = _table(self.tried_, chosen)
+        self.chosen_ = _told(self.tried_, chosen, every)
+        return self
+
+    def predict_proba(self, X: Corpus) -> np.ndarray:
+        """Class probabilities [captures, classes]."""
+        check_is_fitted(self, "best_")
+        return self.best_.predict_proba(X)
+
+    def predict(self, X: Corpus) -> np.ndarray:
+        """Class name of each capture."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+    def study_key(self) -> dict[str, object]:
+        """What trials depend on besides captures and labels; not on how many there are, so that a study can grow."""
+        limits = [self.max_flash, self.max_ram, self.max_predict, self.max_decision]
+        return {
+            "search": [identity(Auto), self.inner, self.seed, *limits, str(self.budget) if self.budget < np.inf else ""]
+        }
+
+    def _affordable(self, X: Corpus, y: np.ndarray) -> tuple[Corpus, np.ndarray, int]:
+        """Captures whose features can be computed in time: every n-th of each subject and class, and this n."""
+        first = portfolio.complete(portfolio.FIRST[0])
+        needed = Inner(X, y, [], self._touch(), self.seed).tabling(first)
+        every = int(np.ceil(needed / (TABLES * self.budget)))
+        if every <= 1:
+            return X, y, 1
+        number = pd.Series(y).groupby([X.subjects.astype(str), y.astype(str)]).cumcount().to_numpy()
+        part = np.flatnonzero(number % every == 0)
+        return replace(X[part], digest="", path=None), y[part], every  # nothing of a part is kept for the whole
+
+    def _search(self, inner: Inner, study: Study, clock: Clock) -> None:
+        """Try one after the other, until there is no time or trial left."""
+        memory = in_memory(WORSE)
+        memory.add_trials([_frozen(tried, self._limits()) for tried in self.tried_])
+        while self.trials is None or len(self.tried_) < self.trials:
+            began = time.perf_counter()
+            left = clock.left - clock.spare - self._last_fits(inner, clock.left)
+            trial = self._next(memory, inner)
+            if trial is None or [t.state for t in self.tried_[len(portfolio.FIRST) :]][-SKIPS:] == ["skipped"] * SKIPS:
+                return
+            if self._expected(inner, trial) > left:
+                tried = Tried(trial, "skipped")
+            else:
+                tried = self._try(memory, inner, trial, left)
+            tried.seconds = time.perf_counter() - began
+            self.tried_.append(tried)
+            frozen = _frozen(tried, self._limits())
+            memory.add_trial(frozen)
+            study.add_trial(frozen)
+
+    def _next(self, memory: Study, inner: Inner) -> Trial | None:
+        """The next of those that come first; then one that is drawn, small enough and new; None if there is none.
+
+        It depends on the trials so far alone, not on the time that is left.
+        """
+        number = len(self.tried_)
+        if number < len(portfolio.FIRST):
+            return portfolio.complete(portfolio.FIRST[number])
+        known = [tried.trial for tried in self.tried_]
+        for draw in range(DRAWS):
+            trial = self._drawn(memory, number, draw)
+            if trial not in known and inner.work(trial) <= self._allowed(inner, trial):
+                return trial
+        return None
+
+    def _drawn(self, memory: Study, number: int, draw: int) -> Trial:
+        """What the sampler suggests; the same for the same trials so far."""
+        import optuna
+
+        seed = np.random.SeedSequence([self.seed, number, draw]).generate_state(1)[0]
+        memory.sampler = optuna.samplers.TPESampler(seed=int(seed))
+        asked = memory.ask()
+        name = asked.suggest_categorical("model", list(portfolio.MODELS))
+        trial: Trial = {"model": name, "features": asked.suggest_categorical("features", list(portfolio.FEATURES))}
+        own = {f"{name}.{k}": values for k, values in portfolio.SPACES[name].items()}
+        for key, values in (portfolio.BEFORE | own).items():
+            if not isinstance(values, Range):
+                trial[key] = asked.suggest_categorical(key, list(values))
+            elif isinstance(values.low, int) and isinstance(values.high, int):
+                trial[key] = asked.suggest_int(key, values.low, values.high, log=values.log)
+            else:
+                trial[key] = asked.suggest_float(key, values.low, values.high, log=values.log)
+        memory.tell(asked, state=optuna.trial.TrialState.FAIL)  # it is added when it was tried
+        return trial
+
+    def _allowed(self, inner: Inner, trial: Trial) -> float:
+        """Work that a trial of a model may be: some times that of its best one."""
+        own = [t for t in self.tried_ if t.state == "complete" and t.trial["model"] == trial["model"]]
+        best = max(own, key=lambda t: t.accuracy, default=None)
+        return max(SMALL, GROWTH * inner.work(best.trial)) if best else SMALL
+
+    def _expected(self, inner: Inner, trial: Trial) -> float:
+        """Seconds that a trial and its last fit should take, by those before."""
+        ratio = self._ratio(inner, trial)
+        return CAUTION * (inner.tabling(trial) + ratio * (inner.judging(trial) + inner.work(trial)))
+
+    def _ratio(self, inner: Inner, trial: Trial) -> float:
+        """Seconds over work: of the last trial of the same model, else the largest of any, else 1."""
+        ratios = [(t.trial["model"], t.fit_seconds / inner.work(t.trial)) for t in self.tried_ if t.fit_seconds]
+        own = [ratio for model, ratio in ratios if model == trial["model"]]
+        return own[-1] if own else max([1.0, *(ratio for _, ratio in ratios)])
+
+    def _try(self, memory: Study, inner: Inner, trial: Trial, left: float) -> Tried:
+        """Judge a trial, as far as it is worth it."""
+        import optuna
+
+        began = time.perf_counter()
+        asked = memory.ask()  # only to be compared with those before
+        inner.table(trial), inner.table(trial, tested=True)
+        left, began = left - (time.perf_counter() - began), time.perf_counter()
+        tried = Tried(trial, "complete", proba=np.zeros((len(inner.y), len(inner.classes)), dtype=np.float16))
+        work = inner.work(trial)
+        done = 0.0
+        for number, (model, test, proba, seconds) in enumerate(inner.judge(trial), 1):
+            tried.proba[test] = proba
+            done += inner.work(trial, len(inner.folds[number - 1][0]) / len(inner.X))
+            tried.fit_seconds = (tried.fit_seconds * (number - 1) / number) + seconds / number
+            hit = proba.argmax(axis=1) == inner.codes[test]
+            for subject in np.unique(inner.subjects[test]):
+                tried.subjects[str(subject)] = float(hit[inner.subjects[test] == subject].mean())
+                asked.report(tried.subjects[str(subject)], len(tried.subjects) - 1)
+            if number == len(inner.folds):
+                tried.costs = inner.costs(inner.system(trial, model))
+            elif asked.should_prune():
+                tried.state, tried.proba = "pruned", None
+                break
+            elif (time.perf_counter() - began) / number * len(inner.folds) + tried.fit_seconds > left:
+                tried.state, tried.proba = "late", None
+                break
+        memory.tell(asked, state=optuna.trial.TrialState.FAIL)
+        tried.fit_seconds *= work * number / done
+        return tried
+
+    def _picked(self, inner: Inner, left: float) -> list[tuple[Tried, float]]:
+        """Trials that decide together, and how much each counts; their last fits should end in the seconds left."""
+        limits = self._limits()
+        pool = [t for t in self.tried_ if t.state == "complete" and within(t.costs, limits)]
+        pool = sorted(pool, key=lambda t: -t.accuracy)[:POOL]
+        if not pool:
+            return []
+
+        def allowed(some: set[int]) -> bool:
+            costs = {name: sum(pool[i].costs[name] for i in some) for name in COSTS.values()}
+            costs["ram_bytes"] = max(pool[i].costs["ram_bytes"] for i in some)  # one after the other
+            in_time = len(some) == 1 or sum(pool[i].fit_seconds for i in some) <= left
+            return len(some) <= self.members and in_time and within(costs, limits)
+
+        proba = np.stack([tempered(t.proba, self._heat(t, inner)) for t in pool])
+        return [(pool[i], w) for i, w in selected(proba, inner.codes, inner.subjects, allowed).items()]
+
+    def _heat(self, tried: Tried, inner: Inner) -> float:
+        """The temperature of a trial's probabilities."""
+        if id(tried) not in self._heats:
+            self._heats[id(tried)] = temperature_of(tried.proba, inner.codes)
+        return self._heats[id(tried)]
+
+    def _last_fits(self, inner: Inner, left: float) -> float:
+        """Seconds that the last fits should take, if the search ended here."""
+        return sum(tried.fit_seconds for tried, _ in self._picked(inner, left))
+
+    def _fitted(self, inner: Inner, clock: Clock) -> list[tuple[Tried, float]]:
+        """Fit what was picked to the whole training part; what then exceeds a limit, or comes too late, is left out."""
+        limits = self._limits()
+        if not any(t.state == "complete" for t in self.tried_):  # no time to judge any
+            first = Tried(portfolio.complete(portfolio.FIRST[0]), "unjudged")
+            self.best_ = inner.fitted(first.trial)
+            return [(first, 1.0)]
+        fits: dict[int, contract.System] = {}
+        while picked := self._picked(inner, clock.left):
+            heavy = sorted(picked, key=lambda pair: -pair[1])
+            for tried, _ in heavy:
+                if id(tried) not in fits and (not fits or tried.fit_seconds <= clock.left):
+                    fits[id(tried)] = inner.fitted(tried.trial)
+                    tried.costs = inner.costs(fits[id(tried)])  # of more captures than those it was judged with
+            kept = [(t, w) for t, w in heavy if id(t) in fits]
+            if kept and all(within(t.costs, limits) for t, _ in kept):
+                break
+        else:
+            smallest = {n: min(t.costs[n] for t in self.tried_ if t.costs) for n in limits}
+            said = ", ".join(f"{name} {value:.3g}" for name, value in smallest.items())
+            raise InputError(
+                f"no trial is within the limits of model.max_*: the least of {len(self.tried_)} are {said}"
+            )
+        total = sum(w for _, w in kept)
+        kept = [(t, w / total) for t, w in kept]
+        members = [fits[id(t)] for t, _ in kept]
+        heats = [self._heat(t, inner) for t, _ in kept]
+        self.best_ = Ensemble(members, [w for _, w in kept], heats)
+        return kept
+
+    def after(self, seconds: float, X: Corpus, y: np.ndarray) -> Ensemble:
+        """What the search would have ended with after some of its seconds, fitted to the captures that it was given."""
+        ends = np.cumsum([t.seconds for t in self.tried_])
+        before = clone(self)
+        before._heats = {}
+        before.tried_ = [t for t, end in zip(self.tried_, ends, strict=True) if end <= seconds]
+        inner = Inner(X, np.asarray(y), [], self._touch(), self.seed)
+        before._fitted(inner, Clock(time.perf_counter(), np.inf))
+        return before.best_
+
+
+@dataclass
+class Clock:
+    """Seconds of a budget since a moment of `time.perf_counter`."""
+
+    began: float
+    budget: float
+
+    @property
+    def spare(self) -> float:
+        """Seconds for what cannot be foreseen."""
+        return SPARE * self.budget if np.isfinite(self.budget) else 0.0
+
+    @property
+    def left(self) -> float:
+        """Seconds until the budget is spent; below 0 after that."""
+        return self.budget - (time.perf_counter() - self.began)
+
+
+def within(costs: dict[str, float], limits: dict[str, float]) -> bool:
+    """Whether no cost exceeds its limit."""
+    return all(costs[name] <= limit for name, limit in limits.items())
+
+
+def _frozen(tried: Tried, limits: dict[str, float]) -> FrozenTrial:
+    """A trial as a study holds it: one that exceeds a limit is worse than any that does not."""
+    import optuna
+
+    state = optuna.trial.TrialState[STATES.get(tried.state, "FAIL")]
+    told = {name: getattr(tried, name) for name in ("state", "seconds", "subjects", "fit_seconds", "costs")}
+    if tried.proba is not None:
+        told["proba"] = base64.b64encode(zlib.compress(tried.proba.tobytes())).decode()
+    spaces = portfolio.BEFORE | {
+        f"{m}.{k}": values for m, space in portfolio.SPACES.items() for k, values in space.items()
+    }
+    spaces |= {"model": list(portfolio.MODELS), "features": list(portfolio.FEATURES)}
+    return optuna.trial.create_trial(
+        state=state,
+        value=tried.accuracy - (not within(tried.costs, limits)) if tried.state == "complete" else None,
+        params=tried.trial,
+        distributions={key: _distribution(spaces[key]) for key in tried.trial},
+        user_attrs=told,
+        intermediate_values=dict(enumerate(tried.subjects.values())),
+    )
+
+
+def _distribution(values: Range | Sequence) -> BaseDistribution:
+    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+    if not isinstance(values, Range):
+        return CategoricalDistribution(list(values))
+    whole = isinstance(values.low, int) and isinstance(values.high, int)
+    return (IntDistribution if whole else FloatDistribution)(values.low, values.high, log=values.log)
+
+
+def _thawed(frozen: FrozenTrial, inner: Inner) -> Tried:
+    told = dict(frozen.user_attrs)
+    if "proba" in told:
+        values = zlib.decompress(base64.b64decode(told["proba"]))
+        told["proba"] = np.frombuffer(values, dtype=np.float16).reshape(len(inner.y), len(inner.classes))
+    return Tried(dict(frozen.params), **told)
+
+
+def _table(tried: list[Tried], chosen: list[tuple[Tried, float]]) -> pd.DataFrame:
+    """A row per trial, in their order; ``ended`` in seconds of the search."""
+    weights = {id(t): w for t, w in chosen}
+    rows = [
+        t.trial
+        | {"state": t.state, "accuracy": t.accuracy, "subjects": len(t.subjects), "seconds": t.seconds}
+        | {"ended": end, "fit_seconds": t.fit_seconds, "weight": weights.get(id(t), 0.0)}
+        | {name: t.costs.get(name, np.nan) for name in COSTS.values()}
+        for t, end in zip(tried, np.cumsum([t.seconds for t in tried]), strict=True)
+    ]
+    table = pd.DataFrame(rows)
+    for cost, name in COSTS.items():
+        table[f"front_{cost}"] = front(table["accuracy"].to_numpy(), table[name].to_numpy()) if rows else []
+    return table
+
+
+def _told(tried: list[Tried], chosen: list[tuple[Tried, float]], every: int) -> dict[str, object]:
+    """What was chosen, in words, and how far the search got."""
+    found: dict[str, object] = {str(i): f"{w:.2f} {named(t.trial)}" for i, (t, w) in enumerate(chosen, 1)}
+    states = [t.state for t in tried]
+    found |= {name: states.count(name) for name in ("complete", "pruned", "late", "skipped")}
+    return found | ({"captures": f"every {every}th"} if every > 1 else {})
+
+
+def named(trial: Trial) -> str:
+    """A trial in words: ``lda · touch, window 1, shrinkage 0.2``; what captures and columns are left at is left out."""
+    first = {k: list(values)[0] for k, values in portfolio.BEFORE.items()}
+    parts = [f"{k} {_short(trial[k])}" for k in first if trial[k] != first[k]]
+    parts += [f"{k.partition('.')[2]} {_short(v)}" for k, v in trial.items() if "." in k]
+    return f"{trial['model']} · {', '.join([str(trial['features']), *parts])}"
+
+
+def _short(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -188,7 +188,7 @@ def trials(estimator: System) -> pd.DataFrame | None:
     return _told(estimator, "trials_")
 
 
-# What a fitted system weighs; `bench.work.sizes` counts what is not told
+# What a fitted system weighs; `models.sizes` counts what is not told
 
 
 def inside(estimator: System) -> System:

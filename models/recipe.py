@@ -21,7 +21,6 @@ from features.base import FeatureSet, labels
 from features.kept import PIECES, after
 from models import contract
 
-SEARCHED = {"window": [0.0, 1.0], "repair": ["", "stuck+dead"], "faults": ["", "all"]}  # by `models.auto`
 LONGEST_S = 3600.0  # of a window
 
 
@@ -104,8 +103,11 @@ class Recipe(ClassifierMixin, BaseEstimator):
 
     def fit(self, X: Corpus, y: np.ndarray) -> Recipe:
         """Learn from captures and their class names."""
-        self.system_ = self._fitted(X, np.asarray(y))
-        self.classes_ = self.system_.classes_
+        return self.around(self._fitted(X, np.asarray(y)), X)
+
+    def around(self, system: contract.System, X: Corpus) -> Recipe:
+        """Take a system that has learnt from what the training steps make of some captures."""
+        self.system_, self.classes_ = system, system.classes_
         if self.window:
             self.window_ = Windows(self.window, self.hop).lengths(X.rate_hz)[0]
         elif (inside := contract.frames_at_once(self.system_, sys.maxsize)) < sys.maxsize:
@@ -117,7 +119,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         system, steps = clone(self.system), self.training_steps()
         if type(system) is Pipeline and system.memory is None and _plain(first := system.steps[0][1]):
             if (found := after(first, X, tuple(steps))) is not None:
-                table, row = _of(found, X.index)
+                table, row = rows_of(found, X.index)
                 rest = Pipeline(system.steps[1:]).fit(table, y[row])
                 return Pipeline([(system.steps[0][0], first.fit(X)), *rest.steps])
         seen, row = taken(X, steps)
@@ -210,7 +212,7 @@ def _plain(first: object) -> bool:
     return isinstance(first, FeatureSet) and (kind.fit, kind.transform) == (FeatureSet.fit, FeatureSet.transform)
 
 
-def _of(found: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
+def rows_of(found: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
     """Rows of some stored captures, labelled as `features.base.FeatureSet.transform` does, and which one each is of.
 
     No frame is touched, so no copy is damaged again.

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from filelock import FileLock
@@ -18,11 +19,14 @@ from bench.corpora.corpus import Corpus
 from bench.scratch import home
 from bench.source import source_digest, versions
 
+if TYPE_CHECKING:
+    from optuna import Study
+
 
 @contextmanager
 def open_study(
     what: dict[str, object], X: Corpus, y: np.ndarray, directions: list[str], worse: float
-) -> Iterator[object]:
+) -> Iterator[Study]:
     """The study of one search on these captures; stored, and held against other processes, if the corpus is.
 
     Args:
@@ -57,6 +61,16 @@ def open_study(
             )
         finally:
             lock.release()
+
+
+def in_memory(worse: float) -> Study:
+    """A study of one objective that nothing is kept of."""
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        return optuna.create_study(direction="maximize", pruner=optuna.pruners.WilcoxonPruner(p_threshold=worse))
 
 
 def _journal(path: Path) -> object:

@@ -55,12 +55,10 @@ class Search(ClassifierMixin, BaseEstimator):
             by more than a standard error of the paired difference, takes the fastest (``accuracy+time``, which searches
             for both) or the one that comes first in the lists (``smallest``).
         seed: of the search, and of models that take one.
-        members: how many of the best combinations, no two of the same model and features, decide together by their mean
-            probability. Which of several near-equal ones is the best is mostly chance; their mean depends less on it.
 
     Attributes:
-        best_: the fitted recogniser, an `Average` if it has several members.
-        chosen_: model, features and parameters of it, or what each member is.
+        best_: the fitted recogniser.
+        chosen_: model, features and parameters of it.
         trials_: one row per combination: its values, state, accuracy, predict_ms and whether it is on the front of
             accuracy against time.
         fit_seconds_: wall and CPU seconds of the last fit, ``search_seconds_`` those of all combinations.
@@ -78,7 +76,6 @@ class Search(ClassifierMixin, BaseEstimator):
         budget: float = float("inf"),
         objective: str = "accuracy",
         seed: int = 0,
-        members: int = 1,
     ) -> None:
         self.models = models
         self.spaces = spaces
@@ -88,7 +85,6 @@ class Search(ClassifierMixin, BaseEstimator):
         self.budget = budget
         self.objective = objective
         self.seed = seed
-        self.members = members
 
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run.
@@ -104,8 +100,6 @@ class Search(ClassifierMixin, BaseEstimator):
             raise InputError(f"model.budget={self.budget:g}: give a number of seconds above 0")
         if self.objective not in OBJECTIVES:
             raise InputError(f"model.objective={self.objective}: give {', '.join(OBJECTIVES[:-1])} or {OBJECTIVES[-1]}")
-        if self.members < 1:
-            raise InputError(f"model.members={self.members}: give at least 1")
         if self.trials is None and self.budget == float("inf") and not self._grid():
             raise InputError("this search has no end: give a number of trials, or a budget in seconds")
         for part in (self.features or {}).values():
@@ -132,13 +126,10 @@ class Search(ClassifierMixin, BaseEstimator):
         names = [str(s) for s in np.unique(subjects)]
         self.trials_ = self._table(finished)
         ranked = self._ranked(finished, names)
-        pairs = {(finished[i].params["model"], finished[i].params.get("features")): i for i in reversed(ranked)}
-        best = [finished[i].params for i in ranked if i in pairs.values()][: self.members]
-        self.chosen_ = dict(best[0]) if len(best) == 1 else {str(i): _named(p) for i, p in enumerate(best, 1)}
+        self.chosen_ = dict(finished[ranked[0]].params)
         self.search_seconds_ = _seconds(finished)
         wall, cpu = time.perf_counter(), time.process_time()
-        fitted = [self._make(params, self._features(params)).fit(X, y) for params in best]
-        self.best_ = fitted[0] if len(fitted) == 1 else Average(fitted)
+        self.best_ = self._make(self.chosen_, self._features(self.chosen_)).fit(X, y)
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
         self.classes_ = self.best_.classes_
         return self
@@ -374,26 +365,6 @@ class Search(ClassifierMixin, BaseEstimator):
         return tuple(place)
 
 
-class Average(ClassifierMixin, BaseEstimator):
-    """Fitted recognisers that decide together by their mean probability; one without probabilities gives its label 1.
-
-    Args:
-        members: recognisers of the same classes.
-    """
-
-    def __init__(self, members: list[ClassifierMixin]) -> None:
-        self.members = members
-        self.classes_ = members[0].classes_
-
-    def predict_proba(self, X: Corpus) -> np.ndarray:
-        """Mean probability [captures, classes]."""
-        return np.mean([contract.probabilities(member, X) for member in self.members], axis=0)
-
-    def predict(self, X: Corpus) -> np.ndarray:
-        """Class name of each capture."""
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
-
-
 def tuned(
     name: str, factory: Callable, features: dict[str, TransformerMixin] | None, shown: str, tuning: Tuning
 ) -> Search:
@@ -421,17 +392,6 @@ def machinery(tuning: Tuning) -> list[Code]:
     import features.selection
 
     return [Search, *([features.selection] if tuning.get("over") == "features" else [])]
-
-
-def _named(params: dict[str, object]) -> str:
-    """A combination in words: ``et · jung54 (leaf=1, tried=0.4)``."""
-    values = [
-        f"{k.partition('.')[2]}={v:.4g}" if isinstance(v, float) else f"{k.partition('.')[2]}={v}"
-        for k, v in params.items()
-        if "." in k
-    ]
-    parts = [str(params[k]) for k in ("model", "features") if k in params]
-    return f"{' · '.join(parts)} ({', '.join(values)})"
 
 
 def _finished(study: object) -> list:

@@ -53,9 +53,9 @@ class BoostedTrees(ClassifierMixin, BaseEstimator):
     @property
     def parameters_(self) -> int:
         """Learnt numbers: feature, threshold and two children of each split, one value per leaf."""
-        table = self.booster_.get_booster().trees_to_dataframe()
-        leaves = int((table["Feature"] == "Leaf").sum())
-        return 4 * (len(table) - leaves) + leaves
+        trees = self.booster_.get_booster().get_dump()  # a line per node; as a table it takes ten times as long
+        leaves = sum(tree.count("leaf=") for tree in trees)
+        return 4 * (sum(tree.count("\n") for tree in trees) - leaves) + leaves
 
 
 def xgb(features: TransformerMixin, trees: int = 300, depth: int = 4, rate: float = 0.1, seed: int = 0) -> Pipeline:

@@ -16,11 +16,12 @@ from rich.table import Table
 from bench.commands.printing import output, show
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
-from bench.outcomes.choice import BUDGETS, COSTS, Choice, amount, candidates, decide, quantity, sentences
+from bench.outcomes.choice import Choice, amount, candidates, decide, sentences
 from bench.outcomes.store import connect
 from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.arguments import Values, convert, items, jobs_of, parse
 from bench.plan.cells import Cell, cells
+from bench.quantities import BUDGETS, COSTS, quantity
 from bench.registry import parameters
 from bench.work.loop import Outcome, warn
 from models import contract

@@ -16,10 +16,8 @@ from bench.outcomes.comparable import COMPARABLE, Row, context_of
 from bench.outcomes.runs import needed, rows_of, tracked
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
+from bench.quantities import COSTS
 
-COSTS = {"flash": "kB", "ram": "kB", "predict": "ms", "decision": "ms"}  # what a system may cost, and its unit
-BUDGETS = {f"max_{name}": name for name in COSTS}
-UNITS = {"": 1, "B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576, "ms": 1, "s": 1e3}
 SAID = {"capture": "whole captures", "window": "one window"}
 FEW_SUBJECTS = 6  # with five, no sign test can reach p < 0.05
 
@@ -41,28 +39,6 @@ class Choice:
     chosen: int | None
     best: int | None
     costlier: int | None
-
-
-def quantity(key: str, given: object) -> float:
-    """A number with a unit, in milliseconds or kilobytes (1000 bytes; KiB are 1024), or a margin in points.
-
-    Raises:
-        InputError: it is none, or not above 0.
-    """
-    text = str(given)
-    number = text.rstrip("BkKiMms ")
-    unit = text[len(number) :].strip()
-    known = {"kB": ["B", "kB", "KiB", "MB", "MiB"], "ms": ["ms", "s"]}
-    allowed = known[COSTS[BUDGETS[key]]] if key in BUDGETS else []
-    try:
-        value = float(number)
-        if not value > 0 or (unit not in allowed and allowed) or (unit and not allowed):
-            raise ValueError(text)
-    except ValueError as e:
-        raise InputError(
-            f"{key}={text}: give a number above 0" + (f" and {' or '.join(allowed)}" if allowed else "")
-        ) from e
-    return value * UNITS[unit]
 
 
 def candidates(

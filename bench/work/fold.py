@@ -14,8 +14,8 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.corpora.corpus import Corpus
-from bench.work.sizes import sizes
 from models import contract
+from models.sizes import sizes
 
 TIMED_CAPTURES = 20
 WARM_UP = 3

@@ -7,8 +7,9 @@ from scipy.stats import ttest_rel
 
 from bench.cli import main
 from bench.errors import InputError
-from bench.outcomes.choice import candidates, decide, quantity, sentences
+from bench.outcomes.choice import candidates, decide, sentences
 from bench.outcomes.store import connect
+from bench.quantities import quantity
 from bench.work import tracking
 
 SMALL = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]

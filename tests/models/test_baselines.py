@@ -7,7 +7,6 @@ from sklearn.base import clone
 from sklearn.svm import SVC
 from sklearn.tree import DecisionTreeClassifier
 
-from bench.work.sizes import parameter_count, sizes
 from features.balli import Balli
 from features.gaus import Gaus
 from features.hughes36 import Hughes36
@@ -24,6 +23,7 @@ from models.jung2014 import jung2014_bayes
 from models.jung2017 import jung2017_bayes, jung2017_nn, jung2017_svm_rbf, jung2017_tree
 from models.mlp import EarlyStoppedNet, mlp
 from models.rf import et, rf
+from models.sizes import parameter_count, sizes
 from models.softmax import softmax
 from models.svm import RankedSVC, svm
 from models.tree import PrunedTree, tree

@@ -16,9 +16,9 @@ from bench.corpora.steps import Faulted, Windows
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import checked
-from bench.work.sizes import parameter_count
 from features.jung28 import Jung28
 from models.lda import Discriminants, lda
+from models.sizes import parameter_count
 from tests.conftest import random_corpus
 
 

@@ -15,11 +15,11 @@ from sklearn.preprocessing import StandardScaler
 
 from bench.errors import InputError
 from bench.plan.cells import cells
-from bench.work.sizes import parameter_count
 from features.jung28 import Jung28
 from models.guarded import Guarded
 from models.lda import Discriminants
 from models.perceptron import Perceptron, perceptron
+from models.sizes import parameter_count
 
 QUICK = {"updates": 200}
 

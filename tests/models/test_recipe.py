@@ -23,7 +23,6 @@ from bench.registry import load, parameters
 from bench.work.evaluation import Evaluation
 from bench.work.fold import decisions
 from bench.work.loop import fill_cache
-from bench.work.sizes import sizes
 from features import PARTS, kept
 from features.jung28 import Jung28
 from features.kept import cache_key
@@ -35,6 +34,7 @@ from models.lda import lda
 from models.recipe import Recipe, _of, mean_of, taken
 from models.rf import rf
 from models.rocket import Rocket
+from models.sizes import sizes
 from models.svm import svm
 from models.xgb import xgb
 from tests.conftest import random_corpus, with_other_values

@@ -19,11 +19,11 @@ from sklearn.model_selection import LeaveOneGroupOut
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.work.sizes import sizes
 from bench.work.workers import _workers
 from models import rocket
 from models.rocket import PENALTIES, Ridge, Rocket
 from models.series import Series
+from models.sizes import sizes
 from tests.conftest import random_corpus, with_other_values
 
 BOTH = pytest.mark.parametrize("transform", ["minirocket", "multirocket_hydra"])

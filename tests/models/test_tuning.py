@@ -18,17 +18,16 @@ from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.pareto import front
 from bench.scratch import home
-from bench.work.sizes import parameter_count
 from features.balli import Balli
 from features.hughes36 import Hughes36
 from features.jung28 import Jung28
 from features.ta273 import Ta273
 from models import study, tuning
-from models.auto import auto
 from models.cnn85 import CNN85
 from models.inner import inner_folds
 from models.jung2014 import jung2014_svm
 from models.rf import et, rf
+from models.sizes import parameter_count
 from models.space import Range
 from models.svm import svm
 from models.tuning import Search
@@ -249,11 +248,12 @@ def test_a_study_belongs_to_captures_labels_space_and_code(tmp_path, monkeypatch
 
 def test_a_budget_ends_the_search():
     corpus = noisy()
-    search = auto(budget=1e-9)
-    search.features = {"jung28": Jung28()}
+    drawn = {"C": Range(0.01, 1e3, log=True), "gamma": [0.1, 1.0]}
+    search = Search({"svm": svm}, {"svm": drawn}, {"jung28": Jung28()}, budget=1e-9)
     assert len(search.fit(corpus, corpus.gestures).trials_) == 1
+    search.budget = float("inf")
     with pytest.raises(InputError, match="this search has no end"):
-        auto(budget=float("inf")).check()
+        search.check()
 
 
 def test_the_fastest_of_those_that_are_as_good_is_taken():
@@ -265,41 +265,6 @@ def test_the_fastest_of_those_that_are_as_good_is_taken():
     assert set(search.trials_["model"]) == {"few", "many"}
     assert search.chosen_["model"] == "few"
     assert (search.trials_["state"] == "complete").all() and search.trials_["predict_ms"].notna().all()
-
-
-def test_several_members_decide_together():
-    corpus = noisy()
-    search = auto(trials=8, members=2, inner="2")
-    search.features = {"a": Jung28(), "b": Ta273()}
-    search.models = {"svm": svm, "et": et}
-    search.spaces = {"svm": svm.space, "et": {"trees": [20]}}
-    search.fit(corpus, corpus.gestures)
-    pairs = search.trials_[["model", "features"]].agg("|".join, axis=1)
-    assert set(pairs[:4]) == {"svm|a", "svm|b", "et|a", "et|b"}  # each with each before the search goes deeper
-    complete = search.trials_.assign(pair=pairs)[search.trials_["state"] == "complete"]
-    best = complete.groupby("pair")["accuracy"].max().nlargest(2)
-    told = {" | ".join(text.split(" (")[0].split(" · ")) for text in search.chosen_.values()}
-    assert len(told) == 2 and {pair.replace("|", " | ") for pair in best[best > best.min()].index} <= told
-    members = search.best_.members
-    assert len(members) == 2
-    mean = (members[0].predict_proba(corpus) + members[1].predict_proba(corpus)) / 2
-    np.testing.assert_allclose(search.predict_proba(corpus), mean)
-    assert parameter_count(search) == sum(parameter_count(member) for member in members)
-    with pytest.raises(InputError, match="model.members=0: give at least 1"):
-        auto(members=0).check()
-
-
-def test_members_without_probabilities_vote():
-    class Says:
-        classes_ = np.array(["a", "b"])
-
-        def __init__(self, label):
-            self.label = label
-
-        def predict(self, X):
-            return np.full(len(X), self.label)
-
-    assert tuning.Average([Says("a"), Says("b"), Says("b")]).predict_proba([0]).tolist() == [[1 / 3, 2 / 3]]
 
 
 def test_huge_lists_are_checked_value_by_value():
@@ -371,7 +336,6 @@ SEARCHES = {
         {"a": Jung28(), "b": Ta273()},
         "2",
         trials=4,
-        members=2,
     ),
 }
 
@@ -415,7 +379,7 @@ def test_a_stored_corpus_leaks_nothing_through_tables_and_studies(tmp_path):
 )
 def test_searches_that_cannot_be(wrong, message):
     with pytest.raises(InputError, match=message):
-        auto(**wrong).check()
+        Search({"svm": svm}, {"svm": GRID}, {"jung28": Jung28()}, **wrong).check()
 
 
 def test_jung2014_searches_a_linear_machine():

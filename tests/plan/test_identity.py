@@ -72,7 +72,7 @@ def code(text):
         ("bench/corpora/faults.py", code, {"stress"}),
         ("bench/work/loop.py", code, set()),
         ("bench/work/replay.py", code, {"stream"}),
-        ("bench/work/sizes.py", code, {"run", "stress", "stream"}),
+        ("models/sizes.py", code, {"run", "stress", "stream"}),
         ("models/rocket.py", code, set()),
         ("models/__init__.py", code, set()),  # another name in the registry
         ("models/contract.py", code, {"run", "stress", "stream"}),

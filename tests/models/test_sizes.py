@@ -21,8 +21,8 @@ from sklearn.utils import all_estimators
 from torch import nn
 from xgboost import XGBClassifier
 
-from bench.work.sizes import parameter_count, sizes
 from features.jung28 import Jung28
+from models.sizes import parameter_count, sizes
 
 RNG = np.random.default_rng(0)
 Y = np.repeat(["a", "b", "c"], 20)
