@@ -79,7 +79,8 @@ class Auto(ClassifierMixin, BaseEstimator):
     """The best of many systems, or several together, found in a given time on the training part alone.
 
     A trial is judged by training subjects that are left out (groups of them), and given up as soon as a Wilcoxon
-    signed-rank test over the subjects seen so far finds it worse than the best one (p < 0.1). First come the trials of
+    signed-rank test over the subjects seen so far finds it worse than the best one (p < 0.1), unless it needs less than
+    half of the flash or memory of that. First come the trials of
     `models.portfolio.FIRST`, cheap ones that are known to be good; then a tree-structured Parzen estimator draws from
     `models.portfolio.SPACES`. A model may become larger only where its larger trials were its best: a trial is at most
     four times the work of the best one of its model.
@@ -196,7 +197,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         began = time.perf_counter()
         self.check()
         self._heats: dict[int, float] = {}
-        X, y, every = self._affordable(X, np.asarray(y))
+        X, y = part_of(X, np.asarray(y), self._affordable(X, np.asarray(y)))
         inner = Inner(X, y, self._folds(X, y), self._touch(), self.seed)
         with open_study(self.study_key(), X, y, ["maximize"], WORSE) as study:
             self.tried_ = [_thawed(t, inner) for t in study.get_trials(deepcopy=False)][: self.trials]
@@ -209,7 +210,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
         self.classes_ = self.best_.classes_
         self.trials_ = _table(self.tried_, chosen)
-        self.chosen_ = _told(self.tried_, chosen, every)
+        self.chosen_ = _told(self.tried_, chosen, self.every_)
         return self
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
@@ -228,16 +229,12 @@ class Auto(ClassifierMixin, BaseEstimator):
             "search": [identity(Auto), self.inner, self.seed, *limits, str(self.budget) if self.budget < np.inf else ""]
         }
 
-    def _affordable(self, X: Corpus, y: np.ndarray) -> tuple[Corpus, np.ndarray, int]:
-        """Captures whose features can be computed in time: every n-th of each subject and class, and this n."""
+    def _affordable(self, X: Corpus, y: np.ndarray) -> int:
+        """Every how many-th capture there is time to compute the features of."""
         first = portfolio.complete(portfolio.FIRST[0])
         needed = Inner(X, y, [], self._touch(), self.seed).tabling(first)
-        every = int(np.ceil(needed / (TABLES * self.budget)))
-        if every <= 1:
-            return X, y, 1
-        number = pd.Series(y).groupby([X.subjects.astype(str), y.astype(str)]).cumcount().to_numpy()
-        part = np.flatnonzero(number % every == 0)
-        return replace(X[part], digest="", path=None), y[part], every  # nothing of a part is kept for the whole
+        self.every_ = max(1, int(np.ceil(needed / (TABLES * self.budget))))
+        return self.every_
 
     def _search(self, inner: Inner, study: Study, clock: Clock) -> None:
         """Try one after the other, until there is no time or trial left."""
@@ -332,7 +329,7 @@ class Auto(ClassifierMixin, BaseEstimator):
                 asked.report(tried.subjects[str(subject)], len(tried.subjects) - 1)
             if number == len(inner.folds):
                 tried.costs = inner.costs(inner.system(trial, model))
-            elif asked.should_prune():
+            elif asked.should_prune() and not self._small(inner.bytes(inner.system(trial, model))):
                 tried.state, tried.proba = "pruned", None
                 break
             elif (time.perf_counter() - began) / number * len(inner.folds) + tried.fit_seconds > left:
@@ -341,6 +338,11 @@ class Auto(ClassifierMixin, BaseEstimator):
         memory.tell(asked, state=optuna.trial.TrialState.FAIL)
         tried.fit_seconds *= work * number / done
         return tried
+
+    def _small(self, bytes_: dict[str, float]) -> bool:
+        """Whether something needs less than half of what the best trial does, which may be worth some accuracy."""
+        best = max((t for t in self.tried_ if t.state == "complete"), key=lambda t: t.accuracy)
+        return any(value < best.costs[name] / 2 for name, value in bytes_.items())
 
     def _picked(self, inner: Inner, left: float) -> list[tuple[Tried, float]]:
         """Trials that decide together, and how much each counts; their last fits should end in the seconds left."""
@@ -405,7 +407,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         before = clone(self)
         before._heats = {}
         before.tried_ = [t for t, end in zip(self.tried_, ends, strict=True) if end <= seconds]
-        inner = Inner(X, np.asarray(y), [], self._touch(), self.seed)
+        inner = Inner(*part_of(X, np.asarray(y), self.every_), [], self._touch(), self.seed)
         before._fitted(inner, Clock(time.perf_counter(), np.inf))
         return before.best_
 
@@ -426,6 +428,15 @@ class Clock:
     def left(self) -> float:
         """Seconds until the budget is spent; below 0 after that."""
         return self.budget - (time.perf_counter() - self.began)
+
+
+def part_of(X: Corpus, y: np.ndarray, every: int) -> tuple[Corpus, np.ndarray]:
+    """Every so many-th capture of each subject and class, under whose digest nothing is kept; all of them for 1."""
+    if every == 1:
+        return X, y
+    number = pd.Series(y).groupby([X.subjects.astype(str), y.astype(str)]).cumcount().to_numpy()
+    part = np.flatnonzero(number % every == 0)
+    return replace(X[part], digest="", path=None), y[part]
 
 
 def within(costs: dict[str, float], limits: dict[str, float]) -> bool:

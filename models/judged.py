@@ -152,13 +152,16 @@ class Inner:
             return whole
         return how.set_params(system=whole).around(whole, self.X)
 
+    def bytes(self, system: contract.System) -> dict[str, float]:
+        """What a fitted system needs in flash and memory, with 32 bits a number."""
+        found = sizes(system, self.X.grid[0] * self.X.grid[1], self.longest)
+        return {name: found[name] for name in ("flash_bytes", "ram_bytes")}
+
     def costs(self, system: contract.System) -> dict[str, float]:
-        """Bytes in flash and memory with 32 bits a number, and milliseconds of a decision on a capture."""
-        taxels = self.X.grid[0] * self.X.grid[1]
-        found = sizes(system, taxels, self.longest)
+        """The same, and milliseconds of a decision on a capture."""
         some = np.linspace(0, len(self.X) - 1, TIMED).astype(int)
         spent = milliseconds_of(system.predict, [self.X[i : i + 1].detached() for i in some])
-        return {"flash_bytes": found["flash_bytes"], "ram_bytes": found["ram_bytes"], "predict_ms": spent}
+        return self.bytes(system) | {"predict_ms": spent}
 
 
 def beginning(X: Corpus, seconds: float) -> Corpus:
