@@ -25,6 +25,7 @@ INDIFFERENT = {
     "bench.errors",
     "bench.memory",
     "bench.outcomes.comparable",
+    "bench.progress",
     "bench.registry",
     "bench.scratch",
     "bench.source",

@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.pareto import front
+from bench.progress import tell
 from bench.quantities import quantity
 from models import contract, portfolio
 from models.ensemble import Ensemble, selected, temperature_of, tempered
@@ -252,9 +253,17 @@ class Auto(ClassifierMixin, BaseEstimator):
                 tried = self._try(memory, inner, trial, left)
             tried.seconds = time.perf_counter() - began
             self.tried_.append(tried)
+            tell(self._progress(clock))
             frozen = _frozen(tried, self._limits())
             memory.add_trial(frozen)
             study.add_trial(frozen)
+
+    def _progress(self, clock: Clock) -> str:
+        """Trials, the best so far, time left."""
+        best = max((t.accuracy for t in self.tried_ if t.state == "complete"), default=float("nan"))
+        of = "" if self.trials is None else f" of {self.trials}"
+        left = f", {max(clock.left, 0):.0f} s left" if np.isfinite(self.budget) else ""
+        return f"{len(self.tried_)} trials{of}, best {100 * best:.1f} % of left-out training people{left}"
 
     def _next(self, memory: Study, inner: Inner) -> Trial | None:
         """The next of those that come first; then one that is drawn, small enough and new; None if there is none.
@@ -303,10 +312,9 @@ class Auto(ClassifierMixin, BaseEstimator):
         return CAUTION * (inner.tabling(trial) + ratio * (inner.judging(trial) + inner.work(trial)))
 
     def _ratio(self, inner: Inner, trial: Trial) -> float:
-        """Seconds over work: of the last trial of the same model, else the largest of any, else 1."""
-        ratios = [(t.trial["model"], t.fit_seconds / inner.work(t.trial)) for t in self.tried_ if t.fit_seconds]
-        own = [ratio for model, ratio in ratios if model == trial["model"]]
-        return own[-1] if own else max([1.0, *(ratio for _, ratio in ratios)])
+        """Seconds over work: of the last trial of the same model, else the median of the last ones of others, else 1."""
+        last = {t.trial["model"]: t.fit_seconds / inner.work(t.trial) for t in self.tried_ if t.fit_seconds}
+        return last.get(trial["model"], float(np.median([*last.values()])) if last else 1.0)
 
     def _try(self, memory: Study, inner: Inner, trial: Trial, left: float) -> Tried:
         """Judge a trial, as far as it is worth it."""
@@ -504,7 +512,7 @@ def _told(tried: list[Tried], chosen: list[tuple[Tried, float]], every: int) -> 
     found: dict[str, object] = {str(i): f"{w:.2f} {named(t.trial)}" for i, (t, w) in enumerate(chosen, 1)}
     states = [t.state for t in tried]
     found |= {name: states.count(name) for name in ("complete", "pruned", "late", "skipped")}
-    return found | ({"captures": f"every {every}th"} if every > 1 else {})
+    return found | ({"captures": f"one of {every}"} if every > 1 else {})
 
 
 def named(trial: Trial) -> str:

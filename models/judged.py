@@ -21,6 +21,7 @@ from models.sizes import sizes
 
 PROBED = 4  # captures whose features are timed
 BEFORE = ("features", "window", "repair", "faults", "scale")  # what tells one table from another
+LEAST_S = 0.02  # of a fit, however small
 READ_S = 0.05  # to read a kept table
 CHANGED = 1.5  # times as long, where frames are changed as well
 JUDGING = 1.3  # times the fits of a trial: predictions, copies of tables
@@ -88,7 +89,7 @@ class Inner:
     def work(self, trial: Trial, share: float = 1.0) -> float:
         """Seconds that a fit to a share of the captures should take (`models.portfolio.work`)."""
         width = self.widths[str(trial["features"])]
-        return portfolio.work(trial, int(share * self.rows(trial)), width, len(self.classes))
+        return LEAST_S + portfolio.work(trial, int(share * self.rows(trial)), width, len(self.classes))
 
     def judging(self, trial: Trial) -> float:
         """The same for all fits and predictions of a trial."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,10 +13,11 @@ from bench.outcomes.results import FoldResult, costs
 from bench.outcomes.store import connect, only_one, reached
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
+from bench.progress import telling
 from bench.scratch import owner, sweep
 from bench.work.evaluation import Evaluation
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
-from bench.work.loop import fill_cache
+from bench.work.loop import fill_cache, progress
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
 from models import contract
 
@@ -71,8 +73,9 @@ def fit(cell: Cell, out: Path | None = None) -> Fitted:
     plan = Plan(cell, corpus, (), 1, threads)
     forget_peak()
     fill_cache(plan)
-    with computing(threads):
-        metrics = fitted(estimator, corpus)
+    with tempfile.TemporaryDirectory() as folder, telling(Path(folder) / "fit"), progress(Path(folder)):
+        with computing(threads):
+            metrics = fitted(estimator, corpus)
     with computing(1):
         spent = latency(estimator, corpus, int(corpus.lengths.max()))[:2]
     metrics = costs([FoldResult("", None, metrics | footprint(estimator, corpus), *spent)])

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Generic
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.console import Console, RenderableType
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
 
 from bench.errors import InputError
 from bench.outcomes.results import Findings, FoldResult, Shown
@@ -16,6 +27,7 @@ from bench.outcomes.scores import RESERVED
 from bench.outcomes.store import Store, connect, only_one
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, planned, usable_cores
+from bench.progress import told
 from bench.work.experiment import Experiment
 from bench.work.tracking import Illustrate, TrackedRun, key_of
 from bench.work.workers import run_folds, start_workers
@@ -129,7 +141,11 @@ def run_one(
             console.print(said, markup=False, soft_wrap=True)
         errors = {}
         try:
-            with closing(run_folds(plan, experiment, missing)) as results, progress() as bar:
+            with (
+                tempfile.TemporaryDirectory() as folder,
+                closing(run_folds(plan, experiment, missing, Path(folder))) as results,
+                progress(Path(folder)) as bar,
+            ):
                 task = bar.add_task(cell.title(), total=len(plan.folds))
                 bar.advance(task, len(plan.folds) - len(missing))
                 for result in results:
@@ -177,9 +193,30 @@ def warn(line: str) -> None:
     console.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
-def progress() -> Progress:
-    """A bar of folds; in a notebook too, where it needs the package ipywidgets."""
-    return Progress(
+class Bar(Progress):
+    """A bar of folds, and below it a line for each that says how far it is.
+
+    Args:
+        folder: where they say so (`bench.progress`).
+        columns: of the bar.
+        console: to draw on.
+    """
+
+    def __init__(self, folder: Path, *columns: ProgressColumn, console: Console) -> None:
+        self.folder = folder
+        super().__init__(*columns, console=console)
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """The bar and the lines."""
+        yield self.make_tasks_table(self.tasks)
+        for name, words in told(self.folder).items():
+            yield Text(f"  {name}: {words}", overflow="ellipsis", no_wrap=True)
+
+
+def progress(folder: Path) -> Progress:
+    """A bar of folds that tell in a folder how far they are; in a notebook too, where it needs ipywidgets."""
+    return Bar(
+        folder,
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),

@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 from typing import ParamSpec, Protocol, TypeVar
 
 from joblib.externals.loky import get_reusable_executor
@@ -18,6 +19,7 @@ from bench.corpora.corpus import Corpus
 from bench.outcomes.results import FoldResult
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
+from bench.progress import telling
 from bench.work.experiment import Experiment
 from bench.work.fold import forget_peak
 
@@ -35,13 +37,16 @@ class Workers(Protocol):
         """End the processes."""
 
 
-def run_folds(plan: Plan, experiment: Experiment, folds: list[Fold]) -> Generator[FoldResult, None, None]:
+def run_folds(
+    plan: Plan, experiment: Experiment, folds: list[Fold], told: Path | None = None
+) -> Generator[FoldResult, None, None]:
     """Results in the order in which folds finish; every fold gives one, a crashed worker a failed one.
 
     Args:
         plan: what is run, with the number of workers and their threads.
         experiment: what a worker does with a fold.
         folds: those to run.
+        told: folder where they say how far they are (`bench.progress`).
     """
     jobs, threads = plan.workers, plan.threads
     executor = _workers(jobs, threads)
@@ -54,7 +59,7 @@ def run_folds(plan: Plan, experiment: Experiment, folds: list[Fold]) -> Generato
                 # loky stumbles over when it is killed.
                 while waiting and len(running) <= jobs:
                     fold = waiting[0]
-                    task = executor.submit(do_fold, experiment, plan.cell, plan.corpus, fold, threads)
+                    task = executor.submit(do_fold, experiment, plan.cell, plan.corpus, fold, threads, told)
                     running[task] = waiting.pop(0)
                 done = next(as_completed(running))
                 result = done.result()
@@ -66,7 +71,7 @@ def run_folds(plan: Plan, experiment: Experiment, folds: list[Fold]) -> Generato
         for fold in [*running.values(), *waiting]:
             try:
                 executor = _workers(1, threads)
-                yield executor.submit(do_fold, experiment, plan.cell, plan.corpus, fold, threads).result()
+                yield executor.submit(do_fold, experiment, plan.cell, plan.corpus, fold, threads, told).result()
             except BrokenProcessPool as e:
                 yield FoldResult(fold.name, error=f"The worker process died; out of memory?\n{e}")
     except (KeyboardInterrupt, GeneratorExit):
@@ -74,11 +79,14 @@ def run_folds(plan: Plan, experiment: Experiment, folds: list[Fold]) -> Generato
         raise
 
 
-def do_fold(experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+def do_fold(
+    experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads: int, told: Path | None = None
+) -> FoldResult:
     """One fold of an experiment, in a worker; an exception becomes the result's ``error``."""
     forget_peak()
     try:
-        return experiment.fold(cell, corpus, fold, threads)
+        with telling(told / fold.name if told and fold.name else None):
+            return experiment.fold(cell, corpus, fold, threads)
     except Exception:  # whatever a system raises is this fold's result, not the end of the command
         return FoldResult(fold.name, error=traceback.format_exc())
 

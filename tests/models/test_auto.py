@@ -8,6 +8,7 @@ from sklearn.model_selection import GroupKFold
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
+from bench import progress
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.scratch import home
@@ -200,11 +201,23 @@ def test_with_more_budget_the_same_trials_come_first(quick, monkeypatch):
     assert [t.trial for t in found[1].tried_[:until]] == [t.trial for t in found[0].tried_[:until]]
 
 
+def test_it_says_how_far_it_is(quick, tmp_path, monkeypatch):
+    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
+    said = []
+    with progress.telling(tmp_path / "fold"):
+        monkeypatch.setattr(portfolio, "FIRST", [*QUICK[:2]])
+        real = auto.tell
+        monkeypatch.setattr(auto, "tell", lambda words: (real(words), said.append(progress.told(tmp_path)["fold"])))
+        Auto(budget=60.0, inner="2", trials=2).fit(noisy(), noisy().gestures)
+    assert [words.split(",")[0] for words in said] == ["1 trials of 2", "2 trials of 2"]
+    assert all("best" in words and words.endswith("s left") for words in said) and not progress.told(tmp_path)
+
+
 def test_where_time_is_short_fewer_captures_are_used(quick, monkeypatch):
     corpus = noisy()
     monkeypatch.setattr(judged.Inner, "_probed", lambda self, name, window: 10 / len(corpus))
     found = Auto(budget=5.0, inner="2", trials=1).fit(corpus, corpus.gestures)
-    assert found.chosen_["captures"] == "every 5th"
+    assert found.chosen_["captures"] == "one of 5"
     assert set(found.predict(corpus)) <= set(corpus.gestures)
     monkeypatch.setattr(judged.Inner, "_probed", lambda self, name, window: 1e6)
     found = Auto(budget=1.0, inner="2").fit(corpus, corpus.gestures)
