@@ -17,7 +17,7 @@ _told: dict[str, Path | float] = {}  # of this process: the file to write, and w
 def telling(path: Path | None) -> Iterator[None]:
     """What is told in between goes into a file, which is gone at last; nowhere without one."""
     if path is not None:
-        _told.update(path=path, at=0.0)
+        _told.update(path=path, at=float("-inf"))
     try:
         yield
     finally:
@@ -30,7 +30,7 @@ def telling(path: Path | None) -> Iterator[None]:
 def tell(words: str) -> None:
     """Say in a few words how far a fit is; too often costs nothing."""
     now = time.monotonic()
-    path, at = _told.get("path"), _told.get("at", 0.0)
+    path, at = _told.get("path"), _told.get("at")
     if isinstance(path, Path) and isinstance(at, float) and now - at >= OFTEN_S:
         _told["at"] = now
         beside = path.with_name(f".{path.name}")

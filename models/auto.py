@@ -312,7 +312,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         return CAUTION * (inner.tabling(trial) + ratio * (inner.judging(trial) + inner.work(trial)))
 
     def _ratio(self, inner: Inner, trial: Trial) -> float:
-        """Seconds over work: of the last trial of the same model, else the median of the last ones of others, else 1."""
+        """Seconds over work: of the last trial of the same model, else the median of the last of others, else 1."""
         last = {t.trial["model"]: t.fit_seconds / inner.work(t.trial) for t in self.tried_ if t.fit_seconds}
         return last.get(trial["model"], float(np.median([*last.values()])) if last else 1.0)
 

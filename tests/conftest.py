@@ -66,11 +66,11 @@ def folds_here(request, monkeypatch):
         monkeypatch.setattr("bench.work.loop.start_workers", lambda *_: None)
 
 
-def in_process(plan, experiment, folds):
+def in_process(plan, experiment, folds, told=None):
     """As `bench.work.workers.run_folds`, without workers."""
     from bench.work.workers import do_fold
 
-    return (do_fold(experiment, plan.cell, plan.corpus, fold, plan.threads) for fold in folds)
+    return (do_fold(experiment, plan.cell, plan.corpus, fold, plan.threads, told) for fold in folds)
 
 
 def random_corpus(subjects=4, per_class=3, gestures=("pat", "rub", "tap"), grid=(8, 8), longest=40, seed=0, **fields):

@@ -87,8 +87,8 @@ def test_it_is_killed_and_goes_on_and_ends_the_same(monkeypatch, tmp_path):
     computed = []
 
     def watched(stop):
-        def folds(plan, experiment, missing):
-            for i, result in enumerate(in_process(plan, experiment, missing)):
+        def folds(plan, experiment, missing, told):
+            for i, result in enumerate(in_process(plan, experiment, missing, told)):
                 computed.append(result.name)
                 yield result
                 if i + 1 == stop:

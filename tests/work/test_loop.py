@@ -165,9 +165,9 @@ def test_an_interrupted_run_goes_on_and_ends_the_same_bit_for_bit(tmp_path, monk
     store, (parent,) = runs("cell")
     assert parent.info.status == "KILLED" and len(runs("fold")[1]) == 2
 
-    def watched(plan, experiment, folds):
+    def watched(plan, experiment, folds, told):
         computed.extend(fold.name for fold in folds)
-        return in_process(plan, experiment, folds)
+        return in_process(plan, experiment, folds, told)
 
     monkeypatch.setattr(loop, "run_folds", watched)
     assert main(command) == 0
