@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import time
 from collections.abc import Iterator
@@ -10,39 +12,44 @@ from pathlib import Path
 
 OFTEN_S = 0.3
 
-_told: dict[str, Path | float] = {}  # of this process: the file to write, and when it was written
+_listener: list[tuple[Path, str]] = []  # of this process: the file to write, and the name of what is told; the last
+_at = [float("-inf")]  # when it was written
 
 
 @contextmanager
-def telling(path: Path | None) -> Iterator[None]:
-    """What is told in between goes into a file, which is gone at last; nowhere without one."""
-    if path is not None:
-        _told.update(path=path, at=float("-inf"))
+def telling(folder: Path | None, name: str = "") -> Iterator[None]:
+    """What is told in between goes into a file of a folder under a name, and is gone at last; nowhere without one."""
+    if folder is None:
+        yield
+        return
+    path = folder / hashlib.sha256(name.encode()).hexdigest()  # a name may be a path, or anything else
+    _listener.append((path, name))
+    _at[0] = float("-inf")
     try:
         yield
     finally:
-        _told.clear()
-        if path is not None:
-            with suppress(OSError):
-                path.unlink(missing_ok=True)
+        _listener.pop()
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
 
 
 def tell(words: str) -> None:
     """Say in a few words how far a fit is; too often costs nothing."""
     now = time.monotonic()
-    path, at = _told.get("path"), _told.get("at")
-    if isinstance(path, Path) and isinstance(at, float) and now - at >= OFTEN_S:
-        _told["at"] = now
+    if _listener and now - _at[0] >= OFTEN_S:
+        _at[0] = now
+        path, name = _listener[-1]
         beside = path.with_name(f".{path.name}")
         with suppress(OSError):  # whoever waits may have gone
-            beside.write_text(words, encoding="utf-8")
+            beside.write_text(json.dumps([name, words]), encoding="utf-8")
             os.replace(beside, path)
 
 
 def told(folder: Path) -> dict[str, str]:
-    """What those that are fitting said last, by the names of their files."""
+    """What those that are fitting said last, by name."""
     found = {}
-    for path in sorted(folder.glob("[!.]*")):
+    for path in folder.glob("[!.]*"):
         with suppress(OSError):
-            found[path.name] = path.read_text(encoding="utf-8")
-    return found
+            name, words = json.loads(path.read_text(encoding="utf-8"))
+            found[name] = words
+    return dict(sorted(found.items()))

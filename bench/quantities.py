@@ -27,7 +27,7 @@ def quantity(key: str, given: object, prefix: str = "") -> float:
     allowed = known[COSTS[BUDGETS[key]]] if key in BUDGETS else []
     try:
         value = float(number)
-        if not value > 0 or (unit not in allowed and allowed) or (unit and not allowed):
+        if not 0 < value < float("inf") or (unit not in allowed and allowed) or (unit and not allowed):
             raise ValueError(text)
     except ValueError as e:
         raise InputError(

@@ -2,6 +2,7 @@
 
 from io import StringIO
 
+import pytest
 from rich.console import Console
 
 from bench import progress
@@ -12,7 +13,7 @@ from bench.work import loop, workers
 def test_what_is_told_is_seen_until_the_end(tmp_path, monkeypatch):
     monkeypatch.setattr(progress, "OFTEN_S", 0.0)
     tell("nobody listens")
-    with telling(tmp_path / "a"):
+    with telling(tmp_path, "a"):
         tell("one")
         tell("two")
         assert told(tmp_path) == {"a": "two"}
@@ -23,9 +24,34 @@ def test_what_is_told_is_seen_until_the_end(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["../victim", "{}/victim", ".hidden", "a/b", "nul\0", "x" * 300, ""])
+def test_a_name_is_no_path(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
+    victim, folder = tmp_path / "victim", tmp_path / "told"
+    victim.write_text("mine")
+    folder.mkdir()
+    name = name.format(tmp_path)
+    with telling(folder, name):
+        tell("half")
+        assert told(folder) == {name: "half"}
+    assert victim.read_text() == "mine" and not list(folder.iterdir())
+
+
+def test_the_inner_one_is_heard_first(tmp_path, monkeypatch):
+    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
+    with telling(tmp_path, "outer"):
+        with telling(None):
+            tell("one")
+        assert told(tmp_path) == {"outer": "one"}
+        with telling(tmp_path, "inner"):
+            tell("two")
+        tell("three")
+        assert told(tmp_path) == {"outer": "three"}
+
+
 def test_too_often_is_not_written(tmp_path, monkeypatch):
     monkeypatch.setattr(progress, "OFTEN_S", 1e9)
-    with telling(tmp_path / "a"):
+    with telling(tmp_path, "a"):
         for number in range(100):
             tell(str(number))
         assert told(tmp_path) == {"a": "0"}
@@ -34,16 +60,16 @@ def test_too_often_is_not_written(tmp_path, monkeypatch):
 def test_a_folder_that_goes_stops_nobody(tmp_path, monkeypatch):
     monkeypatch.setattr(progress, "OFTEN_S", 0.0)
     (tmp_path / "gone").mkdir()
-    with telling(tmp_path / "gone" / "a"):
+    with telling(tmp_path / "gone", "a"):
         (tmp_path / "gone").rmdir()
         tell("nobody")
     assert told(tmp_path / "gone") == {}
 
 
 def test_the_bar_has_a_line_for_each_that_tells(tmp_path, monkeypatch):
-    (tmp_path / "anna").write_text("3 trials, 5 s left")
-    (tmp_path / "bob").write_text("epoch 2 of 9")
-    (tmp_path / ".bob").write_text("not yet")
+    (tmp_path / "1").write_text('["bob", "epoch 2 of 9"]')
+    (tmp_path / "2").write_text('["anna", "3 trials, 5 s left"]')
+    (tmp_path / ".3").write_text("not yet")
     out = StringIO()
     monkeypatch.setattr(loop, "console", Console(file=out, width=100))
     with loop.progress(tmp_path) as bar:

@@ -73,7 +73,7 @@ def fit(cell: Cell, out: Path | None = None) -> Fitted:
     plan = Plan(cell, corpus, (), 1, threads)
     forget_peak()
     fill_cache(plan)
-    with tempfile.TemporaryDirectory() as folder, telling(Path(folder) / "fit"), progress(Path(folder)):
+    with tempfile.TemporaryDirectory() as folder, telling(Path(folder), "fit"), progress(Path(folder)):
         with computing(threads):
             metrics = fitted(estimator, corpus)
     with computing(1):

@@ -85,7 +85,7 @@ def do_fold(
     """One fold of an experiment, in a worker; an exception becomes the result's ``error``."""
     forget_peak()
     try:
-        with telling(told / fold.name if told and fold.name else None):
+        with telling(told, fold.name):
             return experiment.fold(cell, corpus, fold, threads)
     except Exception:  # whatever a system raises is this fold's result, not the end of the command
         return FoldResult(fold.name, error=traceback.format_exc())

@@ -204,7 +204,7 @@ def test_with_more_budget_the_same_trials_come_first(quick, monkeypatch):
 def test_it_says_how_far_it_is(quick, tmp_path, monkeypatch):
     monkeypatch.setattr(progress, "OFTEN_S", 0.0)
     said = []
-    with progress.telling(tmp_path / "fold"):
+    with progress.telling(tmp_path, "fold"):
         monkeypatch.setattr(portfolio, "FIRST", [*QUICK[:2]])
         real = auto.tell
         monkeypatch.setattr(auto, "tell", lambda words: (real(words), said.append(progress.told(tmp_path)["fold"])))
