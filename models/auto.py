@@ -29,6 +29,7 @@ from models.space import Range
 from models.study import identity, in_memory, open_study
 
 if TYPE_CHECKING:
+    import optuna
     from optuna import Study
     from optuna.distributions import BaseDistribution
     from optuna.trial import FrozenTrial
@@ -43,6 +44,7 @@ TABLES = 0.4  # of the budget that the features of all captures may take
 CAUTION = 1.2  # times what a trial should take must be left
 SKIPS = 5  # drawn trials one after the other that would take too long end the search
 SPARE = 0.02  # of the budget, for what cannot be foreseen
+CHEAP = 3  # of those that come first, where there is no time to judge any
 STATES = {"complete": "COMPLETE", "pruned": "PRUNED"}  # of Optuna; others are no trials to it
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
 
@@ -53,13 +55,14 @@ class Tried:
 
     Attributes:
         trial: what was tried.
-        state: ``complete``; ``pruned``, as it was worse; ``late``, as it took too long; ``skipped``, as it would have;
-            ``unjudged`` where there was no time for any.
+        state: ``complete``; ``pruned``, as it was worse; ``large``, as it exceeds a limit; ``late``, as it took too
+            long; ``skipped``, as it would have; ``failed``; ``unjudged`` where there was no time for any.
         seconds: that it took.
         subjects: accuracy of each left-out training subject.
         fit_seconds: what a fit to the whole training part should take.
         costs: bytes in flash and memory with 32 bits a number, milliseconds of a decision.
         proba: of left-out captures, float16 [captures, classes]; None for what is not complete.
+        error: of one that failed.
     """
 
     trial: Trial
@@ -69,6 +72,7 @@ class Tried:
     fit_seconds: float = 0.0
     costs: dict[str, float] = field(default_factory=dict)
     proba: np.ndarray | None = None
+    error: str = ""
 
     @property
     def accuracy(self) -> float:
@@ -173,6 +177,8 @@ class Auto(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: it has fewer than two subjects, or an inner training part has only one class.
         """
+        if (touch := self._touch()) is not None and touch * X.rate_hz < 1:
+            raise InputError(f"model.max_decision={self.max_decision}: shorter than a frame at {X.rate_hz:g} Hz")
         self._folds(X, y)
 
     def _folds(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -186,7 +192,10 @@ class Auto(ClassifierMixin, BaseEstimator):
 
     @property
     def trained_faults(self) -> tuple[str, ...]:
-        """Every fault, for some of the trials are trained on damaged copies."""
+        """What was trained on damaged copies; before the search every fault, for some of its trials may be."""
+        if "best_" in vars(self):
+            parts = contract.members(self.best_) or [self.best_]
+            return tuple(sorted({name for part in parts for name in contract.trained_faults(part)}))
         return Recipe(None, faults=("all",)).trained_faults  # type: ignore[arg-type]
 
     def fit(self, X: Corpus, y: np.ndarray) -> Auto:
@@ -198,8 +207,10 @@ class Auto(ClassifierMixin, BaseEstimator):
         began = time.perf_counter()
         self.check()
         self._heats: dict[int, float] = {}
-        X, y = part_of(X, np.asarray(y), self._affordable(X, np.asarray(y)))
-        inner = Inner(X, y, self._folds(X, y), self._touch(), self.seed)
+        self._costs: dict[int, dict[str, float]] = {}
+        self.part_ = self._affordable(X, np.asarray(y))
+        X, y = X[self.part_], np.asarray(y)[self.part_]
+        inner = self._inner(X, y, self._folds(X, y))
         with open_study(self.study_key(), X, y, ["maximize"], WORSE) as study:
             self.tried_ = [_thawed(t, inner) for t in study.get_trials(deepcopy=False)][: self.trials]
             stored = sum(t.seconds for t in self.tried_)
@@ -211,8 +222,20 @@ class Auto(ClassifierMixin, BaseEstimator):
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
         self.classes_ = self.best_.classes_
         self.trials_ = _table(self.tried_, chosen)
-        self.chosen_ = _told(self.tried_, chosen, self.every_)
+        self.chosen_ = _told(self.tried_, chosen, self.part_)
         return self
+
+    def _inner(self, X: Corpus, y: np.ndarray, folds: list) -> Inner:
+        """Captures to judge by; under the digest of a part of them nothing is kept, which would be of the whole."""
+        if not isinstance(self.part_, slice):
+            X = replace(X, digest="", path=None)
+        return Inner(X, y, folds, self._touch(), self.seed)
+
+    def __getstate__(self) -> dict[str, object]:
+        """What is saved: without what the trials said of the training captures, which nobody needs to decide."""
+        state = super().__getstate__()
+        tried = [replace(t, proba=None) for t in state.get("tried_", [])]
+        return state | ({"tried_": tried} if tried else {})
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Class probabilities [captures, classes]."""
@@ -230,12 +253,20 @@ class Auto(ClassifierMixin, BaseEstimator):
             "search": [identity(Auto), self.inner, self.seed, *limits, str(self.budget) if self.budget < np.inf else ""]
         }
 
-    def _affordable(self, X: Corpus, y: np.ndarray) -> int:
-        """Every how many-th capture there is time to compute the features of."""
+    def _affordable(self, X: Corpus, y: np.ndarray) -> slice | np.ndarray:
+        """All captures, or as many of each class and subject as there is time to compute the features of."""
         first = portfolio.complete(portfolio.FIRST[0])
         needed = Inner(X, y, [], self._touch(), self.seed).tabling(first)
-        self.every_ = max(1, int(np.ceil(needed / (TABLES * self.budget))))
-        return self.every_
+        every = max(1, int(np.ceil(needed / (TABLES * self.budget))))
+        order = np.lexsort((X.subjects.astype(str), y.astype(str)))
+        while every > 1:
+            part = np.sort(order[::every])
+            try:
+                self._folds(X[part], y[part])
+                return part
+            except InputError:  # too few of them to judge by
+                every //= 2
+        return slice(None)
 
     def _search(self, inner: Inner, study: Study, clock: Clock) -> None:
         """Try one after the other, until there is no time or trial left."""
@@ -244,7 +275,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         while self.trials is None or len(self.tried_) < self.trials:
             began = time.perf_counter()
             left = clock.left - clock.spare - self._last_fits(inner, clock.left)
-            trial = self._next(memory, inner)
+            trial = self._next(memory, inner) if left > 0 else None
             if trial is None or [t.state for t in self.tried_[len(portfolio.FIRST) :]][-SKIPS:] == ["skipped"] * SKIPS:
                 return
             if self._expected(inner, trial) > left:
@@ -322,52 +353,74 @@ class Auto(ClassifierMixin, BaseEstimator):
 
         began = time.perf_counter()
         asked = memory.ask()  # only to be compared with those before
-        inner.table(trial), inner.table(trial, tested=True)
-        left, began = left - (time.perf_counter() - began), time.perf_counter()
         tried = Tried(trial, "complete", proba=np.zeros((len(inner.y), len(inner.classes)), dtype=np.float16))
-        work = inner.work(trial)
-        done = 0.0
+        try:
+            inner.table(trial), inner.table(trial, tested=True)
+            left, began = left - (time.perf_counter() - began), time.perf_counter()
+            self._judge(inner, tried, asked, began, left)
+        except Exception as e:  # whatever a system raises on these captures, others may do
+            tried.state, tried.error = "failed", f"{type(e).__name__}: {e}"
+        if tried.state != "complete":
+            tried.proba = None
+        memory.tell(asked, state=optuna.trial.TrialState.FAIL)
+        return tried
+
+    def _judge(self, inner: Inner, tried: Tried, asked: optuna.Trial, began: float, left: float) -> None:
+        """Fill in what the inner folds say of a trial, until it is not worth it any more."""
+        trial, limits = tried.trial, self._limits()
+        done = spent = 0.0
         for number, (model, test, proba, seconds) in enumerate(inner.judge(trial), 1):
             tried.proba[test] = proba
             done += inner.work(trial, len(inner.folds[number - 1][0]) / len(inner.X))
-            tried.fit_seconds = (tried.fit_seconds * (number - 1) / number) + seconds / number
+            spent += seconds
+            tried.fit_seconds = spent * inner.work(trial) / done
             hit = proba.argmax(axis=1) == inner.codes[test]
             for subject in np.unique(inner.subjects[test]):
                 tried.subjects[str(subject)] = float(hit[inner.subjects[test] == subject].mean())
                 asked.report(tried.subjects[str(subject)], len(tried.subjects) - 1)
+            system = inner.system(trial, model)
+            tried.costs = inner.bytes(system)
+            if not within(tried.costs, limits):
+                tried.state = "large"
+                return
             if number == len(inner.folds):
-                tried.costs = inner.costs(inner.system(trial, model))
-            elif asked.should_prune() and not self._small(inner.bytes(inner.system(trial, model))):
-                tried.state, tried.proba = "pruned", None
-                break
+                tried.costs = inner.costs(system)
+            elif self._behind(asked, tried):
+                tried.state = "pruned"
+                return
             elif (time.perf_counter() - began) / number * len(inner.folds) + tried.fit_seconds > left:
-                tried.state, tried.proba = "late", None
-                break
-        memory.tell(asked, state=optuna.trial.TrialState.FAIL)
-        tried.fit_seconds *= work * number / done
-        return tried
+                tried.state = "late"
+                return
 
-    def _small(self, bytes_: dict[str, float]) -> bool:
-        """Whether something needs less than half of what the best trial does, which may be worth some accuracy."""
-        best = max((t for t in self.tried_ if t.state == "complete"), key=lambda t: t.accuracy)
-        return any(value < best.costs[name] / 2 for name, value in bytes_.items())
+    def _behind(self, asked: optuna.Trial, tried: Tried) -> bool:
+        """Whether a trial is worse than the best one that is within the limits, and not much smaller."""
+        limits = self._limits()
+        rivals = [t for t in self.tried_ if t.state == "complete" and within(t.costs, limits)]
+        if not rivals or not asked.should_prune():
+            return False
+        best = max(rivals, key=lambda t: t.accuracy)
+        return not any(value < best.costs[name] / 2 for name, value in tried.costs.items())
 
     def _picked(self, inner: Inner, left: float) -> list[tuple[Tried, float]]:
         """Trials that decide together, and how much each counts; their last fits should end in the seconds left."""
         limits = self._limits()
-        pool = [t for t in self.tried_ if t.state == "complete" and within(t.costs, limits)]
+        pool = [t for t in self.tried_ if t.state == "complete" and within(self._cost(t), limits)]
         pool = sorted(pool, key=lambda t: -t.accuracy)[:POOL]
         if not pool:
             return []
 
         def allowed(some: set[int]) -> bool:
-            costs = {name: sum(pool[i].costs[name] for i in some) for name in COSTS.values()}
-            costs["ram_bytes"] = max(pool[i].costs["ram_bytes"] for i in some)  # one after the other
-            in_time = len(some) == 1 or sum(pool[i].fit_seconds for i in some) <= left
-            return len(some) <= self.members and in_time and within(costs, limits)
+            in_time = len(some) == 1 or sum(_last_fit(inner, pool[i]) for i in some) <= left
+            return (
+                len(some) <= self.members and in_time and within(together([self._cost(pool[i]) for i in some]), limits)
+            )
 
         proba = np.stack([tempered(t.proba, self._heat(t, inner)) for t in pool])
         return [(pool[i], w) for i, w in selected(proba, inner.codes, inner.subjects, allowed).items()]
+
+    def _cost(self, tried: Tried) -> dict[str, float]:
+        """What a trial costs when it is fitted to all captures, where that is known, else as it was judged."""
+        return self._costs.get(id(tried), tried.costs)
 
     def _heat(self, tried: Tried, inner: Inner) -> float:
         """The temperature of a trial's probabilities."""
@@ -377,45 +430,60 @@ class Auto(ClassifierMixin, BaseEstimator):
 
     def _last_fits(self, inner: Inner, left: float) -> float:
         """Seconds that the last fits should take, if the search ended here."""
-        return sum(tried.fit_seconds for tried, _ in self._picked(inner, left))
+        return sum(_last_fit(inner, tried) for tried, _ in self._picked(inner, left))
 
     def _fitted(self, inner: Inner, clock: Clock) -> list[tuple[Tried, float]]:
         """Fit what was picked to the whole training part; what then exceeds a limit, or comes too late, is left out."""
-        limits = self._limits()
-        if not any(t.state == "complete" for t in self.tried_):  # no time to judge any
-            first = Tried(portfolio.complete(portfolio.FIRST[0]), "unjudged")
-            self.best_ = inner.fitted(first.trial)
-            return [(first, 1.0)]
+        if not any(t.state == "complete" for t in self.tried_):
+            return self._unjudged(inner)
         fits: dict[int, contract.System] = {}
         while picked := self._picked(inner, clock.left):
             heavy = sorted(picked, key=lambda pair: -pair[1])
             for tried, _ in heavy:
-                if id(tried) not in fits and (not fits or tried.fit_seconds <= clock.left):
+                some = any(id(t) in fits for t, _ in picked)
+                if id(tried) not in fits and (not some or _last_fit(inner, tried) <= clock.left):
                     fits[id(tried)] = inner.fitted(tried.trial)
-                    tried.costs = inner.costs(fits[id(tried)])  # of more captures than those it was judged with
+                    self._costs[id(tried)] = inner.costs(fits[id(tried)])
             kept = [(t, w) for t, w in heavy if id(t) in fits]
-            if kept and all(within(t.costs, limits) for t, _ in kept):
+            if within(together([self._cost(t) for t, _ in kept]), self._limits()):
                 break
         else:
-            smallest = {n: min(t.costs[n] for t in self.tried_ if t.costs) for n in limits}
-            said = ", ".join(f"{name} {value:.3g}" for name, value in smallest.items())
-            raise InputError(
-                f"no trial is within the limits of model.max_*: the least of {len(self.tried_)} are {said}"
-            )
+            raise InputError(self._too_large())
         total = sum(w for _, w in kept)
         kept = [(t, w / total) for t, w in kept]
-        members = [fits[id(t)] for t, _ in kept]
         heats = [self._heat(t, inner) for t, _ in kept]
-        self.best_ = Ensemble(members, [w for _, w in kept], heats)
+        self.best_ = Ensemble([fits[id(t)] for t, _ in kept], [w for _, w in kept], heats)
         return kept
+
+    def _unjudged(self, inner: Inner) -> list[tuple[Tried, float]]:
+        """The first that is within the limits, where there was no time to judge any.
+
+        Raises:
+            InputError: none of the cheap ones is.
+        """
+        for trial in portfolio.FIRST[:CHEAP]:
+            tried = Tried(portfolio.complete(trial), "unjudged")
+            self.best_ = inner.fitted(tried.trial)
+            tried.costs = inner.costs(self.best_)
+            if within(tried.costs, self._limits()):
+                return [(tried, 1.0)]
+            self.tried_.append(tried)
+        raise InputError(self._too_large())
+
+    def _too_large(self) -> str:
+        """What is said where nothing is within the limits."""
+        costs = [self._cost(t) for t in self.tried_]
+        least = {n: min((c[n] for c in costs if n in c), default=float("nan")) for n in self._limits()}
+        said = ", ".join(f"{name} {value:.3g}" for name, value in least.items())
+        return f"no trial is within the limits of model.max_*: the least of {len(self.tried_)} are {said}"
 
     def after(self, seconds: float, X: Corpus, y: np.ndarray) -> Ensemble:
         """What the search would have ended with after some of its seconds, fitted to the captures that it was given."""
         ends = np.cumsum([t.seconds for t in self.tried_])
         before = clone(self)
-        before._heats = {}
+        before._heats, before._costs, before.part_ = {}, {}, self.part_
         before.tried_ = [t for t, end in zip(self.tried_, ends, strict=True) if end <= seconds]
-        inner = Inner(*part_of(X, np.asarray(y), self.every_), [], self._touch(), self.seed)
+        inner = self._inner(X[self.part_], np.asarray(y)[self.part_], [])
         before._fitted(inner, Clock(time.perf_counter(), np.inf))
         return before.best_
 
@@ -438,18 +506,20 @@ class Clock:
         return self.budget - (time.perf_counter() - self.began)
 
 
-def part_of(X: Corpus, y: np.ndarray, every: int) -> tuple[Corpus, np.ndarray]:
-    """Every so many-th capture of each subject and class, under whose digest nothing is kept; all of them for 1."""
-    if every == 1:
-        return X, y
-    number = pd.Series(y).groupby([X.subjects.astype(str), y.astype(str)]).cumcount().to_numpy()
-    part = np.flatnonzero(number % every == 0)
-    return replace(X[part], digest="", path=None), y[part]
+def together(costs: list[dict[str, float]]) -> dict[str, float]:
+    """What several systems cost that decide one after the other."""
+    found = {name: sum(each[name] for each in costs) for name in COSTS.values()}
+    return found | {"ram_bytes": max(each["ram_bytes"] for each in costs)}
+
+
+def _last_fit(inner: Inner, tried: Tried) -> float:
+    """Seconds that the last fit of a trial should take."""
+    return tried.fit_seconds + inner.tabling(tried.trial)
 
 
 def within(costs: dict[str, float], limits: dict[str, float]) -> bool:
-    """Whether no cost exceeds its limit."""
-    return all(costs[name] <= limit for name, limit in limits.items())
+    """Whether no cost that is known exceeds its limit."""
+    return all(costs[name] <= limit for name, limit in limits.items() if name in costs)
 
 
 def _frozen(tried: Tried, limits: dict[str, float]) -> FrozenTrial:
@@ -457,7 +527,7 @@ def _frozen(tried: Tried, limits: dict[str, float]) -> FrozenTrial:
     import optuna
 
     state = optuna.trial.TrialState[STATES.get(tried.state, "FAIL")]
-    told = {name: getattr(tried, name) for name in ("state", "seconds", "subjects", "fit_seconds", "costs")}
+    told = {name: getattr(tried, name) for name in ("state", "seconds", "subjects", "fit_seconds", "costs", "error")}
     if tried.proba is not None:
         told["proba"] = base64.b64encode(zlib.compress(tried.proba.tobytes())).decode()
     spaces = portfolio.BEFORE | {
@@ -502,17 +572,19 @@ def _table(tried: list[Tried], chosen: list[tuple[Tried, float]]) -> pd.DataFram
         for t, end in zip(tried, np.cumsum([t.seconds for t in tried]), strict=True)
     ]
     table = pd.DataFrame(rows)
+    judged = table["accuracy"].where(table["state"] == "complete").to_numpy()
     for cost, name in COSTS.items():
-        table[f"front_{cost}"] = front(table["accuracy"].to_numpy(), table[name].to_numpy()) if rows else []
+        table[f"front_{cost}"] = front(judged, table[name].where(table["state"] == "complete").to_numpy())
     return table
 
 
-def _told(tried: list[Tried], chosen: list[tuple[Tried, float]], every: int) -> dict[str, object]:
+def _told(tried: list[Tried], chosen: list[tuple[Tried, float]], part: slice | np.ndarray) -> dict[str, object]:
     """What was chosen, in words, and how far the search got."""
     found: dict[str, object] = {str(i): f"{w:.2f} {named(t.trial)}" for i, (t, w) in enumerate(chosen, 1)}
     states = [t.state for t in tried]
-    found |= {name: states.count(name) for name in ("complete", "pruned", "late", "skipped")}
-    return found | ({"captures": f"one of {every}"} if every > 1 else {})
+    found |= {name: states.count(name) for name in ("complete", "pruned", "large", "late", "skipped", "failed")}
+    found |= {"error": next(t.error for t in tried if t.error)} if "failed" in states else {}
+    return found | ({} if isinstance(part, slice) else {"captures": len(part)})
 
 
 def named(trial: Trial) -> str:

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.steps import Step, Windows
+from bench.corpora.steps import Step
 from features.base import FeatureSet
 from features.kept import after, is_kept
 from models import contract, portfolio, recipe
@@ -20,6 +21,9 @@ from models.portfolio import Trial
 from models.sizes import sizes
 
 PROBED = 4  # captures whose features are timed
+PROBED_FRAMES = 500  # of each, at most
+WINDOWED = 2.5  # times as long as of whole captures: each frame is in two
+HELD = 1 << 29  # bytes of tables that stay in memory
 BEFORE = ("features", "window", "repair", "faults", "scale")  # what tells one table from another
 LEAST_S = 0.02  # of a fit, however small
 READ_S = 0.05  # to read a kept table
@@ -40,6 +44,11 @@ class Table:
     values: pd.DataFrame
     row: np.ndarray
     sound: np.ndarray
+
+    @property
+    def bytes(self) -> int:
+        """Of the values."""
+        return self.values.shape[0] * self.values.shape[1] * 4
 
 
 class Inner:
@@ -63,8 +72,8 @@ class Inner:
         self.longest = int(X.lengths.max())
         self.begun = None if touch is None else beginning(X, touch)
         self.tables: dict[tuple[object, ...], Table] = {}
-        self.probed: dict[tuple[str, float], float] = {}
-        self.widths = {name: len(part.fit(X[:1]).names_) for name, part in portfolio.FEATURES.items()}
+        self.probed: dict[str, float] = {}
+        self.widths = {name: len(clone(part).fit(X[:1]).names_) for name, part in portfolio.FEATURES.items()}
 
     def table(self, trial: Trial, tested: bool = False) -> Table:
         """What a trial learns from, or what it is judged by."""
@@ -74,7 +83,10 @@ class Inner:
             how = portfolio.steps_of(trial)
             steps = how.steps() if begun else how.training_steps()
             X = self.begun if begun and self.begun is not None else self.X
-            self.tables[key] = tabled(portfolio.FEATURES[str(trial["features"])], X, steps)
+            how.check_copies(X)
+            self.tables[key] = tabled(clone(portfolio.FEATURES[str(trial["features"])]), X, steps)
+            while sum(t.bytes for t in self.tables.values()) > HELD and len(self.tables) > 2:
+                self.tables.pop(next(iter(self.tables)))
         return self.tables[key]
 
     def rows(self, trial: Trial) -> int:
@@ -108,20 +120,22 @@ class Inner:
         steps = how.steps() if tested else how.training_steps()
         if is_kept(features, X, tuple(steps)):
             return READ_S
-        whole = int(X.index.max()) + 1 if X.digest else len(X)  # of a stored corpus all are computed and kept
+        grown = len(X.index) / (X.index.max() + 1) if X.digest else 1.0  # of a stored corpus all are computed and kept
         copies = 1 + how.copies * bool(how.faults and not tested)
         changed = CHANGED if how.repair or how.faults or how.scale != "none" else 1.0
-        return self._probed(str(trial["features"]), how.window) * whole * copies * changed
+        seconds = self._probed(str(trial["features"])) * int(X.lengths.sum()) / grown
+        return seconds * copies * changed * (WINDOWED if how.window else 1.0)
 
-    def _probed(self, name: str, window: float) -> float:
-        """Seconds to compute the features of a capture, or of its windows, by those of a few."""
-        if (name, window) not in self.probed:
-            some = self.X[np.linspace(0, len(self.X) - 1, PROBED).astype(int)].detached()
-            steps: list[Step] = [Windows(window)] if window else []
+    def _probed(self, name: str) -> float:
+        """Seconds to compute the features of captures, per frame, by those of a few short and long ones."""
+        if name not in self.probed:
+            order = np.argsort(self.X.lengths, kind="stable")
+            some = self.X[order[np.linspace(0, len(order) - 1, PROBED).astype(int)]].detached()
+            some = replace(some, lengths=np.minimum(some.lengths, PROBED_FRAMES))
             began = time.perf_counter()
-            portfolio.FEATURES[name].extract(recipe.taken(some, steps)[0])
-            self.probed[name, window] = (time.perf_counter() - began) / len(some)
-        return self.probed[name, window]
+            portfolio.FEATURES[name].extract(some)
+            self.probed[name] = (time.perf_counter() - began) / int(some.lengths.sum())
+        return self.probed[name]
 
     def judge(self, trial: Trial) -> Iterator[tuple[Pipeline, np.ndarray, np.ndarray, float]]:
         """Of each inner fold: what learnt, positions of tested captures, their probabilities, seconds of the fit."""
@@ -148,7 +162,7 @@ class Inner:
     def system(self, trial: Trial, model: Pipeline) -> contract.System:
         """What decides on captures, from what has learnt from a table."""
         how, features = portfolio.steps_of(trial), portfolio.FEATURES[str(trial["features"])]
-        whole = Pipeline([("features", features.fit(self.X)), *model.steps])
+        whole = Pipeline([("features", clone(features).fit(self.X)), *model.steps])
         if not how.steps() and not how.faults:
             return whole
         return how.set_params(system=whole).around(whole, self.X)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import TypeGuard
 
 import numpy as np
@@ -13,6 +15,27 @@ from sklearn.pipeline import Pipeline
 from bench.errors import InputError
 from models.scaling import constant
 from models.space import Range
+
+WEIGHT = 10.0  # of a row of the person it is adapted to; docs/systems.md, a new person
+PRIOR = 5.0  # captures that the mean of training counts beside those of a person
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """What `Discriminants` have learnt of their rows, which they can go on learning from.
+
+    Attributes:
+        mean, sd: of the features [features]; all that follows is in these units.
+        centres: of the classes [classes, features].
+        heavy: weight of the rows of each class [classes].
+        scatter: of the rows about the centres of their classes [features, features].
+    """
+
+    mean: np.ndarray
+    sd: np.ndarray
+    centres: np.ndarray
+    heavy: np.ndarray
+    scatter: np.ndarray
 
 
 class Discriminants(ClassifierMixin, BaseEstimator):
@@ -32,6 +55,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         classes_: class names.
         coef_: [classes, features], of the features as they are given.
         intercept_: [classes].
+        learnt_: what they are made of.
     """
 
     def __init__(self, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0) -> None:
@@ -49,18 +73,69 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         sd = np.sqrt(weight @ (Z - mean) ** 2 / weight.sum())
         sd[constant(Z)] = np.inf
         Z = (Z - mean) / sd
-        centres, _ = _means(Z, codes, weight)
+        centres, heavy = _means(Z, codes, weight)
         Z -= centres[codes]
+        self.learnt_ = Learnt(mean, sd, centres, heavy, self._scatter(Z, captures, weight))
+        self._solve(weight.sum())
+        return self
+
+    def _scatter(self, Z: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Of rows about the centres of their classes, what is particular to a capture counting more by ``windows``."""
         own, heavy = _means(Z, captures, weight)
-        scatter = (Z.T * weight) @ Z + (self.windows - 1) * (own.T * heavy) @ own
-        scatter /= weight.sum()
+        return (Z.T * weight) @ Z + (self.windows - 1) * (own.T * heavy) @ own
+
+    def _solve(self, total: float) -> None:
+        """Coefficients from what was learnt of rows with a total weight."""
+        learnt = self.learnt_
+        scatter = learnt.scatter / total
         size = np.trace(scatter) / len(scatter)
         scatter *= 1 - self.shrinkage
         scatter[np.diag_indices(len(scatter))] += self.shrinkage * size + 1e-9
-        coef = np.linalg.solve(scatter, centres.T).T
-        self.coef_ = coef / sd
-        self.intercept_ = -0.5 * (coef * centres).sum(axis=1) - self.coef_ @ mean
-        return self
+        coef = np.linalg.solve(scatter, learnt.centres.T).T
+        self.coef_ = coef / learnt.sd
+        self.intercept_ = -0.5 * (coef * learnt.centres).sum(axis=1) - self.coef_ @ learnt.mean
+
+    def adapt(self, X: pd.DataFrame | np.ndarray, y: np.ndarray | None, weight: float = WEIGHT) -> Discriminants:
+        """The same for one person: features measured from their own mean, and with labels their captures learnt too.
+
+        The mean of the person's rows takes the place of that of training, without labels only as far as there are
+        captures: with n of them n / (n + 5) of the way, since a few may be of a few gestures. With labels, the rows
+        join those of training with a weight, in closed form: the statistics that were learnt are all that is needed.
+
+        Args:
+            X: features [rows, n_features] of some captures of the person.
+            y: class names [rows], each one that is known; None where they are not.
+            weight: of a row with a label beside one of training.
+        """
+        found = copy(self)
+        old = self.learnt_
+        Z = (np.asarray(X, dtype=np.float64) - old.mean) / old.sd
+        captures, _ = _rows(X, 1.0)
+        share = 1.0 if y is not None else (captures.max() + 1) / (captures.max() + 1 + PRIOR)
+        shift = share * Z.mean(axis=0)
+        total = old.heavy.sum()
+        found.learnt_ = replace(old, mean=old.mean + np.where(np.isfinite(old.sd), old.sd, 0) * shift)
+        if y is not None:
+            codes = np.searchsorted(self.classes_, y)
+            if not np.isin(y, self.classes_).all():
+                raise InputError(f"{sorted(set(y) - set(self.classes_))[0]!r} is none of the classes that were learnt")
+            found.learnt_ = found._joined(Z - shift, codes, captures, np.full(len(Z), weight))
+            total += weight * len(Z)
+        found._solve(total)
+        return found
+
+    def _joined(self, Z: np.ndarray, codes: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> Learnt:
+        """What was learnt, and more rows."""
+        old = self.learnt_
+        heavy = np.bincount(codes, weight, len(self.classes_))
+        centres = np.zeros_like(old.centres)
+        np.add.at(centres, codes, Z * weight[:, None])
+        centres /= np.where(heavy > 0, heavy, 1)[:, None]
+        both = old.heavy + heavy
+        apart = np.sqrt(self.windows * old.heavy * heavy / both)[:, None] * (centres - old.centres)
+        scatter = old.scatter + self._scatter(Z - centres[codes], captures, weight) + apart.T @ apart
+        mixed = (old.heavy[:, None] * old.centres + heavy[:, None] * centres) / both[:, None]
+        return replace(old, centres=mixed, heavy=both, scatter=scatter)
 
     def decision_function(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Log of the density of each class, but for what is common to all [rows, classes]."""

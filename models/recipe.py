@@ -76,10 +76,18 @@ class Recipe(ClassifierMixin, BaseEstimator):
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """As of the system inside; refuses copies that need more memory than there is."""
+        self.check_copies(X)
+        contract.check_training(self.system, X, y)
+
+    def check_copies(self, X: Corpus) -> None:
+        """Refuse damaged copies that need more memory than there is.
+
+        Raises:
+            InputError: they do.
+        """
         if self.faults:
             values = int(X.lengths.sum()) * X.grid[0] * X.grid[1] * (self.copies + 1)
             ensure(f"model.copies={self.copies}", X.frames.itemsize * values)
-        contract.check_training(self.system, X, y)
 
     def steps(self) -> list[Step]:
         """What captures go through before the system sees them."""
