@@ -127,6 +127,30 @@ def trained_faults(estimator: System) -> tuple[str, ...]:
     return _told(estimator, "trained_faults", ())
 
 
+# A person whom it meets
+
+
+def adapts(estimator: System) -> bool:
+    """Whether it has ``adapt``, or is a pipeline whose last part has."""
+    if isinstance(estimator, Pipeline):
+        return _told(estimator.steps[-1][1], "adapt") is not None
+    return _told(estimator, "adapt") is not None
+
+
+def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
+    """``adapt(X, y)``: a system for one person, from a fitted one, which stays as it is, and some of their captures.
+
+    Args:
+        estimator: fitted, and `adapts`.
+        X: captures of the person.
+        y: their class names; None where they are not known.
+    """
+    if not isinstance(estimator, Pipeline):
+        return estimator.adapt(X, y)  # type: ignore[attr-defined]
+    *before, (name, last) = estimator.steps
+    return Pipeline([*before, (name, last.adapt(Pipeline(before).transform(X), y))])
+
+
 # Decisions of a fitted system
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -50,6 +52,16 @@ class Guarded(ClassifierMixin, BaseEstimator):
         self.robust_ = Perceptron(self.units, seed=self.seed).fit(X, y)
         self.classes_ = self.linear_.classes_
         return self
+
+    def adapt(self, X: pd.DataFrame, y: np.ndarray | None) -> Guarded:
+        """The same for one person (`models.lda.Discriminants.adapt`); what is usual moves with their mean as well."""
+        found = copy(self)
+        found.linear_ = self.linear_.adapt(X, y)
+        moved = (found.linear_.learnt_.mean - self.linear_.learnt_.mean).astype(np.float32)
+        found.mean_ = self.mean_ + moved
+        found.robust_ = copy(self.robust_)
+        found.robust_.mean_ = self.robust_.mean_ + moved
+        return found
 
     def doubts(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """How much the network counts, 0 to 1 [rows]; what is not a number is unusual."""

@@ -116,9 +116,10 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         total = old.heavy.sum()
         found.learnt_ = replace(old, mean=old.mean + np.where(np.isfinite(old.sd), old.sd, 0) * shift)
         if y is not None:
-            codes = np.searchsorted(self.classes_, y)
             if not np.isin(y, self.classes_).all():
-                raise InputError(f"{sorted(set(y) - set(self.classes_))[0]!r} is none of the classes that were learnt")
+                unknown = sorted(set(map(str, y)) - set(map(str, self.classes_)))
+                raise InputError(f"{unknown[0]!r} is none of the classes that were learnt")
+            codes = np.searchsorted(self.classes_, y)
             found.learnt_ = found._joined(Z - shift, codes, captures, np.full(len(Z), weight))
             total += weight * len(Z)
         found._solve(total)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from copy import copy
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.pipeline import Pipeline
+from sklearn.utils.metaestimators import available_if
 
 from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.faults import known
@@ -121,6 +123,14 @@ class Recipe(ClassifierMixin, BaseEstimator):
         elif (inside := contract.frames_at_once(self.system_, sys.maxsize)) < sys.maxsize:
             self.window_ = inside
         return self
+
+    @available_if(lambda self: contract.adapts(self.system))
+    def adapt(self, X: Corpus, y: np.ndarray | None) -> Recipe:
+        """The same for one person, some of whose captures the system inside adapts to (`models.contract.adapted`)."""
+        seen, row = taken(X, self.steps())
+        found = copy(self)
+        found.system_ = contract.adapted(self.system_, seen, None if y is None else np.asarray(y)[row])
+        return found
 
     def _fitted(self, X: Corpus, y: np.ndarray) -> contract.System:
         """The system inside; one behind a feature set is given the kept features, where there are some."""

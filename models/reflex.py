@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -112,6 +114,17 @@ class Reflex(ClassifierMixin, BaseEstimator):
         self.whole_, self.early_ = (recipe.fit(X, y) for recipe in self._recipes())
         self.classes_, self.window_ = self.whole_.classes_, self.whole_.window_
         return self
+
+    def adapt(self, X: Corpus, y: np.ndarray | None) -> Reflex:
+        """The same for one person: both discriminants measure features from the person's mean, and learn their labels.
+
+        Args:
+            X: some captures of the person.
+            y: their class names; None where they are not known.
+        """
+        found = copy(self)
+        found.whole_, found.early_ = self.whole_.adapt(X, y), self.early_.adapt(X, y)
+        return found
 
     def _short(self, X: Corpus) -> np.ndarray:
         """Which captures are shorter than a window."""

@@ -7,6 +7,7 @@ PARTS = {
     "loso": "protocols.subjects:LOSO",
     "groupkfold": "protocols.subjects:SubjectKFold",
     "challenge": "protocols.challenge:Challenge",
+    "personal": "protocols.personal:Personal",
     "kfold": "protocols.captures:CaptureKFold",
     "holdout": "protocols.captures:Holdout",
 }

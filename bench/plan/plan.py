@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -25,6 +25,7 @@ class Fold:
     name: str
     train: np.ndarray
     test: np.ndarray
+    known: splits.Calibration | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,8 @@ class Plan:
         """What its results depend on: corpus, chosen captures, folds, cell, threads of a fold."""
         folds = hashlib.sha256()
         for fold in self.folds:
-            for positions in (fold.train, fold.test):
+            pairs = [pair for draw in fold.known.draws for pair in draw] if fold.known else []
+            for positions in (fold.train, fold.test, *(part for pair in pairs for part in pair)):
                 folds.update(f"{fold.name} {len(positions)} ".encode() + np.asarray(positions, np.int64).tobytes())
         captures = {
             "digest": self.corpus.digest,
@@ -143,7 +145,9 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
         InputError: the protocol cannot split this corpus, or a fold tests a class that it does not train.
     """
     gestures, subjects = corpus.gestures, corpus.subjects
-    found = [Fold("", *pair) for pair in cell.protocol.make().split(corpus, gestures, subjects)]
+    protocol = cell.protocol.make()
+    known = splits.calibrations(protocol, corpus, gestures, subjects)
+    found = [Fold("", *pair, next(known)) for pair in protocol.split(corpus, gestures, subjects)]
     mixed = mixes_subjects(corpus, found)
     named = []
     for i, fold in enumerate(found, 1):
@@ -155,9 +159,9 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
                 f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} and trains none of it; "
                 f"{leave}choose another protocol"
             )
-        named.append(Fold(name, fold.train, fold.test))
+        named.append(replace(fold, name=name))
     if len({fold.name for fold in named}) < len(named):  # random splits may test the same subject twice
-        named = [Fold(f"fold{i:02d}", fold.train, fold.test) for i, fold in enumerate(named, 1)]
+        named = [replace(fold, name=f"fold{i:02d}") for i, fold in enumerate(named, 1)]
     return named
 
 

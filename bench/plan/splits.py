@@ -5,14 +5,19 @@ test) capture positions. It may also have
 
 - ``label(corpus)``: the words that stand in every row of results; else its class name, with ``subjects mixed`` where
   captures of a subject are on both sides of a fold;
-- ``official_split(corpus)``: whether its folds are those of a publication, where there is such a split at all.
+- ``official_split(corpus)``: whether its folds are those of a publication, where there is such a split at all;
+- ``calibrations(X, y, groups)``: of each fold and draw, pairs of positions: captures that are known of the person who
+  is tested, and those that are tested then; with ``unlabelled``, whether labels are not known, and ``weight``, how
+  often a known capture counts in training.
 
 Whether subjects are mixed, and how many captures are tested by those trained on, is seen from the folds themselves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import repeat
 from typing import Protocol
 
 import numpy as np
@@ -31,6 +36,35 @@ def label(protocol: Splitter, corpus: Corpus, mixes_subjects: bool) -> str:
     """The protocol in words."""
     own = getattr(protocol, "label", None)
     return own(corpus) if own else type(protocol).__name__ + (", subjects mixed" if mixes_subjects else "")
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What is known of the person whom a fold tests.
+
+    Attributes:
+        draws: of each draw, pairs of positions: known captures, and those that are tested then. In a draw every test
+            capture of the fold is tested once.
+        labelled: whether their labels are known.
+        weight: how often one counts in training.
+    """
+
+    draws: tuple[tuple[tuple[np.ndarray, np.ndarray], ...], ...]
+    labelled: bool
+    weight: int
+
+
+def calibrations(protocol: Splitter, corpus: Corpus, y: np.ndarray, groups: np.ndarray) -> Iterator[Calibration | None]:
+    """Of each fold what is known of its person; None for ever where a protocol tells nothing of the kind."""
+    own = getattr(protocol, "calibrations", None)
+    if own is None:
+        yield from repeat(None)
+        return
+    labelled, weight = not getattr(protocol, "unlabelled", False), getattr(protocol, "weight", 1)
+    for draws in own(corpus, y, groups):
+        pairs = tuple(tuple((np.asarray(known), np.asarray(tested)) for known, tested in draw) for draw in draws)
+        none = not any(len(known) for draw in pairs for known, _ in draw)
+        yield None if none else Calibration(pairs, labelled, weight)
 
 
 def official_split(protocol: Splitter, corpus: Corpus) -> bool | None:

@@ -10,7 +10,8 @@ import pandas as pd
 from bench.outcomes import scores
 from bench.outcomes.results import Findings, FoldResult, costs, measure, table_of
 from bench.work.experiment import Experiment
-from bench.work.fold import computing, decisions, fitted, footprint, latency
+from bench.work.fold import computing, decisions, footprint, latency
+from bench.work.personal import met
 from models import contract
 
 if TYPE_CHECKING:
@@ -33,10 +34,11 @@ class Evaluation(Experiment[pd.DataFrame]):
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Predictions of the test captures, and what they cost."""
-        estimator = cell.estimator()
+        parts = []
         with computing(threads):
-            metrics = fitted(estimator, corpus[fold.train])
-            predictions = decisions(estimator, corpus, fold.name, fold.test)
+            for one in met(cell, corpus, fold):
+                parts.append(decisions(one.estimator, corpus, one.name, one.tested))
+        estimator, metrics, predictions = one.estimator, one.metrics, pd.concat(parts, ignore_index=True)
         with computing(1):
             spent = latency(estimator, corpus[fold.test], int(predictions["frames"].max()))
         predict_ms, decide_ms, relative = spent

@@ -16,6 +16,7 @@ from bench.corpora.steps import Faulted, Windows
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import checked
+from features.base import labels
 from features.jung28 import Jung28
 from models.lda import Discriminants, lda
 from models.sizes import parameter_count
@@ -222,3 +223,57 @@ def test_parameters_that_cannot_be(name, value, message):
     (cell,) = cells({"model": "lda", f"model.{name}": value})
     with pytest.raises(InputError, match=f"^{re.escape(message)}$"):
         checked(cell)
+
+
+@pytest.mark.parametrize(("windows", "labelled"), [(1.0, True), (2.0, True), (2.0, False)])
+def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labelled):
+    """Against every row of training and of the person together, in the units of training, with naive loops."""
+    rng = np.random.default_rng(0)
+    X = pd.DataFrame(rng.normal(size=(120, 6)), index=labels(np.repeat(np.arange(40), 3), np.zeros(120, dtype=int)))
+    y = rng.integers(0, 3, 40).astype(str).repeat(3)
+    P = pd.DataFrame(rng.normal(0.7, 1, (20, 6)), index=labels(np.repeat(np.arange(10), 2), np.zeros(20, dtype=int)))
+    yp = np.array(list("0120120120")).repeat(2)
+    general = Discriminants(0.2, windows).fit(X, y)
+    before = general.decision_function(P)
+    own = general.adapt(P, yp if labelled else None, weight=4.0)
+    mean, sd = X.to_numpy().mean(axis=0), X.to_numpy().std(axis=0)
+    person = (P.to_numpy() - mean) / sd
+    shift = person.mean(axis=0) * (1 if labelled else 10 / 15)
+    rows = (X.to_numpy() - mean) / sd
+    names, weight, capture = y, np.ones(120), np.repeat(np.arange(40), 3)
+    if labelled:
+        rows, names = np.vstack([rows, person - shift]), np.concatenate([y, yp])
+        weight = np.concatenate([weight, np.full(20, 4.0)])
+        capture = np.concatenate([capture, 100 + np.repeat(np.arange(10), 2)])
+    centres = np.array([np.average(rows[names == c], axis=0, weights=weight[names == c]) for c in "012"])
+    scatter = np.zeros((6, 6))
+    for row, name, w in zip(rows, names, weight, strict=True):
+        d = row - centres[int(name)]
+        scatter += w * np.outer(d, d)
+    for each in np.unique(capture):
+        part = capture == each
+        d = np.average(rows[part], axis=0, weights=weight[part]) - centres[int(names[part][0])]
+        scatter += (windows - 1) * weight[part].sum() * np.outer(d, d)
+    scatter /= weight.sum()
+    scatter = 0.8 * scatter + (0.2 * np.trace(scatter) / 6 + 1e-9) * np.eye(6)
+    coef = np.linalg.solve(scatter, centres.T).T
+    probe = rng.normal(size=(7, 6))
+    expected = ((probe - mean) / sd - shift) @ coef.T - 0.5 * (coef * centres).sum(axis=1)
+    np.testing.assert_allclose(own.decision_function(probe), expected, atol=1e-9)
+    np.testing.assert_array_equal(general.decision_function(P), before)  # it stays as it is
+
+
+def test_nobody_adapts_to_a_class_that_was_never_learnt():
+    X = np.random.default_rng(0).normal(size=(20, 3))
+    model = Discriminants().fit(X, np.array(["a", "b"] * 10))
+    with pytest.raises(InputError, match="'c' is none of the classes"):
+        model.adapt(X[:2], np.array(["a", "c"]))
+    assert np.isfinite(model.adapt(X[:1], np.array(["a"])).coef_).all()
+
+
+def test_a_feature_that_did_not_vary_in_training_tells_nothing_of_a_person():
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.normal(size=(20, 2)), np.full(20, 5.0)])
+    model = Discriminants().fit(X, np.array(["a", "b"] * 10))
+    own = model.adapt(X[:4] + [0, 0, 3.0], np.array(["a", "b"] * 2))
+    np.testing.assert_allclose(own.decision_function(X), own.decision_function(X + [0, 0, 9.0]))

@@ -1,0 +1,122 @@
+"""A new person of whom some captures are known: leave one subject out, and calibrate on a part of theirs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from protocols.subjects import LOSO, natural_order
+
+APART = {"subject", "gesture", "repetition", "split"}  # columns that are no conditions
+
+
+class Personal:
+    """Train on all other subjects, and on some captures of the tested one (a calibration).
+
+    The captures of a subject are dealt into two halves, class by class. A calibration is drawn from one half and tested
+    on the other, and the other way round, so that in each draw every capture is tested once, whatever the number of
+    shots; without shots this is leaving one subject out. Draws are nested: with three shots there are the two that two
+    have, and one more. Of a class with fewer captures in a half all are taken.
+
+    A system that can adapt (`models.contract.adapts`) is fitted to the others once and adapted in each draw; any other
+    one is fitted anew to the others and the shots, each ``weight`` times. Without labels it stays as it is.
+
+    Args:
+        shots: labelled captures of each class.
+        draws: calibrations that are drawn, each tested.
+        unlabelled: a whole half, without labels, in place of shots.
+        weight: how often a shot counts for a system that cannot adapt.
+        seed: of halves and draws.
+    """
+
+    def __init__(
+        self, shots: int = 0, draws: int = 5, unlabelled: bool = False, weight: int = 10, seed: int = 0
+    ) -> None:
+        self.shots = shots
+        self.draws = draws
+        self.unlabelled = unlabelled
+        self.weight = weight
+        self.seed = seed
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be.
+
+        Raises:
+            InputError: one of them.
+        """
+        for name, least in (("shots", 0), ("draws", 1), ("weight", 1)):
+            if getattr(self, name) < least:
+                raise InputError(f"protocol.{name}={getattr(self, name)}: give {least} or more")
+        if self.unlabelled and self.shots:
+            raise InputError(
+                f"protocol.shots={self.shots}: shots have labels; leave them out with protocol.unlabelled=true"
+            )
+
+    def label(self, corpus: Corpus) -> str:
+        """The words that stand in every row of results."""
+        seen = "half of the captures without labels" if self.unlabelled else f"{self.shots} shots"
+        drawn = f", {self.draws} draws" if self.shots else ""
+        return f"personal, {seen}{drawn}{self._conditions(corpus)} ({len(set(corpus.subjects))} subjects)"
+
+    def split(
+        self, X: Corpus, y: np.ndarray | None = None, groups: np.ndarray | None = None
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield (train, test) capture indices, without the shots, subjects in natural order.
+
+        Raises:
+            InputError: parameters that cannot be, or there is only one subject.
+        """
+        self.check()
+        yield from LOSO().split(X, y, groups)
+
+    def calibrations(
+        self, X: Corpus, y: np.ndarray | None = None, groups: np.ndarray | None = None
+    ) -> Iterator[list[list[tuple[np.ndarray, np.ndarray]]]]:
+        """Of each fold and draw, pairs of indices: captures that are known of the subject, and those tested then."""
+        labels = (X.gestures if y is None else np.asarray(y)).astype(str)
+        for _, own in LOSO().split(X, y, groups):
+            parts = [own[labels[own] == name] for name in natural_order(labels[own])]
+            halves = self._halves(X, parts)
+            if self.unlabelled:
+                yield [[(halves[0], halves[1]), (halves[1], halves[0])]]
+            elif not self.shots:
+                yield [[(own[:0], own)]]
+            else:
+                yield [self._draw(X, parts, halves, draw) for draw in range(1, self.draws + 1)]
+
+    def _halves(self, X: Corpus, parts: list[np.ndarray]) -> list[np.ndarray]:
+        """The captures of a subject, given class by class, in two halves; the odd ones go to either in turn."""
+        halves: list[list[np.ndarray]] = [[], []]
+        for number, part in enumerate(parts):
+            mixed = self._rng(X, part, 0).permutation(part)
+            halves[number % 2].append(mixed[::2])
+            halves[1 - number % 2].append(mixed[1::2])
+        return [np.sort(np.concatenate(half)) for half in halves]
+
+    def _draw(
+        self, X: Corpus, parts: list[np.ndarray], halves: list[np.ndarray], draw: int
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        orders = [self._rng(X, part, draw).permutation(part) for part in parts]
+        pairs = []
+        for half, other in (halves, halves[::-1]):
+            known = [order[np.isin(order, half)][: self.shots] for order in orders]
+            pairs.append((np.sort(np.concatenate(known)), other))
+        return pairs
+
+    def _rng(self, X: Corpus, part: np.ndarray, draw: int) -> np.random.Generator:
+        """Random numbers of some captures, whichever others there are."""
+        return np.random.default_rng([self.seed, draw, *(int(i) for i in X.index[part])])
+
+    def _conditions(self, corpus: Corpus) -> str:
+        """Whether a tested capture has the very conditions of one in the other half; nothing where there are none."""
+        names = [c for c in corpus.captures if c not in APART and c not in corpus.target.split("+")]
+        if not names or not (self.shots or self.unlabelled):
+            return ""
+        about = corpus.captures[names].astype(str).assign(class_=corpus.gestures.astype(str))
+        kinds = about.agg(" ".join, axis=1).to_numpy()
+        pairs = [pair for draws in self.calibrations(corpus) for pair in draws[0]]
+        same = any(np.isin(kinds[tested], kinds[known]).any() for known, tested in pairs)
+        return ", under the same conditions" if same else ", under other conditions"
