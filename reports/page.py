@@ -21,6 +21,7 @@ from reports import behaviour, curves, details, ranks, recomputed, speed
 from reports.comparison import comparison, published, shown
 from reports.figures import Picture
 from reports.layout import Block, Chart, Heading, Table, Text, footnotes, markdown, page
+from reports.newcomers import newcomer_blocks
 from reports.provenance import provenance, software
 from reports.sheet import write_sheet
 from reports.verdicts import against
@@ -103,6 +104,7 @@ def assemble(
     for title, found in {
         "Stress": behaviour.stress_blocks(store, folder),
         "Stream": behaviour.stream_blocks(store, folder),
+        "A new person": newcomer_blocks(store, runs, folder),
     }.items():
         blocks += [Heading(title), *found] if found else []
     blocks += [Heading("Provenance"), *provenance_blocks(runs, from_runs)]
