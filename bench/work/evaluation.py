@@ -27,6 +27,7 @@ class Evaluation(Experiment[pd.DataFrame]):
     kind: ClassVar[str] = "cell"
     fold_kind: ClassVar[str] = "fold"
     heading: ClassVar[str] = "Accuracy in percent; SD over subjects"
+    adapts: ClassVar[bool] = True
 
     def command(self, cell: Cell) -> str:
         """``run``, ``tune`` or ``choose``, as the cell is searched or not."""

@@ -29,12 +29,15 @@ class Experiment(Generic[Shown]):
         fold_kind: tag of its folds.
         heading: above the table of rows.
         columns: of its table besides those of predictions; a corpus cannot have them.
+        adapts: whether it gives systems what is known of the person who is tested; a protocol that tells it is refused
+            by one that does not.
     """
 
     kind: ClassVar[str]
     fold_kind: ClassVar[str]
     heading: ClassVar[str]
     columns: ClassVar[frozenset[str]] = frozenset()
+    adapts: ClassVar[bool] = False
 
     def options(self) -> dict[str, object]:
         """Tracked as parameters, by default the fields under ``<kind>.``."""

@@ -89,6 +89,11 @@ def prepared(asked: Iterable[Cell], experiments: Sequence[Experiment[Shown]], jo
     """
     todo = [(plan, experiment) for plan in planned(list(asked), jobs) for experiment in experiments]
     for plan, experiment in todo:
+        if not experiment.adapts and any(fold.known for fold in plan.folds):
+            raise InputError(
+                f"protocol={plan.cell.protocol}: bench {experiment.kind} tests systems as they are for anybody; leave "
+                "shots and unlabelled out"
+            )
         taken = (RESERVED | experiment.columns) & set(plan.corpus.captures)
         if taken:
             raise InputError(
