@@ -133,6 +133,17 @@ bench predict and bench stream source=- accept. Prints its address in the store.
   bench fit data=haart model=svm features=jung54 out=svm
   mlflow models serve -m svm --env-manager local
 """
+ADAPT = """\
+bench adapt MODEL FILE out=FOLDER [labels=no] [rate_hz=]
+
+Adapts a saved system to one person, in well under a second: FILE holds some of their captures, in the format of bench
+data import table. With a column gesture the system learns from them, else (or with labels=no) only how this person
+differs from those of training. Saves the adapted system as a folder, which bench predict and bench stream source=-
+accept; MODEL stays as it is. reflex and lda can adapt. What it is worth: bench run protocol=personal.
+
+  bench fit data=haart model=reflex out=rec
+  bench adapt rec anna.csv out=rec_anna
+"""
 PREDICT = """\
 bench predict MODEL FILE [out=labels.csv] [rate_hz=]
 
@@ -230,6 +241,7 @@ COMMANDS = {
         STREAM,
     ),
     "fit": ("bench.commands.fit:fit", "train one system on all captures and save it as an MLflow model", FIT),
+    "adapt": ("bench.commands.fit:adapt", "adapt a saved model to one person", ADAPT),
     "predict": ("bench.commands.fit:predict", "label the captures of a file with a saved model", PREDICT),
     "check": ("bench.commands.check:check", "compare with a stored baseline, a gate for CI", CHECK),
     "systems": ("bench.commands.systems:systems", "list published numbers and the commands that repeat them", SYSTEMS),

@@ -1,8 +1,9 @@
-"""The commands ``bench fit`` and ``bench predict``: the system that is shipped, and labels from it."""
+"""The commands ``bench fit``, ``bench predict`` and ``bench adapt``: a system that is shipped, asked, and adapted."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.corpora.table import read_unlabelled
 from bench.errors import InputError, nearest
@@ -11,8 +12,12 @@ from bench.plan.cells import Cell, cells
 from bench.scratch import replacing
 from reports.sheet import write_sheet
 
+if TYPE_CHECKING:
+    from bench.corpora.corpus import Corpus
+    from bench.work.saved import Recogniser
+
 KEYS = {"data", "where", "target", "features", "model", "seed", "out"}
-OPTIONS = ("out", "rate_hz")  # of predict
+OPTIONS = ("out", "rate_hz")  # of predict, and of adapt
 
 
 def fit(arguments: list[str]) -> int:
@@ -49,26 +54,7 @@ def predict(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the file cannot be used.
     """
-    match arguments:
-        case [model, path, *options] if path.partition("=")[0] not in OPTIONS or Path(path).is_file():
-            pass
-        case _:
-            raise InputError("give a model and a file: bench predict MODEL FILE; see bench predict --help")
-    values = {}
-    for option in options:
-        name, _, value = option.partition("=")
-        if name not in OPTIONS or not value:
-            raise InputError(f"{option!r}: no such option; {nearest(name, OPTIONS)}")
-        if name in values:
-            raise InputError(f"{name}= is given twice; give it once")
-        values[name] = value
-    from bench.work.saved import load
-
-    rate = number("rate_hz", values["rate_hz"]) if "rate_hz" in values else None
-    recogniser = load(model)
-    if rate is not None:
-        recogniser.check_rate(rate)
-    corpus = read_unlabelled(Path(path), recogniser.rate_hz, recogniser.grid, recogniser.full_scale)
+    recogniser, corpus, values = _read("predict", arguments, OPTIONS)
     table = recogniser.label(corpus)
     table.insert(0, "capture", corpus.captures["capture"])
     if "out" not in values:
@@ -81,3 +67,57 @@ def predict(arguments: list[str]) -> int:
         raise InputError(f"out={values['out']}: cannot be written ({e.strerror or e}); choose another file") from e
     print(f"{values['out']}: {len(table)} captures labelled")
     return 0
+
+
+def adapt(arguments: list[str]) -> int:
+    """Adapt a saved system to the captures of one person in a file, and save it.
+
+    Raises:
+        InputError: something in the arguments or the file cannot be used, or the system cannot adapt.
+    """
+    from bench.work.fit import new_folder, save_adapted
+
+    recogniser, corpus, values = _read("adapt", arguments, (*OPTIONS, "labels"))
+    if "out" not in values:
+        raise InputError("bench adapt needs out=, the folder of the adapted system")
+    out = new_folder(Path(values["out"]))
+    if (labels := values.get("labels", "yes")) not in ("yes", "no"):
+        raise InputError(f"labels={labels}: give yes or no")
+    known = corpus.captures.get("gesture")
+    if labels == "no" or known is None or not known.ne("").any():
+        known = None
+    elif not known.ne("").all():
+        raise InputError(f"{arguments[1]}: some captures have a gesture and some have none; give all, or labels=no")
+    seconds = save_adapted(arguments[0], recogniser, corpus, None if known is None else known.to_numpy(), out)
+    said = "without labels" if known is None else "with labels"
+    print(f"{out}: adapted to {len(corpus)} captures {said} in {seconds:.2f} s")
+    return 0
+
+
+def _read(command: str, arguments: list[str], known: tuple[str, ...]) -> tuple[Recogniser, Corpus, dict[str, str]]:
+    """The model and the captures that a command names, and its options.
+
+    Raises:
+        InputError: something in the arguments or the file cannot be used.
+    """
+    match arguments:
+        case [model, path, *options] if path.partition("=")[0] not in known or Path(path).is_file():
+            pass
+        case _:
+            raise InputError(f"give a model and a file: bench {command} MODEL FILE; see bench {command} --help")
+    values: dict[str, str] = {}
+    for option in options:
+        name, _, value = option.partition("=")
+        if name not in known or not value:
+            raise InputError(f"{option!r}: no such option; {nearest(name, known)}")
+        if name in values:
+            raise InputError(f"{name}= is given twice; give it once")
+        values[name] = value
+    from bench.work.saved import load
+
+    rate = number("rate_hz", values["rate_hz"]) if "rate_hz" in values else None
+    recogniser = load(model)
+    if rate is not None:
+        recogniser.check_rate(rate)
+    corpus = read_unlabelled(Path(path), recogniser.rate_hz, recogniser.grid, recogniser.full_scale)
+    return recogniser, corpus, values

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
+import time
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +24,9 @@ from bench.work.tracking import key_of, log_captures, params_of, tags_of
 from models import contract
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from bench.corpora.corpus import Corpus
     from bench.work.saved import Recogniser
 
 EXAMPLE_FRAMES = 3
@@ -65,8 +70,8 @@ def fit(cell: Cell, out: Path | None = None) -> Fitted:
     Raises:
         InputError: something in the cell or the data cannot be used, or the model cannot be written.
     """
-    if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"out={out}: there is something already; name a folder that is new or empty")
+    if out is not None:
+        new_folder(out)
     estimator, corpus = checked(cell), corpus_of(cell)
     contract.check_training(estimator, corpus, corpus.gestures)
     store, threads = connect(), usable_cores()
@@ -101,6 +106,50 @@ def fit(cell: Cell, out: Path | None = None) -> Fitted:
             if out is not None:  # last, so that what is killed before can be repeated: the folder is not there yet
                 _save(model, out)
     return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus))
+
+
+def new_folder(out: Path) -> Path:
+    """A folder that is new or empty.
+
+    Raises:
+        InputError: there is something already.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"out={out}: there is something already; name a folder that is new or empty")
+    return out
+
+
+def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarray | None, out: Path) -> float:
+    """Adapt a saved system to one person, save it as a folder, and say how many seconds adapting took.
+
+    Args:
+        model: where it was saved.
+        recogniser: what was saved there.
+        corpus: some captures of the person.
+        y: their class names; None where they are not known.
+        out: a folder that is new or empty.
+
+    Raises:
+        InputError: the system cannot adapt, a class that it does not know, or the folder cannot be written.
+    """
+    import mlflow
+
+    from bench.work.saved import by_value, quiet
+
+    if not contract.adapts(recogniser.estimator):
+        raise InputError(f"{model} cannot adapt to a person: of the built-in systems reflex and lda can")
+    if unknown := sorted({str(name) for name in y} - set(recogniser.classes)) if y is not None else []:
+        raise InputError(f"gesture {unknown[0]} is none that {model} knows: {', '.join(recogniser.classes)}")
+    began = time.perf_counter()
+    own = copy(recogniser)
+    own.estimator = contract.adapted(recogniser.estimator, corpus, y)
+    spent = time.perf_counter() - began
+    by_value()
+    with quiet():
+        needed = Path(mlflow.pyfunc.get_model_dependencies(model)).read_text(encoding="utf-8").splitlines()
+        arguments = own.model([], corpus[0][:EXAMPLE_FRAMES]) | {"pip_requirements": [n for n in needed if n.strip()]}
+        _save(arguments, out)
+    return spent
 
 
 def _save(model: dict[str, Any], out: Path) -> None:
