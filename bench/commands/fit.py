@@ -83,11 +83,7 @@ def adapt(arguments: list[str]) -> int:
     out = new_folder(Path(values["out"]))
     if (labels := values.get("labels", "yes")) not in ("yes", "no"):
         raise InputError(f"labels={labels}: give yes or no")
-    known = corpus.captures.get("gesture")
-    if labels == "no" or known is None or not known.ne("").any():
-        known = None
-    elif not known.ne("").all():
-        raise InputError(f"{arguments[1]}: some captures have a gesture and some have none; give all, or labels=no")
+    known = corpus.captures.get("gesture") if labels == "yes" else None
     seconds = save_adapted(arguments[0], recogniser, corpus, None if known is None else known.to_numpy(), out)
     said = "without labels" if known is None else "with labels"
     print(f"{out}: adapted to {len(corpus)} captures {said} in {seconds:.2f} s")
