@@ -76,7 +76,7 @@ def test_mistakes_are_one_line_and_leave_nothing(person, tmp_path, capsys):
         (model, str(tmp_path / "gone.csv"), out): "there is no such file",
         (model, path, out, "weight=3"): "no such option",
         (model,): "give a model and a file",
-        (str(tmp_path / "nothing"), path, out): "cannot be loaded",
+        (str(tmp_path / "nothing"), path, out): "not a saved model",
     }.items():
         assert main(["adapt", *arguments]) == 2
         told = "".join(capsys.readouterr())
