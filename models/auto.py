@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import time
-import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.pareto import front
 from bench.progress import tell
 from bench.quantities import quantity
 from models import contract, portfolio
@@ -27,14 +22,12 @@ from models.portfolio import Trial
 from models.recipe import Recipe
 from models.space import Range
 from models.study import identity, in_memory, open_study
+from models.trials import COSTS, Tried, frozen, table_of, thawed, together, told, within
 
 if TYPE_CHECKING:
     import optuna
     from optuna import Study
-    from optuna.distributions import BaseDistribution
-    from optuna.trial import FrozenTrial
 
-COSTS = {"flash": "flash_bytes", "ram": "ram_bytes", "predict": "predict_ms"}
 UNIT = {"flash": 1e3, "ram": 1e3, "predict": 1.0}  # of a limit, in those of the trials
 GROWTH = 4.0  # how much more work than the best one of its model a trial may be
 SMALL = 0.3  # seconds of work that any model may begin with
@@ -45,39 +38,7 @@ CAUTION = 1.2  # times what a trial should take must be left
 SKIPS = 5  # drawn trials one after the other that would take too long end the search
 SPARE = 0.02  # of the budget, for what cannot be foreseen
 CHEAP = 3  # of those that come first, where there is no time to judge any
-STATES = {"complete": "COMPLETE", "pruned": "PRUNED"}  # of Optuna; others are no trials to it
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
-
-
-@dataclass
-class Tried:
-    """One trial.
-
-    Attributes:
-        trial: what was tried.
-        state: ``complete``; ``pruned``, as it was worse; ``large``, as it exceeds a limit; ``late``, as it took too
-            long; ``skipped``, as it would have; ``failed``; ``unjudged`` where there was no time for any.
-        seconds: that it took.
-        subjects: accuracy of each left-out training subject.
-        fit_seconds: what a fit to the whole training part should take.
-        costs: bytes in flash and memory with 32 bits a number, milliseconds of a decision.
-        proba: of left-out captures, float16 [captures, classes]; None for what is not complete.
-        error: of one that failed.
-    """
-
-    trial: Trial
-    state: str
-    seconds: float = 0.0
-    subjects: dict[str, float] = field(default_factory=dict)
-    fit_seconds: float = 0.0
-    costs: dict[str, float] = field(default_factory=dict)
-    proba: np.ndarray | None = None
-    error: str = ""
-
-    @property
-    def accuracy(self) -> float:
-        """Mean over subjects; not a number where none was judged."""
-        return float(np.mean([*self.subjects.values()])) if self.subjects else float("nan")
 
 
 class Auto(ClassifierMixin, BaseEstimator):
@@ -212,7 +173,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         X, y = X[self.part_], np.asarray(y)[self.part_]
         inner = self._inner(X, y, self._folds(X, y))
         with open_study(self.study_key(), X, y, ["maximize"], WORSE) as study:
-            self.tried_ = [_thawed(t, inner) for t in study.get_trials(deepcopy=False)][: self.trials]
+            self.tried_ = [thawed(t, inner) for t in study.get_trials(deepcopy=False)][: self.trials]
             stored = sum(t.seconds for t in self.tried_)
             clock = Clock(began - stored, self.budget)
             self._search(inner, study, clock)
@@ -221,8 +182,8 @@ class Auto(ClassifierMixin, BaseEstimator):
         chosen = self._fitted(inner, clock)
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
         self.classes_ = self.best_.classes_
-        self.trials_ = _table(self.tried_, chosen)
-        self.chosen_ = _told(self.tried_, chosen, self.part_)
+        self.trials_ = table_of(self.tried_, chosen)
+        self.chosen_ = told(self.tried_, chosen, self.part_)
         return self
 
     def _inner(self, X: Corpus, y: np.ndarray, folds: list) -> Inner:
@@ -271,7 +232,7 @@ class Auto(ClassifierMixin, BaseEstimator):
     def _search(self, inner: Inner, study: Study, clock: Clock) -> None:
         """Try one after the other, until there is no time or trial left."""
         memory = in_memory(WORSE)
-        memory.add_trials([_frozen(tried, self._limits()) for tried in self.tried_])
+        memory.add_trials([frozen(tried, self._limits()) for tried in self.tried_])
         while self.trials is None or len(self.tried_) < self.trials:
             began = time.perf_counter()
             left = clock.left - clock.spare - self._last_fits(inner, clock.left)
@@ -285,9 +246,9 @@ class Auto(ClassifierMixin, BaseEstimator):
             tried.seconds = time.perf_counter() - began
             self.tried_.append(tried)
             tell(self._progress(clock))
-            frozen = _frozen(tried, self._limits())
-            memory.add_trial(frozen)
-            study.add_trial(frozen)
+            kept = frozen(tried, self._limits())
+            memory.add_trial(kept)
+            study.add_trial(kept)
 
     def _progress(self, clock: Clock) -> str:
         """Trials, the best so far, time left."""
@@ -506,94 +467,6 @@ class Clock:
         return self.budget - (time.perf_counter() - self.began)
 
 
-def together(costs: list[dict[str, float]]) -> dict[str, float]:
-    """What several systems cost that decide one after the other."""
-    found = {name: sum(each[name] for each in costs) for name in COSTS.values()}
-    return found | {"ram_bytes": max(each["ram_bytes"] for each in costs)}
-
-
 def _last_fit(inner: Inner, tried: Tried) -> float:
     """Seconds that the last fit of a trial should take."""
     return tried.fit_seconds + inner.tabling(tried.trial)
-
-
-def within(costs: dict[str, float], limits: dict[str, float]) -> bool:
-    """Whether no cost that is known exceeds its limit."""
-    return all(costs[name] <= limit for name, limit in limits.items() if name in costs)
-
-
-def _frozen(tried: Tried, limits: dict[str, float]) -> FrozenTrial:
-    """A trial as a study holds it: one that exceeds a limit is worse than any that does not."""
-    import optuna
-
-    state = optuna.trial.TrialState[STATES.get(tried.state, "FAIL")]
-    told = {name: getattr(tried, name) for name in ("state", "seconds", "subjects", "fit_seconds", "costs", "error")}
-    if tried.proba is not None:
-        told["proba"] = base64.b64encode(zlib.compress(tried.proba.tobytes())).decode()
-    spaces = portfolio.BEFORE | {
-        f"{m}.{k}": values for m, space in portfolio.SPACES.items() for k, values in space.items()
-    }
-    spaces |= {"model": list(portfolio.MODELS), "features": list(portfolio.FEATURES)}
-    return optuna.trial.create_trial(
-        state=state,
-        value=tried.accuracy - (not within(tried.costs, limits)) if tried.state == "complete" else None,
-        params=tried.trial,
-        distributions={key: _distribution(spaces[key]) for key in tried.trial},
-        user_attrs=told,
-        intermediate_values=dict(enumerate(tried.subjects.values())),
-    )
-
-
-def _distribution(values: Range | Sequence) -> BaseDistribution:
-    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
-
-    if not isinstance(values, Range):
-        return CategoricalDistribution(list(values))
-    whole = isinstance(values.low, int) and isinstance(values.high, int)
-    return (IntDistribution if whole else FloatDistribution)(values.low, values.high, log=values.log)
-
-
-def _thawed(frozen: FrozenTrial, inner: Inner) -> Tried:
-    told = dict(frozen.user_attrs)
-    if "proba" in told:
-        values = zlib.decompress(base64.b64decode(told["proba"]))
-        told["proba"] = np.frombuffer(values, dtype=np.float16).reshape(len(inner.y), len(inner.classes))
-    return Tried(dict(frozen.params), **told)
-
-
-def _table(tried: list[Tried], chosen: list[tuple[Tried, float]]) -> pd.DataFrame:
-    """A row per trial, in their order; ``ended`` in seconds of the search."""
-    weights = {id(t): w for t, w in chosen}
-    rows = [
-        t.trial
-        | {"state": t.state, "accuracy": t.accuracy, "subjects": len(t.subjects), "seconds": t.seconds}
-        | {"ended": end, "fit_seconds": t.fit_seconds, "weight": weights.get(id(t), 0.0)}
-        | {name: t.costs.get(name, np.nan) for name in COSTS.values()}
-        for t, end in zip(tried, np.cumsum([t.seconds for t in tried]), strict=True)
-    ]
-    table = pd.DataFrame(rows)
-    judged = table["accuracy"].where(table["state"] == "complete").to_numpy()
-    for cost, name in COSTS.items():
-        table[f"front_{cost}"] = front(judged, table[name].where(table["state"] == "complete").to_numpy())
-    return table
-
-
-def _told(tried: list[Tried], chosen: list[tuple[Tried, float]], part: slice | np.ndarray) -> dict[str, object]:
-    """What was chosen, in words, and how far the search got."""
-    found: dict[str, object] = {str(i): f"{w:.2f} {named(t.trial)}" for i, (t, w) in enumerate(chosen, 1)}
-    states = [t.state for t in tried]
-    found |= {name: states.count(name) for name in ("complete", "pruned", "large", "late", "skipped", "failed")}
-    found |= {"error": next(t.error for t in tried if t.error)} if "failed" in states else {}
-    return found | ({} if isinstance(part, slice) else {"captures": len(part)})
-
-
-def named(trial: Trial) -> str:
-    """A trial in words: ``lda · touch, window 1, shrinkage 0.2``; what captures and columns are left at is left out."""
-    first = {k: list(values)[0] for k, values in portfolio.BEFORE.items()}
-    parts = [f"{k} {_short(trial[k])}" for k in first if trial[k] != first[k]]
-    parts += [f"{k.partition('.')[2]} {_short(v)}" for k, v in trial.items() if "." in k]
-    return f"{trial['model']} · {', '.join([str(trial['features']), *parts])}"
-
-
-def _short(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -22,7 +22,8 @@ from bench.plan.arguments import KEYS, jobs_of, parse
 from bench.plan.cells import cells
 from bench.plan.plan import Plan, planned
 from bench.work.fold import computing
-from models.auto import COSTS, Auto, named
+from models.auto import Auto
+from models.trials import COSTS, named
 from reports.figures import Picture, new_figure, save
 
 if TYPE_CHECKING:
