@@ -63,7 +63,8 @@ def curve_of(store: Store, runs: pd.DataFrame) -> pd.DataFrame:
     """
     people: dict[str, pd.Series] = {}
     for known, rows in runs.groupby(runs.apply(known_of, axis=1), sort=False):
-        found = [pd.Series(subject_accuracy(store, row)) for row in rows_of(rows)]
+        newest = rows.drop_duplicates("seed", keep="last")
+        found = [pd.Series(subject_accuracy(store, row)) for row in rows_of(newest)]
         people[str(known)] = pd.concat(found, axis=1).mean(axis=1)
     wide = pd.DataFrame(people).dropna()
     order = sorted(wide, key=lambda known: 0.5 if known == WITHOUT else float(known))

@@ -20,7 +20,12 @@ def test_gains_are_paired_and_who_loses_is_named(monkeypatch):
     people = {"0": [80.0, 60.0, 70.0], "2": [90.0, 70.0, 65.0], WITHOUT: [82.0, 58.0, 70.0]}
     runs = pd.DataFrame(
         [
-            {"protocol.shots": "0" if k == WITHOUT else k, "protocol.unlabelled": str(k == WITHOUT), "of": k}
+            {
+                "protocol.shots": "0" if k == WITHOUT else k,
+                "protocol.unlabelled": str(k == WITHOUT),
+                "of": k,
+                "seed": "0",
+            }
             for k in people
         ]
     )
