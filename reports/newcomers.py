@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 import pandas as pd
@@ -128,7 +129,9 @@ def drawn(found: dict[str, pd.DataFrame], context: str, caption: str, folder: Pa
         colour = f"C{i}"
         low, high = curve["accuracy"] - curve["low"], curve["high"] - curve["accuracy"]
         axis.errorbar(place, curve["accuracy"], yerr=[low, high], fmt="none", ecolor=colour, elinewidth=1, alpha=0.5)
-        axis.plot(place[labelled], curve["accuracy"][labelled], color=colour, marker=MARKERS[i], ms=5, label=system)
+        axis.plot(
+            place[labelled], curve["accuracy"][labelled], color=colour, marker=MARKERS[i], ms=5, label=fill(system, 34)
+        )
         axis.plot(place[~labelled], curve["accuracy"][~labelled], color=colour, marker=MARKERS[i], ms=5, mfc="w", ls="")
     axis.set_xticks(range(len(ticks)), ticks)
     axis.set_xlabel("captures of each class that are known of the person")
