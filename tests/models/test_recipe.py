@@ -31,7 +31,7 @@ from models import contract
 from models.cnn85 import CNN85
 from models.hughes2017 import Hughes2017CNN
 from models.lda import lda
-from models.recipe import Recipe, _of, mean_of, taken
+from models.recipe import Recipe, mean_of, rows_of, taken
 from models.rf import rf
 from models.rocket import Rocket
 from models.sizes import sizes
@@ -415,7 +415,7 @@ def test_kept_features_of_copies_are_those_of_copies_made_again(corpus, tmp_path
     assert kept.after(TouchFeatures(), given, steps) is None  # nothing is kept yet
     made, row = taken(given, list(steps))
     expected = TouchFeatures().transform(made)  # which keeps them
-    found, rows = _of(kept.after(TouchFeatures(), given, steps), given.index)
+    found, rows = rows_of(kept.after(TouchFeatures(), given, steps), given.index)
     pd.testing.assert_frame_equal(found, expected)
     assert np.array_equal(rows, row)
     monkeypatch.setattr(Faulted, "__call__", lambda *_: pytest.fail("a copy was damaged again"))
