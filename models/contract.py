@@ -148,6 +148,8 @@ def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
     if not isinstance(estimator, Pipeline):
         return estimator.adapt(X, y)  # type: ignore[attr-defined]
     *before, (name, last) = estimator.steps
+    if not before:
+        return last.adapt(X, y)
     return Pipeline([*before, (name, last.adapt(Pipeline(before).transform(X), y))])
 
 

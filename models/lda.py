@@ -98,9 +98,10 @@ class Discriminants(ClassifierMixin, BaseEstimator):
     def adapt(self, X: pd.DataFrame | np.ndarray, y: np.ndarray | None, weight: float = WEIGHT) -> Discriminants:
         """The same for one person: features measured from their own mean, and with labels their captures learnt too.
 
-        The mean of the person's rows takes the place of that of training, without labels only as far as there are
-        captures: with n of them n / (n + 5) of the way, since a few may be of a few gestures. With labels, the rows
-        join those of training with a weight, in closed form: the statistics that were learnt are all that is needed.
+        With as many labelled captures of each class, the mean of the person's rows takes the place of that of training.
+        Of others, n captures go n / (n + 5) of the way: towards the mean of what is left of their rows when those with
+        labels are measured from their classes, since a few captures may be of a few classes. Rows with labels then join
+        those of training with a weight, in closed form: the statistics that were learnt are all that is needed.
 
         Args:
             X: features [rows, n_features] of some captures of the person.
@@ -111,19 +112,31 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         old = self.learnt_
         Z = (np.asarray(X, dtype=np.float64) - old.mean) / old.sd
         captures, _ = _rows(X, 1.0)
-        share = 1.0 if y is not None else (captures.max() + 1) / (captures.max() + 1 + PRIOR)
-        shift = share * Z.mean(axis=0)
+        codes = None if y is None else self._codes(y)
+        count = captures.max() + 1
+        rest, share = Z, count / (count + PRIOR)
+        if codes is not None:
+            each = np.bincount(codes[np.unique(captures, return_index=True)[1]], minlength=len(self.classes_))
+            rest, share = (Z, 1.0) if (each == each[0]).all() else (Z - old.centres[codes], share)
+        shift = share * rest.mean(axis=0)
         total = old.heavy.sum()
         found.learnt_ = replace(old, mean=old.mean + np.where(np.isfinite(old.sd), old.sd, 0) * shift)
-        if y is not None:
-            if not np.isin(y, self.classes_).all():
-                unknown = sorted(set(map(str, y)) - set(map(str, self.classes_)))
-                raise InputError(f"{unknown[0]!r} is none of the classes that were learnt")
-            codes = np.searchsorted(self.classes_, y)
+        if codes is not None:
             found.learnt_ = found._joined(Z - shift, codes, captures, np.full(len(Z), weight))
             total += weight * len(Z)
         found._solve(total)
         return found
+
+    def _codes(self, y: np.ndarray) -> np.ndarray:
+        """Positions of class names.
+
+        Raises:
+            InputError: one of them was never learnt.
+        """
+        if not np.isin(y, self.classes_).all():
+            unknown = sorted(set(map(str, y)) - set(map(str, self.classes_)))
+            raise InputError(f"{unknown[0]!r} is none of the classes that were learnt")
+        return np.searchsorted(self.classes_, y)
 
     def _joined(self, Z: np.ndarray, codes: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> Learnt:
         """What was learnt, and more rows."""

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from protocols.subjects import LOSO, natural_order
 
+WEIGHT = 10
 APART = {"subject", "gesture", "repetition", "split"}  # columns that are no conditions
 
 
@@ -33,7 +35,7 @@ class Personal:
     """
 
     def __init__(
-        self, shots: int = 0, draws: int = 5, unlabelled: bool = False, weight: int = 10, seed: int = 0
+        self, shots: int = 0, draws: int = 5, unlabelled: bool = False, weight: int = WEIGHT, seed: int = 0
     ) -> None:
         self.shots = shots
         self.draws = draws
@@ -47,7 +49,7 @@ class Personal:
         Raises:
             InputError: one of them.
         """
-        for name, least in (("shots", 0), ("draws", 1), ("weight", 1)):
+        for name, least in (("shots", 0), ("draws", 1), ("weight", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"protocol.{name}={getattr(self, name)}: give {least} or more")
         if self.unlabelled and self.shots:
@@ -57,8 +59,10 @@ class Personal:
 
     def label(self, corpus: Corpus) -> str:
         """The words that stand in every row of results."""
-        seen = "half of the captures without labels" if self.unlabelled else f"{self.shots} shots"
+        seen = "half of the captures without labels" if self.unlabelled else f"{self._fewest(corpus)}{self.shots} shots"
         drawn = f", {self.draws} draws" if self.shots else ""
+        drawn += f", counted {self.weight} times" if self.shots and self.weight != WEIGHT else ""
+        drawn += f", seed {self.seed}" if self.seed and (self.shots or self.unlabelled) else ""
         return f"personal, {seen}{drawn}{self._conditions(corpus)} ({len(set(corpus.subjects))} subjects)"
 
     def split(
@@ -109,6 +113,12 @@ class Personal:
     def _rng(self, X: Corpus, part: np.ndarray, draw: int) -> np.random.Generator:
         """Random numbers of some captures, whichever others there are."""
         return np.random.default_rng([self.seed, draw, *(int(i) for i in X.index[part])])
+
+    def _fewest(self, corpus: Corpus) -> str:
+        """``up to``, where a half of some subject holds fewer captures of a class."""
+        labels, who = corpus.gestures.astype(str), corpus.subjects.astype(str)
+        halves = pd.crosstab(who, labels).to_numpy() // 2
+        return "up to " if (halves < self.shots).any() else ""
 
     def _conditions(self, corpus: Corpus) -> str:
         """Whether a tested capture has the very conditions of one in the other half; nothing where there are none."""

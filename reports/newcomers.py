@@ -66,8 +66,11 @@ def curve_of(store: Store, runs: pd.DataFrame) -> pd.DataFrame:
     for known, rows in runs.groupby(runs.apply(known_of, axis=1), sort=False):
         newest = rows.drop_duplicates("seed", keep="last")
         found = [pd.Series(subject_accuracy(store, row)) for row in rows_of(newest)]
-        people[str(known)] = pd.concat(found, axis=1).mean(axis=1)
+        if any(map(len, found)):  # else its table is gone from the store
+            people[str(known)] = pd.concat(found, axis=1).mean(axis=1)
     wide = pd.DataFrame(people).dropna()
+    if wide.empty:
+        return pd.DataFrame()
     order = sorted(wide, key=lambda known: 0.5 if known == WITHOUT else float(known))
     nothing = wide["0"] if "0" in wide else None
     rows = []

@@ -83,6 +83,10 @@ def adapt(arguments: list[str]) -> int:
     out = new_folder(Path(values["out"]))
     if (labels := values.get("labels", "yes")) not in ("yes", "no"):
         raise InputError(f"labels={labels}: give yes or no")
+    if len(people := set(corpus.captures.get("subject", []))) > 1:
+        raise InputError(
+            f"{arguments[1]}: captures of {len(people)} subjects; a system adapts to one, so give theirs alone"
+        )
     known = corpus.captures.get("gesture") if labels == "yes" else None
     seconds = save_adapted(arguments[0], recogniser, corpus, None if known is None else known.to_numpy(), out)
     said = "without labels" if known is None else "with labels"

@@ -67,7 +67,8 @@ def read_unlabelled(path: Path, rate_hz: float, grid: tuple[int, int], full_scal
     """Captures that are to be labelled: as `read`, but ``subject`` and ``gesture`` may be missing.
 
     Returns:
-        A corpus with a column ``capture``: that of the file, or numbers from 1; and ``gesture`` where the file has it.
+        A corpus with a column ``capture``: that of the file, or numbers from 1; and ``subject`` and ``gesture`` where
+        the file has them.
 
     Raises:
         InputError: the file does not fit; the message names the line, or the array.
@@ -111,8 +112,9 @@ def _unlabelled(
 ) -> Corpus:
     names = captures["capture"] if "capture" in captures else np.arange(1, len(starts) + 1)
     about = pd.DataFrame({"capture": np.asarray(names).astype(str)})
-    if "gesture" in captures:
-        about["gesture"] = captures["gesture"].astype(str).to_numpy()
+    for name in ("subject", "gesture"):
+        if name in captures:
+            about[name] = captures[name].astype(str).to_numpy()
     return Corpus(frames, starts, lengths, about, rate_hz, full_scale, "unlabelled")
 
 

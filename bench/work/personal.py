@@ -50,7 +50,13 @@ def met(cell: Cell, corpus: Corpus, fold: Fold) -> Iterator[Met]:
     for number, draw in enumerate(known.draws, 1):
         name = fold.name if len(known.draws) == 1 else f"{fold.name} draw {number}"
         for shots, tested in draw:
-            if not alone:
+            if not len(tested):
+                continue
+            if not len(shots):  # of a person with one capture
+                if not alone:
+                    spent, alone = fitted(general, corpus[train]), True
+                yield Met(name, general, tested, spent)
+            elif not alone:
                 estimator = cell.estimator()
                 both = np.concatenate([train, np.repeat(shots, known.weight)])
                 yield Met(name, estimator, tested, fitted(estimator, corpus[both]))

@@ -63,6 +63,7 @@ def test_mistakes_are_one_line_and_leave_nothing(person, tmp_path, capsys):
     some = corpus.gestures.copy()
     some[own[0]] = ""
     partly = written(corpus, own[:4], tmp_path / "partly.csv", gesture=some)
+    two = written(corpus, own[:4], tmp_path / "two.csv", subject=np.arange(len(corpus)).astype(str))
     other = written(corpus, own[:4], tmp_path / "other.csv", gesture=np.full(len(corpus), "poke"))
     capsys.readouterr()
     out = f"out={tmp_path / 'new'}"
@@ -70,6 +71,7 @@ def test_mistakes_are_one_line_and_leave_nothing(person, tmp_path, capsys):
         (model, path): "needs out=",
         (fixed, path, out): "cannot adapt",
         (model, partly, out): "gesture is empty",
+        (model, two, out): "captures of 4 subjects",
         (model, other, out): "gesture poke is none that",
         (model, path, out, "labels=maybe"): "labels=maybe: give yes or no",
         (model, path, f"out={model}"): "there is something already",

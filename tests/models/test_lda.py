@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 from sklearn.base import clone
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
 from bench.corpora.steps import Faulted, Windows
@@ -18,6 +19,7 @@ from bench.plan.cells import cells
 from bench.plan.plan import checked
 from features.base import labels
 from features.jung28 import Jung28
+from models import contract
 from models.lda import Discriminants, lda
 from models.sizes import parameter_count
 from tests.conftest import random_corpus
@@ -238,8 +240,10 @@ def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labe
     own = general.adapt(P, yp if labelled else None, weight=4.0)
     mean, sd = X.to_numpy().mean(axis=0), X.to_numpy().std(axis=0)
     person = (P.to_numpy() - mean) / sd
-    shift = person.mean(axis=0) * (1 if labelled else 10 / 15)
     rows = (X.to_numpy() - mean) / sd
+    first = np.array([rows[y == c].mean(axis=0) for c in "012"])
+    rest = person - first[yp.astype(int)] if labelled else person  # 4, 3 and 3 captures of the classes
+    shift = rest.mean(axis=0) * 10 / 15
     names, weight, capture = y, np.ones(120), np.repeat(np.arange(40), 3)
     if labelled:
         rows, names = np.vstack([rows, person - shift]), np.concatenate([y, yp])
@@ -277,3 +281,27 @@ def test_a_feature_that_did_not_vary_in_training_tells_nothing_of_a_person():
     model = Discriminants().fit(X, np.array(["a", "b"] * 10))
     own = model.adapt(X[:4] + [0, 0, 3.0], np.array(["a", "b"] * 2))
     np.testing.assert_allclose(own.decision_function(X), own.decision_function(X + [0, 0, 9.0]))
+
+
+@pytest.mark.parametrize("known", [[0], [0, 0, 0], [0, 0, 1], [1, 2, 2]])
+def test_a_few_captures_of_a_few_classes_do_no_harm(known):
+    """Seven classes far apart: the mean of captures of one of them is not that of the person."""
+    rng = np.random.default_rng(0)
+    centres = 4 * rng.normal(size=(7, 10))
+    y = rng.integers(0, 7, 700)
+    general = Discriminants().fit(centres[y] + rng.normal(size=(700, 10)), y.astype(str))
+    probe = rng.integers(0, 7, 300)
+    X = centres[probe] + rng.normal(size=(300, 10))
+    own = general.adapt(centres[known] + rng.normal(size=(len(known), 10)), np.array(known).astype(str))
+    right = [np.mean(m.predict(X) == probe.astype(str)) for m in (general, own)]
+    assert right[1] > right[0] - 0.01
+
+
+def test_a_pipeline_of_one_step_adapts():
+    rng = np.random.default_rng(0)
+    X, y = rng.normal(size=(30, 3)), np.array(["a", "b", "c"] * 10)
+    alone, piped = Discriminants().fit(X, y), Pipeline([("classifier", Discriminants().fit(X, y))])
+    assert contract.adapts(piped)
+    np.testing.assert_array_equal(
+        contract.adapted(piped, X[:3], y[:3]).predict_proba(X), alone.adapt(X[:3], y[:3]).predict_proba(X)
+    )

@@ -81,6 +81,7 @@ def test_without_shots_it_is_leaving_one_subject_out():
     [
         ({"shots": -1}, "protocol.shots=-1: give 0 or more"),
         ({"draws": 0}, "protocol.draws=0: give 1 or more"),
+        ({"seed": -1}, "protocol.seed=-1: give 0 or more"),
         ({"weight": 0}, "protocol.weight=0: give 1 or more"),
         ({"shots": 2, "unlabelled": True}, "protocol.shots=2: shots have labels"),
     ],
@@ -98,6 +99,29 @@ def test_it_says_whether_conditions_are_shared():
     same = replace(corpus, captures=corpus.captures.assign(cover="fur"))
     assert "under the same conditions" in Personal(1).label(same)
     assert Personal(3, 2).label(corpus) == "personal, 3 shots, 2 draws (2 subjects)"
+
+
+def test_what_changes_numbers_is_in_the_label():
+    corpus = random_corpus(3, 8, longest=3)
+    protocols = [Personal(2), Personal(2, weight=3), Personal(2, seed=1), Personal(2, 2), Personal(1)]
+    protocols += [Personal(unlabelled=True), Personal(unlabelled=True, seed=1), Personal(5)]
+    assert len({p.label(corpus) for p in protocols}) == len(protocols)
+    assert "up to 5 shots" in Personal(5).label(corpus) and "up to" not in Personal(4).label(corpus)
+
+
+@pytest.mark.parametrize("system", ["model=lda", "model=svm"])
+@pytest.mark.parametrize("labelled", [True, False])
+def test_a_person_with_one_capture_is_tested_by_the_general_system(system, labelled):
+    corpus = random_corpus(4, 4, longest=60)
+    own = np.flatnonzero(corpus.subjects == "1")
+    corpus = corpus[np.setdiff1d(np.arange(len(corpus)), own[1:])]
+    protocol = Personal(unlabelled=True) if not labelled else Personal(2, 1)
+    pairs = next(protocol.calibrations(corpus))[0]
+    train, test = next(LOSO().split(corpus))
+    fold = Fold("1", train, test, Calibration((tuple(pairs),), labelled, 3))
+    cell = cells({"data": "synth", "protocol": "personal", "features": "touch", "model": system[6:]})[0]
+    (one,) = met(cell, corpus, fold)
+    assert one.tested.tolist() == test.tolist() and np.isfinite(one.estimator.predict_proba(corpus[test])).all()
 
 
 SYSTEMS = {
