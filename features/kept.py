@@ -31,7 +31,7 @@ def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
     if not X.digest or X.path is None:
         return features.extract(X)
     about = _about(features, X.digest, X.steps)
-    path = home() / "features" / f"{_key(about)}.parquet"
+    path = _path(about)
     try:
         table = _read(path, about)
     except Exception:  # not there yet, or damaged: pyarrow raises a dozen types where bytes mean nothing
@@ -54,7 +54,7 @@ def after(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | No
         return None
     about = _about(features, X.digest, steps)
     try:
-        return _read(home() / "features" / f"{_key(about)}.parquet", about)
+        return _read(_path(about), about)
     except Exception:  # not there, or damaged: as above
         return None
 
@@ -63,7 +63,7 @@ def is_kept(features: BaseEstimator, X: Corpus, steps: tuple = ()) -> bool:
     """Whether what steps make of the captures of a stored corpus has features that are kept."""
     if not X.digest or X.path is None:
         return False
-    return (home() / "features" / f"{cache_key(features, X.digest, (*X.steps, *steps))}.parquet").exists()
+    return _path(_about(features, X.digest, (*X.steps, *steps))).exists()
 
 
 def _extracted(features: BaseEstimator, whole: Corpus, steps: tuple) -> pd.DataFrame:
@@ -91,6 +91,11 @@ def _about(features: BaseEstimator, digest: str, steps: tuple) -> tuple[str, ...
     if not steps:
         return *said, source_digest(kind)
     return *said, source_digest(kind, *(code for step in steps for code in step.code())), repr(steps)
+
+
+def _path(about: tuple[str, ...]) -> Path:
+    """Where a table is kept."""
+    return home() / "features" / f"{_key(about)}.parquet"
 
 
 def _key(about: tuple[str, ...]) -> str:

@@ -20,7 +20,7 @@ from models.inner import inner_folds
 from models.judged import Inner
 from models.portfolio import Trial
 from models.recipe import Recipe
-from models.space import Range
+from models.space import suggested
 from models.study import identity, in_memory, open_study
 from models.trials import COSTS, Tried, frozen, table_of, thawed, together, told, within
 
@@ -46,17 +46,16 @@ class Auto(ClassifierMixin, BaseEstimator):
 
     A trial is judged by training subjects that are left out (groups of them), and given up as soon as a Wilcoxon
     signed-rank test over the subjects seen so far finds it worse than the best one (p < 0.1), unless it needs less than
-    half of the flash or memory of that. First come the trials of
-    `models.portfolio.FIRST`, cheap ones that are known to be good; then a tree-structured Parzen estimator draws from
-    `models.portfolio.SPACES`. A model may become larger only where its larger trials were its best: a trial is at most
-    four times the work of the best one of its model.
+    half of the flash or memory of that. First come the trials of `models.portfolio.FIRST`, cheap ones that are known to
+    be good; then a tree-structured Parzen estimator draws from `models.portfolio.SPACES`. A model may become larger
+    only where its larger trials were its best: a trial is at most four times the work of the best one of its model.
 
     At last an ensemble is picked from the left-out probabilities of the trials (`models.ensemble.selected`), begun with
     the most accurate one, and fitted to the whole training part.
 
     The budget is all of that: features that are not kept yet, trials, the last fits. A trial that cannot end in what
-    is left, after the last fits, is not begun. Where not even the features of all captures can be computed, every
-    second, third, ... capture is used. Without a budget nothing depends on time.
+    is left, after the last fits, is not begun. Where not even the features of all captures can be computed, as many as
+    there is time for are used. With ``budget=inf`` nothing depends on time, unless ``max_predict`` is asked for.
 
     Args:
         budget: seconds of the whole fit. How far it gets depends on the machine; ``chosen_`` tells.
@@ -167,8 +166,6 @@ class Auto(ClassifierMixin, BaseEstimator):
         """
         began = time.perf_counter()
         self.check()
-        self._heats: dict[int, float] = {}
-        self._costs: dict[int, dict[str, float]] = {}
         self.part_ = self._affordable(X, np.asarray(y))
         X, y = X[self.part_], np.asarray(y)[self.part_]
         inner = self._inner(X, y, self._folds(X, y))
@@ -210,9 +207,7 @@ class Auto(ClassifierMixin, BaseEstimator):
     def study_key(self) -> dict[str, object]:
         """What trials depend on besides captures and labels; not on how many there are, so that a study can grow."""
         limits = [self.max_flash, self.max_ram, self.max_predict, self.max_decision]
-        return {
-            "search": [identity(Auto), self.inner, self.seed, *limits, str(self.budget) if self.budget < np.inf else ""]
-        }
+        return {"search": [identity(Auto), self.inner, self.seed, self.budget, *limits]}
 
     def _affordable(self, X: Corpus, y: np.ndarray) -> slice | np.ndarray:
         """All captures, or as many of each class and subject as there is time to compute the features of."""
@@ -283,12 +278,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         trial: Trial = {"model": name, "features": asked.suggest_categorical("features", list(portfolio.FEATURES))}
         own = {f"{name}.{k}": values for k, values in portfolio.SPACES[name].items()}
         for key, values in (portfolio.BEFORE | own).items():
-            if not isinstance(values, Range):
-                trial[key] = asked.suggest_categorical(key, list(values))
-            elif isinstance(values.low, int) and isinstance(values.high, int):
-                trial[key] = asked.suggest_int(key, values.low, values.high, log=values.log)
-            else:
-                trial[key] = asked.suggest_float(key, values.low, values.high, log=values.log)
+            trial[key] = suggested(asked, key, values)
         memory.tell(asked, state=optuna.trial.TrialState.FAIL)  # it is added when it was tried
         return trial
 
@@ -346,6 +336,7 @@ class Auto(ClassifierMixin, BaseEstimator):
                 return
             if number == len(inner.folds):
                 tried.costs = inner.costs(system)
+                tried.heat = temperature_of(tried.proba, inner.codes)
             elif self._behind(asked, tried):
                 tried.state = "pruned"
                 return
@@ -362,32 +353,30 @@ class Auto(ClassifierMixin, BaseEstimator):
         best = max(rivals, key=lambda t: t.accuracy)
         return not any(value < best.costs[name] / 2 for name, value in tried.costs.items())
 
-    def _picked(self, inner: Inner, left: float) -> list[tuple[Tried, float]]:
-        """Trials that decide together, and how much each counts; their last fits should end in the seconds left."""
+    def _picked(
+        self, inner: Inner, left: float, fitted: dict[int, dict[str, float]] | None = None
+    ) -> list[tuple[Tried, float]]:
+        """Trials that decide together, and how much each counts; their last fits should end in the seconds left.
+
+        Args:
+            inner: the captures.
+            left: seconds.
+            fitted: by its id, what a trial costs fitted to all captures; else what it cost when it was judged.
+        """
         limits = self._limits()
-        pool = [t for t in self.tried_ if t.state == "complete" and within(self._cost(t), limits)]
+        costs = {id(t): t.costs for t in self.tried_} | (fitted or {})
+        pool = [t for t in self.tried_ if t.state == "complete" and within(costs[id(t)], limits)]
         pool = sorted(pool, key=lambda t: -t.accuracy)[:POOL]
         if not pool:
             return []
 
         def allowed(some: set[int]) -> bool:
             in_time = len(some) == 1 or sum(_last_fit(inner, pool[i]) for i in some) <= left
-            return (
-                len(some) <= self.members and in_time and within(together([self._cost(pool[i]) for i in some]), limits)
-            )
+            both = together([costs[id(pool[i])] for i in some])
+            return len(some) <= self.members and in_time and within(both, limits)
 
-        proba = np.stack([tempered(t.proba, self._heat(t, inner)) for t in pool])
+        proba = np.stack([tempered(t.proba, t.heat) for t in pool])
         return [(pool[i], w) for i, w in selected(proba, inner.codes, inner.subjects, allowed).items()]
-
-    def _cost(self, tried: Tried) -> dict[str, float]:
-        """What a trial costs when it is fitted to all captures, where that is known, else as it was judged."""
-        return self._costs.get(id(tried), tried.costs)
-
-    def _heat(self, tried: Tried, inner: Inner) -> float:
-        """The temperature of a trial's probabilities."""
-        if id(tried) not in self._heats:
-            self._heats[id(tried)] = temperature_of(tried.proba, inner.codes)
-        return self._heats[id(tried)]
 
     def _last_fits(self, inner: Inner, left: float) -> float:
         """Seconds that the last fits should take, if the search ended here."""
@@ -398,22 +387,22 @@ class Auto(ClassifierMixin, BaseEstimator):
         if not any(t.state == "complete" for t in self.tried_):
             return self._unjudged(inner)
         fits: dict[int, contract.System] = {}
-        while picked := self._picked(inner, clock.left):
+        costs: dict[int, dict[str, float]] = {}
+        while picked := self._picked(inner, clock.left, costs):
             heavy = sorted(picked, key=lambda pair: -pair[1])
             for tried, _ in heavy:
                 some = any(id(t) in fits for t, _ in picked)
                 if id(tried) not in fits and (not some or _last_fit(inner, tried) <= clock.left):
                     fits[id(tried)] = inner.fitted(tried.trial)
-                    self._costs[id(tried)] = inner.costs(fits[id(tried)])
+                    costs[id(tried)] = inner.costs(fits[id(tried)])
             kept = [(t, w) for t, w in heavy if id(t) in fits]
-            if within(together([self._cost(t) for t, _ in kept]), self._limits()):
+            if within(together([costs[id(t)] for t, _ in kept]), self._limits()):
                 break
         else:
             raise InputError(self._too_large())
         total = sum(w for _, w in kept)
         kept = [(t, w / total) for t, w in kept]
-        heats = [self._heat(t, inner) for t, _ in kept]
-        self.best_ = Ensemble([fits[id(t)] for t, _ in kept], [w for _, w in kept], heats)
+        self.best_ = Ensemble([fits[id(t)] for t, _ in kept], [w for _, w in kept], [t.heat for t, _ in kept])
         return kept
 
     def _unjudged(self, inner: Inner) -> list[tuple[Tried, float]]:
@@ -433,8 +422,7 @@ class Auto(ClassifierMixin, BaseEstimator):
 
     def _too_large(self) -> str:
         """What is said where nothing is within the limits."""
-        costs = [self._cost(t) for t in self.tried_]
-        least = {n: min((c[n] for c in costs if n in c), default=float("nan")) for n in self._limits()}
+        least = {n: min((t.costs[n] for t in self.tried_ if n in t.costs), default=np.nan) for n in self._limits()}
         said = ", ".join(f"{name} {value:.3g}" for name, value in least.items())
         return f"no trial is within the limits of model.max_*: the least of {len(self.tried_)} are {said}"
 
@@ -442,7 +430,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         """What the search would have ended with after some of its seconds, fitted to the captures that it was given."""
         ends = np.cumsum([t.seconds for t in self.tried_])
         before = clone(self)
-        before._heats, before._costs, before.part_ = {}, {}, self.part_
+        before.part_ = self.part_
         before.tried_ = [t for t, end in zip(self.tried_, ends, strict=True) if end <= seconds]
         inner = self._inner(X[self.part_], np.asarray(y)[self.part_], [])
         before._fitted(inner, Clock(time.perf_counter(), np.inf))

@@ -108,6 +108,8 @@ class Discriminants(ClassifierMixin, BaseEstimator):
             y: class names [rows], each one that is known; None where they are not.
             weight: of a row with a label beside one of training.
         """
+        if not hasattr(self, "learnt_"):
+            raise InputError("the discriminants were saved by a touchbench that could not adapt; fit them again")
         found = copy(self)
         old = self.learnt_
         Z = (np.asarray(X, dtype=np.float64) - old.mean) / old.sd

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
+
+if TYPE_CHECKING:
+    from optuna import Trial
 
 
 @dataclass(frozen=True)
@@ -17,6 +20,15 @@ class Range:
 
 
 Space = dict[str, Range | Sequence]
+
+
+def suggested(trial: Trial, key: str, values: Range | Sequence) -> object:
+    """A value that a trial of Optuna draws."""
+    if not isinstance(values, Range):
+        return trial.suggest_categorical(key, list(values))
+    if isinstance(values.low, int) and isinstance(values.high, int):
+        return trial.suggest_int(key, values.low, values.high, log=values.log)
+    return trial.suggest_float(key, values.low, values.high, log=values.log)
 
 
 class How(TypedDict, total=False):

@@ -38,6 +38,7 @@ class Tried:
         fit_seconds: what a fit to the whole training part should take.
         costs: bytes in flash and memory with 32 bits a number, milliseconds of a decision.
         proba: of left-out captures, float16 [captures, classes]; None for what is not complete.
+        heat: temperature of the probabilities.
         error: of one that failed.
     """
 
@@ -48,6 +49,7 @@ class Tried:
     fit_seconds: float = 0.0
     costs: dict[str, float] = field(default_factory=dict)
     proba: np.ndarray | None = None
+    heat: float = 1.0
     error: str = ""
 
     @property
@@ -72,7 +74,9 @@ def frozen(tried: Tried, limits: dict[str, float]) -> FrozenTrial:
     import optuna
 
     state = optuna.trial.TrialState[STATES.get(tried.state, "FAIL")]
-    told = {name: getattr(tried, name) for name in ("state", "seconds", "subjects", "fit_seconds", "costs", "error")}
+    told = {
+        name: getattr(tried, name) for name in ("state", "seconds", "subjects", "fit_seconds", "costs", "heat", "error")
+    }
     if tried.proba is not None:
         told["proba"] = base64.b64encode(zlib.compress(tried.proba.tobytes())).decode()
     spaces = portfolio.BEFORE | {

@@ -19,7 +19,7 @@ from bench.pareto import front
 from bench.registry import parameters
 from models import contract
 from models.inner import Tables, inner_folds, milliseconds_of
-from models.space import Range, Space
+from models.space import Range, Space, suggested
 from models.study import identity, open_study
 
 if TYPE_CHECKING:
@@ -300,12 +300,7 @@ class Search(ClassifierMixin, BaseEstimator):
             chosen["features"] = seeded().suggest_categorical("features", list(self.features))
         for name, values in self.spaces[chosen["model"]].items():
             key = f"{chosen['model']}.{name}"
-            if not isinstance(values, Range):
-                chosen[key] = seeded().suggest_categorical(key, list(values))
-            elif isinstance(values.low, int) and isinstance(values.high, int):
-                chosen[key] = seeded().suggest_int(key, values.low, values.high, log=values.log)
-            else:
-                chosen[key] = seeded().suggest_float(key, values.low, values.high, log=values.log)
+            chosen[key] = suggested(seeded(), key, values)
         return chosen
 
     def _prepares(self, chosen: dict[str, object]) -> bool:

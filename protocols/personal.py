@@ -127,6 +127,6 @@ class Personal:
             return ""
         about = corpus.captures[names].astype(str).assign(class_=corpus.gestures.astype(str))
         kinds = about.agg(" ".join, axis=1).to_numpy()
-        pairs = [pair for draws in self.calibrations(corpus) for pair in draws[0]]
-        same = any(np.isin(kinds[tested], kinds[known]).any() for known, tested in pairs)
+        halves = [pair for draws in Personal(unlabelled=True, seed=self.seed).calibrations(corpus) for pair in draws[0]]
+        same = any(np.isin(kinds[tested], kinds[known]).any() for known, tested in halves)
         return ", under the same conditions" if same else ", under other conditions"
