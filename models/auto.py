@@ -16,7 +16,7 @@ from bench.progress import tell
 from bench.quantities import quantity
 from models import contract, portfolio
 from models.ensemble import Ensemble, selected, temperature_of, tempered
-from models.inner import check_inner, judging_folds
+from models.inner import inner_folds
 from models.judged import Inner
 from models.portfolio import Trial
 from models.recipe import Recipe
@@ -110,7 +110,8 @@ class Auto(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: one of them.
         """
-        check_inner(self.inner)
+        if self.inner != "loso" and not (self.inner.isdecimal() and int(self.inner) >= 2):
+            raise InputError(f"model.inner={self.inner}: give a number of subject groups from 2 on, or loso")
         for name, least in (("trials", 1), ("members", 1)):
             if (value := getattr(self, name)) is not None and value < least:
                 raise InputError(f"model.{name}={value}: give at least {least}")
@@ -138,7 +139,16 @@ class Auto(ClassifierMixin, BaseEstimator):
         """
         if (touch := self._touch()) is not None and touch * X.rate_hz < 1:
             raise InputError(f"model.max_decision={self.max_decision}: shorter than a frame at {X.rate_hz:g} Hz")
-        judging_folds(X, y, self.inner)
+        self._folds(X, y)
+
+    def _folds(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        folds = inner_folds(X.subjects.astype(str), self.inner)
+        if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
+            raise InputError(
+                f"trials are judged by leaving training subjects out, which here leaves one class; "
+                f"choose another model.inner= than {self.inner}, or more captures"
+            )
+        return folds
 
     @property
     def trained_faults(self) -> tuple[str, ...]:
@@ -158,7 +168,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         self.check()
         self.part_ = self._affordable(X, np.asarray(y))
         X, y = X[self.part_], np.asarray(y)[self.part_]
-        inner = self._inner(X, y, judging_folds(X, y, self.inner))
+        inner = self._inner(X, y, self._folds(X, y))
         with open_study(self.study_key(), X, y, ["maximize"], WORSE) as study:
             self.tried_ = [thawed(t, inner) for t in study.get_trials(deepcopy=False)][: self.trials]
             stored = sum(t.seconds for t in self.tried_)
@@ -208,7 +218,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         while every > 1:
             part = np.sort(order[::every])
             try:
-                judging_folds(X[part], y[part], self.inner)
+                self._folds(X[part], y[part])
                 return part
             except InputError:  # too few of them to judge by
                 every //= 2

@@ -32,31 +32,6 @@ def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.n
     return list(splitter.split(subjects, groups=subjects))
 
 
-def check_inner(inner: str) -> None:
-    """Refuse groups of subjects that cannot be.
-
-    Raises:
-        InputError: neither a number from 2 on nor ``loso``.
-    """
-    if inner != "loso" and not (inner.isdecimal() and int(inner) >= 2):
-        raise InputError(f"model.inner={inner}: give a number of subject groups from 2 on, or loso")
-
-
-def judging_folds(X: Corpus, y: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
-    """`inner_folds` of a training part, each of which learns at least two classes.
-
-    Raises:
-        InputError: fewer than two subjects, or a fold that learns one class.
-    """
-    folds = inner_folds(X.subjects.astype(str), inner)
-    if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
-        raise InputError(
-            f"parameters are chosen by leaving training subjects out, which here leaves one class; "
-            f"choose another inner= than {inner}, or more captures"
-        )
-    return folds
-
-
 class Tables:
     """What models are fitted to and judged by in each inner fold: tables of features, or captures."""
 

@@ -77,24 +77,21 @@ class Inner:
 
     def table(self, trial: Trial, tested: bool = False) -> Table:
         """What a trial learns from, or what it is judged by."""
-        key, X, steps = self._made_of(trial, tested)
+        begun = tested and self.begun is not None
+        key = (*(trial[name] for name in BEFORE), begun)
         if key not in self.tables:
-            portfolio.steps_of(trial).check_copies(X)
+            how = portfolio.steps_of(trial)
+            steps = how.steps() if begun else how.training_steps()
+            X = self.begun if begun and self.begun is not None else self.X
+            how.check_copies(X)
             self.tables[key] = tabled(clone(portfolio.FEATURES[str(trial["features"])]), X, steps)
             while sum(t.bytes for t in self.tables.values()) > HELD and len(self.tables) > 2:
                 self.tables.pop(next(iter(self.tables)))
         return self.tables[key]
 
-    def _made_of(self, trial: Trial, tested: bool) -> tuple[tuple[object, ...], Corpus, list[Step]]:
-        """What tells a table of a trial from others, and the captures and steps that it is made of."""
-        begun = self.begun if tested else None
-        how = portfolio.steps_of(trial)
-        key = (*(trial[name] for name in BEFORE), begun is not None)
-        return (key, self.X, how.training_steps()) if begun is None else (key, begun, how.steps())
-
     def rows(self, trial: Trial) -> int:
         """Of the table that a trial learns from."""
-        key, *_ = self._made_of(trial, False)
+        key = (*(trial[name] for name in BEFORE), False)
         if key in self.tables:
             return len(self.tables[key].row)
         how = portfolio.steps_of(trial)
@@ -115,12 +112,14 @@ class Inner:
         return sum(self._tabling(trial, tested) for tested in ([False] if self.begun is None else [False, True]))
 
     def _tabling(self, trial: Trial, tested: bool) -> float:
-        key, X, steps = self._made_of(trial, tested)
+        key = (*(trial[name] for name in BEFORE), tested)
         if key in self.tables:
             return 0.0
-        if is_kept(portfolio.FEATURES[str(trial["features"])], X, tuple(steps)):
+        how, features = portfolio.steps_of(trial), portfolio.FEATURES[str(trial["features"])]
+        X = self.begun if tested and self.begun is not None else self.X
+        steps = how.steps() if tested else how.training_steps()
+        if is_kept(features, X, tuple(steps)):
             return READ_S
-        how = portfolio.steps_of(trial)
         grown = len(X.index) / (X.index.max() + 1) if X.digest else 1.0  # of a stored corpus all are computed and kept
         copies = 1 + how.copies * bool(how.faults and not tested)
         changed = CHANGED if how.repair or how.faults or how.scale != "none" else 1.0

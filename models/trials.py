@@ -74,7 +74,9 @@ def frozen(tried: Tried, limits: dict[str, float]) -> FrozenTrial:
     import optuna
 
     state = optuna.trial.TrialState[STATES.get(tried.state, "FAIL")]
-    told = {name: value for name, value in vars(tried).items() if name not in ("trial", "proba")}
+    told = {
+        name: getattr(tried, name) for name in ("state", "seconds", "subjects", "fit_seconds", "costs", "heat", "error")
+    }
     if tried.proba is not None:
         told["proba"] = base64.b64encode(zlib.compress(tried.proba.tobytes())).decode()
     spaces = portfolio.BEFORE | {

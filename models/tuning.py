@@ -18,7 +18,7 @@ from bench.errors import InputError
 from bench.pareto import front
 from bench.registry import parameters
 from models import contract
-from models.inner import Tables, check_inner, judging_folds, milliseconds_of
+from models.inner import Tables, inner_folds, milliseconds_of
 from models.space import Range, Space, suggested
 from models.study import identity, open_study
 
@@ -92,7 +92,8 @@ class Search(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: one of them.
         """
-        check_inner(self.inner)
+        if self.inner != "loso" and not (self.inner.isdecimal() and int(self.inner) >= 2):
+            raise InputError(f"model.inner={self.inner}: give a number of subject groups from 2 on, or loso")
         if self.trials is not None and self.trials < 1:
             raise InputError(f"model.trials={self.trials}: give at least 1")
         if not self.budget > 0:
@@ -112,7 +113,7 @@ class Search(ClassifierMixin, BaseEstimator):
         """
         self.check()
         subjects = X.subjects.astype(str)
-        folds = judging_folds(X, y, self.inner)
+        folds = self._folds(X, y)
         tables = Tables(self.features or {}, X, y, folds)
         directions = ["maximize", "minimize"] if self.objective == "accuracy+time" else ["maximize"]
         with open_study(self.study_key(), X, y, directions, WORSE) as study:
@@ -165,12 +166,22 @@ class Search(ClassifierMixin, BaseEstimator):
             InputError: it has fewer than two subjects, an inner training part has only one class, or a model refuses a
                 combination of listed values or an inner training part.
         """
-        folds = judging_folds(X, y, self.inner)
+        folds = self._folds(X, y)
         for chosen in self._listed():
             model = self._make(chosen, "passthrough" if self.features else None)
             contract.check(model)
             for train, _ in folds:
                 contract.check_training(model, X[train], np.asarray(y)[train])
+
+    def _folds(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The inner folds of a training part."""
+        folds = inner_folds(X.subjects.astype(str), self.inner)
+        if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
+            raise InputError(
+                f"parameters are chosen by leaving training subjects out, which here leaves one class; "
+                f"choose another inner= than {self.inner}, or more captures"
+            )
+        return folds
 
     def _listed(self) -> Iterator[dict[str, object]]:
         """Combinations of listed values of each model, ranges left at their defaults.

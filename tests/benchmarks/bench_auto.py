@@ -17,7 +17,6 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from threading import Lock
 
 import numpy as np
 import pandas as pd
@@ -150,8 +149,6 @@ def main(name: str, protocol: str, budgets: str, tools: str, jobs: str, out: str
     count = len(outer_folds(corpus_of(name), protocol))
     asked = [(t, float(b), f) for b in budgets.split(",") for f in range(count) for t in tools.split(",")]
 
-    one_at_a_time = Lock()
-
     def run(tool: str, budget: float, fold: int) -> None:
         alone = os.environ | {v: "1" for v in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
         said = subprocess.run(
@@ -164,10 +161,10 @@ def main(name: str, protocol: str, budgets: str, tools: str, jobs: str, out: str
         lines = [line.split(",")[1:] for line in said.stdout.splitlines() if line.startswith("found,")]
         if not lines:
             print(f"{tool} {budget} fold {fold} failed: {said.stderr.strip().splitlines()[-1:]}")
-        names = ["data", "tool", "budget", "fold", "subject", "accuracy", "seconds", "bytes"]
-        table = pd.DataFrame([[name, tool, budget, fold, *line] for line in lines], columns=names)
-        with one_at_a_time:
-            table.to_csv(out, mode="a", index=False, header=not Path(out).exists())
+        for who, accuracy, spent, size in lines:
+            row = [name, tool, budget, fold, who, float(accuracy), float(spent), int(size)]
+            names = ["data", "tool", "budget", "fold", "subject", "accuracy", "seconds", "bytes"]
+            pd.DataFrame([row], columns=names).to_csv(out, mode="a", index=False, header=not Path(out).exists())
 
     Parallel(int(jobs), prefer="threads")(delayed(run)(*each) for each in asked if (name, *each) not in known)
     summary(pd.read_csv(out))

@@ -18,7 +18,6 @@ from features.touch import TouchFeatures
 from models import auto, judged, portfolio
 from models.auto import Auto
 from models.ensemble import tempered
-from models.inner import inner_folds
 from models.judged import Inner
 from models.lda import Discriminants
 from models.portfolio import Columns, complete
@@ -87,7 +86,7 @@ def test_a_trial_is_judged_as_a_plain_loop_would(quick):
 def test_windows_are_judged_by_the_mean_of_undamaged_ones(quick):
     corpus = noisy(subjects=4, longest=120)
     trial = complete({"model": "lda", "window": 0.5, "faults": "all", "lda.shrinkage": 0.3})
-    inner = Inner(corpus, corpus.gestures, inner_folds(corpus.subjects.astype(str), "2"), None, 0)
+    inner = Inner(corpus, corpus.gestures, auto.inner_folds(corpus.subjects.astype(str), "2"), None, 0)
     (_, test, proba, _), _ = inner.judge(trial)
     train = np.setdiff1d(np.arange(len(corpus)), test)
     whole = portfolio.steps_of(trial)
@@ -103,7 +102,7 @@ def test_windows_are_judged_by_the_mean_of_undamaged_ones(quick):
 
 def test_the_first_seconds_are_what_a_limit_on_touch_judges_by(quick):
     corpus = noisy(subjects=4, longest=120)
-    folds = inner_folds(corpus.subjects.astype(str), "2")
+    folds = auto.inner_folds(corpus.subjects.astype(str), "2")
     trial = complete(QUICK[0])
     (_, test, proba, _), _ = Inner(corpus, corpus.gestures, folds, 0.2, 0).judge(trial)
     train, frames = np.setdiff1d(np.arange(len(corpus)), test), int(0.2 * corpus.rate_hz)
