@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import pandas as pd
 
@@ -18,10 +17,9 @@ from bench.errors import InputError, nearest
 from bench.outcomes.runs import tracked
 from bench.outcomes.store import connect
 from bench.plan.arguments import check_key, items
-from bench.plan.cells import cells, corpus_variants
+from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.work.fit import Fitted
-from bench.work.fit import fit as _train
 from bench.work.loop import Outcome
 from reports.comparison import comparison, published
 
@@ -135,9 +133,7 @@ def fit(**values: object) -> Fitted:
     Raises:
         InputError: something in the values or the data cannot be used.
     """
-    given = _values(values, _fit.KEYS)
-    out = given.pop("out", None)
-    return _train(_fit.only_one(cells(given)), Path(str(out)) if out is not None else None)
+    return _fit.trained(_values(values, _fit.KEYS))[0]
 
 
 def choose(**values: object) -> _choose.Chosen | pd.DataFrame:

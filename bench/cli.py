@@ -115,9 +115,10 @@ one run in MLflow with a child run per fold; an interrupted command goes on wher
 bench stream source=- model=MODEL [hop_ms=125] [window_ms=]
 
 Decides on frames from standard input: a line per frame, its values in row-major order with commas or spaces between
-them; a blank line ends a capture. Prints a line per decision: capture, ms, label, confidence (not calibrated). MODEL is
-a model that bench fit saved. Keeps and sees only the last window_ms, by default the length of the longest training
-capture.
+them; a blank line ends a capture. Prints a line per decision: capture, ms, label, confidence, and settled, which is yes
+from where training subjects have shown that waiting for more of the capture gains too little (- if the model has not
+learned that). MODEL is a model that bench fit saved. Keeps and sees only the last window_ms, by default the length of
+the longest training capture.
 
   sensor | bench stream source=- model=models:/m-0123456789abcdef
 """
@@ -125,9 +126,11 @@ FIT = """\
 bench fit [key=value ...]
 
 Trains one system on all captures and saves it as an MLflow model, which mlflow.pyfunc.load_model, mlflow models serve,
-bench predict and bench stream source=- accept. Prints its address in the store.
+bench predict and bench stream source=- accept. Prints its address in the store. Three more fits that leave subjects out
+teach how sure the system may be (its probabilities are calibrated) and when it can decide early; both go with it.
 
   out=        also save it as this folder, which must be new or empty
+  stopping=   no leaves those fits out: probabilities stay as they are; default yes
   data= where= target= model= features= seed=   as for bench run, one value each
 
   bench fit data=haart model=svm features=jung54 out=svm
@@ -139,7 +142,8 @@ bench adapt MODEL FILE out=FOLDER [labels=no] [rate_hz=]
 Adapts a saved system to one person, in well under a second: FILE holds some of their captures, in the format of bench
 data import table. With a column gesture the system learns from them, else (or with labels=no) only how this person
 differs from those of training. Saves the adapted system as a folder, which bench predict and bench stream source=-
-accept; MODEL stays as it is. reflex and lda can adapt. What it is worth: bench run protocol=personal.
+accept; MODEL stays as it is. reflex, lda, networks (their last layer) and what was fitted with model.person= can adapt.
+What it is worth: bench run protocol=personal.
 
   bench fit data=haart model=reflex out=rec
   bench adapt rec anna.csv out=rec_anna

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import TypeGuard
 
 import numpy as np
 import pandas as pd
@@ -13,11 +12,10 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
+from models.person import WEIGHT, codes_of, share
+from models.rows import captures_of, undamaged
 from models.scaling import constant
 from models.space import Range
-
-WEIGHT = 10.0  # of a row of the person it is adapted to; docs/systems.md, a new person
-PRIOR = 5.0  # captures that the mean of training counts beside those of a person
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         self.classes_, codes = np.unique(y, return_inverse=True)
         Z = np.asarray(X, dtype=np.float64)
         self.n_features_in_ = Z.shape[1]
-        captures, weight = _rows(X, self.damaged)
+        captures, weight = captures_of(X), np.where(undamaged(X), 1.0, self.damaged)
         mean = weight @ Z / weight.sum()
         sd = np.sqrt(weight @ (Z - mean) ** 2 / weight.sum())
         sd[constant(Z)] = np.inf
@@ -95,13 +93,13 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         self.coef_ = coef / learnt.sd
         self.intercept_ = -0.5 * (coef * learnt.centres).sum(axis=1) - self.coef_ @ learnt.mean
 
-    def adapt(self, X: pd.DataFrame | np.ndarray, y: np.ndarray | None, weight: float = WEIGHT) -> Discriminants:
+    def adapt(self, X: pd.DataFrame | np.ndarray, y: np.ndarray | None, weight: float = float(WEIGHT)) -> Discriminants:
         """The same for one person: features measured from their own mean, and with labels their captures learnt too.
 
-        With as many labelled captures of each class, the mean of the person's rows takes the place of that of training.
-        Of others, n captures go n / (n + 5) of the way: towards the mean of what is left of their rows when those with
-        labels are measured from their classes, since a few captures may be of a few classes. Rows with labels then join
-        those of training with a weight, in closed form: the statistics that were learnt are all that is needed.
+        The mean of the person's rows takes the place of that of training, as far as `models.person.share` goes; where
+        captures with labels are not of all classes alike, rows are measured from their classes for that. Rows with
+        labels then join those of training with a weight, in closed form: the statistics that were learnt are all that
+        is needed.
 
         Args:
             X: features [rows, n_features] of some captures of the person.
@@ -113,14 +111,10 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         found = copy(self)
         old = self.learnt_
         Z = (np.asarray(X, dtype=np.float64) - old.mean) / old.sd
-        captures, _ = _rows(X, 1.0)
-        codes = None if y is None else self._codes(y)
-        count = captures.max() + 1
-        rest, share = Z, count / (count + PRIOR)
-        if codes is not None:
-            each = np.bincount(codes[np.unique(captures, return_index=True)[1]], minlength=len(self.classes_))
-            rest, share = (Z, 1.0) if (each == each[0]).all() else (Z - old.centres[codes], share)
-        shift = share * rest.mean(axis=0)
+        captures = captures_of(X)
+        codes = None if y is None else codes_of(y, self.classes_)
+        believed, apart = share(captures, codes, len(self.classes_))
+        shift = believed * (Z - old.centres[codes] if apart else Z).mean(axis=0)
         total = old.heavy.sum()
         found.learnt_ = replace(old, mean=old.mean + np.where(np.isfinite(old.sd), old.sd, 0) * shift)
         if codes is not None:
@@ -128,17 +122,6 @@ class Discriminants(ClassifierMixin, BaseEstimator):
             total += weight * len(Z)
         found._solve(total)
         return found
-
-    def _codes(self, y: np.ndarray) -> np.ndarray:
-        """Positions of class names.
-
-        Raises:
-            InputError: one of them was never learnt.
-        """
-        if not np.isin(y, self.classes_).all():
-            unknown = sorted(set(map(str, y)) - set(map(str, self.classes_)))
-            raise InputError(f"{unknown[0]!r} is none of the classes that were learnt")
-        return np.searchsorted(self.classes_, y)
 
     def _joined(self, Z: np.ndarray, codes: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> Learnt:
         """What was learnt, and more rows."""
@@ -164,24 +147,6 @@ class Discriminants(ClassifierMixin, BaseEstimator):
     def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class names [rows]."""
         return self.classes_[self.decision_function(X).argmax(axis=1)]
-
-
-def _rows(X: pd.DataFrame | np.ndarray, damaged: float) -> tuple[np.ndarray, np.ndarray]:
-    """Of which capture each row is, numbered from 0, and how much it counts: ``damaged`` for one of a copy, else 1."""
-    if not _labelled(X):
-        return np.arange(len(X)), np.ones(len(X))
-    captures = np.unique(X.index.get_level_values("capture"), return_inverse=True)[1]
-    return captures, np.where(undamaged(X), 1.0, damaged)
-
-
-def undamaged(X: pd.DataFrame | np.ndarray) -> np.ndarray:
-    """Which rows are not of a damaged copy, bool [rows]."""
-    return np.asarray(X.index.get_level_values("copy") == 0) if _labelled(X) else np.ones(len(X), dtype=bool)
-
-
-def _labelled(X: pd.DataFrame | np.ndarray) -> TypeGuard[pd.DataFrame]:
-    """Whether rows are told apart by capture and copy."""
-    return isinstance(X, pd.DataFrame) and X.index.names == ["capture", "copy"]
 
 
 def _means(values: np.ndarray, codes: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from models.lda import undamaged
+from models.rows import undamaged
 from models.scaling import constant
 from models.space import Range
 

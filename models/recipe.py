@@ -22,6 +22,7 @@ from bench.registry import parameters as known_parameters
 from features.base import FeatureSet, labels
 from features.kept import PIECES, after
 from models import contract
+from models.person import WAYS, Own, pooled
 
 LONGEST_S = 3600.0  # of a window
 
@@ -40,7 +41,12 @@ class Recipe(ClassifierMixin, BaseEstimator):
         scale: ``none``, or ``peak``: divided by the largest reading so far.
         faults: that copies of the training captures go through; nothing else does. ``all`` stands for every fault.
         copies: of each training capture, where there are faults.
+        person: how a classifier on features adapts to one person (`models.person.WAYS`): ``centre`` and ``scale``
+            features by their own, and ``pool``, which keeps the training rows and is fitted anew to them and the
+            person's, each of which counts ten times.
     """
+
+    rows_: tuple[pd.DataFrame, np.ndarray] | None = None  # of training, where a person's are pooled with them
 
     def __init__(
         self,
@@ -51,6 +57,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         scale: str = "none",
         faults: tuple[str, ...] = (),
         copies: int = 3,
+        person: tuple[str, ...] = (),
     ) -> None:
         self.system = system
         self.window = window
@@ -59,6 +66,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         self.scale = scale
         self.faults = faults
         self.copies = copies
+        self.person = person
 
     def check(self) -> None:
         """Refuse parameters that cannot be.
@@ -73,8 +81,20 @@ class Recipe(ClassifierMixin, BaseEstimator):
             raise InputError(f"model.hop={self.hop:g} needs model.window=")
         if self.window and (contract.decides_often(self.system) or contract.window(self.system, 1.0)):
             raise InputError(f"model.window={self.window:g}: the system cuts its own windows; leave it out")
+        self._check_person()
         self.training_steps()
         contract.check(self.system)
+
+    def _check_person(self) -> None:
+        if not self.person:
+            return
+        said = f"model.person={'+'.join(self.person)}"
+        if wrong := set(self.person) - set(WAYS):
+            raise InputError(f"{said}: {min(wrong)!r} is none of {', '.join(WAYS)}; join some of them by +")
+        if contract.adapts(self.system):
+            raise InputError(f"{said}: the system adapts by itself; leave it out")
+        if _behind_features(self.system) is None:
+            raise InputError(f"{said}: the system has no classifier on features; leave it out")
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """As of the system inside; refuses copies that need more memory than there is."""
@@ -124,24 +144,39 @@ class Recipe(ClassifierMixin, BaseEstimator):
             self.window_ = inside
         return self
 
-    @available_if(lambda self: contract.adapts(self.system))
+    @available_if(lambda self: bool(self.person) or contract.adapts(self.system))
     def adapt(self, X: Corpus, y: np.ndarray | None) -> Recipe:
         """The same for one person, some of whose captures the system inside adapts to (`models.contract.adapted`)."""
         seen, row = taken(X, self.steps())
+        labels = None if y is None else np.asarray(y)[row]
         found = copy(self)
-        found.system_ = contract.adapted(self.system_, seen, None if y is None else np.asarray(y)[row])
+        if not self.person:
+            found.system_ = contract.adapted(self.system_, seen, labels)
+            return found
+        (name, features), (_, own), *rest = self.system_.steps
+        table = features.transform(seen)
+        own, behind = own.adapt(table, labels), Pipeline(rest)
+        if self.rows_ is not None and labels is not None:
+            behind = pooled(behind, self.rows_, (own.transform(table), labels))
+        found.system_ = Pipeline([(name, features), ("own", own), *behind.steps])
         return found
 
     def _fitted(self, X: Corpus, y: np.ndarray) -> contract.System:
         """The system inside; one behind a feature set is given the kept features, where there are some."""
         system, steps = clone(self.system), self.training_steps()
-        if type(system) is Pipeline and system.memory is None and _plain(first := system.steps[0][1]):
-            if (found := after(first, X, tuple(steps))) is not None:
-                table, row = rows_of(found, X.index)
-                rest = Pipeline(system.steps[1:]).fit(table, y[row])
-                return Pipeline([(system.steps[0][0], first.fit(X)), *rest.steps])
-        seen, row = taken(X, steps)
-        return system.fit(seen, y[row])
+        if (behind := _behind_features(system)) is None:
+            seen, row = taken(X, steps)
+            return system.fit(seen, y[row])
+        name, first = system.steps[0]
+        if (found := after(first, X, tuple(steps)) if _plain(first) else None) is not None:
+            table, row = rows_of(found, X.index)
+            first.fit(X)
+        else:
+            seen, row = taken(X, steps)
+            table = first.fit_transform(seen, y[row])
+        own = [("own", Own(self.person))] if self.person else []
+        self.rows_ = (table, y[row]) if "pool" in self.person else None
+        return Pipeline([(name, first), *Pipeline([*own, *behind]).fit(table, y[row]).steps])
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """Every decision: one per window, or those of the system inside (`models.contract.decide`)."""
@@ -222,6 +257,15 @@ def besides(factory: Callable) -> dict[str, object]:
     """Parameters of a `Recipe` that a factory has no own ones for, and their defaults."""
     own = known_parameters(factory)
     return {k: v for k, v in known_parameters(Recipe).items() if k not in own}
+
+
+def _behind_features(system: contract.System) -> list | None:
+    """The steps behind the feature set of a pipeline; None for a system of another kind."""
+    if type(system) is Pipeline and system.memory is None and len(system.steps) > 1:
+        name, first = system.steps[0]
+        if name == "features" or isinstance(first, FeatureSet):
+            return system.steps[1:]
+    return None
 
 
 def _plain(first: object) -> bool:

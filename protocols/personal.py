@@ -11,7 +11,7 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from protocols.subjects import LOSO, natural_order
 
-WEIGHT = 10
+WEIGHT = 10  # as of a system that adapts (docs/people.md)
 APART = {"subject", "gesture", "repetition", "split"}  # columns that are no conditions
 
 

@@ -7,16 +7,17 @@ from typing import TYPE_CHECKING
 
 from bench.corpora.table import read_unlabelled
 from bench.errors import InputError, nearest
-from bench.plan.arguments import number, parse
+from bench.plan.arguments import Values, number, parse
 from bench.plan.cells import Cell, cells
 from bench.scratch import replacing
 from reports.sheet import write_sheet
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
+    from bench.work.fit import Fitted
     from bench.work.saved import Recogniser
 
-KEYS = {"data", "where", "target", "features", "model", "seed", "out"}
+KEYS = {"data", "where", "target", "features", "model", "seed", "stopping", "out"}
 OPTIONS = ("out", "rate_hz")  # of predict, and of adapt
 
 
@@ -27,14 +28,26 @@ def fit(arguments: list[str]) -> int:
         InputError: something in the arguments or the data cannot be used.
     """
     values = parse(arguments, KEYS)
-    out = Path(values.pop("out")) if "out" in values else None
-    cell = only_one(cells(values))
-    from bench.work.fit import fit as train
-
-    print(train(cell, out))
+    found, out = trained(values)
+    print(found)
     if out is not None:
         print(out)
     return 0
+
+
+def trained(values: Values) -> tuple[Fitted, Path | None]:
+    """The system of some values, fitted and saved; and the folder that was asked for.
+
+    Raises:
+        InputError: something in the values or the data cannot be used.
+    """
+    from bench.work.fit import fit
+
+    rest = {k: v for k, v in values.items() if k not in ("out", "stopping")}
+    if (stopping := str(values.get("stopping", "yes"))) not in ("yes", "no"):
+        raise InputError(f"stopping={stopping}: give yes or no")
+    out = Path(str(values["out"])) if "out" in values else None
+    return fit(only_one(cells(rest)), out, stopping == "yes"), out
 
 
 def only_one(asked: list[Cell]) -> Cell:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from bench.errors import InputError
 from bench.outcomes.results import FoldResult, costs
 from bench.outcomes.store import connect, only_one, reached
@@ -19,13 +21,13 @@ from bench.progress import telling
 from bench.scratch import owner, sweep
 from bench.work.evaluation import Evaluation
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
-from bench.work.loop import fill_cache, progress
+from bench.work.loop import fill_cache, progress, warn
+from bench.work.replay import INNER, Replay, Stopping, learned, unlearnable
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
 from models import contract
+from models.inner import inner_folds
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from bench.corpora.corpus import Corpus
     from bench.work.saved import Recogniser
 
@@ -60,11 +62,13 @@ class Fitted:
     __repr__ = __str__
 
 
-def fit(cell: Cell, out: Path | None = None) -> Fitted:
+def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
     """Train on all captures of a cell, and save.
 
     Args:
         cell: its protocol is not looked at.
+        stopping: whether to learn how sure the system may be and when it can decide, too, from three more fits that
+            leave subjects out; a warning says so where the captures cannot teach it.
         out: a folder that is new or empty, to save the model there too.
 
     Raises:
@@ -80,6 +84,7 @@ def fit(cell: Cell, out: Path | None = None) -> Fitted:
     fill_cache(plan)
     with tempfile.TemporaryDirectory() as folder, telling(Path(folder), "fit"), progress(Path(folder)):
         with computing(threads):
+            settled = _stopping(cell, corpus) if stopping else None
             metrics = fitted(estimator, corpus)
     with computing(1):
         spent = latency(estimator, corpus, int(corpus.lengths.max()))[:2]
@@ -89,7 +94,7 @@ def fit(cell: Cell, out: Path | None = None) -> Fitted:
 
     from bench.work.saved import Recogniser, by_value, quiet
 
-    recogniser = Recogniser(estimator, corpus)
+    recogniser = Recogniser(estimator, corpus, settled)
     plugins = [part.name for part in (cell.model, cell.features) if part]
     model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.packages())
     by_value()
@@ -106,6 +111,22 @@ def fit(cell: Cell, out: Path | None = None) -> Fitted:
             if out is not None:  # last, so that what is killed before can be repeated: the folder is not there yet
                 _save(model, out)
     return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus))
+
+
+def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
+    """How sure the system of a cell may be, and when it can decide; None where its captures cannot teach it."""
+    gestures, subjects = corpus.gestures, corpus.subjects.astype(str)
+    why = unlearnable(gestures, subjects)
+    if not why:
+        try:
+            for inner, _ in inner_folds(subjects, INNER):
+                contract.check_training(cell.estimator(), corpus[inner], gestures[inner])
+        except InputError as e:
+            why = str(e)
+    if why:
+        warn(f"warning: no calibration and no threshold go with the model: {why}")
+        return None
+    return learned(cell.estimator, corpus, np.arange(len(corpus)), Replay())[0]
 
 
 def new_folder(out: Path) -> Path:

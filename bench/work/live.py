@@ -15,6 +15,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.table import checked
 from bench.errors import InputError, nearest
 from bench.plan.arguments import number
+from bench.work.replay import GROWTH
 
 if TYPE_CHECKING:
     from bench.work.saved import Recogniser
@@ -54,14 +55,32 @@ def live(values: dict[str, str]) -> int:
         file=sys.stderr,
     )
     out = csv.writer(sys.stdout, lineterminator="\n")
-    out.writerow(["capture", "ms", "label", "confidence"])
+    out.writerow(["capture", "ms", "label", "confidence", "settled"])
     sys.stdout.flush()
     frames = frames_of(sys.stdin.buffer, rows * cols, recogniser.full_scale)
+    current, settled, stood = 0, False, deque[tuple[int, str]]()
     for capture, seen, window in decided_at(frames, recogniser.rate_hz, hop_ms, longest):
-        (row,) = recogniser.label(_corpus(window, recogniser)).itertuples()
-        out.writerow([capture, f"{seen * frame_ms:.0f}", row.label, f"{row.confidence:.3f}"])
+        if capture != current:
+            current, settled, stood = capture, False, deque()
+        label, confidence, how = recogniser.decision(_corpus(window, recogniser), earlier(stood, seen))
+        stood.append((seen, label))
+        settled = settled or recogniser.is_settled(how)
+        said = "-" if how is None else "yes" if settled else "no"
+        out.writerow([capture, f"{seen * frame_ms:.0f}", label, f"{confidence:.3f}", said])
         sys.stdout.flush()
     return 0
+
+
+def earlier(stood: deque[tuple[int, str]], seen: int) -> str | None:
+    """The label that stood when 1/1.41 as much had been seen, None if there was none; older ones are forgotten.
+
+    Args:
+        stood: frames seen and label of the decisions on a capture, in their order; at most one that is older stays.
+        seen: frames by now.
+    """
+    while len(stood) > 1 and stood[1][0] * GROWTH <= seen:
+        stood.popleft()
+    return stood[0][1] if stood and stood[0][0] * GROWTH <= seen else None
 
 
 def _corpus(window: list[np.ndarray], recogniser: Recogniser) -> Corpus:

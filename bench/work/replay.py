@@ -230,7 +230,7 @@ def _state(table: pd.DataFrame, rate_hz: float) -> np.ndarray:
 
 
 def weighed(table: pd.DataFrame, calibration: Calibration, waiting: Waiting, rate_hz: float) -> pd.DataFrame:
-    """A replay table with the calibrated probability of each decision's label, and whether it is worth waiting."""
+    """A replay table with the calibrated probability of each decision's label, and how settled it is."""
     proba = table[[PREFIX + c for c in classes_of(table)]].to_numpy(dtype=np.float64)
     ms = 1000 / rate_hz * table["frames"].to_numpy()
     return table.assign(
@@ -238,10 +238,34 @@ def weighed(table: pd.DataFrame, calibration: Calibration, waiting: Waiting, rat
     )
 
 
+@dataclass(frozen=True)
+class Stopping:
+    """When to decide, as training subjects have taught it.
+
+    Attributes:
+        calibration: of probabilities.
+        waiting: what the rest of a capture is expected to gain.
+        threshold: how settled a label must be; endless where waiting always pays.
+    """
+
+    calibration: Calibration
+    waiting: Waiting
+    threshold: float
+
+
+def unlearnable(gestures: np.ndarray, subjects: np.ndarray) -> str:
+    """Why no `Stopping` can be learned from some training captures, in words; nothing if it can."""
+    if len(set(subjects)) < 2:
+        return "only one subject trains"
+    if any(len(set(gestures[inner])) < 2 for inner, _ in inner_folds(subjects, INNER)):
+        return "leaving subjects out leaves one class"
+    return ""
+
+
 def learned(
     untrained: Callable[[], contract.System], corpus: Corpus, train: np.ndarray, replay: Replay
-) -> tuple[Calibration, Waiting, float, pd.DataFrame]:
-    """Calibration, what waiting gains and threshold, from the training part.
+) -> tuple[Stopping, pd.DataFrame]:
+    """What the training part teaches about when to decide, and what each threshold gives there.
 
     Each of its subjects is replayed by a system that never met it.
 
@@ -271,7 +295,7 @@ def learned(
         others = pd.concat([other for other in tables if other is not rows], ignore_index=True)
         parts.append(weighed(rows, calibration, Waiting.fit(others, corpus.rate_hz), corpus.rate_hz))
     threshold, series = learn_stopping(pd.concat(parts, ignore_index=True), corpus.rate_hz)
-    return calibration, Waiting.fit(table, corpus.rate_hz), threshold, series
+    return Stopping(calibration, Waiting.fit(table, corpus.rate_hz), threshold), series
 
 
 def decision_latency(estimator: contract.System, begun: Corpus, instants: np.ndarray) -> list[float]:

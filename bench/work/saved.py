@@ -5,6 +5,7 @@ A model is code: loading one runs it. Only the user's own store and folders that
 
 from __future__ import annotations
 
+import importlib
 import logging
 import re
 import sys
@@ -35,6 +36,7 @@ from bench.work.fold import decisions
 if TYPE_CHECKING:
     from mlflow.types import TensorSpec
 
+    from bench.work.replay import Stopping
     from models.contract import System
 
 PACKAGES = ("bench", "features", "models", "protocols")  # whose code goes with a model
@@ -46,6 +48,7 @@ class Recogniser(PythonModel):
     Args:
         estimator: fitted to a `Corpus`.
         corpus: the captures that it was fitted to; their frames are not kept.
+        stopping: when to decide, and how sure it may be; None where its captures could not teach it.
 
     Attributes:
         classes: class names, sorted.
@@ -56,8 +59,11 @@ class Recogniser(PythonModel):
         synthetic: whether it was trained on generated captures.
     """
 
-    def __init__(self, estimator: System, corpus: Corpus) -> None:
+    stopping: Stopping | None = None  # of models that were saved without
+
+    def __init__(self, estimator: System, corpus: Corpus, stopping: Stopping | None = None) -> None:
         self.estimator = estimator
+        self.stopping = stopping
         self.classes = [str(c) for c in np.unique(corpus.gestures.astype(str))]
         rows, cols = corpus.grid
         self.grid = int(rows), int(cols)
@@ -86,16 +92,54 @@ class Recogniser(PythonModel):
     def label(self, corpus: Corpus) -> pd.DataFrame:
         """One row per capture: label, confidence (the probability of the label), and p_<class> for each class.
 
-        A system that decides per window has the mean probability of its windows.
+        A system that decides per window has the mean probability of its windows. Probabilities are calibrated, where
+        the model has learned how sure it may be.
         """
+        proba = self._calibrated(self._mean(corpus), corpus.lengths)
+        label = np.asarray(self.classes, dtype=object)[proba.to_numpy().argmax(axis=1)]
+        return pd.concat([pd.DataFrame({"label": label, "confidence": proba.max(axis=1)}), proba], axis=1)
+
+    def decision(self, corpus: Corpus, before: str | None) -> tuple[str, float, float | None]:
+        """Label, confidence, and how settled the label is, 0 to 1, of one capture that has been seen so far.
+
+        Args:
+            corpus: one capture.
+            before: the label that stood when 1/1.41 as much had been seen, if any.
+
+        Returns:
+            The last is None where the model has not learned when to decide.
+        """
+        raw = self._mean(corpus)
+        proba = self._calibrated(raw, corpus.lengths).to_numpy()[0]
+        best, settled = int(proba.argmax()), None
+        if self.stopping is not None:
+            rows = (
+                raw
+                if before is None
+                else pd.concat([raw.assign(**{PREFIX + c: float(c == before) for c in self.classes}), raw])
+            )
+            state = rows.assign(fold="", capture=0, frames=int(corpus.lengths[0])).reset_index(drop=True)
+            settled = float(np.clip(1 - self.stopping.waiting(state, self.rate_hz)[-1], 0, 1))
+        return self.classes[best], float(proba[best]), settled
+
+    def is_settled(self, how: float | None) -> bool:
+        """Whether a label that is settled so far can be acted on, for what training subjects have taught."""
+        return how is not None and self.stopping is not None and how >= self.stopping.threshold
+
+    def _calibrated(self, proba: pd.DataFrame, lengths: np.ndarray) -> pd.DataFrame:
+        """Probabilities of captures of so many frames as sure as training subjects show them to be."""
+        if self.stopping is None:
+            return proba
+        ms = 1000 / self.rate_hz * lengths
+        return pd.DataFrame(self.stopping.calibration(proba.to_numpy(dtype=np.float64), ms), columns=proba.columns)
+
+    def _mean(self, corpus: Corpus) -> pd.DataFrame:
+        """Mean probability of the decisions on each capture, a column p_<class> per class."""
         about = pd.DataFrame({"subject": "", "gesture": ""}, index=range(len(corpus)))
         anonymous = Corpus(corpus.frames, corpus.starts, corpus.lengths, about, corpus.rate_hz, corpus.full_scale)
         table = decisions(self.estimator, anonymous, "", np.arange(len(corpus)), self.classes)
         columns = [PREFIX + c for c in classes_of(table)]
-        proba = table.groupby("capture", sort=True)[columns].mean().reset_index(drop=True)
-        best = proba.to_numpy().argmax(axis=1)
-        label = np.asarray(self.classes, dtype=object)[best]
-        return pd.concat([pd.DataFrame({"label": label, "confidence": proba.max(axis=1)}), proba], axis=1)
+        return table.groupby("capture", sort=True)[columns].mean().reset_index(drop=True)
 
     def predict(self, context: object, model_input: pd.DataFrame, params: dict | None = None) -> pd.DataFrame:
         """Label the captures of a table with one row per frame.
@@ -192,11 +236,16 @@ def load(model: str) -> Recogniser:
         )
     else:
         model = str(folder)
+    for package in PACKAGES:  # touchbench as it is here, whatever code goes with the model
+        importlib.import_module(package)
+    path = list(sys.path)
     try:
         with quiet():
             found = mlflow.pyfunc.load_model(model).unwrap_python_model()
     except Exception as e:  # a missing run, a damaged file, a library that is not there: all of them end here
         raise InputError(f"{model} cannot be loaded: {str(e).splitlines()[0] if str(e) else type(e).__name__}") from e
+    finally:
+        sys.path = path
     if not isinstance(found, Recogniser):
         raise InputError(f"{model} is a model of something else; give one that bench fit has saved")
     return found

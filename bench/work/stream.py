@@ -18,6 +18,7 @@ from bench.work.replay import (
     learned,
     replayed,
     system_hop,
+    unlearnable,
     weighed,
 )
 from models import contract
@@ -66,20 +67,14 @@ class Stream(Experiment[Curves]):
         cell, corpus = plan.cell, plan.corpus
         for fold in plan.folds:
             subjects, gestures = corpus.subjects[fold.train].astype(str), corpus.gestures[fold.train]
-            if len(set(subjects)) < 2:
+            if why := unlearnable(gestures, subjects):
                 raise InputError(
-                    f"protocol={cell.protocol}: fold {fold.name} trains on one subject, and when to stop is learned by "
-                    "leaving training subjects out; choose another protocol or more captures"
+                    f"protocol={cell.protocol}: fold {fold.name} learns when to stop by leaving training subjects out, "
+                    f"and {why}; choose another protocol or more captures"
                 )
-            inner_parts = [inner for inner, _ in inner_folds(subjects, INNER)]
             estimator = cell.estimator()
-            for inner in inner_parts:
+            for inner, _ in inner_folds(subjects, INNER):
                 contract.check_training(estimator, corpus[fold.train][inner], gestures[inner])
-            if any(len(set(gestures[inner])) < 2 for inner in inner_parts):
-                raise InputError(
-                    f"protocol={cell.protocol}: leaving training subjects of fold {fold.name} out leaves one "
-                    f"{corpus.target}; choose another protocol or more captures"
-                )
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Fit on whole training captures, replay the test captures; calibration and threshold see only the former.
@@ -91,18 +86,19 @@ class Stream(Experiment[Curves]):
         instants = self.replay.instants(int(begun.lengths.max()), corpus.rate_hz)
         estimator = cell.estimator()
         with computing(threads):
-            calibration, waiting, threshold, series = learned(cell.estimator, corpus, fold.train, self.replay)
+            stopping, series = learned(cell.estimator, corpus, fold.train, self.replay)
             metrics = fitted(estimator, corpus[fold.train])
             table = replayed(estimator, begun, fold.name, fold.test, instants)
-            table = weighed(table, calibration, waiting, corpus.rate_hz)
+            table = weighed(table, stopping.calibration, stopping.waiting, corpus.rate_hz)
         with computing(1):
             whole, *_ = latency(estimator, corpus[fold.test], int(corpus.lengths.max()))
             decide = decision_latency(estimator, begun[fold.test], instants)
         metrics |= footprint(estimator, corpus)
         if hop := system_hop(estimator, corpus[fold.train]):
             metrics["system_hop_ms"] = 1000 / corpus.rate_hz * hop
-        chosen = {"threshold": threshold} | {f"temperature_{k}": v for k, v in asdict(calibration).items()}
-        chosen |= {f"waiting_{name}": weight for name, weight in zip(STATE, waiting.weights, strict=True)}
+        chosen: dict[str, object] = {"threshold": stopping.threshold}
+        chosen |= {f"temperature_{k}": v for k, v in asdict(stopping.calibration).items()}
+        chosen |= {f"waiting_{name}": weight for name, weight in zip(STATE, stopping.waiting.weights, strict=True)}
         return FoldResult(fold.name, table, metrics, whole, decide, chosen=chosen, trials=series)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:

@@ -16,7 +16,8 @@ from bench.corpora.library import open_corpus
 from bench.corpora.table import from_frame, read_unlabelled
 from bench.errors import InputError
 from bench.plan.cells import cells
-from bench.work.saved import requirements
+from bench.work.replay import Replay, learned
+from bench.work.saved import load, requirements
 from tests.conftest import random_corpus, runs
 
 FIT = ["fit", "model=bayes", "data.subjects=3", "data.variants=normal"]
@@ -37,7 +38,7 @@ def as_table(corpus, names=None, origin=0):
 def test_a_saved_system_answers_as_the_estimator(tmp_path, capsys):
     import mlflow
 
-    assert main([*FIT, "out=saved"]) == 0
+    assert main([*FIT, "stopping=no", "out=saved"]) == 0
     out = capsys.readouterr().out
     uri, run_uri = out.split()[0], out.splitlines()[0].split()[-1]
     assert uri.startswith("models:/m-") and run_uri.startswith("runs:/") and out.splitlines()[1] == "saved"
@@ -103,6 +104,37 @@ def test_a_saved_system_answers_as_the_estimator(tmp_path, capsys):
     done = subprocess.run(arguments, cwd=elsewhere, env=plain, capture_output=True, text=True, check=True)
     file, said = done.stdout.split()
     assert said == ",".join(found["label"]) and "saved/code" in file  # the code that it was trained with
+
+
+def test_a_saved_system_knows_how_sure_it_may_be(tmp_path, capsys):
+    arguments = {"model": "lda", "features": "touch", "data.subjects": "4", "where": "gesture in ['pat', 'rub', 'tap']"}
+    assert main(["fit", *(f"{k}={v}" for k, v in arguments.items()), "out=saved"]) == 0
+    (cell,) = cells(arguments)
+    corpus = open_corpus(cell.data, cell.data_parameters).select(cell.where)
+    by_hand, _ = learned(cell.estimator, corpus, np.arange(len(corpus)), Replay())
+    found = load("saved")
+    assert found.stopping == by_hand
+    some = corpus[::7].detached()
+    plain = cell.estimator().fit(corpus, corpus.gestures).predict_proba(some)
+    told = found.label(some)
+    temperature = by_hand.calibration
+    place = np.clip(np.log(1000 / 135 * some.lengths / temperature.first_ms), 0, None)
+    place = np.minimum(place / np.log(temperature.last_ms / temperature.first_ms), 1)
+    sharp = np.exp(np.log(temperature.first) * (1 - place) + np.log(temperature.last) * place)[:, None]
+    hot = np.maximum(plain, 1e-6) ** (1 / sharp)
+    hot /= hot.sum(axis=1, keepdims=True)
+    assert temperature.last != 1  # else this shows nothing
+    np.testing.assert_allclose(told.filter(like="p_").to_numpy(), hot, rtol=1e-4)
+    assert told["label"].tolist() == found.estimator.predict(some).tolist()
+    np.testing.assert_allclose(told["confidence"], hot.max(axis=1), rtol=1e-4)
+
+
+def test_captures_that_cannot_teach_when_to_stop_are_said(capsys):
+    one = ["fit", "model=lda", "features=touch", "data.subjects=2", "where=subject == '1'", "out=saved"]
+    assert main(one) == 0
+    assert "no calibration and no threshold go with the model: only one subject trains" in capsys.readouterr().err
+    assert load("saved").stopping is None
+    assert main(["fit", "stopping=maybe"]) == 2 and "give yes or no" in capsys.readouterr().err
 
 
 def test_what_cannot_be_fitted_or_loaded_is_refused(capsys, tmp_path):

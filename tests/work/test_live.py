@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +16,8 @@ from hypothesis import strategies as st
 
 from bench.cli import main
 from bench.errors import InputError
-from bench.work.live import decided_at, frames_of
+from bench.work.live import decided_at, earlier, frames_of
+from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from tests.conftest import BENCH
 from tests.work.test_stream import Rising, coded_corpus, lengths_of
 
@@ -112,17 +114,51 @@ def test_standard_input_is_decided_on(saved, monkeypatch, capsys):
     captured = capsys.readouterr()
     # 30 ms are three frames: Rising is wrong, one class too far, and 3/4 sure
     assert captured.out.splitlines() == [
-        "capture,ms,label,confidence",
-        *("1,30,b,0.750", "1,60,a,0.857", "1,70,a,0.875", "2,30,a,0.750", "2,50,c,0.833"),
+        "capture,ms,label,confidence,settled",
+        *("1,30,b,0.750,-", "1,60,a,0.857,-", "1,70,a,0.875,-", "2,30,a,0.750,-", "2,50,c,0.833,-"),
     ]
     assert "frames of 2x3 from 0 to 1023, 100 a second" in captured.err and "last 120 ms" in captured.err
+
+
+def test_a_label_is_settled_as_in_a_replay_that_saw_an_earlier_one(tmp_path, monkeypatch, capsys):
+    import mlflow
+
+    from bench.work.saved import Recogniser, quiet
+
+    corpus = coded_corpus()
+    model = Rising().fit(corpus, corpus.gestures)
+    weights = dict.fromkeys(STATE, 0.0) | {"one": 0.9, "first": -0.5, "same": -0.3}
+    waiting, calibration = Waiting(tuple(weights.values())), Calibration(10.0, 120.0, 2.0, 0.5)
+    made = Recogniser(model, corpus, Stopping(calibration, waiting, 0.85))
+    with quiet():
+        mlflow.pyfunc.save_model(str(tmp_path / "model"), **made.model([], corpus[0][:2]))
+    lines = ["0,9,9,9,9,9"] * 10 + [""] + ["2 9 9 9 9 9"] * 5
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode())))
+    assert main(["stream", "source=-", f"model={tmp_path / 'model'}", "hop_ms=30"]) == 0
+    rows = [line.split(",") for line in capsys.readouterr().out.splitlines()[1:]]
+    # after 3 frames n / (n + 1) = 3/4 is expected to gain 0.9 - 0.375; then less, and less where the label stays:
+    # 6 frames see 3 (another label), 9 see 6 and 10 see 6 (the same one); the second capture is new
+    gain = [0.9 - 3 / 8, 0.9 - 3 / 7, 0.9 - 9 / 20 - 0.3, 0.9 - 5 / 11 - 0.3, 0.9 - 3 / 8, 0.9 - 5 / 12]
+    told = [row[4] for row in rows]
+    assert [row[:2] for row in rows] == [*(["1", t] for t in ("30", "60", "90", "100")), ["2", "30"], ["2", "50"]]
+    assert told == ["no", "no", "yes", "yes", "no", "no"] == ["yes" if 1 - g >= 0.85 else "no" for g in gain]
+    sure = calibration(np.array([[0.75, 0.125, 0.125]]), np.array([30.0]))[0, 0]
+    assert rows[0][3] == f"{sure:.3f}"
+
+
+def test_the_label_before_is_the_newest_of_those_that_had_seen_enough_less():
+    stood = deque([(2, "a"), (3, "b"), (4, "a"), (5, "b")])
+    assert earlier(stood, 2) is None and len(stood) == 4
+    assert earlier(stood, 4) == "a" and earlier(stood, 5) == "b" and len(stood) == 3
+    assert earlier(stood, 100) == "b" and list(stood) == [(5, "b")]
+    assert earlier(deque(), 5) is None
 
 
 def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(saved, monkeypatch, capsys):
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(b"0,9,9,9,9,9\n" * 4 + b"0,9,9,9,9,9999\n")))
     assert main(["stream", "source=-", f"model={saved}", "hop_ms=20", "window_ms=20"]) == 2
     captured = capsys.readouterr()
-    assert captured.out.splitlines()[1:] == ["1,20,b,0.667", "1,40,b,0.667"]
+    assert captured.out.splitlines()[1:] == ["1,20,b,0.667,-", "1,40,b,0.667,-"]
     assert captured.err.splitlines()[-1] == "bench: line 5: 9999 is not within 0 and the full scale 1023"
 
 
@@ -138,9 +174,9 @@ def test_decisions_come_while_frames_come_and_control_c_ends_it(saved):
         start_new_session=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
     )
-    assert process.stdout.readline() == b"capture,ms,label,confidence\n"
+    assert process.stdout.readline() == b"capture,ms,label,confidence,settled\n"
     process.stdin.write(b"1,9,9,9,9,9\n1,9,9,9,9,9\n")
-    assert process.stdout.readline() == b"1,20,c,0.667\n"  # stdin stays open: nothing else is needed
+    assert process.stdout.readline() == b"1,20,c,0.667,-\n"  # stdin stays open: nothing else is needed
     time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=300)

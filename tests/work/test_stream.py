@@ -378,7 +378,7 @@ def test_the_whole_capture_scores_as_bench_run_and_a_second_command_computes_not
         (["hop_ms=1"], "one frame takes"),
         (["start=end"], "give onset or middle"),
         (["out=/dev/null/x"], "choose another folder"),
-        (["data.subjects=2"], "trains on one subject"),
+        (["data.subjects=2"], "only one subject trains"),
         (["source=file", "model=x"], "source=- to read standard input"),
         (["source=-"], "needs model="),
         (["source=-", "model=nothing"], "not a saved model"),

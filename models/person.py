@@ -1,0 +1,128 @@
+"""What a classifier on features can do with some captures of one person."""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, TransformerMixin, clone
+from sklearn.pipeline import Pipeline
+
+from bench.errors import InputError
+from models.rows import captures_of, undamaged
+from models.scaling import constant
+
+WAYS = ("centre", "scale", "pool")
+WEIGHT = 10  # of a row of the person beside one of training; docs/people.md
+PRIOR = 5.0  # captures that the mean of training counts beside those of a person
+SPREAD_PRIOR = 20.0  # and its spread
+
+
+def share(captures: np.ndarray, codes: np.ndarray | None, classes: int) -> tuple[float, bool]:
+    """How far the person's own mean is believed, 0 to 1, and whether their classes must be taken out of it first.
+
+    With as many labelled captures of each class it is the whole way, of anything else n captures go n / (n + 5) of it:
+    a few captures may be of a few classes.
+
+    Args:
+        captures: of which capture each row is, numbered from 0.
+        codes: class of each row; None where it is not known.
+        classes: that there are.
+    """
+    count = captures.max() + 1
+    if codes is None:
+        return count / (count + PRIOR), False
+    each = np.bincount(codes[np.unique(captures, return_index=True)[1]], minlength=classes)
+    return (1.0, False) if (each == each[0]).all() else (count / (count + PRIOR), True)
+
+
+def codes_of(y: np.ndarray, classes: np.ndarray) -> np.ndarray:
+    """Positions of class names.
+
+    Raises:
+        InputError: one of them was never learnt.
+    """
+    if not np.isin(y, classes).all():
+        unknown = sorted(set(map(str, y)) - set(map(str, classes)))
+        raise InputError(f"{unknown[0]!r} is none of the classes that were learnt")
+    return np.searchsorted(classes, y)
+
+
+class Own(TransformerMixin, BaseEstimator):
+    """Features of a person as they would be of the average person; the identity until it is adapted.
+
+    - ``centre``: features are measured from the person's own mean, as far as `share` goes;
+    - ``scale``: and by their own spread about it, of n captures n / (n + 20) of the way, on a logarithmic scale.
+
+    What never varied in training stays as it is.
+
+    Args:
+        ways: of these; others mean nothing here.
+
+    Attributes:
+        classes_: class names.
+        mean_, sd_, within_: of the undamaged training rows, and the spread within classes [features].
+        centres_: of the classes, from the mean [classes, features].
+        shift_, scale_: what is taken away, and divided by then [features].
+    """
+
+    def __init__(self, ways: tuple[str, ...] = WAYS[:2]) -> None:
+        self.ways = ways
+
+    def fit(self, X: pd.DataFrame, y: np.ndarray) -> Own:
+        """Learn what is usual of features [rows, n_features] and class names [rows]."""
+        whole = undamaged(X)
+        values = np.asarray(X, dtype=np.float64)[whole]
+        self.classes_, codes = np.unique(np.asarray(y)[whole], return_inverse=True)
+        self.n_features_in_ = values.shape[1]
+        self.mean_ = values.mean(axis=0)
+        self.centres_ = np.stack([values[codes == c].mean(axis=0) for c in range(len(self.classes_))]) - self.mean_
+        still = constant(values)
+        self.sd_ = np.where(still, 0, values.std(axis=0))
+        self.within_ = np.where(still, 0, (values - self.mean_ - self.centres_[codes]).std(axis=0))
+        self.shift_, self.scale_ = np.zeros(len(self.mean_)), np.ones(len(self.mean_))
+        return self
+
+    def adapt(self, X: pd.DataFrame, y: np.ndarray | None) -> Own:
+        """The same for one person.
+
+        Args:
+            X: features [rows, n_features] of some of their captures.
+            y: class names [rows], each one that is known; None where they are not.
+        """
+        found = copy(self)
+        captures = captures_of(X)
+        codes = None if y is None else codes_of(y, self.classes_)
+        values = np.asarray(X, dtype=np.float64) - self.mean_
+        within = values if codes is None else values - self.centres_[codes]
+        if "centre" in self.ways:
+            believed, apart = share(captures, codes, len(self.classes_))
+            found.shift_ = np.where(self.sd_ > 0, believed * (within if apart else values).mean(axis=0), 0)
+        if "scale" in self.ways:
+            count = captures.max() + 1
+            own, usual = within.std(axis=0), self.sd_ if codes is None else self.within_
+            both = (own > 0) & (usual > 0)
+            ratio = np.log(np.where(both, own, 1)) - np.log(np.where(both, usual, 1))
+            found.scale_ = np.exp(count / (count + SPREAD_PRIOR) * ratio)
+        return found
+
+    def transform(self, X: pd.DataFrame) -> pd.DataFrame:
+        """Features [rows, n_features], the same object where nothing was adapted."""
+        if not self.shift_.any() and (self.scale_ == 1).all():
+            return X
+        return self.mean_ + (X - self.mean_ - self.shift_) / self.scale_
+
+
+def pooled(
+    classifier: Pipeline, known: tuple[pd.DataFrame, np.ndarray], own: tuple[pd.DataFrame, np.ndarray]
+) -> Pipeline:
+    """A classifier fitted anew to rows of training and those of a person, each of which counts `WEIGHT` times.
+
+    Args:
+        classifier: fitted or not; it stays as it is.
+        known: rows and class names of training.
+        own: those of the person.
+    """
+    tables, labels = zip(known, *[own] * WEIGHT, strict=True)
+    return clone(classifier).fit(pd.concat(tables), np.concatenate(labels))
