@@ -67,6 +67,7 @@ difference over subjects to the most accurate one, and says why.
   max_flash=    budgets, such as max_flash=256kB max_ram=32kB (kB 1000, KiB 1024 bytes; 32 bits a number)
   max_predict=  max_decision=   such as max_predict=2ms max_decision=700ms
   margin=       points of accuracy that do not matter: a one-sided paired t-test (p < 0.05) replaces the SE
+  shots=        among runs of protocol=personal (or transfer) of which so many captures of a new person are known
   data= where= target= protocol= model= features=   choose among the runs
 
   over=X        instead: run model= with the smallest X that suffices by the same rule, beside the unchanged system;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from functools import partial
 from inspect import signature
 
@@ -16,6 +17,8 @@ from torch import nn
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.memory import ensure
+from models.last_layer import relearnt
+from models.person import codes_of
 from models.training import Samples, Windows, activations, moved, probabilities
 
 LONGEST_S = 3600.0  # of a window
@@ -139,6 +142,20 @@ class WindowNet(ClassifierMixin, BaseEstimator):
             self.history_ = self.learn(net, samples, codes[~held][samples.capture], judge)
         self.activations_ = activations(net, moved(samples.one(), torch.device(self.device)))[0]
         return self
+
+    def adapt(self, X: Corpus, y: np.ndarray | None) -> WindowNet:
+        """The same for one person, whose captures the last layer learns (`models.last_layer`); itself without labels.
+
+        Args:
+            X: some captures of the person.
+            y: their class names; None where they are not known.
+        """
+        check_is_fitted(self, "net_")
+        if y is None:
+            return self
+        found = copy(self)
+        found.net_ = relearnt(self.net_, self.samples(X), codes_of(np.asarray(y), self.classes_), self.batch)
+        return found
 
     def _accuracy(self, X: Corpus, codes: np.ndarray) -> float:
         return float((self.predict_proba(X).argmax(axis=1) == codes).mean())

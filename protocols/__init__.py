@@ -8,6 +8,7 @@ PARTS = {
     "groupkfold": "protocols.subjects:SubjectKFold",
     "challenge": "protocols.challenge:Challenge",
     "personal": "protocols.personal:Personal",
+    "transfer": "protocols.transfer:Transfer",
     "kfold": "protocols.captures:CaptureKFold",
     "holdout": "protocols.captures:Holdout",
 }

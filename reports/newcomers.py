@@ -16,7 +16,8 @@ from reports.figures import MARKERS, new_figure, save
 from reports.layout import Block, Table
 
 WITHOUT = "no labels"  # where half of the person's captures are known without them
-SAME = ("data", "corpus_digest", "subset", "target", "protocol.draws", "protocol.weight", "protocol.seed")
+SAME = ("data", "corpus_digest", "subset", "target", "protocol_name", "protocol.source", "protocol.classes")
+DRAWN = ("protocol.draws", "protocol.weight", "protocol.seed")
 SHOWN = 5  # systems of a figure
 
 
@@ -29,13 +30,15 @@ def newcomer_blocks(store: Store, runs: pd.DataFrame, folder: Path) -> list[Bloc
         folder: where figures go.
     """
     blocks: list[Block] = []
-    personal = runs[(runs["protocol_name"] == "personal") & (runs["status"] == "FINISHED")]
+    personal = runs[runs["protocol_name"].isin(["personal", "transfer"]) & (runs["status"] == "FINISHED")]
     if personal.empty:
         return blocks
-    for number, (_, part) in enumerate(personal.groupby([*SAME], sort=False, dropna=False), 1):
+    same = [column for column in (*SAME, *DRAWN) if column in personal]
+    for number, (_, part) in enumerate(personal.groupby(same, sort=False, dropna=False), 1):
         first = rows_of(part)[0]
         data, *_ = context_of({str(k): str(v) for k, v in first.items()})
-        context = f"{data}, a new person, {first['protocol.draws']} draws"
+        skin = f" on another skin than {first['protocol.source']}" if first["protocol_name"] == "transfer" else ""
+        context = f"{data}, a new person{skin}, {first['protocol.draws']} draws"
         found = {system: curve_of(store, rows) for system, rows in part.groupby("system", sort=False)}
         found = {system: curve for system, curve in found.items() if len(curve) > 1}
         if not found:

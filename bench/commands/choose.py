@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from models.space import How, Tuning
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
-KEYS = RUN_KEYS | {"over", "inner", "by", "margin", *BUDGETS}
+KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", *BUDGETS}
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 
 
@@ -94,6 +94,9 @@ def chosen(values: Values) -> Chosen:
     budgets = {BUDGETS[k]: quantity(k, values[k]) for k in BUDGETS if k in values}
     margin = quantity("margin", values["margin"]) if "margin" in values else None
     asked = {k: items(k, values[k]) for k in AMONG if k in values}
+    if "shots" in values:
+        shots = convert("shots", values["shots"], 0)
+        asked |= {"shots": [str(shots)], "protocol": asked.get("protocol", ["personal"])}
     found, about, subjects = candidates(connect(), asked, budgets.get("decision"), by == "decision")
     if (by == "predict" or "predict" in budgets) and found["cpu"].nunique() > 1:
         warn(f"warning: times are of several processors: {'; '.join(sorted(set(found['cpu'])))}")
@@ -117,7 +120,7 @@ def _print(found: Chosen) -> None:
 
 def smallest(values: Values) -> list[Outcome]:
     """Run each system with the smallest value that suffices, chosen in every fold, beside the system as it is."""
-    if given := {"by", "margin", *BUDGETS} & set(values):
+    if given := {"by", "margin", "shots", *BUDGETS} & set(values):
         raise InputError(f"{given.pop()}= chooses among tracked runs; leave it out, or leave out over=")
     over, inner = str(values["over"]), str(values.get("inner", "3"))
     listed = values.get(f"model.{over}")

@@ -203,20 +203,47 @@ def _reader_arguments(kind: str, reader: Callable, options: dict[str, str], sour
 
 
 def _synthetic(parameters: dict[str, Any]) -> Corpus:
-    """The generated corpus, stored under all that it depends on; a damaged one is generated again."""
+    """The generated corpus, stored under all that it depends on."""
     from bench.corpora import synth
 
     code = Path(synth.__file__).read_bytes()
     key = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode() + code).hexdigest()[:16]
-    folder = home() / "corpora" / "synth" / key
+    return _made(home() / "corpora" / "synth" / key, lambda: synth.generate(**parameters))
+
+
+def open_joined(own: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
+    """Captures of two skins as `bench.corpora.skins.joined` makes them, stored under all that they depend on.
+
+    Args:
+        own: captures of a stored corpus, or some of them.
+        source: another stored corpus.
+        names: what classes of ``source`` are called in ``own``.
+
+    Raises:
+        InputError: as of `joined`, or the data folder cannot be written.
+    """
+    from bench.corpora import skins
+
+    code = Path(skins.__file__).read_bytes()
+    same = [own.digest, own.index.tolist(), source.digest, source.name, source.index.tolist(), sorted(names.items())]
+    key = hashlib.sha256(json.dumps(same).encode() + code).hexdigest()[:16]
+    return _made(home() / "corpora" / ".transfer" / key, lambda: skins.joined(own, source, names))
+
+
+def _made(folder: Path, make: Callable[[], Corpus]) -> Corpus:
+    """A stored corpus that touchbench can make itself; one that is not there, or damaged, is made and stored.
+
+    Raises:
+        InputError: it cannot be made or stored.
+    """
     try:
-        return open_folder(folder, key)
-    except InputError:  # not there, or damaged
-        corpus = synth.generate(**parameters)
+        return open_folder(folder, folder.name)
+    except InputError:
+        corpus = make()
     try:
         write_folder(corpus, folder)
     except OSError as e:
         raise InputError(
             f"{short(folder)} cannot be written ({e.strerror or e}); set TOUCHBENCH_HOME to a folder that can"
         ) from e
-    return open_folder(folder, key)
+    return open_folder(folder, folder.name)

@@ -52,7 +52,8 @@ def candidates(
 
     Args:
         store: where the runs are.
-        asked: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to choose among.
+        asked: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to choose among, and
+            ``shots`` that are known of a new person.
         most: milliseconds until a decision is out.
         replays: whether replayed systems are candidates; they are with ``most``.
 
@@ -92,7 +93,12 @@ def candidates(
 def _asked(runs: pd.DataFrame, asked: Mapping[str, list[str]]) -> pd.DataFrame:
     """The complete runs among some that were asked for; replays only from the onset."""
     runs = runs[runs["status"] == "FINISHED"]
-    columns = {"where": "subset"} | {part: f"{part}_name" for part in ("protocol", "features", "model")}
+    columns = {"where": "subset", "shots": "protocol.shots"}
+    columns |= {part: f"{part}_name" for part in ("protocol", "features", "model")}
+    if "shots" in asked:
+        if "protocol.shots" not in runs:
+            return runs[:0]
+        runs = runs[runs["protocol.unlabelled"] != "True"]
     wanted = {"target": ["gesture"], **asked} | ({"stream.start": ["onset"]} if "stream.start" in runs else {})
     for key, values in wanted.items():
         runs = runs[runs[columns.get(key, key)].isin([str(v) for v in values])]

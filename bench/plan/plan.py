@@ -113,12 +113,13 @@ def checked(cell: Cell) -> contract.System:
 
 
 def corpus_of(cell: Cell) -> Corpus:
-    """The captures that a cell is about.
+    """The captures that a cell is about, with others that its protocol trains on.
 
     Raises:
-        InputError: they cannot be opened, chosen, or told apart by the target.
+        InputError: they cannot be opened, chosen, joined, or told apart by the target.
     """
     corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
+    corpus = splits.captures(cell.protocol.make(), corpus)
     if len(set(corpus.gestures)) < 2:
         raise InputError(
             f"data={cell.data} where={cell.where!r}: only one {corpus.target} is left, nothing to tell apart"

@@ -6,6 +6,7 @@ test) capture positions. It may also have
 - ``label(corpus)``: the words that stand in every row of results; else its class name, with ``subjects mixed`` where
   captures of a subject are on both sides of a fold;
 - ``official_split(corpus)``: whether its folds are those of a publication, where there is such a split at all;
+- ``joined(corpus)``: the captures that it splits, where these are more than those of ``data=``;
 - ``calibrations(X, y, groups)``: of each fold and draw, pairs of positions: captures that are known of the person who
   is tested, and those that are tested then; with ``unlabelled``, whether labels are not known, and ``weight``, how
   often a known capture counts in training.
@@ -65,6 +66,12 @@ def calibrations(protocol: Splitter, corpus: Corpus, y: np.ndarray, groups: np.n
         pairs = tuple(tuple((np.asarray(known), np.asarray(tested)) for known, tested in draw) for draw in draws)
         none = not any(len(known) for draw in pairs for known, _ in draw)
         yield None if none else Calibration(pairs, labelled, weight)
+
+
+def captures(protocol: Splitter, corpus: Corpus) -> Corpus:
+    """What the protocol splits: the captures themselves, or they and others."""
+    own = getattr(protocol, "joined", None)
+    return corpus if own is None else own(corpus)
 
 
 def official_split(protocol: Splitter, corpus: Corpus) -> bool | None:

@@ -139,6 +139,28 @@ def test_a_replayed_system_decides_within_the_budget(capsys, tmp_path):
     assert set(found["unit"]) == {"capture", "first 244 ms", "first 296 ms"}
 
 
+def test_among_runs_with_so_many_shots_of_a_new_person(capsys):
+    small = ["data=synth", "data.subjects=3", "where=gesture in ['pat', 'rub', 'grab']", "features=touch"]
+    personal = ["run", *small, "model=lda,bayes", "protocol=personal", "protocol.draws=1"]
+    assert main(["run", *small, "model=lda"]) == 0
+    assert main(["choose", "shots=1"]) == 2  # nothing knows of shots
+    assert main([*personal, "protocol.shots=0,1"]) == 0
+    assert main([*personal, "protocol.unlabelled=true"]) == 0
+    capsys.readouterr()
+    found = {}
+    for shots in ("0", "1"):
+        assert main(["choose", f"shots={shots}", "by=predict"]) == 0
+        found[shots] = capsys.readouterr().out
+    assert "1 shots" in found["1"] and "0 shots" in found["0"] and "1 shots" not in found["0"]
+    assert "lda" in found["1"] and "bayes" in found["1"]
+    for wrong, told in (
+        (["shots=2"], "no complete run"),
+        (["shots=x"], "whole number"),
+        (["shots=1", "over=C"], "leave it out"),
+    ):
+        assert main(["choose", *wrong]) == 2 and told in capsys.readouterr().err
+
+
 def test_over_a_parameter_and_over_features(capsys):
     small = ["data.subjects=4", "data.repetitions=2", "protocol=groupkfold", "protocol.folds=2", "inner=2"]
     assert main(["choose", "model=bayes", "over=ridge", "model.ridge=1,0.01", "features=jung28", *small]) == 0

@@ -1,0 +1,131 @@
+"""Another skin: trained on one corpus, tested on another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import chain
+
+import numpy as np
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.library import open_corpus, open_joined
+from bench.corpora.skins import OWN, SOURCE
+from bench.errors import InputError, nearest
+from bench.plan.arguments import convert
+from bench.registry import parameters
+from protocols.personal import WEIGHT, Personal
+
+
+class Transfer:
+    """Train on all captures of another corpus, test on those of ``data=``, on the classes that both have.
+
+    Both are brought to what both skins can give (`bench.corpora.skins`): shares of full scale, the lower of their rates
+    and, each way, the fewer of their taxels. A finer one that is trained on would teach what the coarser cannot show,
+    and the other way round. With ``shots`` or ``unlabelled`` some captures of each tested person are known, as of
+    `protocols.personal.Personal`.
+
+    Args:
+        source: name of the corpus that is trained on; ``synth`` may be followed by parameters, as in
+            ``synth+rows=6+cols=6``.
+        classes: what its classes are called in ``data=`` where names differ, as in ``tap:pat+massage:rub``.
+        shots: labelled captures of each class of the tested person.
+        draws: calibrations that are drawn, each tested.
+        unlabelled: half of the captures of the tested person, without labels, in place of shots.
+        weight: how often a shot counts for a system that cannot adapt.
+        seed: of halves and draws.
+    """
+
+    def __init__(
+        self,
+        source: str = "",
+        classes: str = "",
+        shots: int = 0,
+        draws: int = 5,
+        unlabelled: bool = False,
+        weight: int = WEIGHT,
+        seed: int = 0,
+    ) -> None:
+        self.source = source
+        self.classes = classes
+        self.shots = shots
+        self.draws = draws
+        self.unlabelled = unlabelled
+        self.weight = weight
+        self.seed = seed
+
+    @property
+    def _personal(self) -> Personal:
+        return Personal(self.shots, self.draws, self.unlabelled, self.weight, self.seed)
+
+    def joined(self, corpus: Corpus) -> Corpus:
+        """The captures of ``data=``, and behind them those of the source, both as a skin that is as coarse as either.
+
+        Raises:
+            InputError: there is no such source, or too few classes are shared.
+        """
+        self._personal.check()
+        if corpus.target != "gesture":
+            raise InputError(f"protocol=transfer tells gestures apart, not {corpus.target}; leave target= out")
+        if not self.source:
+            raise InputError("protocol=transfer needs protocol.source=, the corpus that is trained on; see bench data")
+        name, *given = self.source.split("+")
+        source = open_corpus(name, _generator(name, given))
+        if source.digest == corpus.digest:
+            raise InputError(f"protocol.source={self.source}: these are the captures that are tested; name others")
+        return open_joined(corpus, source, self._names())
+
+    def _names(self) -> dict[str, str]:
+        pairs = [pair.partition(":") for pair in self.classes.split("+") if pair]
+        for old, _, new in pairs:
+            if not old or not new:
+                raise InputError(f"protocol.classes={self.classes}: give pairs such as tap:pat, joined by +")
+        if len({old for old, _, _ in pairs}) < len(pairs):
+            raise InputError(f"protocol.classes={self.classes}: a class is named twice; name it once")
+        return {old: new for old, _, new in pairs}
+
+    def label(self, corpus: Corpus) -> str:
+        """The words that stand in every row of results."""
+        own = corpus.captures["skin"].to_numpy() == OWN
+        seen = self._personal.label(corpus[own]).removeprefix("personal, ").rpartition(" (")[0]
+        told = f", {seen}" if self.shots or self.unlabelled else ""
+        of = [f"{len(set(corpus.subjects[part]))} subjects" for part in (~own, own)]
+        count = len(set(corpus.gestures))
+        return f"transfer from {self.source} ({of[0]}), {count} shared classes{told} ({of[1]})"
+
+    def split(
+        self, X: Corpus, y: np.ndarray | None = None, groups: np.ndarray | None = None
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield one (train, test): the source, and all of ``data=``."""
+        skin = X.captures["skin"].to_numpy()
+        yield np.flatnonzero(skin == SOURCE), np.flatnonzero(skin == OWN)
+
+    def calibrations(
+        self, X: Corpus, y: np.ndarray | None = None, groups: np.ndarray | None = None
+    ) -> Iterator[list[list[tuple[np.ndarray, np.ndarray]]]]:
+        """Of each draw, pairs of indices for every tested subject: captures that are known, and those tested then."""
+        own = np.flatnonzero(X.captures["skin"].to_numpy() == OWN)
+        people = list(self._personal.calibrations(X[own], None if y is None else np.asarray(y)[own]))
+        draws = [chain.from_iterable(pairs) for pairs in zip(*people, strict=True)]
+        yield [[(own[known], own[tested]) for known, tested in draw] for draw in draws]
+
+
+def _generator(name: str, given: list[str]) -> dict[str, object]:
+    """Parameters of the generated corpus from ``rows=6`` and the like; an imported one has none.
+
+    Raises:
+        InputError: a parameter that is not there, or no value of one.
+    """
+    from bench.corpora.synth import generate
+
+    if name != "synth":
+        if given:
+            raise InputError(f"protocol.source={name}+{given[0]}: only synth has parameters")
+        return {}
+    usual = parameters(generate)
+    found = dict(usual)
+    for pair in given:
+        key, _, text = pair.partition("=")
+        if key not in usual:
+            raise InputError(f"protocol.source=synth has no parameter {key!r}; {nearest(key, usual)}")
+        found[key] = convert(f"protocol.source {key}", text, usual[key])
+    return found
