@@ -55,13 +55,17 @@ class Guarded(ClassifierMixin, BaseEstimator):
         return self
 
     def adapt(self, X: pd.DataFrame, y: np.ndarray | None) -> Guarded:
-        """The same for one person (`models.lda.Discriminants.adapt`); what is usual moves with their mean as well."""
+        """The same for one person (`models.lda.Discriminants.adapt`); what is usual moves with their mean as well.
+
+        The network measures from that mean, too, and its last layer learns what has labels.
+        """
         found = copy(self)
         found.linear_ = self.linear_.adapt(X, y)
         moved = (found.linear_.learnt_.mean - self.linear_.learnt_.mean).astype(np.float32)
         found.mean_ = self.mean_ + moved
         found.robust_ = copy(self.robust_)
         found.robust_.mean_ = self.robust_.mean_ + moved
+        found.robust_ = found.robust_.adapt(X, y)
         return found
 
     def doubts(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:

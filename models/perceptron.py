@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 import pandas as pd
 from scipy.special import softmax
@@ -9,7 +11,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from models.rows import undamaged
+from models.person import codes_of, relearnt
+from models.rows import captures_of, undamaged
 from models.scaling import constant
 from models.space import Range
 
@@ -107,10 +110,30 @@ class Perceptron(ClassifierMixin, BaseEstimator):
         """In SDs, cut off; what is not a number is taken for the mean."""
         return np.nan_to_num((Z - self.mean_) / self.scale_, nan=0.0).clip(-self.clip, self.clip)
 
+    def _hidden(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Rectified units [rows, units]."""
+        hidden = self._scaled(np.asarray(X, dtype=np.float32)) @ self.coefs_[0] + self.intercepts_[0]
+        return np.maximum(hidden, 0)
+
+    def adapt(self, X: pd.DataFrame | np.ndarray, y: np.ndarray | None) -> Perceptron:
+        """The same for one person, whose captures the last layer learns (`models.person.relearnt`).
+
+        Args:
+            X: features [rows, n_features] of some captures of the person.
+            y: class names [rows]; None where they are not known, which changes nothing.
+        """
+        if y is None:
+            return self
+        found = copy(self)
+        old = np.column_stack([self.coefs_[1].T, self.intercepts_[1]])
+        new = relearnt(old, self._hidden(X), codes_of(y, self.classes_), captures_of(X)).astype(np.float32)
+        found.coefs_, found.intercepts_ = [self.coefs_[0], new[:, :-1].T.copy()], [self.intercepts_[0], new[:, -1]]
+        return found
+
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
-        hidden = self._scaled(np.asarray(X, dtype=np.float32)) @ self.coefs_[0] + self.intercepts_[0]
-        return softmax((np.maximum(hidden, 0) @ self.coefs_[1] + self.intercepts_[1]).astype(np.float64), axis=1)
+        logits = self._hidden(X) @ self.coefs_[1] + self.intercepts_[1]
+        return softmax(logits.astype(np.float64), axis=1)
 
     def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class names [rows]."""

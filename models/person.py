@@ -6,6 +6,8 @@ from copy import copy
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import minimize
+from scipy.special import log_softmax, softmax
 from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.pipeline import Pipeline
 
@@ -17,6 +19,8 @@ WAYS = ("centre", "scale", "pool")
 WEIGHT = 10  # of a row of the person beside one of training; docs/people.md
 PRIOR = 5.0  # captures that the mean of training counts beside those of a person
 SPREAD_PRIOR = 20.0  # and its spread
+STIFF = 0.3  # of a network's last layer
+ROUNDS = 200  # at most, until it has learnt
 
 
 def share(captures: np.ndarray, codes: np.ndarray | None, classes: int) -> tuple[float, bool]:
@@ -47,6 +51,34 @@ def codes_of(y: np.ndarray, classes: np.ndarray) -> np.ndarray:
         unknown = sorted(set(map(str, y)) - set(map(str, classes)))
         raise InputError(f"{unknown[0]!r} is none of the classes that were learnt")
     return np.searchsorted(classes, y)
+
+
+def relearnt(old: np.ndarray, given: np.ndarray, codes: np.ndarray, captures: np.ndarray) -> np.ndarray:
+    """The last layer of a network after it has learnt some captures of a person, too.
+
+    It minimises the cross-entropy of their captures, a mean over the rows of each, while its weights stay near those
+    that it had: the squared distance costs half of `STIFF` times the mean square length of a row.
+
+    Args:
+        old: weights, and the intercept as the last column [classes, inputs + 1].
+        given: what the layer is given [rows, inputs].
+        codes: class of each row.
+        captures: of which capture each row is.
+    """
+    given = np.column_stack([given, np.ones(len(given))]).astype(np.float64)
+    share = (1 / np.bincount(captures)[captures])[:, None]
+    wanted = np.eye(len(old))[codes]
+    price = STIFF * np.mean((given**2).sum(axis=1))
+
+    def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
+        away = flat.reshape(old.shape) - old
+        logits = given @ (away + old).T
+        wrong = (softmax(logits, axis=1) - wanted) * share
+        cost = -(wanted * log_softmax(logits, axis=1) * share).sum() + price / 2 * (away**2).sum()
+        return cost, (wrong.T @ given + price * away).ravel()
+
+    begin = old.astype(np.float64)
+    return minimize(loss, begin.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": ROUNDS}).x.reshape(old.shape)
 
 
 class Own(TransformerMixin, BaseEstimator):

@@ -54,16 +54,11 @@ def main(name: str, rate_hz: str, grid: str) -> None:
     }
     for said, skin in steps.items():
         back = corpus if skin == own else there_and_back(corpus, *skin)
-        n = min(len(corpus.frames), len(back.frames))
-        error = (
-            np.sqrt(np.mean((back.frames[:n].astype(float) - corpus.frames[:n]) ** 2))
-            if len(back.frames) == len(corpus.frames)
-            else np.nan
-        )
-        print(
-            f"{said:24s} {accuracy(back):5.1f} %, {100 * error / corpus.full_scale:.2f} % of full scale apart (RMS)",
-            flush=True,
-        )
+        said += f": {accuracy(back):.1f} %"
+        if len(back.frames) == len(corpus.frames):
+            apart = np.sqrt(np.mean((back.frames - corpus.frames.astype(float)) ** 2)) / corpus.full_scale
+            said += f", {100 * apart:.2f} % of full scale apart (RMS)"
+        print(said, flush=True)
 
 
 if __name__ == "__main__":

@@ -128,6 +128,8 @@ SYSTEMS = {
     "adapts": {"model": "lda", "features": "touch"},
     "windows": {"model": "lda", "features": "touch", "model.window": "0.1"},
     "is fitted anew": {"model": "svm", "features": "touch"},
+    "pools": {"model": "svm", "features": "touch", "model.person": "centre+scale+pool"},
+    "last layer": {"model": "cnn85", "model.epochs": "1", "model.frames": "10"},
 }
 
 

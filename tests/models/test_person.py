@@ -1,0 +1,193 @@
+"""What classifiers and networks do with captures of one person: against means, spreads and optima by hand."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import approx_fprime
+from sklearn.pipeline import Pipeline
+
+from bench.cli import main
+from features.base import labels
+from features.jung28 import Jung28
+from models import contract, person
+from models.cnn85 import CNN85
+from models.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
+from models.person import PRIOR, SPREAD_PRIOR, WEIGHT, Own, relearnt
+from models.recipe import Recipe
+from models.svm import svm
+from tests.conftest import random_corpus
+
+
+def rows(n, features=3, seed=0, classes="ab"):
+    rng = np.random.default_rng(seed)
+    y = np.array([classes[i % len(classes)] for i in range(n)])
+    values = rng.normal(0, 1, (n, features)) + 3 * (y == "b")[:, None]
+    return pd.DataFrame(values, columns=list("xyz")[:features]), y
+
+
+def test_nothing_changes_before_a_person_is_met():
+    X, y = rows(20)
+    assert Own(("centre", "scale")).fit(X, y).transform(X) is X
+    corpus = random_corpus()
+    plain = svm(Jung28()).fit(corpus, corpus.gestures)
+    model = Recipe(svm(Jung28()), person=("centre", "scale", "pool")).fit(corpus, corpus.gestures)
+    assert np.array_equal(model.predict_proba(corpus), plain.predict_proba(corpus))
+
+
+@given(st.integers(1, 30), st.booleans())
+def test_the_mean_of_a_person_by_hand(count, labelled):
+    X, y = rows(40)
+    own = Own(("centre",)).fit(X, y)
+    Z, known = rows(count, seed=1)
+    Z = Z + [10, 0, -4]
+    found = own.adapt(Z, known if labelled else None)
+    overall = X.to_numpy().mean(axis=0)
+    if labelled and count % 2 == 0:  # both classes alike
+        expected = Z.to_numpy().mean(axis=0) - overall
+    elif labelled:
+        centres = {c: X.to_numpy()[y == c].mean(axis=0) for c in "ab"}
+        expected = np.mean([z - centres[c] for z, c in zip(Z.to_numpy(), known, strict=True)], axis=0)
+        expected = expected * count / (count + PRIOR)
+    else:
+        expected = (Z.to_numpy().mean(axis=0) - overall) * count / (count + PRIOR)
+    np.testing.assert_allclose(found.transform(Z), Z.to_numpy() - expected, atol=1e-9)
+    assert own.transform(Z) is Z  # it stays as it is
+
+
+def test_the_spread_of_a_person_by_hand():
+    X, y = rows(40)
+    own = Own(("scale",)).fit(X, y)
+    Z, known = rows(10, seed=1)
+    Z = 2 * Z
+    centres = {c: X.to_numpy()[y == c].mean(axis=0) for c in "ab"}
+    within = lambda A, k: np.std([a - centres[c] for a, c in zip(A.to_numpy(), k, strict=True)], axis=0)  # noqa: E731
+    mean = X.to_numpy().mean(axis=0)
+    for labels_, ratio in ((known, within(Z, known) / within(X, y)), (None, Z.to_numpy().std(0) / X.to_numpy().std(0))):
+        expected = mean + (Z.to_numpy() - mean) / ratio ** (10 / (10 + SPREAD_PRIOR))
+        np.testing.assert_allclose(own.adapt(Z, labels_).transform(Z), expected)
+
+
+def test_what_never_varies_stays_and_windows_of_a_capture_are_one():
+    X, y = rows(40)
+    own = Own().fit(X.assign(z=5.0), y)
+    Z, _ = rows(6, seed=1)
+    moved = own.adapt(Z.assign(z=9.0), None).transform(Z.assign(z=9.0))
+    assert (moved["z"] == 9.0).all()
+    windows = Z.set_axis(labels(np.repeat([0, 1], 3), np.zeros(6, dtype=int)))
+    share = 2 / (2 + PRIOR)  # two captures, not six
+    np.testing.assert_allclose(
+        Own(("centre",)).fit(X, y).adapt(windows, None).transform(windows).mean(),
+        Z.mean() - share * (Z.mean() - X.mean()),
+    )
+
+
+def test_damaged_copies_say_nothing_of_what_is_usual():
+    X, y = rows(20)
+    copies = np.repeat([0, 1], 20)
+    both = pd.concat([X, X * 100]).set_axis(labels(np.tile(np.arange(20), 2), copies))
+    one, other = Own().fit(X, y), Own().fit(both, np.tile(y, 2))
+    for name in ("mean_", "sd_", "within_", "centres_"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name))
+
+
+def test_pooled_captures_count_ten_times():
+    corpus = random_corpus()
+    train, known, tested = (
+        np.flatnonzero(corpus.subjects != "1"),
+        *np.flatnonzero(corpus.subjects == "1").reshape(2, -1),
+    )
+    model = Recipe(svm(Jung28()), person=("pool",)).fit(corpus[train], corpus.gestures[train])
+    before = model.predict_proba(corpus[tested])
+    found = model.adapt(corpus[known], corpus.gestures[known])
+    by_hand = np.concatenate([train, *[known] * WEIGHT])
+    expected = svm(Jung28()).fit(corpus[by_hand], corpus.gestures[by_hand]).predict_proba(corpus[tested])
+    np.testing.assert_allclose(found.predict_proba(corpus[tested]), expected)
+    assert np.array_equal(model.predict_proba(corpus[tested]), before)
+    without = model.adapt(corpus[known], None)
+    assert np.array_equal(without.predict_proba(corpus[tested]), before)
+
+
+def test_the_last_layer_is_at_an_optimum_and_a_stiff_one_stays(monkeypatch):
+    rng = np.random.default_rng(0)
+    old, inputs = rng.normal(0, 1, (3, 5)), rng.normal(0, 1, (9, 4))
+    codes, captures = rng.integers(0, 3, 9), np.repeat([0, 1, 2], [2, 3, 4])
+
+    def loss(flat):
+        new = flat.reshape(3, 5)
+        total = 0.0
+        for capture in range(3):
+            own = np.flatnonzero(captures == capture)
+            for i in own:
+                logits = new[:, :4] @ inputs[i] + new[:, 4]
+                total -= np.log(np.exp(logits[codes[i]]) / np.exp(logits).sum()) / len(own)
+        size = np.mean([np.sum(row**2) + 1 for row in inputs])
+        return total + 0.3 / 2 * size * np.sum((new - old) ** 2)
+
+    found = relearnt(old, inputs, codes, captures)
+    assert loss(found.ravel()) < loss(old.ravel())
+    np.testing.assert_allclose(approx_fprime(found.ravel(), loss, 1e-6), 0, atol=1e-3)
+    monkeypatch.setattr(person, "STIFF", 1e9)
+    np.testing.assert_allclose(relearnt(old, inputs, codes, captures), old, atol=1e-6)
+
+
+NETWORKS = {
+    "cnn85": lambda: CNN85(frames=10, epochs=1, batch=16),
+    "cnn": lambda: Hughes2017CNN(epochs=1),
+    "cnn_rnn": lambda: Hughes2017CNNRNN(epochs=1),
+}
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_network_learns_a_person_in_its_last_layer(name):
+    corpus = random_corpus(longest=60)
+    train, own = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
+    model = NETWORKS[name]().fit(corpus[train], corpus.gestures[train])
+    assert contract.adapts(model) and contract.adapted(model, corpus[own], None) is model
+    before = model.predict_proba(corpus[own])
+    weights = [p.clone() for p in model.net_.parameters()]
+    found = contract.adapted(model, corpus[own], corpus.gestures[own])
+    right = np.searchsorted(model.classes_, corpus.gestures[own])
+    told = lambda proba: np.log(np.maximum(proba[np.arange(len(own)), right], 1e-9)).mean()  # noqa: E731
+    if name != "cnn_rnn":  # a vote moves in steps
+        assert told(found.predict_proba(corpus[own])) > told(before)
+    changed = [not torch.equal(a, b) for a, b in zip(found.net_.parameters(), weights, strict=True)]
+    assert changed[-2:] == [True, True] and not any(changed[:-2])
+    assert all(torch.equal(a, b) for a, b in zip(model.net_.parameters(), weights, strict=True))
+    assert np.array_equal(model.predict_proba(corpus[own]), before)
+
+
+def test_a_class_that_was_never_learnt_is_one_line():
+    corpus = random_corpus()
+    model = NETWORKS["cnn85"]().fit(corpus, corpus.gestures)
+    with pytest.raises(Exception, match="'nod' is none of the classes"):
+        model.adapt(corpus[:1], np.array(["nod"]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["model=svm", "model.person=whole"], "'whole' is none of centre, scale, pool"),
+        (["model=lda", "features=touch", "model.person=pool"], "adapts by itself"),
+        (["model=cnn85", "model.person=centre"], "adapts by itself"),
+        (["model=jung2014_bayes", "model.person=centre"], ""),
+    ],
+)
+def test_ways_that_cannot_be_are_one_line(arguments, said, capsys):
+    code = main(["run", "data=synth", "data.subjects=2", "where=gesture in ['pat', 'rub']", *arguments])
+    told = "".join(capsys.readouterr())
+    assert (code == 2 and said in told) if said else code == 0
+
+
+def test_a_pipeline_keeps_its_steps():
+    corpus = random_corpus()
+    model = Recipe(svm(Jung28()), person=("centre",)).fit(corpus, corpus.gestures)
+    own = model.adapt(corpus[:3], None)
+    assert isinstance(own.system_, Pipeline) and [n for n, _ in own.system_.steps] == [
+        "features",
+        "own",
+        "scaler",
+        "classifier",
+    ]
