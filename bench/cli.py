@@ -149,6 +149,25 @@ What it is worth: bench run protocol=personal.
   bench fit data=haart model=reflex out=rec
   bench adapt rec anna.csv out=rec_anna
 """
+EXPORT = """\
+bench export MODEL out=FOLDER [bits=32|8]
+
+Writes a saved system as C99 that needs no heap and no library but math.h: touch.h (touch_init, touch_push and
+touch_label), touch.c, and tables.h with what was learnt. A Makefile builds it for this machine, where main.c decides on
+frames from standard input as bench stream source=- does (make, make check), and for a Cortex-M4F with 256 KiB of flash
+and 32 KiB of RAM (make chip, which does not link what does not fit; make flash prints the sizes). What the model has
+learned about when to decide goes along, and so does a person whom it was adapted to.
+
+reflex has C; so have lda, softmax, bayes, svm, tree, rf, et and xgb on touch with model.window=, or on jung28.
+
+  bits=       8 stores weights, support vectors and leaves in 8 bits; default 32
+  out=        a folder that is new or empty
+
+  bench fit data=haart model=reflex out=rec
+  bench export rec out=rec_c bits=8
+  make -C rec_c check
+  sensor | rec_c/touch
+"""
 PREDICT = """\
 bench predict MODEL FILE [out=labels.csv] [rate_hz=]
 
@@ -247,6 +266,7 @@ COMMANDS = {
     ),
     "fit": ("bench.commands.fit:fit", "train one system on all captures and save it as an MLflow model", FIT),
     "adapt": ("bench.commands.fit:adapt", "adapt a saved model to one person", ADAPT),
+    "export": ("bench.commands.export:export", "write a saved model as C99 for a microcontroller", EXPORT),
     "predict": ("bench.commands.fit:predict", "label the captures of a file with a saved model", PREDICT),
     "check": ("bench.commands.check:check", "compare with a stored baseline, a gate for CI", CHECK),
     "systems": ("bench.commands.systems:systems", "list published numbers and the commands that repeat them", SYSTEMS),

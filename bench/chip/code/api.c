@@ -1,0 +1,177 @@
+/* The three functions, and when to decide. */
+
+static float milliseconds(int frames) { return 1000.0f / RATE_HZ * (float)frames; }
+
+int touch_init(touch_t *t)
+{
+    if (!t)
+        return TOUCH_BAD;
+    memset(t, 0, sizeof *t);
+    return 0;
+}
+
+#if STOPPING
+/* Probabilities as sure as training people have shown them to be after so many frames, in place. */
+static void calibrated(float *proba, int frames)
+{
+    float place = 0;
+    if (LAST_MS > FIRST_MS)
+        place = logf(milliseconds(frames) / FIRST_MS) / logf(LAST_MS / FIRST_MS);
+    place = fminf(fmaxf(place, 0), 1);
+    float heat = expf(logf(FIRST_HEAT) * (1 - place) + logf(LAST_HEAT) * place);
+    for (int c = 0; c < CLASSES; c++)
+        proba[c] = logf(fmaxf(proba[c], 1e-6f)) / heat;
+    softmax(proba);
+}
+
+/* One less what waiting is expected to gain: probabilities before calibration, and the label before, or -1. */
+static float settled_of(const float *proba, int frames, int label, int before)
+{
+    static const float weights[11] = WAITING;
+    float top[3] = {0, 0, 0};
+    for (int c = 0; c < CLASSES; c++)
+        for (int k = 0; k < 3; k++)
+            if (proba[c] > top[k]) {
+                for (int l = 2; l > k; l--)
+                    top[l] = top[l - 1];
+                top[k] = proba[c];
+                break;
+            }
+    float late = logf(milliseconds(frames) / 62.5f), same = before == label;
+    const float state[11] = {1, top[0], top[0] * top[0], top[1], top[2], late, late * late, top[0] * late, top[1] * late,
+                             same, same * late};
+    float gain = 0;
+    for (int k = 0; k < 11; k++)
+        gain += weights[k] * state[k];
+    return fminf(fmaxf(1 - gain, 0), 1);
+}
+
+/* The label that stood when 1/1.41 as much had been seen, -1 if there was none; this one is remembered. */
+static int earlier(touch_t *t, int label)
+{
+    int drop = 0;
+    while (drop + 1 < t->remembered && (float)t->label_at[drop + 1] * 1.41421356f <= (float)t->seen)
+        drop++;
+    for (int i = drop; i < t->remembered; i++) {
+        t->label_at[i - drop] = t->label_at[i];
+        t->labels[i - drop] = t->labels[i];
+    }
+    t->remembered -= drop;
+    int found = t->remembered && (float)t->label_at[0] * 1.41421356f <= (float)t->seen ? t->labels[0] : -1;
+    if (t->remembered == REMEMBERED) { /* every second one will do */
+        t->remembered = REMEMBERED / 2;
+        for (int i = 0; i < t->remembered; i++) {
+            t->label_at[i] = t->label_at[2 * i];
+            t->labels[i] = t->labels[2 * i];
+        }
+    }
+    t->label_at[t->remembered] = t->seen;
+    t->labels[t->remembered++] = label;
+    return found;
+}
+#endif
+
+int touch_push(touch_t *t, const float *frame)
+{
+    if (!t || !frame)
+        return TOUCH_BAD;
+    for (int i = 0; i < TAXELS; i++)
+        if (!(frame[i] >= 0 && frame[i] <= FULL_SCALE)) /* not a number is neither */
+            return TOUCH_BAD;
+    if (t->seen >= LONGEST)
+        return TOUCH_LONG;
+    for (int i = 0; i < TAXELS; i++)
+        t->frame[i] = frame[i];
+    prepared(t, t->frame);
+#if WINDOW
+    for (int i = 0; i < TAXELS; i++) {
+        t->frame[i] /= FULL_SCALE;
+        t->before[i] = t->seen ? t->before[i] : t->frame[i];
+    }
+    int at = t->seen++;
+    signals_of(t->frame, t->before, t->signals[at % WINDOW]);
+    int ready = halves(t->whole, t->frame, at, WINDOW, HOP);
+    if (ready) {
+        features_of(t, WINDOW, t->whole);
+        decide(t, t->proba);
+        for (int c = 0; c < CLASSES; c++)
+            t->sum[c] += t->proba[c];
+        t->windows++;
+    }
+#if EARLY
+    if (at < WINDOW && halves(t->early, t->frame, at, EARLY, EARLY_HOP) && !ready) {
+        ready = 1;
+        features_of(t, EARLY, t->early);
+        decide_early(t, t->proba);
+        for (int c = 0; c < CLASSES; c++)
+            t->early_sum[c] += t->proba[c];
+        t->early_windows++;
+    }
+#endif
+    for (int i = 0; i < TAXELS; i++)
+        t->before[i] = t->frame[i];
+    return ready;
+#else
+    join(t, t->frame, t->before);
+    t->seen++;
+    for (int i = 0; i < TAXELS; i++)
+        t->before[i] = t->frame[i];
+    return 1;
+#endif
+}
+
+/* Probabilities of what has been seen, before calibration. */
+static void label_so_far(touch_t *t, float *proba)
+{
+#if WINDOW
+    if (t->windows) {
+        for (int c = 0; c < CLASSES; c++)
+            proba[c] = t->sum[c] / (float)t->windows;
+        return;
+    }
+#if EARLY
+    if (t->early_windows) {
+        for (int c = 0; c < CLASSES; c++)
+            proba[c] = t->early_sum[c] / (float)t->early_windows;
+        return;
+    }
+    features_of(t, t->seen, t->early);
+    decide_early(t, proba);
+#else
+    features_of(t, t->seen, t->whole);
+    decide(t, proba);
+#endif
+#else
+    features_of(t);
+    decide(t, proba);
+#endif
+}
+
+int touch_label(touch_t *t, float *probabilities, float *settled)
+{
+    if (!t || !probabilities)
+        return TOUCH_BAD;
+    if (!t->seen)
+        return TOUCH_EMPTY;
+    label_so_far(t, probabilities);
+    int label = 0;
+    for (int c = 1; c < CLASSES; c++)
+        if (probabilities[c] > probabilities[label])
+            label = c;
+#if STOPPING
+    int before = earlier(t, label);
+    if (settled)
+        *settled = settled_of(probabilities, t->seen, label, before);
+    calibrated(probabilities, t->seen);
+#else
+    if (settled)
+        *settled = 0;
+#endif
+    return label;
+}
+
+const char *touch_name(int label)
+{
+    static const char *const names[CLASSES] = NAMES;
+    return label >= 0 && label < CLASSES ? names[label] : "";
+}

@@ -1,0 +1,193 @@
+"""The files of a system as C."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.chip.tables import Chip, chip_of, number
+
+if TYPE_CHECKING:
+    from bench.work.saved import Recogniser
+
+CODE = Path(__file__).parent / "code"
+TYPES = {"int8": "int8_t", "int32": "int", "float32": "float"}
+PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "THRESHOLD", "STOPPING")
+CONSTANTS = {  # of the feature set touch
+    "SIGNALS": "19",
+    "STATISTICS": "13",
+    "SPECTRAL": "9",
+    "LAGGED": "3",
+    "LAGS": "6",
+    "BANDS": "10",
+    "SPREAD": "16",
+    "POINTS": "64",
+    "ROW": "7",
+    "COL": "8",
+    "EPS": "1e-4f",
+    "PI": "3.14159265f",
+    "PASSES": "3",
+    "REMEMBERED": "32",
+}
+
+
+def files_of(found: Recogniser, bits: int, about: str) -> dict[str, str]:
+    """Names and contents of the files.
+
+    Args:
+        found: a saved system.
+        bits: of a learnt weight, 32 or 8.
+        about: what it is, in a line.
+
+    Raises:
+        InputError: it cannot become C.
+    """
+    chip = chip_of(found, bits)
+    return {
+        "touch.h": _header(chip, about),
+        "tables.h": _tables(chip, bits),
+        "touch.c": _code(chip),
+        "main.c": _fixed("main.c"),
+        "Makefile": _fixed("Makefile"),
+        "cortex_m4.c": _fixed("cortex_m4.c"),
+        "cortex_m4.ld": _fixed("cortex_m4.ld"),
+    }
+
+
+def _fixed(name: str) -> str:
+    return (CODE / name).read_text(encoding="utf-8")
+
+
+def _header(chip: Chip, about: str) -> str:
+    public = "\n".join(f"#define TOUCH_{name} {chip.defines[name]}" for name in PUBLIC)
+    return f"""/* {about} */
+#ifndef TOUCH_H
+#define TOUCH_H
+
+#include <stdint.h>
+
+{public}
+
+/* Return codes below 0. */
+#define TOUCH_BAD -1   /* no state or frame, or a reading that is not within 0 and the full scale */
+#define TOUCH_LONG -2  /* the capture is longer than any that was learnt from: begin a new one */
+#define TOUCH_EMPTY -3 /* nothing was touched yet */
+
+{_state(chip)}
+/* Begin a capture; the state is all the memory that is needed. */
+int touch_init(touch_t *t);
+
+/* Take a frame, row by row, readings from 0 to TOUCH_FULL_SCALE: 1 if there is a new decision, 0 if not yet, or a code.
+   A frame that is refused changes nothing. */
+int touch_push(touch_t *t, const float *frame);
+
+/* The class of what has been seen since the beginning, or a code; probabilities of all classes; and how settled the
+   label is, 0 to 1: from TOUCH_THRESHOLD on, waiting for more gains too little. settled may be NULL. */
+int touch_label(touch_t *t, float *probabilities, float *settled);
+
+/* What a class is called. */
+const char *touch_name(int label);
+
+#endif
+"""
+
+
+def _state(chip: Chip) -> str:
+    """What is kept between frames, and what features and classifier work in."""
+    d = chip.defines
+    taxels, classes = int(d["TAXELS"]), int(d["CLASSES"])
+    lines = [f"float frame[{taxels}], before[{taxels}];"]
+    if d["REPAIR_STUCK"] == "1" or d["REPAIR_DEAD"] == "1":
+        lines.append(f"float least[{taxels}], most[{taxels}], moved[{taxels}], sound[{taxels}], mean_around[{taxels}];")
+    if d["REPAIR_OFFSET"] == "1":
+        lines.append(f"float offset[{taxels}];")
+    if d["SCALE_PEAK"] == "1":
+        lines.append("float peak;")
+    part = ""
+    if chip.features == "touch":
+        window, points = int(d["WINDOW"]), int(d["MOST_POINTS"])
+        part = f"""/* What the taxels did in half a window. */
+typedef struct {{
+    int n;
+    float mean[{taxels}], m2[{taxels}], most[{taxels}];
+}} part_t;
+
+"""
+        early = int(d["EARLY"]) > 0
+        lines += [
+            f"float signals[{window}][19];  /* of the last window, a ring */",
+            f"part_t whole[2]{', early[2]' if early else ''};",
+            f"float sum[{classes}]; int windows;  /* of decisions */",
+            *([f"float early_sum[{classes}]; int early_windows;"] if early else []),
+            f"float series[{window}], sorted[{window}], centre[{window}], taxels[{taxels}];",
+            f"float cosine[{points}], sine[{points}], power[{points // 2}]; int points;",
+        ]
+    else:
+        lines += [
+            f"float total[{d['LONGEST']}];  /* of each frame */",
+            f"float row[{d['ROWS']}], col[{d['COLS']}], centre[2], distance[2];",
+            "float change, area, area_there, highest, highest_total;",
+        ]
+    lines.append(f"float features[{d['FEATURES']}], proba[{classes}];")
+    buffers: dict[str, int] = {}
+    for decider in chip.deciders.values():
+        buffers |= {k: max(v, buffers.get(k, 0)) for k, v in decider.buffers.items()}
+    lines += [f"float {name}[{size}];" for name, size in buffers.items()]
+    if d["STOPPING"] == "1":
+        lines.append("int remembered, label_at[32]; int16_t labels[32];")
+    body = "\n".join(f"    {line}" for line in lines)
+    return f"{part}typedef struct {{\n    int seen;  /* frames */\n{body}\n}} touch_t;\n"
+
+
+def _tables(chip: Chip, bits: int) -> str:
+    names = ", ".join(f'"{_escaped(name)}"' for name in chip.classes)
+    constants = CONSTANTS if chip.features == "touch" else {k: CONSTANTS[k] for k in ("PASSES", "REMEMBERED")}
+    defines = {**chip.defines, **constants, "NAMES": f"{{{names}}}"}
+    lines = [f"#define {name} {value}" for name, value in defines.items()]
+    lines.append(f"typedef {'int8_t' if bits == 8 else 'float'} weight_t;")
+    if any("trees.c" in decider.needs for decider in chip.deciders.values()):
+        lines.append("typedef struct { int16_t feature; uint16_t right; float threshold; } node_t;")
+    for function, decider in chip.deciders.items():
+        for name, values in decider.arrays.items():
+            lines.append(_array(f"{function}_{name}", values))
+    return "/* Sizes, and what was learnt. */\n" + "\n".join(lines) + "\n"
+
+
+def _escaped(name: str) -> str:
+    """A class name inside a C string; what is not ASCII as its bytes."""
+    return "".join(chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in name.encode())
+
+
+def _array(name: str, values: np.ndarray) -> str:
+    flat = values.ravel()
+    if flat.dtype.names:
+        cells = [f"{{{v['feature']}, {v['right']}, {number(v['threshold'])}}}" for v in flat]
+        kind = "node_t"
+    elif flat.dtype.kind == "f":
+        cells, kind = [number(v) for v in flat], "float"
+    else:
+        cells, kind = [str(v) for v in flat.tolist()], TYPES[str(flat.dtype)]
+    rows, row = [], ""
+    for cell in cells:
+        if len(row) + len(cell) > 116:
+            rows.append(row)
+            row = ""
+        row += f"{cell}, "
+    inside = "\n    ".join([*rows, row])
+    return f"static const {kind} {name}[{len(cells)}] = {{\n    {inside.rstrip(', ')}}};"
+
+
+def _code(chip: Chip) -> str:
+    pieces = [
+        '#include "touch.h"\n\n#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n',
+        _fixed("frame.c"),
+    ]
+    pieces.append(_fixed(f"features_{chip.features}.c"))
+    needed = dict.fromkeys(piece for decider in chip.deciders.values() for piece in decider.needs)
+    pieces += [_fixed(piece) for piece in needed]
+    for function, decider in chip.deciders.items():
+        body = decider.body.format(**{name: f"{function}_{name}" for name in decider.arrays})
+        pieces.append(f"static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
+    return "\n".join([*pieces, _fixed("api.c")])
