@@ -392,9 +392,7 @@ def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
     body += "    softmax(proba);\n"
     needs, buffers = ("classifiers.c", "svm.c"), {"measured": int(first[-1])}
     defines = {"LINEAR_KERNEL": str(int(classifier.kernel == "linear")), "GAMMA": number(classifier._gamma)}
-    return Decider(
-        arrays, body + "    softmax(proba);\n", ("classifiers.c", "svm.c"), {"measured": int(first[-1])}, defines
-    )
+    return Decider(arrays, body, needs, buffers, defines)
 
 
 @dataclass
