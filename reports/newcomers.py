@@ -17,7 +17,7 @@ from reports.layout import Block, Table
 
 WITHOUT = "no labels"  # where half of the person's captures are known without them
 SAME = ("data", "corpus_digest", "subset", "target", "protocol_name", "protocol.source", "protocol.classes")
-DRAWN = ("protocol.draws", "protocol.weight", "protocol.seed")
+DRAWN = ["protocol.draws", "protocol.weight"]  # which matter where there are shots
 SHOWN = 5  # systems of a figure
 
 
@@ -33,12 +33,12 @@ def newcomer_blocks(store: Store, runs: pd.DataFrame, folder: Path) -> list[Bloc
     personal = runs[runs["protocol_name"].isin(["personal", "transfer"]) & (runs["status"] == "FINISHED")]
     if personal.empty:
         return blocks
-    same = [column for column in (*SAME, *DRAWN) if column in personal]
-    for number, (_, part) in enumerate(personal.groupby(same, sort=False, dropna=False), 1):
-        first = rows_of(part)[0]
+    for number, part in enumerate(comparable(personal), 1):
+        first = rows_of(part)[-1]
         data, *_ = context_of({str(k): str(v) for k, v in first.items()})
         skin = f" on another skin than {first['protocol.source']}" if first["protocol_name"] == "transfer" else ""
-        context = f"{data}, a new person{skin}, {first['protocol.draws']} draws"
+        draws = f", {first['protocol.draws']} draws" if first["protocol.shots"] != "0" else ""
+        context = f"{data}, a new person{skin}{draws}"
         found = {system: curve_of(store, rows) for system, rows in part.groupby("system", sort=False)}
         found = {system: curve for system, curve in found.items() if len(curve) > 1}
         if not found:
@@ -50,6 +50,17 @@ def newcomer_blocks(store: Store, runs: pd.DataFrame, folder: Path) -> list[Bloc
         blocks.append(drawn({s: found[s] for s in best[:SHOWN]}, context, caption + left, folder, number))
         blocks.append(Table(table_of({s: found[s] for s in best}), f"{context}: {TOLD}"))
     return blocks
+
+
+def comparable(runs: pd.DataFrame) -> list[pd.DataFrame]:
+    """Runs on the same captures whose shots are drawn alike, each with those that have no shots, which come first."""
+    found = []
+    same = [column for column in (*SAME, "protocol.seed") if column in runs]
+    for _, part in runs.groupby(same, sort=False, dropna=False):
+        shots = part["protocol.shots"] != "0"
+        drawn = [rows for _, rows in part[shots].groupby(DRAWN, sort=False)]
+        found += [pd.concat([part[~shots], rows]) for rows in drawn] or [part]
+    return found
 
 
 TOLD = (
@@ -98,7 +109,12 @@ def known_of(run: pd.Series) -> str:
 
 
 def enough(people: pd.DataFrame) -> str:
-    """The fewest shots whose mean loss to the best is within its standard error over people [people, shots]."""
+    """The fewest shots whose mean loss to the best is within its standard error over people [people, shots].
+
+    Nothing where no number of shots was run.
+    """
+    if people.empty:
+        return ""
     best = people.mean().idxmax()
     for known in people:
         lost = people[best] - people[known]

@@ -11,7 +11,7 @@ from bench.outcomes.runs import tracked
 from bench.outcomes.store import connect
 from reports import newcomers
 from reports.layout import Table
-from reports.newcomers import WITHOUT, curve_of, enough, newcomer_blocks
+from reports.newcomers import WITHOUT, comparable, curve_of, enough, newcomer_blocks
 
 SMALL = {"data": "synth", "data.subjects": "4", "data.repetitions": "2", "where": "gesture in ['pat', 'rub', 'grab']"}
 
@@ -47,6 +47,25 @@ def test_the_fewest_shots_that_are_enough():
     assert enough(people) == "3"
     people["1"] = [81.0, 82, 81]
     assert enough(people) == "1"
+
+
+def test_what_has_no_shots_stands_beside_every_way_to_draw_some():
+    told = [("0", "False", "5"), ("0", "True", "5"), ("1", "False", "2"), ("3", "False", "2"), ("1", "False", "5")]
+    names = ["protocol.shots", "protocol.unlabelled", "protocol.draws"]
+    runs = pd.DataFrame(told, columns=names).assign(
+        data="haart", corpus_digest="d", subset="all", target="gesture", protocol_name="personal"
+    )
+    runs = runs.assign(**{"protocol.weight": "10", "protocol.seed": "0"})
+    parts = [part[names].agg(" ".join, axis=1).tolist() for part in comparable(runs)]
+    alone = ["0 False 5", "0 True 5"]
+    assert parts == [[*alone, "1 False 2", "3 False 2"], [*alone, "1 False 5"]]
+    assert [len(part) for part in comparable(runs[:2])] == [2]
+
+
+def test_captures_without_labels_alone_are_no_curve(tmp_path):
+    run(**SMALL, protocol="personal", model="lda", features="touch", **{"protocol.unlabelled": True})
+    assert newcomer_blocks(connect(), tracked(connect()), tmp_path) == []
+    assert main(["report", f"out={tmp_path / 'report'}"]) == 0
 
 
 def test_runs_become_a_figure_and_a_table(tmp_path):
