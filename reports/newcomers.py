@@ -35,10 +35,10 @@ def newcomer_blocks(store: Store, runs: pd.DataFrame, folder: Path) -> list[Bloc
         return blocks
     for number, part in enumerate(comparable(personal), 1):
         first = rows_of(part)[-1]
-        data, *_ = context_of({str(k): str(v) for k, v in first.items()})
+        data, subset, *_ = context_of({str(k): str(v) for k, v in first.items()})
         skin = f" on another skin than {first['protocol.source']}" if first["protocol_name"] == "transfer" else ""
         draws = f", {first['protocol.draws']} draws" if first["protocol.shots"] != "0" else ""
-        context = f"{data}, a new person{skin}{draws}"
+        context = f"{data}{'' if subset == 'all' else f', {subset}'}, a new person{skin}{draws}"
         found = {system: curve_of(store, rows) for system, rows in part.groupby("system", sort=False)}
         found = {system: curve for system, curve in found.items() if len(curve) > 1}
         if not found:
@@ -143,7 +143,7 @@ def drawn(found: dict[str, pd.DataFrame], context: str, caption: str, folder: Pa
     """Accuracy against what is known, a line per system."""
     known = {k for curve in found.values() for k in curve["known"]}
     ticks = sorted(known, key=lambda k: 0.5 if k == WITHOUT else float(k))
-    figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.35))
+    figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.5))
     axis = axes[0][0]
     for i, (system, curve) in enumerate(found.items()):
         place = np.array([ticks.index(k) for k in curve["known"]]) + 0.06 * (i - (len(found) - 1) / 2)
@@ -158,6 +158,6 @@ def drawn(found: dict[str, pd.DataFrame], context: str, caption: str, folder: Pa
     axis.set_xticks(range(len(ticks)), ticks)
     axis.set_xlabel("captures of each class that are known of the person")
     axis.set_ylabel("accuracy, %")
-    axis.set_title(context, fontsize=9)
+    axis.set_title(fill(context, 72), fontsize=9)
     axis.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1))
     return save(figure, folder, f"0-newcomer-{number}", "newcomer", context, caption)

@@ -158,7 +158,9 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
     from bench.work.saved import by_value, quiet
 
     if not contract.adapts(recogniser.estimator):
-        raise InputError(f"{model} cannot adapt to a person: of the built-in systems reflex and lda can")
+        raise InputError(
+            f"{model} cannot adapt to a person: reflex, lda, networks and what was fitted with model.person= can"
+        )
     if unknown := sorted({str(name) for name in y} - set(recogniser.classes)) if y is not None else []:
         raise InputError(f"gesture {unknown[0]} is none that {model} knows: {', '.join(recogniser.classes)}")
     began = time.perf_counter()
