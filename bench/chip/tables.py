@@ -24,6 +24,7 @@ from models.recipe import Recipe
 from models.reflex import Reflex
 from models.scaling import RangeScaler, ZScaler
 from models.svm import RankedSVC
+from models.tree import PrunedTree
 from models.xgb import BoostedTrees
 
 if TYPE_CHECKING:
@@ -41,14 +42,12 @@ class Decider:
     Attributes:
         arrays: by name, floats, or whole numbers of 8 bits.
         body: of ``decide``, with ``{name}`` for a table.
-        needs: pieces of fixed code, of ``code/``.
         buffers: numbers in memory that the body works in, by name.
         defines: by name.
     """
 
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
     body: str = ""
-    needs: tuple[str, ...] = ()
     buffers: dict[str, int] = field(default_factory=dict)
     defines: dict[str, str] = field(default_factory=dict)
 
@@ -210,6 +209,7 @@ def _decider(system: Pipeline, width: int, bits: int) -> Decider:
         InputError: one of them has no C.
     """
     classifier = system.steps[-1][1]
+    classifier = classifier.tree_ if isinstance(classifier, PrunedTree) else classifier
     scaling = _affine([step for _, step in system.steps[1:-1]], width)
     if isinstance(classifier, Guarded):
         return _guarded(classifier, bits)
@@ -230,7 +230,7 @@ def _decider(system: Pipeline, width: int, bits: int) -> Decider:
     if isinstance(classifier, RandomForestClassifier | ExtraTreesClassifier | DecisionTreeClassifier):
         return _forest(scaling, getattr(classifier, "estimators_", [classifier]), bits)
     if isinstance(classifier, BoostedTrees):
-        return _boosted(scaling, classifier)
+        return _boosted(scaling, classifier, bits)
     raise InputError(
         f"{type(classifier).__name__} has no C: reflex, lda, softmax, bayes, svm, tree, rf, et and xgb have"
     )
@@ -286,7 +286,7 @@ def _linear(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -
     body = (
         measured + "    layer({weights}, {step}, {bias}, CLASSES, FEATURES, t->features, proba);\n    softmax(proba);\n"
     )
-    return Decider(arrays | {"weights": w, "step": step, "bias": bias.astype(SINGLE)}, body, ("classifiers.c",))
+    return Decider(arrays | {"weights": w, "step": step, "bias": bias.astype(SINGLE)}, body)
 
 
 def _guarded(classifier: Guarded, bits: int) -> Decider:
@@ -333,7 +333,7 @@ def _guarded(classifier: Guarded, bits: int) -> Decider:
     }}}}
 """
     units = len(network.intercepts_[0])
-    return Decider(arrays, body, ("classifiers.c",), {"measured": width, "units": units}, {"UNITS": str(units)})
+    return Decider(arrays, body, {"measured": width, "units": units}, {"UNITS": str(units)})
 
 
 def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
@@ -373,11 +373,15 @@ def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
     softmax(proba);
 """
     )
-    return Decider(arrays, body, ("classifiers.c",), {"measured": len(scaling[0])})
+    return Decider(arrays, body, {"measured": len(scaling[0])})
 
 
 def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
-    vectors, step = rounded(np.asarray(classifier.support_vectors_).T, bits)  # a step for each feature
+    given = np.asarray(classifier.support_vectors_)
+    if classifier.kernel == "rbf":  # distances stay the same, and a step for each feature is as small as can be
+        middle = (given.min(axis=0) + given.max(axis=0)) / 2
+        given, scaling = given - middle, _then(scaling, middle, np.ones(given.shape[1]), np.zeros(given.shape[1]))
+    vectors, step = rounded(given.T, bits)
     first = np.concatenate([[0], np.cumsum(classifier.n_support_)])
     scaled, measured = _measured(scaling)
     arrays = scaled | {
@@ -390,9 +394,9 @@ def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
     given = "{vectors}, {step}, {dual}, {intercept}, {first}"
     body = f"{measured}    machine(t->features, {given}, t->measured, proba);\n"
     body += "    softmax(proba);\n"
-    needs, buffers = ("classifiers.c", "svm.c"), {"measured": int(first[-1])}
+    buffers = {"measured": int(first[-1])}
     defines = {"LINEAR_KERNEL": str(int(classifier.kernel == "linear")), "GAMMA": number(classifier._gamma)}
-    return Decider(arrays, body, needs, buffers, defines)
+    return Decider(arrays, body, buffers, defines)
 
 
 @dataclass
@@ -477,10 +481,10 @@ def _forest(scaling: Affine, trees: list, bits: int) -> Decider:
 """
     )
     arrays = scaled | nodes.arrays() | {"shares": table.ravel()}
-    return Decider(arrays, body, ("classifiers.c", "trees.c"), defines={"TREES": str(len(trees))})
+    return Decider(arrays, body, defines={"TREES": str(len(trees))})
 
 
-def _boosted(scaling: Affine, classifier: BoostedTrees) -> Decider:
+def _boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
     """Leaves hold a share of the score of one class."""
     booster = classifier.booster_.get_booster()
     model = json.loads(bytes(booster.save_raw("json")))["learner"]["gradient_booster"]["model"]
@@ -498,7 +502,8 @@ def _boosted(scaling: Affine, classifier: BoostedTrees) -> Decider:
         raise InputError("the trees have more leaves than 16 bits can count; fit fewer or smaller ones")
     group = np.array(model["tree_info"], np.int32) + (1 if classes == 2 else 0)
     scaled, measured = _measured(scaling)
-    arrays = scaled | nodes.arrays() | {"scores": np.array(scores, SINGLE), "group": group}
+    leaves, step = rounded(np.array(scores, float)[None], bits)
+    arrays = scaled | nodes.arrays() | {"scores": leaves[0], "step": step, "group": group}
     told = np.atleast_2d(classifier.booster_.predict(np.zeros((1, width)), output_margin=True).astype(float))
     told = told.reshape(1, -1)
     sums = np.zeros(classes)
@@ -513,8 +518,8 @@ def _boosted(scaling: Affine, classifier: BoostedTrees) -> Decider:
         + """    for (int c = 0; c < CLASSES; c++)
         proba[c] = {bias}[c];
     for (int tree = 0; tree < TREES; tree++)
-        proba[{group}[tree]] += {scores}[leaf({nodes}, {roots}[tree], t->features)];
+        proba[{group}[tree]] += (float){scores}[leaf({nodes}, {roots}[tree], t->features)] * {step}[0];
     softmax(proba);
 """
     )
-    return Decider(arrays, body, ("classifiers.c", "trees.c"), defines={"TREES": str(len(nodes.roots))})
+    return Decider(arrays, body, defines={"TREES": str(len(nodes.roots))})

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 CODE = Path(__file__).parent / "code"
 TYPES = {"int8": "int8_t", "int32": "int", "float32": "float"}
 PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "THRESHOLD", "STOPPING")
+FUNCTIONS = ("measured", "layer", "softmax", "leaf", "machine")  # that a classifier may use, each in a file of its name
 CONSTANTS = {  # of the feature set touch
     "SIGNALS": "19",
     "STATISTICS": "13",
@@ -147,7 +148,7 @@ def _tables(chip: Chip, bits: int) -> str:
     defines = {**chip.defines, **constants, "NAMES": f"{{{names}}}"}
     lines = [f"#define {name} {value}" for name, value in defines.items()]
     lines.append(f"typedef {'int8_t' if bits == 8 else 'float'} weight_t;")
-    if any("trees.c" in decider.needs for decider in chip.deciders.values()):
+    if any("nodes" in decider.arrays for decider in chip.deciders.values()):
         lines.append("typedef struct { int16_t feature; uint16_t right; float threshold; } node_t;")
     for function, decider in chip.deciders.items():
         for name, values in decider.arrays.items():
@@ -185,8 +186,9 @@ def _code(chip: Chip) -> str:
         _fixed("frame.c"),
     ]
     pieces.append(_fixed(f"features_{chip.features}.c"))
-    needed = dict.fromkeys(piece for decider in chip.deciders.values() for piece in decider.needs)
-    pieces += [_fixed(piece) for piece in needed]
+    used = "".join(decider.body for decider in chip.deciders.values())
+    used += "softmax(" if chip.defines["STOPPING"] == "1" else ""
+    pieces += [_fixed(f"{name}.c") for name in FUNCTIONS if f"{name}(" in used]
     for function, decider in chip.deciders.items():
         body = decider.body.format(**{name: f"{function}_{name}" for name in decider.arrays})
         pieces.append(f"static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")

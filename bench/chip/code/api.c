@@ -1,7 +1,5 @@
 /* The three functions, and when to decide. */
 
-static float milliseconds(int frames) { return 1000.0f / RATE_HZ * (float)frames; }
-
 int touch_init(touch_t *t)
 {
     if (!t)
@@ -11,6 +9,8 @@ int touch_init(touch_t *t)
 }
 
 #if STOPPING
+static float milliseconds(int frames) { return 1000.0f / RATE_HZ * (float)frames; }
+
 /* Probabilities as sure as training people have shown them to be after so many frames, in place. */
 static void calibrated(float *proba, int frames)
 {

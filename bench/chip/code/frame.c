@@ -87,6 +87,8 @@ static void repair(touch_t *t, float *x)
 /* The readings of a frame as shares of full scale, after repair and scaling. */
 static void prepared(touch_t *t, float *x)
 {
+    (void)t;
+    (void)x;
 #if REPAIRS
     repair(t, x);
 #endif
