@@ -67,7 +67,8 @@ difference over subjects to the most accurate one, and says why.
   max_flash=    budgets, such as max_flash=256kB max_ram=32kB (kB 1000, KiB 1024 bytes; 32 bits a number)
   max_predict=  max_decision=   such as max_predict=2ms max_decision=700ms
   margin=       points of accuracy that do not matter: a one-sided paired t-test (p < 0.05) replaces the SE
-  shots=        among runs of protocol=personal (or transfer) of which so many captures of a new person are known
+  shots=        among runs of protocol=personal (or transfer) of which so many captures of a new person are known;
+                protocol.draws=, protocol.source= and the like choose among them
   data= where= target= protocol= model= features=   choose among the runs
 
   over=X        instead: run model= with the smallest X that suffices by the same rule, beside the unchanged system;
@@ -160,7 +161,7 @@ learned about when to decide goes along, and so does a person whom it was adapte
 
 reflex has C; so have lda, softmax, bayes, svm, tree, rf, et and xgb on touch with model.window=, or on jung28.
 
-  bits=       8 stores weights, support vectors and leaves in 8 bits; default 32
+  bits=       8 stores weights and leaves in 8 bits, support vectors in 16; default 32
   out=        a folder that is new or empty
 
   bench fit data=haart model=reflex out=rec

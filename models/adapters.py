@@ -66,6 +66,8 @@ class FromTorch(WindowNet):
         device: of PyTorch.
     """
 
+    linear_last = False  # a module may end in anything
+
     def __init__(
         self,
         module: Callable[[int, int, int, int], nn.Module],

@@ -46,6 +46,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
             person's, each of which counts ten times.
     """
 
+    person: tuple[str, ...] = ()  # of systems that were saved before there was any
     rows_: tuple[pd.DataFrame, np.ndarray] | None = None  # of training, where a person's are pooled with them
 
     def __init__(
@@ -89,6 +90,8 @@ class Recipe(ClassifierMixin, BaseEstimator):
         if not self.person:
             return
         said = f"model.person={'+'.join(self.person)}"
+        if len(set(self.person)) < len(self.person):
+            raise InputError(f"{said}: name each way once")
         if wrong := set(self.person) - set(WAYS):
             raise InputError(f"{said}: {min(wrong)!r} is none of {', '.join(WAYS)}; join some of them by +")
         if contract.adapts(self.system):

@@ -116,7 +116,9 @@ class Reflex(ClassifierMixin, BaseEstimator):
         return self
 
     def adapt(self, X: Corpus, y: np.ndarray | None) -> Reflex:
-        """The same for one person: both discriminants measure features from the person's mean, and learn their labels.
+        """The same for one person, from whose mean features are measured.
+
+        Both discriminants learn what has labels, and so does the last layer of the network.
 
         Args:
             X: some captures of the person.

@@ -373,6 +373,8 @@ def tuned(
         tuning: ``space`` of the model's parameters, ``over`` (``features`` for the smallest subset of these that
             suffices), and further arguments of `Search`.
     """
+    if len(tuning["space"].get("person", [()])) > 1:
+        raise InputError("model.person= cannot be tuned: nobody whom a search judges by is known; give one value")
     if tuning.get("over") == "features":
         from features.selection import COUNTS, Subset
 

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import torch
 from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted
 from torch import nn
 
@@ -38,6 +39,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         activations_: numbers in memory while it decides on one window, or takes one step of a sequence (`activations`).
     """
 
+    linear_last = True  # its last linear layer gives the logits, so that it can learn a person
     holds_out = False  # whether one training subject chooses the epoch
     frames: int | None = None  # parameters that some have
     hop: int | None = None
@@ -143,6 +145,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         self.activations_ = activations(net, moved(samples.one(), torch.device(self.device)))[0]
         return self
 
+    @available_if(lambda self: self.linear_last)
     def adapt(self, X: Corpus, y: np.ndarray | None) -> WindowNet:
         """The same for one person, whose captures the last layer learns (`models.last_layer`); itself without labels.
 

@@ -12,7 +12,7 @@ from bench.errors import InputError
 from protocols.subjects import LOSO, natural_order
 
 WEIGHT = 10  # as of a system that adapts (docs/people.md)
-APART = {"subject", "gesture", "repetition", "split"}  # columns that are no conditions
+APART = {"subject", "gesture", "repetition", "split", "skin"}  # columns that are no conditions
 
 
 class Personal:
@@ -81,7 +81,9 @@ class Personal:
     ) -> Iterator[list[list[tuple[np.ndarray, np.ndarray]]]]:
         """Of each fold and draw, pairs of indices: captures that are known of the subject, and those tested then."""
         labels = (X.gestures if y is None else np.asarray(y)).astype(str)
-        for _, own in LOSO().split(X, y, groups):
+        who = (X.subjects if groups is None else np.asarray(groups)).astype(str)
+        for name in natural_order(who):
+            own = np.flatnonzero(who == name)
             parts = [own[labels[own] == name] for name in natural_order(labels[own])]
             halves = self._halves(X, parts)
             if self.unlabelled:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from itertools import chain
 
@@ -68,8 +69,11 @@ class Transfer:
             raise InputError(f"protocol=transfer tells gestures apart, not {corpus.target}; leave target= out")
         if not self.source:
             raise InputError("protocol=transfer needs protocol.source=, the corpus that is trained on; see bench data")
-        name, *given = self.source.split("+")
-        source = open_corpus(name, _generator(name, given))
+        name, *given = re.split(r"\+(?=[a-z_]+=)", self.source)
+        try:
+            source = open_corpus(name, _generator(name, given))
+        except InputError as e:
+            raise InputError(f"protocol.source={self.source}: {e}") from e
         if source.digest == corpus.digest:
             raise InputError(f"protocol.source={self.source}: these are the captures that are tested; name others")
         return open_joined(corpus, source, self._names())
@@ -119,13 +123,13 @@ def _generator(name: str, given: list[str]) -> dict[str, object]:
 
     if name != "synth":
         if given:
-            raise InputError(f"protocol.source={name}+{given[0]}: only synth has parameters")
+            raise InputError(f"only synth has parameters, not {name}")
         return {}
     usual = parameters(generate)
     found = dict(usual)
     for pair in given:
         key, _, text = pair.partition("=")
         if key not in usual:
-            raise InputError(f"protocol.source=synth has no parameter {key!r}; {nearest(key, usual)}")
-        found[key] = convert(f"protocol.source {key}", text, usual[key])
+            raise InputError(f"synth has no parameter {key!r}; {nearest(key, usual)}")
+        found[key] = convert(key, text, usual[key])
     return found

@@ -194,12 +194,13 @@ def _stopping(found: Recogniser) -> dict[str, Any]:
 
 
 def rounded(weights: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:
-    """Weights [rows, n], in 8 bits as whole numbers, and the step of each row."""
+    """Weights [rows, n], in 8 or 16 bits as whole numbers, and the step of each row."""
     if bits == 32:
         return weights.astype(SINGLE), np.ones(len(weights), SINGLE)
-    step = np.abs(weights).max(axis=1) / 127
+    kind = np.dtype(f"int{bits}")
+    step = np.abs(weights).max(axis=1) / np.iinfo(kind).max
     step = np.where(step > 0, step, 1)
-    return np.rint(weights / step[:, None]).astype(np.int8), step.astype(SINGLE)
+    return np.rint(weights / step[:, None]).astype(kind), step.astype(SINGLE)
 
 
 def _decider(system: Pipeline, width: int, bits: int) -> Decider:
@@ -381,7 +382,8 @@ def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
     if classifier.kernel == "rbf":  # distances stay the same, and a step for each feature is as small as can be
         middle = (given.min(axis=0) + given.max(axis=0)) / 2
         given, scaling = given - middle, _then(scaling, middle, np.ones(given.shape[1]), np.zeros(given.shape[1]))
-    vectors, step = rounded(given.T, bits)
+    # 8 bits would change one label in six on HAART: the kernels of the published grid are narrow
+    vectors, step = rounded(given.T, 16 if bits == 8 else bits)
     first = np.concatenate([[0], np.cumsum(classifier.n_support_)])
     scaled, measured = _measured(scaling)
     arrays = scaled | {

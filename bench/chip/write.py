@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bench.work.saved import Recogniser
 
 CODE = Path(__file__).parent / "code"
-TYPES = {"int8": "int8_t", "int32": "int", "float32": "float"}
+TYPES = {"int8": "int8_t", "int16": "int16_t", "int32": "int", "float32": "float"}
 PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "THRESHOLD", "STOPPING")
 FUNCTIONS = ("measured", "layer", "softmax", "leaf", "machine")  # that a classifier may use, each in a file of its name
 CONSTANTS = {  # of the feature set touch
@@ -148,6 +148,8 @@ def _tables(chip: Chip, bits: int) -> str:
     defines = {**chip.defines, **constants, "NAMES": f"{{{names}}}"}
     lines = [f"#define {name} {value}" for name, value in defines.items()]
     lines.append(f"typedef {'int8_t' if bits == 8 else 'float'} weight_t;")
+    if any("vectors" in decider.arrays for decider in chip.deciders.values()):
+        lines.append(f"typedef {'int16_t' if bits == 8 else 'float'} vector_t;")
     if any("nodes" in decider.arrays for decider in chip.deciders.values()):
         lines.append("typedef struct { int16_t feature; uint16_t right; float threshold; } node_t;")
     for function, decider in chip.deciders.items():

@@ -86,7 +86,7 @@ def chosen(values: Values) -> Chosen:
     Raises:
         InputError: something in the values cannot be used, or no run is tracked for them.
     """
-    if given := [k for k in values if k in ("jobs", "inner", "seed") or "." in k]:
+    if given := [k for k in values if k in ("jobs", "inner", "seed") or ("." in k and not k.startswith("protocol."))]:
         raise InputError(f"{given[0]}= is for over=; without it, nothing is run")
     by = str(values.get("by", "flash"))
     if by not in COSTS:
@@ -96,7 +96,10 @@ def chosen(values: Values) -> Chosen:
     asked = {k: items(k, values[k]) for k in AMONG if k in values}
     if "shots" in values:
         shots = convert("shots", values["shots"], 0)
+        if shots < 0:
+            raise InputError(f"shots={shots}: give 0 or more")
         asked |= {"shots": [str(shots)], "protocol": asked.get("protocol", ["personal"])}
+    asked |= {k: items(k, v) for k, v in values.items() if k.startswith("protocol.")}
     found, about, subjects = candidates(connect(), asked, budgets.get("decision"), by == "decision")
     if (by == "predict" or "predict" in budgets) and found["cpu"].nunique() > 1:
         warn(f"warning: times are of several processors: {'; '.join(sorted(set(found['cpu'])))}")

@@ -44,7 +44,9 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     from bench.work.fit import fit
 
     rest = {k: v for k, v in values.items() if k not in ("out", "stopping")}
-    if (stopping := str(values.get("stopping", "yes"))) not in ("yes", "no"):
+    given = values.get("stopping", "yes")
+    stopping = {True: "yes", False: "no"}[given] if isinstance(given, bool) else str(given)
+    if stopping not in ("yes", "no"):
         raise InputError(f"stopping={stopping}: give yes or no")
     out = Path(str(values["out"])) if "out" in values else None
     return fit(only_one(cells(rest)), out, stopping == "yes"), out

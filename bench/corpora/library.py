@@ -225,7 +225,15 @@ def open_joined(own: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     from bench.corpora import skins
 
     code = Path(skins.__file__).read_bytes()
-    same = [own.digest, own.index.tolist(), source.digest, source.name, source.index.tolist(), sorted(names.items())]
+    same = [
+        own.digest,
+        own.name,
+        own.index.tolist(),
+        source.digest,
+        source.name,
+        source.index.tolist(),
+        sorted(names.items()),
+    ]
     key = hashlib.sha256(json.dumps(same).encode() + code).hexdigest()[:16]
     return _made(home() / "corpora" / ".transfer" / key, lambda: skins.joined(own, source, names))
 

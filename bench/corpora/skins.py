@@ -6,6 +6,8 @@ Nothing is learnt, and what becomes of a capture depends on that capture alone. 
 
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 import pandas as pd
 
@@ -39,12 +41,25 @@ def scaled(frames: np.ndarray, full_scale: float, wanted: float) -> np.ndarray:
 
 
 def resampled(frames: np.ndarray, rate_hz: float, wanted_hz: float) -> np.ndarray:
-    """Frames [frames, rows, cols] at another rate, float32; their number is rounded, at least one stays."""
-    count = max(1, round(len(frames) * wanted_hz / rate_hz))
-    values = frames.astype(np.float32).reshape(len(frames), -1)
-    if count == len(frames):
-        return values.reshape(frames.shape)
-    return (weights(len(frames), count).astype(np.float32) @ values).reshape(count, *frames.shape[1:])
+    """Frames [frames, rows, cols] at another rate, float32; their number is rounded, at least one stays.
+
+    As `weights` says, without a weight for each pair of frames, of which a long capture has too many.
+    """
+    n = len(frames)
+    count = max(1, round(n * wanted_hz / rate_hz))
+    if count == n:
+        return frames.astype(np.float32)
+    values = frames.astype(np.float64)
+    if count > n:
+        place = np.clip((np.arange(count) + 0.5) * n / count - 0.5, 0, n - 1)
+        low = np.minimum(place.astype(int), n - 1)
+        part = (place - low)[:, None, None]
+        return (values[low] * (1 - part) + values[np.minimum(low + 1, n - 1)] * part).astype(np.float32)
+    edges = np.arange(count + 1) * n / count
+    whole = np.minimum(edges.astype(int), n - 1)
+    until = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+    sums = until[whole] + (edges - whole)[:, None, None] * values[whole]
+    return (np.diff(sums, axis=0) * count / n).astype(np.float32)
 
 
 def regridded(frames: np.ndarray, rows: int, cols: int) -> np.ndarray:
@@ -59,6 +74,23 @@ def brought(corpus: Corpus, rate_hz: float, grid: tuple[int, int], full_scale: f
     """Captures of a corpus as a skin with this rate, grid and full scale would have given them, float32."""
     shares = (scaled(frames, corpus.full_scale, full_scale) for frames in corpus)
     return [regridded(resampled(values, corpus.rate_hz, rate_hz), *grid) for values in shares]
+
+
+def _refuse_the_same(own: Corpus, source: Corpus) -> None:
+    """Nobody is trained on who is tested.
+
+    Raises:
+        InputError: a capture is in both, or both are generated from one seed, and so of the same people.
+    """
+    digests = [{hashlib.sha256(frames.tobytes()).digest() for frames in corpus} for corpus in (own, source)]
+    if both := digests[0] & digests[1]:
+        raise InputError(
+            f"protocol=transfer: {len(both)} captures of {own.name} are in {source.name} as well; name another source"
+        )
+    if own.synthetic and own.info.get("source") == source.info.get("source"):
+        raise InputError(
+            "protocol=transfer: generated captures of one seed are of the same people; add +seed=1 to protocol.source="
+        )
 
 
 def joined(own: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
@@ -77,7 +109,7 @@ def joined(own: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
         whatever they are called.
 
     Raises:
-        InputError: a class that is not there is given a name, or less than two are left.
+        InputError: a class that is not there is given a name, less than two are left, or a capture is in both.
     """
     for old, new in names.items():
         for name, corpus in ((old, source), (new, own)):
@@ -86,6 +118,7 @@ def joined(own: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
                     f"protocol.classes={old}:{new}: {corpus.name} has no {name!r}; it has "
                     f"{', '.join(sorted(set(corpus.gestures)))}"
                 )
+    _refuse_the_same(own, source)
     called = np.array([names.get(name, name) for name in source.gestures], dtype=object)
     shared = set(own.gestures) & set(called)
     if len(shared) < 2:
@@ -108,7 +141,7 @@ def joined(own: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
         "source": f"{own.name} and {source.name}, brought to one rate and grid",
         "licence": "; ".join(dict.fromkeys(str(c.info.get("licence", "")) for c in (own, source))),
         "synthetic": own.synthetic or source.synthetic,
-        "warnings": [f"{source.name}: {w}" for w in source.info.get("warnings", [])],
+        "warnings": [*own.info.get("warnings", []), *(f"{source.name}: {w}" for w in source.info.get("warnings", []))],
         "format": "transfer",
         "source_name": source.name,
     }

@@ -53,7 +53,7 @@ def candidates(
     Args:
         store: where the runs are.
         asked: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to choose among, and
-            ``shots`` that are known of a new person.
+            ``shots`` that are known of a new person; parameters of the protocol by their dotted names.
         most: milliseconds until a decision is out.
         replays: whether replayed systems are candidates; they are with ``most``.
 
@@ -95,9 +95,11 @@ def _asked(runs: pd.DataFrame, asked: Mapping[str, list[str]]) -> pd.DataFrame:
     runs = runs[runs["status"] == "FINISHED"]
     columns = {"where": "subset", "shots": "protocol.shots"}
     columns |= {part: f"{part}_name" for part in ("protocol", "features", "model")}
+    if lacking := [
+        key for key in asked if columns.get(key, key).startswith("protocol.") and columns.get(key, key) not in runs
+    ]:
+        raise InputError(f"{lacking[0]}: no run of a protocol that has it is tracked")
     if "shots" in asked:
-        if "protocol.shots" not in runs:
-            return runs[:0]
         runs = runs[runs["protocol.unlabelled"] != "True"]
     wanted = {"target": ["gesture"], **asked} | ({"stream.start": ["onset"]} if "stream.start" in runs else {})
     for key, values in wanted.items():

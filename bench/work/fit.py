@@ -157,6 +157,10 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
 
     from bench.work.saved import by_value, quiet
 
+    if recogniser.adapted:
+        raise InputError(
+            f"{model} is adapted already; give all captures of the person at once, to the system it came of"
+        )
     if not contract.adapts(recogniser.estimator):
         raise InputError(
             f"{model} cannot adapt to a person: reflex, lda, networks and what was fitted with model.person= can"
@@ -165,6 +169,7 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
         raise InputError(f"gesture {unknown[0]} is none that {model} knows: {', '.join(recogniser.classes)}")
     began = time.perf_counter()
     own = copy(recogniser)
+    own.adapted = True
     own.estimator = contract.adapted(recogniser.estimator, corpus, y)
     spent = time.perf_counter() - began
     by_value()

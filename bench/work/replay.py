@@ -257,8 +257,11 @@ def unlearnable(gestures: np.ndarray, subjects: np.ndarray) -> str:
     """Why no `Stopping` can be learned from some training captures, in words; nothing if it can."""
     if len(set(subjects)) < 2:
         return "only one subject trains"
-    if any(len(set(gestures[inner])) < 2 for inner, _ in inner_folds(subjects, INNER)):
-        return "leaving subjects out leaves one class"
+    for inner, judged in inner_folds(subjects, INNER):
+        if len(set(gestures[inner])) < 2:
+            return "leaving subjects out leaves one class"
+        if lacking := sorted(set(gestures[judged]) - set(gestures[inner])):
+            return f"without some of them nobody is left who shows {lacking[0]}"
     return ""
 
 

@@ -62,6 +62,7 @@ class Recogniser(PythonModel):
 
     stopping: Stopping | None = None  # of models that were saved without
     integer = True
+    adapted = False  # to a person
 
     def __init__(self, estimator: System, corpus: Corpus, stopping: Stopping | None = None) -> None:
         self.estimator = estimator

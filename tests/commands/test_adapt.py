@@ -48,6 +48,8 @@ def test_with_labels_or_without_it_decides_as_one_adapted_by_hand(person, tmp_pa
         found = load(str(tmp_path / name)).estimator.predict_proba(corpus[rest])
         np.testing.assert_allclose(found, by_hand.predict_proba(corpus[rest]), atol=1e-9)
         assert not np.array_equal(found, before)
+    assert main(["adapt", str(tmp_path / "own"), labelled, f"out={tmp_path / 'again'}"]) == 2
+    assert "is adapted already" in capsys.readouterr().err
     np.testing.assert_array_equal(load(model).estimator.predict_proba(corpus[rest]), before)
     unseen = written(corpus, rest, tmp_path / "rest.csv")
     assert main(["predict", str(tmp_path / "own"), unseen]) == 0

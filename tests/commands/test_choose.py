@@ -153,6 +153,9 @@ def test_among_runs_with_so_many_shots_of_a_new_person(capsys):
         found[shots] = capsys.readouterr().out
     assert "1 shots" in found["1"] and "0 shots" in found["0"] and "1 shots" not in found["0"]
     assert "lda" in found["1"] and "bayes" in found["1"]
+    assert main([*personal[:-1], "protocol.draws=2", "protocol.shots=1"]) == 0
+    assert main(["choose", "shots=1"]) == 2 and main(["choose", "shots=1", "protocol.draws=2"]) == 0
+    capsys.readouterr()
     for wrong, told in (
         (["shots=2"], "no complete run"),
         (["shots=x"], "whole number"),

@@ -40,6 +40,27 @@ def test_more_values_lie_on_lines_between_the_middles(count, more):
     np.testing.assert_allclose(weights(count, wanted) @ values, by_hand)
 
 
+@given(st.integers(1, 40), st.floats(0.05, 8))
+def test_frames_are_resampled_as_the_weights_say(count, times):
+    frames = np.random.default_rng(count).random((count, 2, 3))
+    found = resampled(frames, 1.0, times)
+    expected = np.einsum("ij,jkl->ikl", weights(count, len(found)), frames)
+    assert len(found) == max(1, round(count * times))
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_a_long_capture_needs_no_more_memory_than_it_is():
+    long = np.ones((200_000, 1, 1), dtype=np.float32)
+    assert (resampled(long, 100.0, 54.0) == 1).all() and len(resampled(long, 100.0, 154.0)) == 308_000
+
+
+def test_warnings_of_both_are_kept():
+    own, source = random_corpus(3, 4, longest=30), other_skin()
+    names = sorted(set(own.gestures))
+    own.info["warnings"], source.info["warnings"] = ["own"], ["theirs"]
+    assert joined(own, source, {"PAT": names[0], "rub": names[1]}).info["warnings"] == ["own", "other: theirs"]
+
+
 def test_three_into_two_by_hand():
     np.testing.assert_allclose(weights(3, 2), [[2 / 3, 1 / 3, 0], [0, 1 / 3, 2 / 3]])
 

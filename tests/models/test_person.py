@@ -13,8 +13,10 @@ from bench.cli import main
 from features.base import labels
 from features.jung28 import Jung28
 from models import contract, person
+from models.adapters import FromTorch
 from models.cnn85 import CNN85
 from models.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
+from models.lda import lda
 from models.person import PRIOR, SPREAD_PRIOR, WEIGHT, Own, relearnt
 from models.recipe import Recipe
 from models.svm import svm
@@ -170,6 +172,7 @@ def test_a_class_that_was_never_learnt_is_one_line():
         (["model=svm", "model.person=whole"], "'whole' is none of centre, scale, pool"),
         (["model=lda", "features=touch", "model.person=pool"], "adapts by itself"),
         (["model=cnn85", "model.person=centre"], "adapts by itself"),
+        (["model=svm", "model.person=pool+pool"], "name each way once"),
         (["model=jung2014_bayes", "model.person=centre"], ""),
     ],
 )
@@ -177,6 +180,32 @@ def test_ways_that_cannot_be_are_one_line(arguments, said, capsys):
     code = main(["run", "data=synth", "data.subjects=2", "where=gesture in ['pat', 'rub']", *arguments])
     told = "".join(capsys.readouterr())
     assert (code == 2 and said in told) if said else code == 0
+
+
+def test_a_module_of_ones_own_is_fitted_anew():
+    module = FromTorch(
+        lambda frames, rows, cols, classes: torch.nn.Sequential(torch.nn.Flatten(), torch.nn.LazyLinear(classes)), 9
+    )
+    assert not contract.adapts(module) and contract.adapts(NETWORKS["cnn85"]())
+
+
+def test_a_recipe_that_was_saved_before_there_was_a_person_still_adapts():
+    model = Recipe(lda(Jung28()), window=0.1)
+    del model.__dict__["person"]
+    assert contract.adapts(model) and not contract.adapts(Recipe(svm(Jung28())))
+
+
+def test_ways_cannot_be_tuned(capsys):
+    asked = [
+        "tune",
+        "data=synth",
+        "data.subjects=3",
+        "model=svm",
+        "model.C=1,10",
+        "model.person=centre,pool",
+        "trials=2",
+    ]
+    assert main(asked) == 2 and "cannot be tuned" in capsys.readouterr().err
 
 
 def test_a_pipeline_keeps_its_steps():

@@ -53,6 +53,11 @@ def test_shots_are_those_of_a_new_person_on_the_new_skin():
     assert "1 shots, 2 draws" in plan.label and "3 subjects" in plan.label
 
 
+def test_one_person_alone_can_try_a_new_skin():
+    plan = plan_of(where="subject == '2' and gesture in ['pat', 'rub', 'grab']", protocol__shots="1")
+    assert set(plan.corpus.subjects[plan.folds[0].test]) == {"2"} and "under" not in plan_of().label
+
+
 @pytest.mark.parametrize("system", [{"model": "lda"}, {"model": "svm", "model.person": "centre"}])
 def test_values_and_labels_of_what_is_tested_change_nothing_that_is_learned(system):
     plan = plan_of(**system)
@@ -92,6 +97,10 @@ def test_the_command_scores_people_of_the_new_skin(capsys):
         ([f"protocol.source={COARSE}", "target=variant"], "tells gestures apart"),
         ([f"protocol.source={COARSE}", "protocol.shots=-1"], "give 0 or more"),
         (["protocol.source=synth+subjects=3"], "captures that are tested"),
+        (["protocol.source=synth+subjects=4"], "captures of synth are in synth as well"),
+        (["protocol.source=synth+gain=0.7"], "of the same people"),
+        (["protocol.source=synth+variants=gentle+rowdy+seed=2"], "rowdy"),
+        (["protocol.source=synth+subjects=0+seed=2"], "protocol.source=synth+subjects=0"),
         ([], "needs protocol.source="),
     ],
 )

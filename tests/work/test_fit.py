@@ -134,6 +134,8 @@ def test_captures_that_cannot_teach_when_to_stop_are_said(capsys):
     assert main(one) == 0
     assert "no calibration and no threshold go with the model: only one subject trains" in capsys.readouterr().err
     assert load("saved").stopping is None
+    assert main(["fit", "model=lda", "features=touch", "data.subjects=3", "target=subject", "out=who"]) == 0
+    assert "nobody is left who shows" in capsys.readouterr().err
     assert main(["fit", "stopping=maybe"]) == 2 and "give yes or no" in capsys.readouterr().err
 
 

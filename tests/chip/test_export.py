@@ -1,0 +1,306 @@
+"""Exported C: it decides as Python does, refuses what is no frame, and fits on a chip or does not link."""
+
+import io
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import clone
+
+from bench.chip.tables import rounded
+from bench.cli import main
+from bench.corpora.corpus import Corpus
+from bench.corpora.library import open_corpus
+from bench.errors import InputError
+from bench.work.saved import quiet
+from features.jung28 import Jung28
+from features.touch import TouchFeatures
+from models.bayes import bayes
+from models.lda import lda
+from models.recipe import Recipe
+from models.reflex import Reflex
+from models.rf import et, rf
+from models.softmax import softmax
+from models.svm import svm
+from models.tree import tree
+from models.xgb import xgb
+from tests.chip.compiled import built, fitted, lacking, written
+
+pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
+WINDOW = {"window": 0.4, "repair": ("stuck", "dead")}
+SYSTEMS = {
+    "reflex": lambda: Reflex(units=6, copies=1, window=0.4, early=0.2),
+    "lda": lambda: Recipe(lda(TouchFeatures()), **WINDOW),
+    "lda scaled": lambda: Recipe(lda(TouchFeatures()), window=0.4, repair=("offset",), scale="peak"),
+    "softmax": lambda: Recipe(softmax(TouchFeatures()), **WINDOW),
+    "softmax on jung28": lambda: softmax(Jung28()),
+    "bayes": lambda: bayes(Jung28()),
+    "svm": lambda: svm(Jung28()),
+    "linear svm, z": lambda: svm(Jung28(), C=1.0, kernel="linear", scaling="z"),
+    "rf": lambda: rf(Jung28(), trees=9),
+    "et": lambda: Recipe(et(TouchFeatures(), trees=5), window=0.4),
+    "tree": lambda: tree(Jung28(), level=2),
+    "xgb": lambda: xgb(Jung28(), trees=5),
+    "a person": lambda: Recipe(svm(Jung28()), person=("centre", "scale")),
+}
+
+
+def touched(rows=5, cols=7, rate_hz=40.0, classes=3, seed=0):
+    """Four people who press here or there, for long or short, hard or not; some taxels are dead or stuck."""
+    corpus = open_corpus(
+        "synth", {"subjects": 4, "rows": rows, "cols": cols, "rate_hz": rate_hz, "seed": seed, "variants": ("normal",)}
+    )
+    names = sorted(set(corpus.gestures))[2 : 2 + classes]
+    part = corpus[np.flatnonzero(np.isin(corpus.gestures, names))].detached()
+    frames = part.frames.copy()
+    for i in range(0, len(part), 4):
+        own = slice(part.starts[i], part.starts[i] + part.lengths[i])
+        frames[own, 1, 2] = 1023 if i % 8 else 0
+    return Corpus(**{**vars(part), "frames": frames})
+
+
+@pytest.mark.parametrize("bits", [32, 8])
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_it_decides_as_python_does(name, bits, tmp_path):
+    corpus = touched()
+    found = fitted(SYSTEMS[name](), corpus, stopping=name in ("reflex", "bayes"))
+    if name == "a person":
+        own = corpus[corpus.subjects == "2"]
+        found.estimator = found.estimator.adapt(own, own.gestures)
+    asked = built(found, tmp_path / "c", bits)
+    told = found.label(corpus)
+    proba = told.filter(like="p_").to_numpy()
+    answers = [asked(frames) for frames in corpus]
+    apart = np.abs(np.array([p for _, p, _, _ in answers]) - proba).max(axis=1)
+    labels = np.array([found.classes[label] for label, *_ in answers])
+    sure = np.sort(proba, axis=1)[:, -1] - np.sort(proba, axis=1)[:, -2]
+    close = 0.02 if bits == 32 else 0.2
+    assert (labels == told["label"])[sure > 2 * close].all() and (labels == told["label"]).mean() > 0.9
+    assert np.median(apart) < close / 4
+    if found.stopping is not None:
+        for i in (0, 5):
+            one = corpus[i : i + 1]
+            _, confidence, settled = found.decision(one, None)
+            label, p, how, _ = asked(one[0])
+            assert how == pytest.approx(settled, abs=2 * close) and p.max() == pytest.approx(confidence, abs=2 * close)
+
+
+@pytest.mark.parametrize(
+    ("rows", "cols", "rate_hz", "window"), [(5, 7, 40.0, 0.4), (8, 8, 135.0, 1.0), (1, 3, 20.0, 2.0), (2, 2, 31.0, 0.5)]
+)
+def test_features_of_touch_are_those_of_python(rows, cols, rate_hz, window, tmp_path):
+    corpus = touched(rows, cols, rate_hz) if rows * cols > 8 else None
+    rng = np.random.default_rng(rows)
+    frames = round(window * rate_hz)
+    lengths = [1, 2, 3, frames // 2, frames - 1, frames]
+    arrays = [np.round(np.cumsum(rng.normal(0, 40, (n, rows, cols)), axis=0)).clip(0, 1000) for n in lengths]
+    if corpus is not None:
+        arrays += [corpus[i][:frames] for i in range(6)]
+    arrays = [a.astype(np.uint16) for a in arrays]
+    about = pd.DataFrame({"subject": ["1", "2"] * (len(arrays) // 2), "gesture": ["a", "a", "b"] * (len(arrays) // 3)})
+    made = Corpus.from_captures(arrays, about, rate_hz)
+    # a forest leaves features as they are; others measure them in place
+    found = fitted(Recipe(rf(TouchFeatures(), trees=1), window=window), made)
+    asked = built(found, tmp_path / "c")
+    expected = TouchFeatures().extract(made).to_numpy()
+    spread = expected.std(axis=0)
+    for i in range(len(made)):
+        got = asked(made[i])[3][: expected.shape[1]]
+        apart = np.abs(got - expected[i]) / np.maximum(np.abs(expected[i]), np.maximum(spread, 1e-3))
+        # what is counted may change by one where a value lies on its mean but for rounding
+        assert np.quantile(apart, 0.98) < 1e-3 and np.median(apart) < 1e-5
+
+
+def test_features_of_jung_are_those_of_python(tmp_path):
+    corpus = touched()
+    found = fitted(rf(Jung28(), trees=1), corpus)
+    asked = built(found, tmp_path / "c")
+    expected = Jung28().extract(corpus).to_numpy()
+    for i in range(len(corpus)):
+        np.testing.assert_allclose(asked(corpus[i])[3][: expected.shape[1]], expected[i], rtol=2e-5, atol=1e-4)
+
+
+def test_eight_bits_by_hand():
+    weights = np.array([[1.0, -127.0, 63.4], [0.0, 0.0, 0.0]])
+    whole, step = rounded(weights, 8)
+    assert whole.tolist() == [[1, -127, 63], [0, 0, 0]] and step.tolist() == [1, 1] and whole.dtype == np.int8
+    assert rounded(weights, 16)[0][0].tolist() == [258, -32767, 16358]
+
+
+ALL = """#include "touch.c"
+#include <stdio.h>
+#include <stdlib.h>
+static touch_t t, kept;
+int main(void)
+{
+    static float frame[TAXELS], proba[CLASSES], settled;
+    unsigned seed = 1;
+    if (touch_init(0) != TOUCH_BAD || touch_push(0, frame) != TOUCH_BAD || touch_label(0, proba, 0) != TOUCH_BAD)
+        return 1;
+    touch_init(&t);
+    if (touch_push(&t, 0) != TOUCH_BAD || touch_label(&t, 0, 0) != TOUCH_BAD)
+        return 2;
+    if (touch_label(&t, proba, 0) != TOUCH_EMPTY)
+        return 2;
+    const float odd[] = {NAN, INFINITY, -INFINITY, -0.001f, FULL_SCALE * 1.001f, -1e-40f};
+    for (int n = 0; n < 3000; n++) {
+        int bad = 0;
+        for (int i = 0; i < TAXELS; i++) {
+            seed = seed * 1103515245u + 12345u;
+            frame[i] = seed % 3 ? (float)(seed >> 16 & 1023) : (n / 50 % 2 ? FULL_SCALE : 0);
+        }
+        if (n % 7 == 0) {
+            frame[n % TAXELS] = odd[n % 6];
+            bad = 1;
+        }
+        memcpy(&kept, &t, sizeof t);
+        int code = touch_push(&t, frame);
+        if (bad && (code != TOUCH_BAD || memcmp(&kept, &t, sizeof t)))
+            return 3;
+        if (!bad && code == TOUCH_LONG) {
+            if (t.seen != LONGEST || memcmp(&kept, &t, sizeof t))
+                return 4;
+            touch_init(&t);
+            continue;
+        }
+        if (!bad && code < 0)
+            return 5;
+        if (n % 11 == 5 && t.seen) {
+            int label = touch_label(&t, proba, n % 2 ? &settled : 0);
+            float sum = 0;
+            if (label < 0 || label >= CLASSES || !touch_name(label)[0])
+                return 6;
+            for (int c = 0; c < CLASSES; c++) {
+                if (!(proba[c] >= 0 && proba[c] <= proba[label]))
+                    return 7;
+                sum += proba[c];
+            }
+            if (!(fabsf(sum - 1) < 1e-3f))
+                return 8;
+        }
+        if (n % 500 == 499)
+            touch_init(&t);
+    }
+    return touch_name(-1)[0] || touch_name(CLASSES)[0];
+}
+"""
+
+
+@pytest.mark.parametrize("name", ["reflex", "lda scaled", "bayes", "svm", "rf", "xgb"])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_bad_input_is_a_code_and_nothing_is_undefined(name, compiler, tmp_path):
+    if lacking(compiler):
+        pytest.skip(lacking(compiler))
+    corpus = touched()
+    folder = written(fitted(SYSTEMS[name](), corpus, stopping=name == "reflex"), tmp_path / "c", 8)
+    (folder / "all.c").write_text(ALL)
+    flags = [
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-ffp-contract=off",
+        "-g",
+        "-O1",
+        "-fsanitize=address,undefined",
+    ]
+    flags += ["-Wno-div-by-zero", "-fno-sanitize=float-divide-by-zero", "-fno-sanitize-recover=all"]
+    subprocess.run([compiler, *flags, "all.c", "-lm", "-o", "all"], cwd=folder, check=True, capture_output=True)
+    done = subprocess.run(["./all"], cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def saved(tmp_path, model, corpus, stopping=True):
+    import mlflow
+
+    found = fitted(model, corpus, stopping)
+    with quiet():
+        mlflow.pyfunc.save_model(str(tmp_path / "rec"), **found.model([], corpus[0][:2]))
+    return found
+
+
+def lines_of(corpus, captures):
+    """Frames as text, a blank line behind each capture."""
+    text = ["\n".join(" ".join(map(str, f)) for f in corpus[i].reshape(corpus.lengths[i], -1)) for i in captures]
+    return "\n\n".join(text) + "\n"
+
+
+def test_the_program_prints_what_bench_stream_prints(tmp_path, monkeypatch, capsys):
+    corpus = touched()
+    saved(tmp_path, SYSTEMS["lda"](), corpus)
+    assert main(["export", "rec", "out=c"]) == 0
+    assert "next: make -C c check" in capsys.readouterr().out
+    subprocess.run(["make", "-C", "c", "CC=gcc"], check=True, capture_output=True)
+    shorter = [i for i in range(len(corpus)) if corpus.lengths[i] < corpus.lengths.max()][:5]
+    text = lines_of(corpus, shorter)
+    printed = subprocess.run(["c/touch"], input=text, capture_output=True, text=True, check=True).stdout
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(text.encode())))
+    assert main(["stream", "source=-", "model=rec"]) == 0
+    mine, theirs = ([line.split(",") for line in out.splitlines()] for out in (printed, capsys.readouterr().out))
+    assert [row[:3] + row[4:] for row in mine] == [row[:3] + row[4:] for row in theirs]
+    np.testing.assert_allclose(*([float(row[3]) for row in rows[1:]] for rows in (mine, theirs)), atol=0.01)
+    for wrong, told in (("1 2\n", "send 35 numbers"), ("x\n", "send"), (" ".join(["2000"] * 35), "out of range")):
+        done = subprocess.run(["c/touch"], input=wrong, capture_output=True, text=True, check=False)
+        assert done.returncode == 2 and "line 1: " in done.stderr and told in done.stderr
+
+
+@pytest.mark.skipif(bool(lacking("make", "gcc", "awk")), reason=lacking("make", "gcc", "awk"))
+def test_make_check_is_strict_and_quiet(tmp_path):
+    folder = written(fitted(SYSTEMS["bayes"](), touched()), tmp_path / "c")
+    done = subprocess.run(["make", "-C", str(folder), "check", "CC=gcc"], capture_output=True, text=True, check=True)
+    assert "1," in done.stdout and done.stderr == ""
+
+
+ARM = ("arm-none-eabi-gcc", "qemu-system-arm", "make")
+
+
+@pytest.mark.skipif(bool(lacking(*ARM)), reason=lacking(*ARM))
+def test_a_cortex_m4_decides_bit_for_bit(tmp_path):
+    corpus = touched()
+    folder = written(fitted(SYSTEMS["reflex"](), corpus, stopping=True), tmp_path / "c", 8)
+    subprocess.run(["make", "-C", str(folder), "touch", "chip", "CC=gcc"], check=True, capture_output=True)
+    text = lines_of(corpus, range(0, 12, 3))
+    here = subprocess.run([folder / "touch"], input=text, capture_output=True, text=True, check=True).stdout
+    chip = ["qemu-system-arm", "-machine", "mps2-an386", "-cpu", "cortex-m4", "-nographic", "-monitor", "none"]
+    chip += ["-serial", "none", "-semihosting-config", "enable=on,target=native", "-kernel", str(folder / "touch.elf")]
+    there = subprocess.run(chip, input=text, capture_output=True, text=True, check=True, timeout=120).stdout
+    assert there == here and len(here.splitlines()) > 10
+
+
+@pytest.mark.skipif(bool(lacking(*ARM)), reason=lacking(*ARM))
+def test_what_is_too_large_is_not_linked(tmp_path):
+    rng = np.random.default_rng(0)
+    corpus = touched()
+    noise = Corpus(**{**vars(corpus), "captures": corpus.captures.assign(gesture=rng.choice(list("abc"), len(corpus)))})
+    repeated = noise[np.repeat(np.arange(len(noise)), 3)]
+    folder = written(fitted(et(Jung28(), trees=3000), repeated), tmp_path / "c")
+    done = subprocess.run(["make", "-C", str(folder), "chip"], capture_output=True, text=True, check=False)
+    assert done.returncode and "overflowed" in done.stderr
+
+
+def test_what_has_no_c_is_one_line(tmp_path, capsys, monkeypatch):
+    corpus = touched()
+    saved(tmp_path, lda(TouchFeatures()), corpus, stopping=False)
+    for arguments, said in {
+        ("rec", "out=c"): "fit with model.window=1",
+        ("rec",): "needs out=",
+        ("out=c",): "give a model",
+        ("rec", "out=c", "bits=16"): "bits=16: give 32 or 8",
+        ("rec", "out=c", "target=rust"): "target=rust: give c99",
+        ("rec", "out=c", "size=3"): "no such option",
+        ("rec", "out=rec"): "there is something already",
+        ("nothing", "out=c"): "not a saved model",
+    }.items():
+        assert main(["export", *arguments]) == 2
+        told = "".join(capsys.readouterr())
+        assert said in told and "Traceback" not in told and not Path("c").exists()
+    for model, said in (
+        (Recipe(lda(TouchFeatures()), window=0.4, hop=0.1), "leave model.hop= out"),
+        (lda(Jung28(area="capture")), "Jung28 has no C"),
+    ):
+        with pytest.raises(InputError, match=said):
+            written(fitted(clone(model), corpus), tmp_path / "d")
