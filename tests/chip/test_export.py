@@ -3,6 +3,7 @@
 import io
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,7 +15,7 @@ from sklearn.base import clone
 from bench.chip.tables import rounded
 from bench.cli import main
 from bench.corpora.corpus import Corpus
-from bench.corpora.library import open_corpus
+from bench.corpora.synth import generate
 from bench.errors import InputError
 from bench.work.saved import quiet
 from features.jung28 import Jung28
@@ -28,7 +29,7 @@ from models.softmax import softmax
 from models.svm import svm
 from models.tree import tree
 from models.xgb import xgb
-from tests.chip.compiled import built, fitted, lacking, written
+from tests.chip.compiled import STRICT, built, fitted, lacking, written
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 WINDOW = {"window": 0.4, "repair": ("stuck", "dead")}
@@ -49,11 +50,10 @@ SYSTEMS = {
 }
 
 
-def touched(rows=5, cols=7, rate_hz=40.0, classes=3, seed=0):
+@cache
+def touched(rows=5, cols=7, rate_hz=40.0, classes=3):
     """Four people who press here or there, for long or short, hard or not; some taxels are dead or stuck."""
-    corpus = open_corpus(
-        "synth", {"subjects": 4, "rows": rows, "cols": cols, "rate_hz": rate_hz, "seed": seed, "variants": ("normal",)}
-    )
+    corpus = generate(subjects=4, rows=rows, cols=cols, rate_hz=rate_hz, variants=("normal",))
     names = sorted(set(corpus.gestures))[2 : 2 + classes]
     part = corpus[np.flatnonzero(np.isin(corpus.gestures, names))].detached()
     frames = part.frames.copy()
@@ -63,14 +63,20 @@ def touched(rows=5, cols=7, rate_hz=40.0, classes=3, seed=0):
     return Corpus(**{**vars(part), "frames": frames})
 
 
+@cache
+def made(name, stopping=False):
+    """A system, fitted once for all tests."""
+    found = fitted(SYSTEMS[name](), touched(), stopping)
+    if name == "a person":
+        own = touched()[touched().subjects == "2"]
+        found.estimator = found.estimator.adapt(own, own.gestures)
+    return found
+
+
 @pytest.mark.parametrize("bits", [32, 8])
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_it_decides_as_python_does(name, bits, tmp_path):
-    corpus = touched()
-    found = fitted(SYSTEMS[name](), corpus, stopping=name in ("reflex", "bayes"))
-    if name == "a person":
-        own = corpus[corpus.subjects == "2"]
-        found.estimator = found.estimator.adapt(own, own.gestures)
+    corpus, found = touched(), made(name, stopping=name in ("lda", "bayes"))
     asked = built(found, tmp_path / "c", bits)
     told = found.label(corpus)
     proba = told.filter(like="p_").to_numpy()
@@ -195,20 +201,10 @@ int main(void)
 def test_bad_input_is_a_code_and_nothing_is_undefined(name, compiler, tmp_path):
     if lacking(compiler):
         pytest.skip(lacking(compiler))
-    corpus = touched()
-    folder = written(fitted(SYSTEMS[name](), corpus, stopping=name == "reflex"), tmp_path / "c", 8)
+    folder = written(made(name, stopping=name == "bayes"), tmp_path / "c", 8)
     (folder / "all.c").write_text(ALL)
-    flags = [
-        "-std=c99",
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        "-ffp-contract=off",
-        "-g",
-        "-O1",
-        "-fsanitize=address,undefined",
-    ]
-    flags += ["-Wno-div-by-zero", "-fno-sanitize=float-divide-by-zero", "-fno-sanitize-recover=all"]
+    checked = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"] if compiler == "gcc" else []
+    flags = [*STRICT, *checked]  # clang has its sanitizers in a package of their own
     subprocess.run([compiler, *flags, "all.c", "-lm", "-o", "all"], cwd=folder, check=True, capture_output=True)
     done = subprocess.run(["./all"], cwd=folder, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
@@ -250,7 +246,7 @@ def test_the_program_prints_what_bench_stream_prints(tmp_path, monkeypatch, caps
 
 @pytest.mark.skipif(bool(lacking("make", "gcc", "awk")), reason=lacking("make", "gcc", "awk"))
 def test_make_check_is_strict_and_quiet(tmp_path):
-    folder = written(fitted(SYSTEMS["bayes"](), touched()), tmp_path / "c")
+    folder = written(made("bayes", stopping=True), tmp_path / "c")
     done = subprocess.run(["make", "-C", str(folder), "check", "CC=gcc"], capture_output=True, text=True, check=True)
     assert "1," in done.stdout and done.stderr == ""
 
@@ -261,7 +257,7 @@ ARM = ("arm-none-eabi-gcc", "qemu-system-arm", "make")
 @pytest.mark.skipif(bool(lacking(*ARM)), reason=lacking(*ARM))
 def test_a_cortex_m4_decides_bit_for_bit(tmp_path):
     corpus = touched()
-    folder = written(fitted(SYSTEMS["reflex"](), corpus, stopping=True), tmp_path / "c", 8)
+    folder = written(made("reflex"), tmp_path / "c", 8)
     subprocess.run(["make", "-C", str(folder), "touch", "chip", "CC=gcc"], check=True, capture_output=True)
     text = lines_of(corpus, range(0, 12, 3))
     here = subprocess.run([folder / "touch"], input=text, capture_output=True, text=True, check=True).stdout
