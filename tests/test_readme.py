@@ -6,12 +6,14 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from sklearn.model_selection import LeaveOneGroupOut, cross_val_score
 
 import bench
 from bench.cli import COMMANDS, main
 from bench.work.fold import decisions
 from models.tuning import Search
+from tests.chip.compiled import lacking
 from tests.conftest import runs
 
 ROOT = Path(__file__).parent.parent
@@ -54,6 +56,25 @@ def test_commands_are_single_lines_and_ci_runs_the_readmes():
     assert all(block.strip().count("\n") == 0 for block in blocks)
     assert blocks[0].endswith("bench run protocol=loso model=cnn85\n") and "-m pytest" in blocks[1]
     assert README.count("-m pytest") == 1 and "-m pytest" in (ROOT / ".ci" / "run").read_text()
+
+
+@pytest.mark.skipif(bool(lacking("make", "gcc")), reason=lacking("make", "gcc"))
+def test_from_captures_to_running_c_as_written(capsys, monkeypatch):
+    block = next(b for b in re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL) if "bench export" in b)
+    lines = [line.partition("#")[0].strip() for line in block.splitlines()]
+    assert len(lines) == 5
+    small = ["data=synth", "data.subjects=3", "data.variants=normal", "model.units=2", "model.copies=1", "stopping=no"]
+    for line in lines:
+        command = line.rpartition("&&")[0].strip() or line
+        if command.startswith("bench fit"):
+            assert main(["fit", *small, *(w for w in command.split()[2:] if not w.startswith("data="))]) == 0
+        elif command.startswith("bench"):
+            assert main(command.split()[1:]) == 0
+        elif "flash" not in command or not lacking("arm-none-eabi-gcc", "qemu-system-arm"):
+            subprocess.run(command, shell=True, check=True, capture_output=True)
+    frames = ("1 " * 63 + "9\n") * 200
+    printed = subprocess.run(["rec_c/touch"], input=frames, capture_output=True, text=True, check=True).stdout
+    assert printed.startswith("capture,ms,label") and len(printed.splitlines()) > 3
 
 
 def test_every_name_of_the_table_exists():

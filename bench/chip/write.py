@@ -50,10 +50,7 @@ def files_of(found: Recogniser, bits: int, about: str) -> dict[str, str]:
         "touch.h": _header(chip, about),
         "tables.h": _tables(chip, bits),
         "touch.c": _code(chip),
-        "main.c": _fixed("main.c"),
-        "Makefile": _fixed("Makefile"),
-        "cortex_m4.c": _fixed("cortex_m4.c"),
-        "cortex_m4.ld": _fixed("cortex_m4.ld"),
+        **{name: _fixed(name) for name in ("main.c", "count.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")},
     }
 
 

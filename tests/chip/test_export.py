@@ -254,6 +254,7 @@ def test_make_check_is_strict_and_quiet(tmp_path):
 ARM = ("arm-none-eabi-gcc", "qemu-system-arm", "make")
 
 
+@pytest.mark.live
 @pytest.mark.skipif(bool(lacking(*ARM)), reason=lacking(*ARM))
 def test_a_cortex_m4_decides_bit_for_bit(tmp_path):
     corpus = touched()
@@ -265,8 +266,17 @@ def test_a_cortex_m4_decides_bit_for_bit(tmp_path):
     chip += ["-serial", "none", "-semihosting-config", "enable=on,target=native", "-kernel", str(folder / "touch.elf")]
     there = subprocess.run(chip, input=text, capture_output=True, text=True, check=True, timeout=120).stdout
     assert there == here and len(here.splitlines()) > 10
+    said = subprocess.run(
+        ["make", "-s", "-C", folder, "flash", "count"], capture_output=True, text=True, check=True
+    ).stdout
+    numbers = [int(word) for word in said.replace(",", " ").split() if word.isdecimal()]
+    code, tables, state, mean, idle, most, _ = numbers
+    arrays = made("reflex").estimator
+    assert 0 < code < 20_000 and tables > arrays.whole_.system_.steps[-1][1].parameters_ and 0 < state < 32_000
+    assert idle < mean < most
 
 
+@pytest.mark.live
 @pytest.mark.skipif(bool(lacking(*ARM)), reason=lacking(*ARM))
 def test_what_is_too_large_is_not_linked(tmp_path):
     rng = np.random.default_rng(0)

@@ -1,0 +1,54 @@
+/* Instructions of a frame and of a label on generated frames: SysTick at 25 MHz while QEMU counts a nanosecond for each. */
+
+#include <stdint.h>
+#include <stdio.h>
+
+#include "touch.h"
+
+#define CONTROL (*(volatile uint32_t *)0xE000E010)
+#define RELOAD (*(volatile uint32_t *)0xE000E014)
+#define VALUE (*(volatile uint32_t *)0xE000E018)
+#define PER_TICK 40
+
+static touch_t state;
+static float frame[TOUCH_TAXELS], proba[TOUCH_CLASSES];
+
+static uint32_t since(uint32_t begin) { return ((begin - VALUE) & 0xFFFFFF) * PER_TICK; }
+
+int main(void)
+{
+    uint32_t seed = 1, most = 0, most_idle = 0, label_most = 0;
+    double all = 0;
+    int count = (int)(8 * TOUCH_RATE_HZ), deciding = 0;
+    RELOAD = 0xFFFFFF;
+    VALUE = 0;
+    CONTROL = 5;
+    touch_init(&state);
+    for (int n = 0; n < count; n++) {
+        for (int i = 0; i < TOUCH_TAXELS; i++) {
+            seed = seed * 1103515245u + 12345u;
+            frame[i] = TOUCH_FULL_SCALE * (float)(seed >> 16 & 255) / 1024 * (float)(1 + n / 7 % 3);
+        }
+        uint32_t begin = VALUE;
+        int ready = touch_push(&state, frame);
+        uint32_t spent = since(begin);
+        if (ready < 0)
+            break;
+        all += spent;
+        if (ready == 0 && spent > most_idle)
+            most_idle = spent;
+        if (spent > most)
+            most = spent;
+        begin = VALUE;
+        if (ready || n % 8 == 0) {
+            touch_label(&state, proba, 0);
+            spent = since(begin);
+            if (spent > label_most)
+                label_most = spent;
+            deciding++;
+        }
+    }
+    printf("instructions: %.0f a frame on average, at most %lu without and %lu with a window that ends; label at most %lu\n",
+           all / count, (unsigned long)most_idle, (unsigned long)most, (unsigned long)label_most);
+    return deciding ? 0 : 1;
+}
