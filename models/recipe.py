@@ -23,6 +23,7 @@ from features.base import FeatureSet, labels
 from features.kept import PIECES, after
 from models import contract
 from models.person import WAYS, Own, pooled
+from models.rounded import BITS, can_be, in_bits
 
 LONGEST_S = 3600.0  # of a window
 
@@ -44,9 +45,11 @@ class Recipe(ClassifierMixin, BaseEstimator):
         person: how a classifier on features adapts to one person (`models.person.WAYS`): ``centre`` and ``scale``
             features by their own, and ``pool``, which keeps the training rows and is fitted anew to them and the
             person's, each of which counts ten times.
+        bits: of a learnt weight when it decides: 32, or 8 as `bench export` stores them.
     """
 
-    person: tuple[str, ...] = ()  # of systems that were saved before there was any
+    person: tuple[str, ...] = ()  # of systems that were saved before there was any, as the next
+    bits: int = 32
     rows_: tuple[pd.DataFrame, np.ndarray] | None = None  # of training, where a person's are pooled with them
 
     def __init__(
@@ -59,6 +62,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         faults: tuple[str, ...] = (),
         copies: int = 3,
         person: tuple[str, ...] = (),
+        bits: int = 32,
     ) -> None:
         self.system = system
         self.window = window
@@ -68,6 +72,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         self.faults = faults
         self.copies = copies
         self.person = person
+        self.bits = bits
 
     def check(self) -> None:
         """Refuse parameters that cannot be.
@@ -83,6 +88,10 @@ class Recipe(ClassifierMixin, BaseEstimator):
         if self.window and (contract.decides_often(self.system) or contract.window(self.system, 1.0)):
             raise InputError(f"model.window={self.window:g}: the system cuts its own windows; leave it out")
         self._check_person()
+        if self.bits not in BITS:
+            raise InputError(f"model.bits={self.bits}: give 32 or 8")
+        if self.bits != 32 and not (type(self.system) is Pipeline and can_be(self.system.steps[-1][1])):
+            raise InputError(f"model.bits={self.bits}: reflex, lda, softmax and bayes have it; leave it out")
         self.training_steps()
         contract.check(self.system)
 
@@ -136,7 +145,8 @@ class Recipe(ClassifierMixin, BaseEstimator):
 
     def fit(self, X: Corpus, y: np.ndarray) -> Recipe:
         """Learn from captures and their class names."""
-        return self.around(self._fitted(X, np.asarray(y)), X)
+        system = self._fitted(X, np.asarray(y))
+        return self.around(system if self.bits == 32 else in_bits(system, self.bits), X)
 
     def around(self, system: contract.System, X: Corpus) -> Recipe:
         """Take a system that has learnt from what the training steps make of some captures."""
@@ -147,7 +157,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
             self.window_ = inside
         return self
 
-    @available_if(lambda self: bool(self.person) or contract.adapts(self.system))
+    @available_if(lambda self: self.bits == 32 and (bool(self.person) or contract.adapts(self.system)))
     def adapt(self, X: Corpus, y: np.ndarray | None) -> Recipe:
         """The same for one person, some of whose captures the system inside adapts to (`models.contract.adapted`)."""
         seen, row = taken(X, self.steps())

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from copy import copy
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.pipeline import Pipeline
+from sklearn.utils.metaestimators import available_if
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import Windows
@@ -50,7 +52,10 @@ class Reflex(ClassifierMixin, BaseEstimator):
         faults: as of `models.recipe.Recipe`; ``none`` for none.
         copies: damaged copies of each training capture.
         seed: of the network; the damage is always the same.
+        bits: of a learnt weight, as of `models.recipe.Recipe`.
     """
+
+    bits: int = 32  # of systems that were saved before there was a choice
 
     def __init__(
         self,
@@ -62,6 +67,7 @@ class Reflex(ClassifierMixin, BaseEstimator):
         faults: tuple[str, ...] = ("all",),
         copies: int = 8,
         seed: int = 0,
+        bits: int = 32,
     ) -> None:
         self.window = window
         self.early = early
@@ -71,10 +77,11 @@ class Reflex(ClassifierMixin, BaseEstimator):
         self.faults = faults
         self.copies = copies
         self.seed = seed
+        self.bits = bits
 
     def _recipes(self) -> tuple[Recipe, Recipe]:
         """For a whole window, and for less."""
-        kept = {"repair": () if self.repair == ("none",) else self.repair}
+        kept: dict[str, Any] = {"bits": self.bits, "repair": () if self.repair == ("none",) else self.repair}
         kept["faults"] = () if self.faults == ("none",) else self.faults
         features = TouchFeatures()
         judge = Guarded(units=self.units, doubt=self.doubt, seed=self.seed)
@@ -115,6 +122,7 @@ class Reflex(ClassifierMixin, BaseEstimator):
         self.classes_, self.window_ = self.whole_.classes_, self.whole_.window_
         return self
 
+    @available_if(lambda self: self.bits == 32)
     def adapt(self, X: Corpus, y: np.ndarray | None) -> Reflex:
         """The same for one person, from whose mean features are measured.
 

@@ -22,6 +22,7 @@ from models.lda import Discriminants
 from models.person import Own
 from models.recipe import Recipe
 from models.reflex import Reflex
+from models.rounded import lower, rounded
 from models.scaling import RangeScaler, ZScaler
 from models.svm import RankedSVC
 from models.tree import PrunedTree
@@ -193,16 +194,6 @@ def _stopping(found: Recogniser) -> dict[str, Any]:
     }
 
 
-def rounded(weights: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:
-    """Weights [rows, n], in 8 or 16 bits as whole numbers, and the step of each row."""
-    if bits == 32:
-        return weights.astype(SINGLE), np.ones(len(weights), SINGLE)
-    kind = np.dtype(f"int{bits}")
-    step = np.abs(weights).max(axis=1) / np.iinfo(kind).max
-    step = np.where(step > 0, step, 1)
-    return np.rint(weights / step[:, None]).astype(kind), step.astype(SINGLE)
-
-
 def _decider(system: Pipeline, width: int, bits: int) -> Decider:
     """A classifier and the scaling before it.
 
@@ -341,10 +332,8 @@ def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
     """Whitening by forward substitution: rows of the triangle divided by their diagonal."""
     rows, inverse, bias = [], [], []
     for prior, factor in zip(classifier.priors_, classifier.factors_, strict=True):
-        lower = np.tril(factor)
-        diagonal = np.diag(lower)
-        below = lower / diagonal[:, None]
-        rows.append(np.concatenate([below[i, :i] for i in range(len(below))]))
+        row, diagonal = lower(factor)
+        rows.append(row)
         inverse.append(1 / diagonal)
         bias.append(np.log(prior) - np.log(diagonal).sum())
     triangle, step = rounded(np.stack(rows), bits)

@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 from sklearn.base import clone
 
-from bench.chip.tables import rounded
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
@@ -25,6 +24,7 @@ from models.lda import lda
 from models.recipe import Recipe
 from models.reflex import Reflex
 from models.rf import et, rf
+from models.rounded import rounded
 from models.softmax import softmax
 from models.svm import svm
 from models.tree import tree

@@ -1,0 +1,65 @@
+"""Weights in 8 bits: as whole numbers by hand, twice as once, and what C stores of them."""
+
+import numpy as np
+import pytest
+
+from bench.cli import main
+from features.jung28 import Jung28
+from features.touch import TouchFeatures
+from models import contract
+from models.bayes import bayes
+from models.lda import lda
+from models.recipe import Recipe
+from models.reflex import Reflex
+from models.rounded import in_bits
+from models.softmax import softmax
+from tests.conftest import random_corpus
+
+SYSTEMS = {
+    "lda": lambda bits: Recipe(lda(TouchFeatures()), window=0.1, bits=bits),
+    "softmax": lambda bits: Recipe(softmax(Jung28()), bits=bits),
+    "bayes": lambda bits: Recipe(bayes(Jung28()), bits=bits),
+    "reflex": lambda bits: Reflex(window=0.1, early=0.05, units=4, copies=1, bits=bits),
+}
+
+
+def fitted(name, bits):
+    corpus = random_corpus(longest=30)
+    return SYSTEMS[name](bits).fit(corpus, corpus.gestures)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_it_decides_nearly_as_before_and_again_the_same(name):
+    corpus = random_corpus(longest=30)
+    whole, few = (fitted(name, bits).predict_proba(corpus) for bits in (32, 8))
+    assert not np.array_equal(whole, few) and np.median(np.abs(whole - few)) < 0.02
+    model = fitted(name, 8)
+    parts = [model.whole_, model.early_] if name == "reflex" else [model]
+    for part in parts:
+        twice = in_bits(part.system_, 8)
+        seen = corpus[:4]
+        table = part.system_.steps[0][1].transform(seen)
+        for (_, one), (_, other) in zip(part.system_.steps[1:], twice.steps[1:], strict=True):
+            last = hasattr(one, "predict_proba")
+            if last:
+                np.testing.assert_allclose(one.predict_proba(table), other.predict_proba(table), atol=1e-9)
+            else:
+                table = one.transform(table)
+
+
+def test_weights_are_whole_steps_by_hand():
+    plain, few = (fitted("softmax", bits).system_.steps[-1][1].coef_ for bits in (32, 8))
+    for before, after in zip(plain, few, strict=True):
+        step = np.abs(before).max() / 127
+        np.testing.assert_allclose(after, np.round(before / step) * np.float32(step), rtol=1e-6)
+
+
+def test_few_bits_do_not_adapt_and_other_systems_have_none(capsys):
+    assert not contract.adapts(Reflex(bits=8)) and contract.adapts(Reflex())
+    for arguments, said in (
+        (["model=lda", "features=touch", "model.bits=4"], "model.bits=4: give 32 or 8"),
+        (["model=rf", "model.bits=8"], "reflex, lda, softmax and bayes have it"),
+        (["model=reflex", "model.bits=16"], "give 32 or 8"),
+    ):
+        assert main(["run", "data=synth", "data.subjects=2", *arguments]) == 2
+        assert said in capsys.readouterr().err
