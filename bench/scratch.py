@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from bench.errors import InputError
+
 
 def home() -> Path:
     """The user's data folder: imported corpora and cached features (``TOUCHBENCH_HOME`` overrides)."""
@@ -64,6 +66,24 @@ def replacing(path: Path) -> Iterator[Path]:
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def made_whole(out: Path) -> Iterator[Path]:
+    """Where to make a folder that then takes its name: a kill leaves none or a whole one.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    out = out.absolute()
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        sweep(out.parent, f".{out.name}.")
+        beside = out.with_name(f".{out.name}.{owner()}new")
+        yield beside
+        beside.rename(out)
+    except OSError as e:
+        raise InputError(f"out={out}: cannot be written ({e.strerror or e}); choose another folder") from e
 
 
 def owner() -> str:

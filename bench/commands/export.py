@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.errors import InputError, nearest
-from bench.scratch import owner, sweep
+from bench.errors import InputError
+from bench.plan.arguments import options_of
+from bench.scratch import made_whole
 
 OPTIONS = ("out", "bits", "target")
 
@@ -19,14 +20,7 @@ def export(arguments: list[str]) -> int:
     if not arguments or arguments[0].partition("=")[0] in OPTIONS:
         raise InputError("give a model: bench export MODEL out=FOLDER; see bench export --help")
     model, *options = arguments
-    values: dict[str, str] = {}
-    for option in options:
-        name, _, value = option.partition("=")
-        if name not in OPTIONS or not value:
-            raise InputError(f"{option!r}: no such option; {nearest(name, OPTIONS)}")
-        if name in values:
-            raise InputError(f"{name}= is given twice; give it once")
-        values[name] = value
+    values = options_of(options, OPTIONS)
     if "out" not in values:
         raise InputError("bench export needs out=, the folder of the C files")
     if (bits := values.get("bits", "32")) not in ("32", "8"):
@@ -43,26 +37,11 @@ def export(arguments: list[str]) -> int:
     rows, cols = found.grid
     kind = "synthetic " if found.synthetic else ""
     about = f"touchbench: {len(found.classes)} classes of {kind}touch on {rows}x{cols} taxels at {found.rate_hz:g} Hz"
-    _written(files_of(found, int(bits), about), out)
-    print(f"{out}: {', '.join(sorted(p.name for p in out.iterdir()))}")
-    print(f"next: make -C {out} check; make -C {out} flash")
-    return 0
-
-
-def _written(files: dict[str, str], out: Path) -> None:
-    """Write all files or none.
-
-    Raises:
-        InputError: they cannot be written.
-    """
-    out = out.absolute()
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        sweep(out.parent, f".{out.name}.")
-        beside = out.with_name(f".{out.name}.{owner()}code")
+    files = files_of(found, int(bits), about)
+    with made_whole(out) as beside:
         beside.mkdir()
         for name, text in files.items():
             (beside / name).write_text(text, encoding="utf-8")
-        beside.rename(out)
-    except OSError as e:
-        raise InputError(f"out={out}: cannot be written ({e.strerror or e}); choose another folder") from e
+    print(f"{out}: {', '.join(sorted(p.name for p in out.iterdir()))}")
+    print(f"next: make -C {out} check; make -C {out} flash")
+    return 0

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.corpora.table import read_unlabelled
-from bench.errors import InputError, nearest
-from bench.plan.arguments import Values, number, parse
+from bench.errors import InputError
+from bench.plan.arguments import Values, number, options_of, parse
 from bench.plan.cells import Cell, cells
 from bench.scratch import replacing
 from reports.sheet import write_sheet
@@ -120,14 +120,7 @@ def _read(command: str, arguments: list[str], known: tuple[str, ...]) -> tuple[R
             pass
         case _:
             raise InputError(f"give a model and a file: bench {command} MODEL FILE; see bench {command} --help")
-    values: dict[str, str] = {}
-    for option in options:
-        name, _, value = option.partition("=")
-        if name not in known or not value:
-            raise InputError(f"{option!r}: no such option; {nearest(name, known)}")
-        if name in values:
-            raise InputError(f"{name}= is given twice; give it once")
-        values[name] = value
+    values = options_of(options, known)
     from bench.work.saved import load
 
     rate = number("rate_hz", values["rate_hz"]) if "rate_hz" in values else None

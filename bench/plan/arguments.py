@@ -36,6 +36,23 @@ def parse(arguments: list[str], known: set[str]) -> dict[str, str]:
     return values
 
 
+def options_of(given: list[str], known: tuple[str, ...]) -> dict[str, str]:
+    """Options of a command that has arguments without a name as well.
+
+    Raises:
+        InputError: one that is not known, or is given twice.
+    """
+    values: dict[str, str] = {}
+    for option in given:
+        name, _, value = option.partition("=")
+        if name not in known or not value:
+            raise InputError(f"{option!r}: no such option; {nearest(name, known)}")
+        if name in values:
+            raise InputError(f"{name}= is given twice; give it once")
+        values[name] = value
+    return values
+
+
 def check_key(key: str, known: set[str]) -> None:
     """Refuse a key that means nothing here.
 

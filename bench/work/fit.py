@@ -18,7 +18,7 @@ from bench.outcomes.store import connect, only_one, reached
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
 from bench.progress import telling
-from bench.scratch import owner, sweep
+from bench.scratch import made_whole
 from bench.work.evaluation import Evaluation
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.loop import fill_cache, progress, warn
@@ -181,19 +181,12 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
 
 
 def _save(model: dict[str, Any], out: Path) -> None:
-    """Save a model as a folder, beside its name and renamed: a kill leaves none or a whole one.
+    """Save a model as a folder.
 
     Raises:
         InputError: it cannot be written.
     """
     import mlflow
 
-    out = out.absolute()
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        sweep(out.parent, f".{out.name}.")
-        beside = out.with_name(f".{out.name}.{owner()}model")
+    with made_whole(out) as beside:
         mlflow.pyfunc.save_model(str(beside), **model)
-        beside.rename(out)
-    except OSError as e:
-        raise InputError(f"out={out}: cannot be written ({e.strerror or e}); choose another folder") from e
