@@ -155,7 +155,8 @@ bench export MODEL out=FOLDER [bits=32|8]
 
 Writes a saved system as C99 that needs no heap and no library but math.h: touch.h (touch_init, touch_push and
 touch_label), touch.c, and tables.h with what was learnt. A Makefile builds it for this machine, where main.c decides on
-frames from standard input as bench stream source=- does (make, make check), and for a Cortex-M4F with 256 KiB of flash
+frames from standard input as bench stream source=- does, as long as a capture is no longer than those in training
+(make, make check), and for a Cortex-M4F with 256 KiB of flash
 and 32 KiB of RAM (make chip, which does not link what does not fit; make flash prints the sizes). What the model has
 learned about when to decide goes along, and so does a person whom it was adapted to.
 

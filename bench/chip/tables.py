@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 LONGEST_TOUCH = 2**30  # frames; a window forgets
 SINGLE = np.float32
+ROUNDING = 1e-6
 HAVE = "reflex, lda, softmax, bayes, svm, tree, rf, et and xgb"
 
 
@@ -106,11 +107,10 @@ def chip_of(found: Recogniser, bits: int) -> Chip:
         "FEATURES": width,
         "RATE_HZ": number(found.rate_hz),
         "FULL_SCALE": number(found.full_scale),
+        "CHECKED": min(found.longest, 2 * round(found.rate_hz) + 9),  # frames of make check
         "LONGEST": LONGEST_TOUCH if name == "touch" else found.longest,
     }
     defines |= _steps(steps, found) | _windows(windows, early, found) | _stopping(found)
-    if name == "jung28":
-        defines["WHOLE(x)"] = "floorf(x)" if found.integer and not steps else "(x)"
     deciders = {"decide": _decider(system, width, bits)}
     if early is not None:
         deciders["decide_early"] = _decider(_opened(early)[1], width, bits)
@@ -135,6 +135,8 @@ def _opened(estimator: Any) -> tuple[Recipe | None, Pipeline]:
     """
     recipe = estimator if isinstance(estimator, Recipe) else None
     system = recipe.system_ if recipe else estimator
+    if isinstance(system, Reflex):
+        raise InputError("reflex behind steps of its own has no C; leave model.scale= and the like out")
     if not isinstance(system, Pipeline) or len(system.steps) < 2:
         raise InputError(f"{type(system).__name__} has no C: {HAVE} have, on touch or jung28")
     return recipe, system
@@ -207,9 +209,10 @@ def _decider(system: Pipeline, width: int, bits: int) -> Decider:
         return _guarded(classifier, bits)
     if isinstance(classifier, Discriminants):
         known = classifier.learnt_
-        a, b, c = _then(scaling, known.mean, _inverse(known.sd), np.zeros(width))
-        weights = classifier.coef_ * np.where(np.isfinite(known.sd), known.sd, 0)
-        return _linear((a, b, c), weights, classifier.intercept_ + classifier.coef_ @ known.mean, bits)
+        varies = _varies(known.mean, known.sd)
+        whole = _then(scaling, known.mean, np.where(varies, _inverse(known.sd), 0), np.zeros(width))
+        weights = classifier.coef_ * np.where(varies, known.sd, 0)
+        return _linear(whole, weights, classifier.intercept_ + classifier.coef_ @ known.mean, bits)
     if isinstance(classifier, LogisticRegression):
         weights, bias = classifier.coef_, classifier.intercept_
         if len(weights) == 1:
@@ -232,7 +235,13 @@ Affine = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _inverse(values: np.ndarray) -> np.ndarray:
+    """One by each; nothing for what never varied."""
     return np.where(np.isfinite(values) & (values != 0), 1 / np.where(values == 0, 1, values), 0)
+
+
+def _varies(mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
+    """Which features vary by more than the rounding of single precision, which is another in C."""
+    return np.isfinite(sd) & (sd > ROUNDING * np.maximum(np.abs(mean), 1))
 
 
 def _affine(steps: list, width: int) -> Affine:
@@ -286,17 +295,18 @@ def _guarded(classifier: Guarded, bits: int) -> Decider:
     linear, network = classifier.linear_, classifier.robust_
     width = classifier.n_features_in_
     mean, sd = classifier.mean_.astype(float), classifier.sd_.astype(float)
-    weights, step = rounded(linear.coef_ * np.where(np.isfinite(sd), sd, 0), bits)
+    varies = _varies(mean, sd)
+    weights, step = rounded(linear.coef_ * np.where(varies, sd, 0), bits)
     hidden, hidden_step = rounded(network.coefs_[0].T.astype(float), bits)
     last, last_step = rounded(network.coefs_[1].T.astype(float), bits)
     arrays = {
         "a": mean.astype(SINGLE),
-        "b": _inverse(sd).astype(SINGLE),
+        "b": np.where(varies, _inverse(sd), 0).astype(SINGLE),
         "weights": weights,
         "step": step,
         "bias": (linear.intercept_ + linear.coef_ @ mean).astype(SINGLE),
         "net_a": network.mean_,
-        "net_b": _inverse(network.scale_).astype(SINGLE),
+        "net_b": np.where(_varies(network.mean_, network.scale_), _inverse(network.scale_), 0).astype(SINGLE),
         "hidden": hidden,
         "hidden_step": hidden_step,
         "hidden_bias": network.intercepts_[0],

@@ -47,7 +47,7 @@ def files_of(found: Recogniser, bits: int, about: str) -> dict[str, str]:
     """
     chip = chip_of(found, bits)
     return {
-        "touch.h": _header(chip, about),
+        "touch.h": _header(chip, about, found.rate_hz),
         "tables.h": _tables(chip, bits),
         "touch.c": _code(chip),
         **{name: _fixed(name) for name in ("main.c", "count.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")},
@@ -58,8 +58,9 @@ def _fixed(name: str) -> str:
     return (CODE / name).read_text(encoding="utf-8")
 
 
-def _header(chip: Chip, about: str) -> str:
-    public = "\n".join(f"#define TOUCH_{name} {chip.defines[name]}" for name in PUBLIC)
+def _header(chip: Chip, about: str, rate_hz: float) -> str:
+    told = chip.defines | {"RATE_HZ": repr(rate_hz)}  # in full, as main.c counts hops with it
+    public = "\n".join(f"#define TOUCH_{name} {told[name]}" for name in PUBLIC)
     return f"""/* {about} */
 #ifndef TOUCH_H
 #define TOUCH_H

@@ -56,12 +56,10 @@ class Recogniser(PythonModel):
         rate_hz: frames per second.
         full_scale: largest value of a channel.
         longest: frames of the longest training capture.
-        integer: whether readings are whole numbers.
         synthetic: whether it was trained on generated captures.
     """
 
     stopping: Stopping | None = None  # of models that were saved without
-    integer = True
     adapted = False  # to a person
 
     def __init__(self, estimator: System, corpus: Corpus, stopping: Stopping | None = None) -> None:
@@ -73,7 +71,6 @@ class Recogniser(PythonModel):
         self.rate_hz = float(corpus.rate_hz)
         self.full_scale = float(corpus.full_scale)
         self.longest = int(corpus.lengths.max())
-        self.integer = corpus.frames.dtype.kind in "iu"
         self.synthetic = corpus.synthetic
 
     @property

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from sklearn.base import clone
 
+from bench.chip.tables import _decider
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
@@ -46,6 +47,7 @@ SYSTEMS = {
     "et": lambda: Recipe(et(TouchFeatures(), trees=5), window=0.4),
     "tree": lambda: tree(Jung28(), level=2),
     "xgb": lambda: xgb(Jung28(), trees=5),
+    "windows of a frame": lambda: Recipe(rf(TouchFeatures(), trees=9), window=0.02),
     "a person": lambda: Recipe(svm(Jung28()), person=("centre", "scale")),
 }
 
@@ -128,6 +130,30 @@ def test_features_of_jung_are_those_of_python(tmp_path):
     expected = Jung28().extract(corpus).to_numpy()
     for i in range(len(corpus)):
         np.testing.assert_allclose(asked(corpus[i])[3][: expected.shape[1]], expected[i], rtol=2e-5, atol=1e-4)
+
+
+def test_readings_between_whole_numbers_count_as_what_they_are(tmp_path):
+    corpus = touched()
+    asked = built(fitted(rf(Jung28(), trees=1), corpus), tmp_path / "c")
+    frames = np.full((3, 5, 7), 5.0, np.float32)
+    frames[:, 0, :3] = [2.25, 2.5, 2.75]
+    one = Corpus.from_captures([frames], corpus.captures[:1], corpus.rate_hz)
+    expected = Jung28().extract(one).to_numpy()[0]
+    np.testing.assert_allclose(asked(frames)[3][: len(expected)], expected, rtol=1e-5)
+
+
+def test_what_only_rounding_tells_apart_decides_nothing(tmp_path):
+    """A grid of one taxel: whatever is told of its row or of how alike two frames are, is rounding."""
+    rng = np.random.default_rng(0)
+    arrays = [rng.integers(0, 1000, (n, 1, 1)).astype(np.uint16) for n in rng.integers(2, 40, 24)]
+    about = pd.DataFrame({"subject": list("1234") * 6, "gesture": ["a", "b", "c"] * 8})
+    corpus = Corpus.from_captures(arrays, about, 20.0)
+    found = fitted(Recipe(lda(TouchFeatures()), window=0.5), corpus)
+    weights = _decider(found.estimator.system_, 427, 32).arrays["b"]
+    names = TouchFeatures().fit(corpus).names_
+    assert not weights[[i for i, name in enumerate(names) if name.startswith(("row_q", "col_q"))]].any()
+    asked = built(found, tmp_path / "c")
+    assert all(asked(frames)[0] >= 0 for frames in corpus)
 
 
 def test_eight_bits_by_hand():
@@ -248,7 +274,12 @@ def test_the_program_prints_what_bench_stream_prints(tmp_path, monkeypatch, caps
 def test_make_check_is_strict_and_quiet(tmp_path):
     folder = written(made("bayes", stopping=True), tmp_path / "c")
     done = subprocess.run(["make", "-C", str(folder), "check", "CC=gcc"], capture_output=True, text=True, check=True)
-    assert "1," in done.stdout and done.stderr == ""
+    assert "2," in done.stdout and done.stderr == ""
+    code = (folder / "touch.c").read_text()
+    assert "float n = (float)(t->seen + 1)" in code
+    (folder / "touch.c").write_text(code.replace("t->total[t->seen] = total;", "t->total[t->seen + LONGEST] = total;"))
+    done = subprocess.run(["make", "-C", str(folder), "check", "CC=gcc"], capture_output=True, text=True, check=False)
+    assert done.returncode and "runtime error" in done.stderr
 
 
 ARM = ("arm-none-eabi-gcc", "qemu-system-arm", "make")

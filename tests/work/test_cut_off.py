@@ -53,7 +53,7 @@ def test_a_model_that_was_cut_off_while_it_was_saved_does_not_block_the_next(mon
 
     with monkeypatch.context() as patched:
         patched.setattr(mlflow.pyfunc, "save_model", half)
-        patched.setattr("bench.work.fit.owner", lambda: "nowhere-0-")
+        patched.setattr("bench.scratch.owner", lambda: "nowhere-0-")
         with pytest.raises(Killed):
             main(["fit", *SMALL, "out=saved"])
     assert not Path("saved").exists()

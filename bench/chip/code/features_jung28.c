@@ -24,7 +24,7 @@ static void join(touch_t *t, const float *p, const float *q)
         change += t->seen ? fabsf(p[i] - q[i]) : 0;
     }
     for (int i = 0; i < TAXELS; i++)
-        above += p[i] > WHOLE(peak * 0.5f);
+        above += p[i] > peak * 0.5f;
     row = total > 0 ? row / total : (ROWS + 1) / 2.0f;
     col = total > 0 ? col / total : (COLS + 1) / 2.0f;
     t->change += t->seen ? (change - t->change) / (n - 1) : 0;

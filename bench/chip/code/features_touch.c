@@ -339,6 +339,10 @@ static void forget(part_t *part)
 /* A frame joins the half of a window that it lies in; whether a window of that length ends with it. */
 static int halves(part_t *parts, const float *p, int at, int window, int hop)
 {
+    if (window == 1) {
+        forget(&parts[0]);
+        forget(&parts[1]);
+    }
     if (at % hop == 0)
         forget(&parts[at / hop % 2]);
     join(&parts[at / hop % 2], p);

@@ -36,6 +36,24 @@ static int parsed(float *frame)
     return *at ? -1 : 1;
 }
 
+/* A class name as a cell of a table. */
+static const char *cell(const char *name)
+{
+    static char quoted[512];
+    size_t at = 0;
+    if (!strpbrk(name, ",\"\r\n"))
+        return name;
+    quoted[at++] = '"';
+    for (; *name && at < sizeof quoted - 3; name++) {
+        if (*name == '"')
+            quoted[at++] = '"';
+        quoted[at++] = *name;
+    }
+    quoted[at++] = '"';
+    quoted[at] = 0;
+    return quoted;
+}
+
 static int decided(int capture, int seen, int *settled)
 {
     float proba[TOUCH_CLASSES], how = 0;
@@ -43,7 +61,7 @@ static int decided(int capture, int seen, int *settled)
     if (label < 0)
         return label;
     *settled = *settled || how >= TOUCH_THRESHOLD;
-    printf("%d,%.0f,%s,%.3f,%s\n", capture, 1000.0 / TOUCH_RATE_HZ * seen, touch_name(label), (double)proba[label],
+    printf("%d,%.0f,%s,%.3f,%s\n", capture, 1000.0 / TOUCH_RATE_HZ * seen, cell(touch_name(label)), (double)proba[label],
            TOUCH_STOPPING ? (*settled ? "yes" : "no") : "-");
     fflush(stdout);
     return 0;
