@@ -301,9 +301,10 @@ def test_a_cortex_m4_decides_bit_for_bit(tmp_path):
         ["make", "-s", "-C", folder, "flash", "count"], capture_output=True, text=True, check=True
     ).stdout
     numbers = [int(word) for word in said.replace(",", " ").split() if word.isdecimal()]
-    code, tables, state, mean, idle, most, _ = numbers
+    code, tables, state, linked, mean, idle, most, _ = numbers
     arrays = made("reflex").estimator
     assert 0 < code < 20_000 and tables > arrays.whole_.system_.steps[-1][1].parameters_ and 0 < state < 32_000
+    assert code + tables < linked < code + tables + 20_000
     assert idle < mean < most
 
 
