@@ -68,6 +68,17 @@ def replacing(path: Path) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
 
 
+def new_folder(out: Path) -> Path:
+    """A folder that is new or empty.
+
+    Raises:
+        InputError: there is something already.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"out={out}: there is something already; name a folder that is new or empty")
+    return out
+
+
 @contextmanager
 def made_whole(out: Path) -> Iterator[Path]:
     """Where to make a folder that then takes its name: a kill leaves none or a whole one.

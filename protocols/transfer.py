@@ -74,8 +74,6 @@ class Transfer:
             source = open_corpus(name, _generator(name, given))
         except InputError as e:
             raise InputError(f"protocol.source={self.source}: {e}") from e
-        if source.digest == corpus.digest:
-            raise InputError(f"protocol.source={self.source}: these are the captures that are tested; name others")
         return open_joined(corpus, source, self._names())
 
     def _names(self) -> dict[str, str]:

@@ -143,7 +143,7 @@ def drawn(found: dict[str, pd.DataFrame], context: str, caption: str, folder: Pa
     """Accuracy against what is known, a line per system."""
     known = {k for curve in found.values() for k in curve["known"]}
     ticks = sorted(known, key=lambda k: 0.5 if k == WITHOUT else float(k))
-    figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.5))
+    figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.65))
     axis = axes[0][0]
     for i, (system, curve) in enumerate(found.items()):
         place = np.array([ticks.index(k) for k in curve["known"]]) + 0.06 * (i - (len(found) - 1) / 2)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.chip.tables import Chip, chip_of, number
+from bench.chip.classifiers import number
+from bench.chip.tables import Chip, chip_of
+from bench.corpora.steps import PASSES
+from features import touch
 
 if TYPE_CHECKING:
     from bench.work.saved import Recogniser
@@ -16,21 +20,20 @@ CODE = Path(__file__).parent / "code"
 TYPES = {"int8": "int8_t", "int16": "int16_t", "int32": "int", "float32": "float"}
 PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "THRESHOLD", "STOPPING")
 FUNCTIONS = ("measured", "layer", "softmax", "leaf", "machine")  # that a classifier may use, each in a file of its name
-CONSTANTS = {  # of the feature set touch
-    "SIGNALS": "19",
-    "STATISTICS": "13",
-    "SPECTRAL": "9",
-    "LAGGED": "3",
-    "LAGS": "6",
-    "BANDS": "10",
-    "SPREAD": "16",
-    "POINTS": "64",
-    "ROW": "7",
-    "COL": "8",
-    "EPS": "1e-4f",
-    "PI": "3.14159265f",
-    "PASSES": "3",
-    "REMEMBERED": "32",
+REMEMBERED = {"PASSES": str(PASSES), "REMEMBERED": "32"}
+CONSTANTS = REMEMBERED | {  # of the feature set touch
+    "SIGNALS": str(len(touch.SIGNALS)),
+    "STATISTICS": str(len(touch.STATISTICS)),
+    "SPECTRAL": str(len(touch.SPECTRAL)),
+    "LAGGED": str(len(touch.LAGGED)),
+    "LAGS": str(len(touch.LAGS_S)),
+    "BANDS": str(len(touch.BANDS) - 1),
+    "SPREAD": str(touch.SPREAD),
+    "POINTS": str(touch.POINTS),
+    "ROW": str(touch.CENTRE[0]),
+    "COL": str(touch.CENTRE[1]),
+    "EPS": number(touch.EPS),
+    "PI": number(math.pi),
 }
 
 
@@ -116,7 +119,7 @@ typedef struct {{
 """
         early = int(d["EARLY"]) > 0
         lines += [
-            f"float signals[{window}][19];  /* of the last window, a ring */",
+            f"float signals[{window}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
             f"part_t whole[2]{', early[2]' if early else ''};",
             f"float sum[{classes}]; int windows;  /* of decisions */",
             *([f"float early_sum[{classes}]; int early_windows;"] if early else []),
@@ -142,7 +145,7 @@ typedef struct {{
 
 def _tables(chip: Chip, bits: int) -> str:
     names = ", ".join(f'"{_escaped(name)}"' for name in chip.classes)
-    constants = CONSTANTS if chip.features == "touch" else {k: CONSTANTS[k] for k in ("PASSES", "REMEMBERED")}
+    constants = CONSTANTS if chip.features == "touch" else REMEMBERED
     defines = {**chip.defines, **constants, "NAMES": f"{{{names}}}"}
     lines = [f"#define {name} {value}" for name, value in defines.items()]
     lines.append(f"typedef {'int8_t' if bits == 8 else 'float'} weight_t;")

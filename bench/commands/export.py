@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bench.errors import InputError
 from bench.plan.arguments import options_of
-from bench.scratch import made_whole
+from bench.scratch import made_whole, new_folder
 
 OPTIONS = ("out", "bits", "target")
 
@@ -27,8 +27,6 @@ def export(arguments: list[str]) -> int:
         raise InputError(f"bits={bits}: give 32 or 8")
     if (target := values.get("target", "c99")) != "c99":
         raise InputError(f"target={target}: give c99")
-    from bench.work.fit import new_folder
-
     out = new_folder(Path(values["out"]))
     from bench.chip.write import files_of
     from bench.work.saved import load

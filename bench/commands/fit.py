@@ -9,7 +9,7 @@ from bench.corpora.table import read_unlabelled
 from bench.errors import InputError
 from bench.plan.arguments import Values, number, options_of, parse
 from bench.plan.cells import Cell, cells
-from bench.scratch import replacing
+from bench.scratch import new_folder, replacing
 from reports.sheet import write_sheet
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def adapt(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the file cannot be used, or the system cannot adapt.
     """
-    from bench.work.fit import new_folder, save_adapted
+    from bench.work.fit import save_adapted
 
     recogniser, corpus, values = _read("adapt", arguments, (*OPTIONS, "labels"))
     if "out" not in values:

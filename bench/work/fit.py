@@ -18,7 +18,7 @@ from bench.outcomes.store import connect, only_one, reached
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
 from bench.progress import telling
-from bench.scratch import made_whole
+from bench.scratch import made_whole, new_folder
 from bench.work.evaluation import Evaluation
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.loop import fill_cache, progress, warn
@@ -127,17 +127,6 @@ def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
         warn(f"warning: no calibration and no threshold go with the model: {why}")
         return None
     return learned(cell.estimator, corpus, np.arange(len(corpus)), Replay())[0]
-
-
-def new_folder(out: Path) -> Path:
-    """A folder that is new or empty.
-
-    Raises:
-        InputError: there is something already.
-    """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"out={out}: there is something already; name a folder that is new or empty")
-    return out
 
 
 def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarray | None, out: Path) -> float:

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from sklearn.base import clone
 
-from bench.chip.tables import _decider
+from bench.chip.classifiers import decider
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
@@ -149,7 +149,7 @@ def test_what_only_rounding_tells_apart_decides_nothing(tmp_path):
     about = pd.DataFrame({"subject": list("1234") * 6, "gesture": ["a", "b", "c"] * 8})
     corpus = Corpus.from_captures(arrays, about, 20.0)
     found = fitted(Recipe(lda(TouchFeatures()), window=0.5), corpus)
-    weights = _decider(found.estimator.system_, 427, 32).arrays["b"]
+    weights = decider(found.estimator.system_, 427, 32).arrays["b"]
     names = TouchFeatures().fit(corpus).names_
     assert not weights[[i for i, name in enumerate(names) if name.startswith(("row_q", "col_q"))]].any()
     asked = built(found, tmp_path / "c")
@@ -276,7 +276,7 @@ def test_make_check_is_strict_and_quiet(tmp_path):
     done = subprocess.run(["make", "-C", str(folder), "check", "CC=gcc"], capture_output=True, text=True, check=True)
     assert "2," in done.stdout and done.stderr == ""
     code = (folder / "touch.c").read_text()
-    assert "float n = (float)(t->seen + 1)" in code
+    assert "t->total[t->seen] = total;" in code
     (folder / "touch.c").write_text(code.replace("t->total[t->seen] = total;", "t->total[t->seen + LONGEST] = total;"))
     done = subprocess.run(["make", "-C", str(folder), "check", "CC=gcc"], capture_output=True, text=True, check=False)
     assert done.returncode and "runtime error" in done.stderr
@@ -287,7 +287,7 @@ ARM = ("arm-none-eabi-gcc", "qemu-system-arm", "make")
 
 @pytest.mark.live
 @pytest.mark.skipif(bool(lacking(*ARM)), reason=lacking(*ARM))
-def test_a_cortex_m4_decides_bit_for_bit(tmp_path):
+def test_a_cortex_m4_prints_what_this_machine_prints(tmp_path):
     corpus = touched()
     folder = written(made("reflex"), tmp_path / "c", 8)
     subprocess.run(["make", "-C", str(folder), "touch", "chip", "CC=gcc"], check=True, capture_output=True)

@@ -96,7 +96,7 @@ def test_the_command_scores_people_of_the_new_skin(capsys):
         ([f"protocol.source={COARSE}", "protocol.classes=tap:pat+tap:rub"], "named twice"),
         ([f"protocol.source={COARSE}", "target=variant"], "tells gestures apart"),
         ([f"protocol.source={COARSE}", "protocol.shots=-1"], "give 0 or more"),
-        (["protocol.source=synth+subjects=3"], "captures that are tested"),
+        (["protocol.source=synth+subjects=3"], "9 captures of synth are in synth as well; name another source"),
         (["protocol.source=synth+subjects=4"], "captures of synth are in synth as well"),
         (["protocol.source=synth+gain=0.7"], "of the same people"),
         (["protocol.source=synth+variants=gentle+rowdy+seed=2"], "rowdy"),
