@@ -63,9 +63,13 @@ bench choose [key=value ...]
 Finds, among tracked runs on the same captures, the cheapest system that loses at most one standard error of the paired
 difference over subjects to the most accurate one, and says why.
 
-  by=           cost to keep low: flash (default), ram, predict or decision (touch that a decision needs plus computing)
-  max_flash=    budgets, such as max_flash=256kB max_ram=32kB (kB 1000, KiB 1024 bytes; 32 bits a number)
+  by=           cost to keep low: flash (default), ram, predict, decision (touch that a decision needs plus computing)
+                or cycles
+  max_flash=    budgets, such as max_flash=256kB max_ram=32kB (kB 1000, KiB 1024 bytes; counted, 32 bits a number, or
+                linked for what bench chip has exported)
   max_predict=  max_decision=   such as max_predict=2ms max_decision=700ms
+  max_cycles=   instructions of the costliest frame and its label, such as max_cycles=1.2M: the clock of the chip
+                divided by the frames of a second; only of what bench chip has exported
   margin=       points of accuracy that do not matter: a one-sided paired t-test (p < 0.05) replaces the SE
   shots=        among runs of protocol=personal (or transfer) of which so many captures of a new person are known;
                 protocol.draws=, protocol.source= and the like choose among them
@@ -170,6 +174,23 @@ reflex has C; so have lda, softmax, bayes, svm, tree, rf, et and xgb on touch wi
   make -C rec_c check
   sensor | rec_c/touch
 """
+CHIP = """\
+bench chip [key=value ...]
+
+What systems answer as C, and what they take of a microcontroller: every fold fits, exports as bench export does, lets
+the C label the test captures beside Python, links it for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM (bytes),
+and counts instructions in QEMU: of a frame, mean, and of the costliest frame with a label. Each system and number of
+bits is one run in MLflow; bench choose and bench report read them.
+
+Needs cc, make, arm-none-eabi-gcc and qemu-system-arm (Debian: gcc make gcc-arm-none-eabi libnewlib-arm-none-eabi
+qemu-system-arm).
+
+  bits=       32, 8 or both: of a learnt weight; default 32
+  data= where= target= protocol= model= features= seed= jobs=   as for bench run
+
+  bench chip data=haart protocol=loso model=reflex bits=32,8
+  bench choose data=haart protocol=loso max_flash=64kB max_ram=32kB max_cycles=2M
+"""
 PREDICT = """\
 bench predict MODEL FILE [out=labels.csv] [rate_hz=]
 
@@ -269,6 +290,7 @@ COMMANDS = {
     "fit": ("bench.commands.fit:fit", "train one system on all captures and save it as an MLflow model", FIT),
     "adapt": ("bench.commands.fit:adapt", "adapt a saved model to one person", ADAPT),
     "export": ("bench.commands.export:export", "write a saved model as C99 for a microcontroller", EXPORT),
+    "chip": ("bench.commands.chip:chip", "measure what systems answer and take as C on a microcontroller", CHIP),
     "predict": ("bench.commands.fit:predict", "label the captures of a file with a saved model", PREDICT),
     "check": ("bench.commands.check:check", "compare with a stored baseline, a gate for CI", CHECK),
     "systems": ("bench.commands.systems:systems", "list published numbers and the commands that repeat them", SYSTEMS),

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from bench.errors import InputError
 
-COSTS = {"flash": "kB", "ram": "kB", "predict": "ms", "decision": "ms"}  # what a system may cost, and its unit
+COSTS = {"flash": "kB", "ram": "kB", "predict": "ms", "decision": "ms", "cycles": "k"}  # of a system, and the unit
 BUDGETS = {f"max_{name}": name for name in COSTS}
-UNITS = {"": 1, "B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576, "ms": 1, "s": 1e3}
+UNITS = {"": 1, "B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576, "ms": 1, "s": 1e3, "k": 1, "M": 1e3}
 
 
 def quantity(key: str, given: object, prefix: str = "") -> float:
-    """A number with a unit, in milliseconds or kilobytes (1000 bytes; KiB are 1024), or a margin in points.
+    """A number with a unit, in milliseconds, kilobytes (1000 bytes; KiB are 1024) or thousands, or a margin in points.
 
     Args:
         key: one of `BUDGETS`, or another name, for a number without unit.
@@ -23,7 +23,7 @@ def quantity(key: str, given: object, prefix: str = "") -> float:
     text = str(given)
     number = text.rstrip("BkKiMms ")
     unit = text[len(number) :].strip()
-    known = {"kB": ["B", "kB", "KiB", "MB", "MiB"], "ms": ["ms", "s"]}
+    known = {"kB": ["B", "kB", "KiB", "MB", "MiB"], "ms": ["ms", "s"], "k": ["k", "M"]}
     allowed = known[COSTS[BUDGETS[key]]] if key in BUDGETS else []
     try:
         value = float(number)

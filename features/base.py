@@ -13,7 +13,8 @@ from bench.corpora.corpus import COPY, Corpus
 from bench.errors import InputError
 from features.kept import of_corpus
 
-FLAT = 1e-9  # what moves by less than this share of its largest magnitude is constant but for rounding
+FLAT = 1e-9  # what moves by less than this share of its largest magnitude is constant but for rounding,
+NOTHING = 1e-15  # and so is what moves by less than this
 
 
 class FeatureSet(TransformerMixin, BaseEstimator):

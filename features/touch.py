@@ -18,6 +18,7 @@ SEGMENT_S = 1.2  # of a spectrum
 POINTS = 64  # least of a spectrum, padded
 BANDS = np.array([0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32]) / 32  # of half the rate
 POINT = 1e-3  # of a side: a spread below is that of a point
+STILL = 1e-5  # what moves less, rounding moves, and another precision elsewhere
 LAGS_S = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
 SIGNALS = (
     *("total", "peak", "change", "rise", "relative_change", "net_change", "one_way", "row", "col", "spread"),
@@ -77,11 +78,12 @@ class TouchFeatures(FeatureSet):
         return pd.DataFrame(found, columns=names(), copy=False)
 
     def keeps(self, frames: int, taxels: int) -> int:
-        """A ring of signals, the frame before, and of each taxel the sum, sum of squares and largest of two halves.
+        """A ring of signals, two frames, and of each taxel mean, squares about it and largest of two halves.
 
-        That is enough for windows of which each begins in the middle of the one before.
+        That is enough for windows of which each begins in the middle of the one before. Sorting a signal, keeping
+        that of the centre, spectra and sorting the taxels take room besides (`bench.chip`).
         """
-        return frames * len(SIGNALS) + 7 * taxels
+        return frames * (len(SIGNALS) + 3) + 9 * taxels + 5 * POINTS // 2
 
 
 @cache
@@ -247,6 +249,8 @@ def statistics(x: np.ndarray, shares: np.ndarray, rate_hz: float) -> np.ndarray:
     w, n, _ = x.shape
     x = x.copy()
     x[:, 0, OF_STEPS] = x[:, 1, OF_STEPS] if n > 1 else 0
+    still = np.ptp(x, axis=1) <= STILL * np.maximum(np.abs(x[:, 0]), 1)
+    x = np.where(still[:, None], x[:, :1], x)
     mean = x.sum(axis=1) / n
     centred = x - mean[:, None]
     square = centred * centred

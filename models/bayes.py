@@ -62,6 +62,11 @@ class GaussianBayes(ClassifierMixin, BaseEstimator):
         classes, features = self.means_.shape
         return classes * (features + features * (features + 1) // 2 + 1)
 
+    @property
+    def activations_(self) -> int:
+        """The features whitened for one class."""
+        return self.n_features_in_
+
 
 def bayes(features: TransformerMixin, ridge: float = 1e-2) -> Pipeline:
     """Standardised features, then `GaussianBayes`.

@@ -232,9 +232,24 @@ def learnt_numbers(part: System | Features) -> int | None:
     return _told(part, "parameters_")
 
 
-def numbers_in_memory(estimator: System) -> int | None:
-    """``activations_``: numbers in memory during one decision."""
-    return _told(estimator, "activations_")
+def constants(part: System | Features) -> int:
+    """``constants_``: numbers that it must keep besides what it has learnt; none by default."""
+    return _told(part, "constants_", 0)
+
+
+def bytes_saved(part: System) -> int:
+    """``bytes_saved_``: bytes fewer than four for each number, of a part that decides with weights of fewer bits."""
+    return _told(part, "bytes_saved_", 0)
+
+
+def numbers_in_memory(part: System) -> int | None:
+    """``activations_``: numbers in memory during one decision; of a classifier, besides features and scores."""
+    return _told(part, "activations_")
+
+
+def kept_before(estimator: System, taxels: int) -> int:
+    """``keeps_before(taxels)``: numbers in memory for what captures go through first; none by default."""
+    return _told(estimator, "keeps_before", lambda taxels: 0)(taxels)
 
 
 def kept(feature_set: Features, frames: int, taxels: int) -> int:

@@ -85,6 +85,11 @@ class Guarded(ClassifierMixin, BaseEstimator):
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
     @property
+    def activations_(self) -> int:
+        """Features as the network sees them, and its units."""
+        return self.n_features_in_ + self.units
+
+    @property
     def parameters_(self) -> int:
         """What both have learnt, and what a row is compared with."""
         own = self.mean_.size + self.sd_.size

@@ -136,6 +136,11 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         mixed = (old.heavy[:, None] * old.centres + heavy[:, None] * centres) / both[:, None]
         return replace(old, centres=mixed, heavy=both, scatter=scatter)
 
+    @property
+    def constants_(self) -> int:
+        """Mean and SD of the features: in single precision they must be measured from these before they are weighed."""
+        return 2 * self.n_features_in_
+
     def decision_function(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Log of the density of each class, but for what is common to all [rows, classes]."""
         return np.asarray(X, dtype=np.float64) @ self.coef_.T + self.intercept_

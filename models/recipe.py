@@ -225,6 +225,10 @@ class Recipe(ClassifierMixin, BaseEstimator):
         """Whether the system inside chooses its parameters itself."""
         return contract.searches(self.system)
 
+    def keeps_before(self, taxels: int) -> int:
+        """Numbers in memory for the steps."""
+        return sum(step.keeps(taxels) for step in self.steps())
+
     @property
     def best_(self) -> contract.System:
         """What decides."""

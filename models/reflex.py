@@ -183,6 +183,10 @@ class Reflex(ClassifierMixin, BaseEstimator):
         """Names of the faults that copies of the training captures go through."""
         return self._recipes()[0].trained_faults
 
+    def keeps_before(self, taxels: int) -> int:
+        """Of each taxel, mean, squares and largest of two halves of the other window: both lengths are kept at once."""
+        return 6 * taxels
+
     @property
     def members(self) -> list[Recipe]:
         """Both classifiers."""

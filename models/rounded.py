@@ -65,7 +65,18 @@ def _classifier(classifier: Any, bits: int) -> Any:
         found.factors_ = [_whole(row, diagonal) for row, diagonal in zip(rows, diagonals, strict=True)]
     else:
         raise InputError(f"model.bits={bits}: {type(classifier).__name__} is not measured in few bits; leave it out")
+    found.bytes_saved_ = (4 - bits // 8) * _weights(classifier)
     return found
+
+
+def _weights(classifier: Any) -> int:
+    """How many weights are had in few bits."""
+    if isinstance(classifier, Guarded):
+        return classifier.linear_.coef_.size + sum(w.size for w in classifier.robust_.coefs_)
+    if isinstance(classifier, GaussianBayes):
+        classes, width = classifier.means_.shape
+        return classes * (width * (width - 1) // 2)
+    return classifier.coef_.size
 
 
 def _back(weights: np.ndarray, bits: int) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
-from features.base import FLAT
+from features.base import FLAT, NOTHING
 
 
 class RangeScaler(MinMaxScaler):
@@ -39,4 +39,4 @@ class ZScaler(StandardScaler):
 def constant(X: pd.DataFrame | np.ndarray) -> np.ndarray:
     """Which features do not vary, bool [n_features]."""
     values = np.asarray(X, dtype=np.float64)
-    return np.ptp(values, axis=0) <= FLAT * np.abs(values).max(axis=0)
+    return np.ptp(values, axis=0) <= np.maximum(FLAT * np.abs(values).max(axis=0), NOTHING)

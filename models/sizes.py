@@ -12,12 +12,12 @@ from models import contract
 if TYPE_CHECKING:
     from torch import nn
 
-BYTES = {"": 4, "_int8": 1}  # of a number, by what follows the name of the metric
+BYTES = 4  # of a number
 NOT_LEARNT = {"classes_", "n_features_in_", "feature_names_in_", "n_classes_", "n_outputs_"}
 
 
 def sizes(estimator: contract.System, taxels: int, frames: int) -> dict[str, int]:
-    """Learnt numbers, and bytes in flash and in memory with 32 and 8 bits a number.
+    """Learnt numbers, and bytes in flash and in memory, four for each number; of systems in 8 bits one for a weight.
 
     Args:
         estimator: fitted.
@@ -25,30 +25,41 @@ def sizes(estimator: contract.System, taxels: int, frames: int) -> dict[str, int
         frames: of the longest capture that it must label.
     """
     learnt = parameter_count(estimator)
-    flash, ram = learnt + constants(estimator), working_numbers(estimator, taxels, frames)
-    found = {"parameters": learnt} | {f"flash_bytes{k}": flash * b for k, b in BYTES.items()}
-    return found | {f"ram_bytes{k}": ram * b for k, b in BYTES.items()}
+    flash = BYTES * (learnt + constants(estimator)) - _saved(estimator)
+    return {
+        "parameters": learnt,
+        "flash_bytes": flash,
+        "ram_bytes": BYTES * working_numbers(estimator, taxels, frames),
+    }
 
 
 def working_numbers(estimator: contract.System, taxels: int, frames: int) -> int:
     """Numbers in memory while the system decides once.
 
     A network counts its input and the outputs of its layers (`models.training.activations`). A classifier on features
-    counts what the features are computed from (`models.contract.kept`), the features, and a score per class; any other
-    system the whole capture and a score per class.
+    counts what the features are computed from (`models.contract.kept`), the features, what it works in, and a score per
+    class; any other system the whole capture and a score per class. What a frame goes through first is added.
     """
     frames = contract.frames_at_once(estimator, frames)
-    chosen = contract.inside(estimator)
+    before, chosen = contract.kept_before(estimator, taxels), contract.inside(estimator)
     if together := contract.members(chosen):  # one after the other
-        return max(working_numbers(member, taxels, frames) for member in together)
+        return before + max(working_numbers(member, taxels, frames) for member in together)
     if (told := contract.numbers_in_memory(chosen)) is not None:
-        return int(told)
+        return before + int(told)
     classes = len(chosen.classes_)
     steps = _steps(chosen)
     width = getattr(steps[-1], "n_features_in_", None)
     if len(steps) > 1 and width:
-        return int(contract.kept(steps[0], frames, taxels) + width + classes)
-    return frames * taxels + classes
+        return int(before + contract.kept(steps[0], frames, taxels) + width + _beside(steps[-1]) + classes)
+    return before + frames * taxels + classes
+
+
+def _beside(classifier: BaseEstimator) -> int:
+    """Numbers that a classifier works in besides features and scores: of an SVM, the kernel of each support vector."""
+    if (told := contract.numbers_in_memory(classifier)) is not None:
+        return told
+    own = _own(classifier)
+    return len(own["support_"]) if "support_" in own else 0
 
 
 def constants(estimator: contract.System) -> int:
@@ -59,16 +70,27 @@ def constants(estimator: contract.System) -> int:
     modules = [value for value in _own(chosen).values() if _is_network(value)]
     if modules:
         return sum(b.numel() for module in modules for b in module.buffers() if b.is_floating_point())
-    return sum(2 * step.n_features_in_ for step in _steps(chosen)[1:-1] if _scales(step))
+    *before, last = _steps(chosen)
+    return contract.constants(last) + sum(2 * step.n_features_in_ for step in before[1:] if _scales(step))
+
+
+def _saved(estimator: contract.System) -> int:
+    """Bytes fewer than four for each number."""
+    chosen = contract.inside(estimator)
+    if together := contract.members(chosen):
+        return sum(_saved(member) for member in together)
+    return sum(contract.bytes_saved(step) for step in _steps(chosen))
 
 
 def parameter_count(estimator: contract.System) -> int:
     """Learnt numbers that a device must hold to run the classifier.
 
     A system or feature set that tells them (`models.contract.learnt_numbers`) is believed. An SVM counts its support
-    vectors, their coefficients and its intercepts; a linear model its coefficients and intercepts; a tree four numbers
-    per split (feature, threshold, two children) and the class shares (or the value) of its leaves; a network its
-    parameters; anything else every number that its fitted attributes hold. A search is as large as what it has chosen.
+    vectors, their coefficients and its intercepts; a linear model its coefficients and intercepts; trees two numbers
+    a node (a threshold, and in one the feature and where its other child or the leaf's values are), where each begins
+    (and of boosted ones, its class), and the class shares (or the value) of their leaves, equal ones of a forest once;
+    a network its parameters; anything else every number that its fitted attributes hold. A search is as large as what
+    it has chosen.
     """
     chosen = contract.inside(estimator)
     if together := contract.members(chosen):
@@ -108,17 +130,24 @@ def _learnt(part: BaseEstimator) -> int:
     if "coefs_" in own:  # a perceptron, which keeps its optimiser as well
         return sum(a.size for a in (*part.coefs_, *part.intercepts_))
     if "tree_" in own:
-        tree = part.tree_
-        leaves = int((tree.children_left < 0).sum())
-        return 4 * (tree.node_count - leaves) + leaves * tree.value[0].size
+        return _trees([part])
     if type(part).__module__.startswith("xgboost"):
-        table = part.get_booster().trees_to_dataframe()
-        leaves = int((table["Feature"] == "Leaf").sum())
-        return 4 * (len(table) - leaves) + leaves
+        trees = part.get_booster().get_dump()  # a line per node; as a table it takes ten times as long
+        return sum(2 * tree.count("\n") + tree.count("leaf=") + 2 for tree in trees)
     if "estimators_" in own:  # the members of an ensemble are all there is
+        members: list = _flat(part.estimators_)
+        if all("tree_" in _own(member) for member in members):
+            return _trees(members)
         last = [own["final_estimator_"]] if "final_estimator_" in own else []
-        return sum(parameter_count(member) for member in [*_flat(part.estimators_), *last])
+        return sum(parameter_count(member) for member in [*members, *last])
     return sum(_numbers(value) for name, value in own.items() if _is_fitted(name, part))
+
+
+def _trees(members: list) -> int:
+    """Two numbers a node, one a tree, and what leaves hold, equal ones once."""
+    trees = [getattr(member.tree_, "tree_", member.tree_) for member in members]  # of a tree that was pruned as well
+    leaves = np.concatenate([tree.value[tree.children_left < 0].reshape(-1, tree.value[0].size) for tree in trees])
+    return sum(2 * tree.node_count + 1 for tree in trees) + np.unique(leaves.astype(np.float32), axis=0).size
 
 
 def _is_fitted(name: str, part: object) -> bool:
@@ -130,8 +159,7 @@ def _is_fitted(name: str, part: object) -> bool:
 def _numbers(value: object) -> int:
     """Numbers that a fitted attribute holds, whatever it is made of."""
     if isinstance(value, np.ndarray) and value.dtype.names and "is_leaf" in value.dtype.names:  # histogram boosting
-        leaves = int(value["is_leaf"].sum())
-        return 4 * (len(value) - leaves) + leaves
+        return 2 * len(value) + int(value["is_leaf"].sum())
     if isinstance(value, np.ndarray) and value.dtype != object:
         return value.size if value.dtype.kind in "iuf" else 0
     if isinstance(value, float | np.floating):

@@ -45,12 +45,6 @@ class PrunedTree(ClassifierMixin, BaseEstimator):
         """Class names [captures]."""
         return self.tree_.predict(np.asarray(X))
 
-    @property
-    def parameters_(self) -> int:
-        """Learnt numbers: feature, threshold and two children of each split, a class share per class of each leaf."""
-        leaves = self.tree_.get_n_leaves()
-        return 4 * (self.tree_.tree_.node_count - leaves) + leaves * len(self.classes_)
-
 
 def tree(features: TransformerMixin, level: int = 10, seed: int = 0) -> Pipeline:
     """`PrunedTree` on the raw features.

@@ -50,13 +50,6 @@ class BoostedTrees(ClassifierMixin, BaseEstimator):
         """Class names [captures]."""
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
-    @property
-    def parameters_(self) -> int:
-        """Learnt numbers: feature, threshold and two children of each split, one value per leaf."""
-        trees = self.booster_.get_booster().get_dump()  # a line per node; as a table it takes ten times as long
-        leaves = sum(tree.count("leaf=") for tree in trees)
-        return 4 * (sum(tree.count("\n") for tree in trees) - leaves) + leaves
-
 
 def xgb(features: TransformerMixin, trees: int = 300, depth: int = 4, rate: float = 0.1, seed: int = 0) -> Pipeline:
     """Boosted trees on the raw features; the parameters are those of `BoostedTrees`.

@@ -89,10 +89,10 @@
   }
 
   function mark(p, x, y) {
-    const d = p.kind !== "other" ? `M${x - 5} ${y}a5 5 0 1 0 10 0a5 5 0 1 0 -10 0` : `M${x - 4.5} ${y - 4.5}h9v9h-9z`;
+    const d = p.kind === "chip" ? `M${x - 5} ${y + 4.5}h10l-5 -9.5z` : p.kind !== "other" ? `M${x - 5} ${y}a5 5 0 1 0 10 0a5 5 0 1 0 -10 0` : `M${x - 4.5} ${y - 4.5}h9v9h-9z`;
     const shape = element("path", {class: p.kind, d, tabindex: 0}, svg);
     const bounds = p.y[1] === null ? "" : ` [${p.y[1].toFixed(1)}, ${p.y[2].toFixed(1)}]`;
-    const words = `${p.name}${{published: " (published)", changed: " (published, other settings)", other: ""}[p.kind]}: ${p.y[0].toFixed(1)}${bounds} %; ` +
+    const words = `${p.name}${{published: " (published)", changed: " (published, other settings)", other: "", chip: ""}[p.kind]}: ${p.y[0].toFixed(1)}${bounds} %; ` +
       data.costs.map((c, i) => p.x[i] === null ? "" : `${short(p.x[i])} ${c}`).filter(Boolean).join("; ");
     shape.setAttribute("aria-label", words);
     for (const event of ["pointerenter", "focus", "click"]) shape.addEventListener(event, () => told.textContent = words);

@@ -80,7 +80,7 @@ def assemble(
     beside = against(papers, runs, store)
     table = comparison(runs, papers)
     everything = [runs]
-    for kind in ("stress", "stream"):
+    for kind in ("stress", "stream", "chip"):
         with suppress(InputError):  # there is none
             everything.append(with_groups(tracked(store, kind)))
     from_runs = provenance(pd.concat(everything, ignore_index=True))
@@ -297,9 +297,21 @@ def group_blocks(
         rows = rows.assign(mean_rank=rows["system"].map(tested.mean), friedman_p=tested.p)
     blocks.append(ranks.strip_plot(subjects, group, folder, f"{name}-subjects"))
     points = speed.points(runs, subjects, papers)
+    if len(chips := on_chip(store, group)):
+        found = speed.chip_points(chips, lambda runs: by_subject(store, runs)[0])
+        points = pd.concat([points, found]).sort_values("accuracy", ascending=False, ignore_index=True)
     blocks.append(speed.speed_chart(points, group, folder, f"{name}-speed"))
     blocks += detail_figures(store, runs, subjects, group, folder, name)
     return blocks, rows, points
+
+
+def on_chip(store: Store, group: str) -> pd.DataFrame:
+    """Runs of a group whose systems were exported to C; none where nothing was."""
+    try:
+        runs = with_groups(tracked(store, "chip"))
+    except InputError:
+        return pd.DataFrame()
+    return runs[runs["group"] == group]
 
 
 STATISTICS = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,27 +21,34 @@ COSTS = {
     "ram_bytes": ("kB of RAM during one decision, 32 bits a number", 1e3),
     "peak_rss_bytes": ("MB, peak memory of the process", 1e6),
 }
+ON_CHIP = {
+    "chip_flash_bytes": ("kB of flash as C on a Cortex-M4F, linked", 1e3),
+    "chip_ram_bytes": ("kB of RAM as C, the state of a capture", 1e3),
+    "chip_most_instructions": ("instructions of the costliest frame and its label as C", 1),
+}
+COSTS |= ON_CHIP
 
 MARKS = {  # of a system: marker, face, edge
     "published": ("o", "tab:blue", "tab:blue"),
     "changed": ("o", "white", "tab:blue"),
     "other": ("s", "white", "tab:red"),
+    "chip": ("^", "tab:green", "tab:green"),
 }
 
 
-def points(runs: pd.DataFrame, subjects: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
+def points(runs: pd.DataFrame, subjects: pd.DataFrame, papers: pd.DataFrame | None) -> pd.DataFrame:
     """One row per system of a group: accuracy with its interval over subjects, and costs, means over seeds.
 
     Args:
         runs: of the group.
         subjects: accuracy in percent [systems, subjects], from `bench.outcomes.runs.by_subject`.
-        papers: `reports.comparison.published`, to tell which systems are published ones.
+        papers: `reports.comparison.published`, to tell which systems are published ones; None where none is.
 
     Returns:
         ``system``, ``accuracy``, ``low``, ``high`` (percent; NaN for a single subject), ``kind`` (of `MARKS`) and a
         column per cost; NaN where a cost is not known.
     """
-    known = set(papers["system"]) - {""}
+    known = set() if papers is None else set(papers["system"]) - {""}
     models = runs.drop_duplicates("system").set_index("system")["model_name"]
     complete = runs[runs["status"] == "FINISHED"]
     costs = complete.reindex(columns=["system", *COSTS, "search_seconds"])
@@ -53,6 +61,18 @@ def points(runs: pd.DataFrame, subjects: pd.DataFrame, papers: pd.DataFrame) -> 
         row |= {"kind": "published" if system in known else "changed" if models[system] in known else "other"}
         rows.append(row | {c: costs.loc[system, c] / unit for c, (_, unit) in COSTS.items()})
     return pd.DataFrame(rows)
+
+
+def chip_points(runs: pd.DataFrame, subjects: Callable[[pd.DataFrame], pd.DataFrame]) -> pd.DataFrame:
+    """The same of systems as C, as far as it was measured: one row per system and bits.
+
+    Args:
+        runs: of the kind ``chip``, of a group.
+        subjects: gives the accuracy of runs in percent [systems, subjects].
+    """
+    named = runs.assign(system=runs["system"] + ", C, " + runs["chip.bits"] + " bits")
+    found = points(named.drop(columns=[c for c in COSTS if c not in ON_CHIP], errors="ignore"), subjects(named), None)
+    return found.assign(kind="chip")
 
 
 def front(cost: np.ndarray, accuracy: np.ndarray) -> np.ndarray:
@@ -83,7 +103,7 @@ def speed_chart(table: pd.DataFrame, group: str, folder: Path, name: str, most: 
     names = width_of(kept["system"]) + 0.3
     size = (9.5 + 2 * names, (high + 0.55) * rows + 0.55)
     title = f"{group}\nfilled circles: published systems; hollow circles: with other settings; squares: others; "
-    title += "line and bold names: Pareto front"
+    title += ("triangles: as C; " if (kept["kind"] == "chip").any() else "") + "line and bold names: Pareto front"
     figure, axes = new_figure(size, (rows, 2), (0.6, names, 0.55, 0.5), (0.65 + names, 0.6), title)
     axes = list(axes.flat)
     for ax, cost in zip(axes, shown, strict=False):
@@ -94,7 +114,8 @@ def speed_chart(table: pd.DataFrame, group: str, folder: Path, name: str, most: 
     caption = (
         "Mean over subjects of captures labelled correctly, with 95 % t-intervals over subjects, against each cost. "
         "Filled circles are published systems, run here; hollow circles are these with other settings, such as fewer "
-        "epochs; hollow squares are others. The line and bold names are the Pareto front: no other system is both "
+        "epochs; hollow squares are others; triangles are what bench chip exported, with the labels of the C. "
+        "The line and bold names are the Pareto front: no other system is both "
         "cheaper and more accurate. Seeds are averaged."
         + (f" {left} systems of lower accuracy are left out." if left else "")
     )
@@ -146,18 +167,19 @@ def chart_data(tables: dict[str, pd.DataFrame]) -> dict[str, object]:
         tables: `points` by group.
     """
     groups = []
+    costs = {c: words for c, (words, _) in COSTS.items() if any((table[c] > 0).any() for table in tables.values())}
     for group, table in tables.items():
         rows = [
             {
                 "name": row["system"],
                 "kind": row["kind"],
                 "y": [_number(row[k]) for k in ("accuracy", "low", "high")],
-                "x": [_number(row[c]) for c in COSTS],
+                "x": [_number(row[c]) for c in costs],
             }
             for row in table.to_dict("records")
         ]
         groups.append({"name": group, "points": rows})
-    return {"costs": [words for words, _ in COSTS.values()], "groups": groups}
+    return {"costs": [*costs.values()], "groups": groups}
 
 
 def _number(value: float) -> float | None:

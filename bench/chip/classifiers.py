@@ -35,12 +35,14 @@ class Decider:
     Attributes:
         arrays: by name, floats, or whole numbers of 8 bits.
         body: of ``decide``, with ``{name}`` for a table.
+        about: what it is, in a comment.
         buffers: numbers in memory that the body works in, by name.
         defines: by name.
     """
 
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
     body: str = ""
+    about: str = ""
     buffers: dict[str, int] = field(default_factory=dict)
     defines: dict[str, str] = field(default_factory=dict)
 
@@ -51,6 +53,12 @@ def number(value: float) -> str:
     if len(text) > 24:
         text = np.format_float_scientific(SINGLE(value), unique=True, trim="0")
     return f"{text}f"
+
+
+def has_c(classifier: object) -> bool:
+    """Whether a classifier, fitted or not, can become C."""
+    own = (Guarded, Discriminants, LogisticRegression, GaussianBayes, RankedSVC, PrunedTree, BoostedTrees)
+    return isinstance(classifier, (*own, RandomForestClassifier, ExtraTreesClassifier, DecisionTreeClassifier))
 
 
 def decider(system: Pipeline, width: int, bits: int) -> Decider:
@@ -142,7 +150,7 @@ def _linear(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -
     body = (
         measured + "    layer({weights}, {step}, {bias}, CLASSES, FEATURES, t->features, proba);\n    softmax(proba);\n"
     )
-    return Decider(arrays | {"weights": w, "step": step, "bias": bias.astype(SINGLE)}, body)
+    return Decider(arrays | {"weights": w, "step": step, "bias": bias.astype(SINGLE)}, body, "weighed, class by class")
 
 
 def _guarded(classifier: Guarded, bits: int) -> Decider:
@@ -190,7 +198,8 @@ def _guarded(classifier: Guarded, bits: int) -> Decider:
     }}}}
 """
     units = len(network.intercepts_[0])
-    return Decider(arrays, body, {"measured": width, "units": units}, {"UNITS": str(units)})
+    about = "linear discriminants, and a network as far as features are unusual"
+    return Decider(arrays, body, about, {"measured": width, "units": units}, {"UNITS": str(units)})
 
 
 def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
@@ -228,7 +237,7 @@ def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
     softmax(proba);
 """
     )
-    return Decider(arrays, body, {"measured": len(scaling[0])})
+    return Decider(arrays, body, "a normal distribution for each class", {"measured": len(scaling[0])})
 
 
 def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
@@ -252,7 +261,7 @@ def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
     body += "    softmax(proba);\n"
     buffers = {"measured": int(first[-1])}
     defines = {"LINEAR_KERNEL": str(int(classifier.kernel == "linear")), "GAMMA": number(classifier._gamma)}
-    return Decider(arrays, body, buffers, defines)
+    return Decider(arrays, body, "support vectors, one class against another", buffers, defines)
 
 
 @dataclass
@@ -337,7 +346,7 @@ def _forest(scaling: Affine, trees: list, bits: int) -> Decider:
 """
     )
     arrays = scaled | nodes.arrays() | {"shares": table.ravel()}
-    return Decider(arrays, body, defines={"TREES": str(len(trees))})
+    return Decider(arrays, body, "class shares of the leaves of trees", defines={"TREES": str(len(trees))})
 
 
 def _boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
@@ -378,4 +387,4 @@ def _boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
     softmax(proba);
 """
     )
-    return Decider(arrays, body, defines={"TREES": str(len(nodes.roots))})
+    return Decider(arrays, body, "boosted trees", defines={"TREES": str(len(nodes.roots))})

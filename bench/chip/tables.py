@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from sklearn.pipeline import Pipeline
 
-from bench.chip.classifiers import HAVE, Decider, decider, number
-from bench.corpora.steps import SETTLED_S, Repair, Scale, Windows
+from bench.chip.classifiers import HAVE, Decider, decider, has_c, number
+from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from features.jung28 import Jung28
 from features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
@@ -39,6 +39,20 @@ class Chip:
     classes: list[str]
 
 
+def check(estimator: Any) -> None:
+    """Refuse a system that is not fitted and has no C.
+
+    Raises:
+        InputError: the message says why.
+    """
+    if isinstance(estimator, Reflex):
+        return
+    system, steps = _opened(estimator, "system")
+    _features(system, steps)
+    if not has_c(system.steps[-1][1]):
+        raise InputError(f"{type(system.steps[-1][1]).__name__} has no C: {HAVE} have")
+
+
 def chip_of(found: Recogniser, bits: int) -> Chip:
     """What the C of a saved system is made of.
 
@@ -51,22 +65,10 @@ def chip_of(found: Recogniser, bits: int) -> Chip:
     """
     estimator = found.estimator
     whole, early = (estimator.whole_, estimator.early_) if isinstance(estimator, Reflex) else (estimator, None)
-    first, system = _opened(whole)
-    steps = first.steps() if first else []
-    features = system.steps[0][1]
-    if isinstance(features, TouchFeatures):
-        name = "touch"
-        windows = next((step for step in steps if isinstance(step, Windows)), None)
-        if windows is None:
-            raise InputError("touch of whole captures cannot be computed as frames come; fit with model.window=1")
-    elif isinstance(features, Jung28) and (features.area, features.peaks) == ("frame", "crossings"):
-        name, windows = "jung28", None
-        if any(isinstance(step, Windows) for step in steps):
-            raise InputError("jung28 on windows has no C yet; leave model.window= out")
-    else:
-        raise InputError(f"{type(features).__name__} has no C: touch on windows and jung28 of whole captures have")
+    system, steps = _opened(whole)
+    name, windows = _features(system, steps)
     rows, cols = found.grid
-    width = len(features.get_feature_names_out())
+    width = len(system.steps[0][1].get_feature_names_out())
     defines: dict[str, Any] = {
         "ROWS": rows,
         "COLS": cols,
@@ -81,25 +83,48 @@ def chip_of(found: Recogniser, bits: int) -> Chip:
     defines |= _steps(steps, found) | _windows(windows, early, found) | _stopping(found)
     deciders = {"decide": decider(system, width, bits)}
     if early is not None:
-        deciders["decide_early"] = decider(_opened(early)[1], width, bits)
+        deciders["decide_early"] = decider(_opened(early)[0], width, bits)
     for each in deciders.values():
         defines |= each.defines
     return Chip({k: str(v) for k, v in defines.items()}, deciders, name, found.classes)
 
 
-def _opened(estimator: Any) -> tuple[Recipe | None, Pipeline]:
-    """The recipe around a pipeline of features and classifier, if there is one, and the pipeline.
+def _opened(estimator: Any, inside: str = "system_") -> tuple[Pipeline, list[Step]]:
+    """A pipeline of features and classifier, and the steps of the recipe around it, if there is one.
+
+    Args:
+        estimator: the pipeline, or a recipe.
+        inside: the attribute of a recipe that is the pipeline.
 
     Raises:
         InputError: it is something else.
     """
     recipe = estimator if isinstance(estimator, Recipe) else None
-    system = recipe.system_ if recipe else estimator
+    system = getattr(recipe, inside) if recipe else estimator
     if isinstance(system, Reflex):
         raise InputError("reflex behind steps of its own has no C; leave model.scale= and the like out")
     if not isinstance(system, Pipeline) or len(system.steps) < 2:
         raise InputError(f"{type(system).__name__} has no C: {HAVE} have, on touch or jung28")
-    return recipe, system
+    return system, recipe.steps() if recipe else []
+
+
+def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]:
+    """Which C computes the features, and of which windows.
+
+    Raises:
+        InputError: none does.
+    """
+    features = system.steps[0][1]
+    windows = next((step for step in steps if isinstance(step, Windows)), None)
+    if isinstance(features, TouchFeatures):
+        if windows is None:
+            raise InputError("touch of whole captures cannot be computed as frames come; fit with model.window=1")
+        return "touch", windows
+    if isinstance(features, Jung28) and (features.area, features.peaks) == ("frame", "crossings"):
+        if windows is not None:
+            raise InputError("jung28 on windows has no C yet; leave model.window= out")
+        return "jung28", None
+    raise InputError(f"{type(features).__name__} has no C: touch on windows and jung28 of whole captures have")
 
 
 def _steps(steps: list, found: Recogniser) -> dict[str, Any]:
@@ -122,7 +147,7 @@ def _windows(windows: Windows | None, early: Any, found: Recogniser) -> dict[str
     if windows is None:
         return {"WINDOW": 0, "EARLY": 0}
     window, hop = windows.lengths(found.rate_hz)
-    short = next(s for s in _opened(early)[0].steps() if isinstance(s, Windows)) if early is not None else None
+    short = next(s for s in _opened(early)[1] if isinstance(s, Windows)) if early is not None else None
     early_window, early_hop = short.lengths(found.rate_hz) if short else (0, 0)
     for frames, step in ((window, hop), (early_window, early_hop)):
         if step != (frames + 1) // 2:

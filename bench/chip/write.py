@@ -19,7 +19,22 @@ if TYPE_CHECKING:
 CODE = Path(__file__).parent / "code"
 TYPES = {"int8": "int8_t", "int16": "int16_t", "int32": "int", "float32": "float"}
 PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "THRESHOLD", "STOPPING")
+TOP = """/* From frames to a label, in the order in which it happens: a frame is checked and repaired, joins what is
+   kept of the capture, and, where a decision is due, features are computed and classified. touch_push and touch_label
+   stand at the end. All that changes is in touch_t; what was learnt is in tables.h. */
+"""
 FUNCTIONS = ("measured", "layer", "softmax", "leaf", "machine")  # that a classifier may use, each in a file of its name
+ABOUT = {  # by the first constant of each group
+    "ROWS": "The sensor, classes and features; readings are 0 to FULL_SCALE.",
+    "CHECKED": "Frames of make check, and most of a capture.",
+    "SETTLED": "Repair: frames after which a taxel that has not moved is at rest, or broken; which kinds are repaired.",
+    "WINDOW": "Frames of a window and from one to the next, and of the shorter ones before the first; 0 for none.",
+    "SEGMENT": "Spectra: frames of a segment, most points; lags of autocorrelations, in frames.",
+    "STOPPING": "How settled a label must be, and how sure it may be after so many ms, as training people have shown.",
+    "PASSES": "Rounds in which broken taxels are filled from their neighbours; labels that are remembered.",
+    "SIGNALS": "Features of touch: signals of a frame, what is taken of each, and of the taxels in order of size.",
+    "NAMES": "Classes, in the order of probabilities.",
+}
 REMEMBERED = {"PASSES": str(PASSES), "REMEMBERED": "32"}
 CONSTANTS = REMEMBERED | {  # of the feature set touch
     "SIGNALS": str(len(touch.SIGNALS)),
@@ -33,6 +48,7 @@ CONSTANTS = REMEMBERED | {  # of the feature set touch
     "ROW": str(touch.CENTRE[0]),
     "COL": str(touch.CENTRE[1]),
     "EPS": number(touch.EPS),
+    "STILL": number(touch.STILL),
     "PI": number(math.pi),
 }
 
@@ -100,13 +116,14 @@ def _state(chip: Chip) -> str:
     """What is kept between frames, and what features and classifier work in."""
     d = chip.defines
     taxels, classes = int(d["TAXELS"]), int(d["CLASSES"])
-    lines = [f"float frame[{taxels}], before[{taxels}];"]
+    lines = [f"float frame[{taxels}], before[{taxels}];  /* this frame and the last one, repaired */"]
     if d["REPAIR_STUCK"] == "1" or d["REPAIR_DEAD"] == "1":
-        lines.append(f"float least[{taxels}], most[{taxels}], moved[{taxels}], sound[{taxels}], mean_around[{taxels}];")
+        lines.append(f"float least[{taxels}], most[{taxels}], moved[{taxels}];  /* of each taxel in this capture */")
+        lines.append(f"float sound[{taxels}], mean_around[{taxels}];  /* which taxels are, and what replaces others */")
     if d["REPAIR_OFFSET"] == "1":
-        lines.append(f"float offset[{taxels}];")
+        lines.append(f"float offset[{taxels}];  /* least reading so far */")
     if d["SCALE_PEAK"] == "1":
-        lines.append("float peak;")
+        lines.append("float peak;  /* largest reading so far */")
     part = ""
     if chip.features == "touch":
         window, points = int(d["WINDOW"]), int(d["MOST_POINTS"])
@@ -120,25 +137,31 @@ typedef struct {{
         early = int(d["EARLY"]) > 0
         lines += [
             f"float signals[{window}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
-            f"part_t whole[2]{', early[2]' if early else ''};",
+            f"part_t whole[2]{', early[2]' if early else ''};  /* halves of the last window */",
             f"float sum[{classes}]; int windows;  /* of decisions */",
-            *([f"float early_sum[{classes}]; int early_windows;"] if early else []),
-            f"float series[{window}], sorted[{window}], centre[{window}], taxels[{taxels}];",
-            f"float cosine[{points}], sine[{points}], power[{points // 2}]; int points;",
+            *(
+                [f"float early_sum[{classes}]; int early_windows;  /* of shorter ones, before the first */"]
+                if early
+                else []
+            ),
+            f"float series[{window}], sorted[{window}], centre[{window}], taxels[{taxels}];  /* to work in */",
+            f"float cosine[{points}], sine[{points}], power[{points // 2}]; int points;  /* of spectra */",
         ]
     else:
         lines += [
             f"float total[{d['LONGEST']}];  /* of each frame */",
-            f"float row[{d['ROWS']}], col[{d['COLS']}], centre[2], distance[2];",
-            "float change, area, area_there, highest, highest_total;",
+            f"float row[{d['ROWS']}], col[{d['COLS']}], centre[2], distance[2];  /* means, the last, path so far */",
+            "float change, area, area_there, highest, highest_total;  /* means, and of the strongest frame */",
         ]
     lines.append(f"float features[{d['FEATURES']}], proba[{classes}];")
     buffers: dict[str, int] = {}
     for decider in chip.deciders.values():
         buffers |= {k: max(v, buffers.get(k, 0)) for k, v in decider.buffers.items()}
-    lines += [f"float {name}[{size}];" for name, size in buffers.items()]
+    lines += [f"float {name}[{size}];  /* the classifier works in it */" for name, size in buffers.items()]
     if d["STOPPING"] == "1":
-        lines.append("int remembered, label_at[32]; int16_t labels[32];")
+        lines.append(
+            "int remembered, label_at[32]; int16_t labels[32];  /* labels so far, and after how many frames */"
+        )
     body = "\n".join(f"    {line}" for line in lines)
     return f"{part}typedef struct {{\n    int seen;  /* frames */\n{body}\n}} touch_t;\n"
 
@@ -147,7 +170,12 @@ def _tables(chip: Chip, bits: int) -> str:
     names = ", ".join(f'"{_escaped(name)}"' for name in chip.classes)
     constants = CONSTANTS if chip.features == "touch" else REMEMBERED
     defines = {**chip.defines, **constants, "NAMES": f"{{{names}}}"}
-    lines = [f"#define {name} {value}" for name, value in defines.items()]
+    lines = []
+    for name, value in defines.items():
+        if name in ABOUT:
+            lines.append(f"\n/* {ABOUT[name]} */")
+        lines.append(f"#define {name} {value}")
+    lines.append("")
     lines.append(f"typedef {'int8_t' if bits == 8 else 'float'} weight_t;")
     if any("vectors" in decider.arrays for decider in chip.deciders.values()):
         lines.append(f"typedef {'int16_t' if bits == 8 else 'float'} vector_t;")
@@ -185,7 +213,7 @@ def _array(name: str, values: np.ndarray) -> str:
 
 def _code(chip: Chip) -> str:
     pieces = [
-        '#include "touch.h"\n\n#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n',
+        f'{TOP}\n#include "touch.h"\n\n#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n',
         _fixed("frame.c"),
     ]
     pieces.append(_fixed(f"features_{chip.features}.c"))
@@ -194,5 +222,6 @@ def _code(chip: Chip) -> str:
     pieces += [_fixed(f"{name}.c") for name in FUNCTIONS if f"{name}(" in used]
     for function, decider in chip.deciders.items():
         body = decider.body.format(**{name: f"{function}_{name}" for name in decider.arrays})
-        pieces.append(f"static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
+        about = f"/* Probabilities from the features: {decider.about}. */\n"
+        pieces.append(f"{about}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
     return "\n".join([*pieces, _fixed("api.c")])

@@ -34,6 +34,10 @@ class Step:
         """What it computes with, beyond which no change is one of its results."""
         return [type(self)]
 
+    def keeps(self, taxels: int) -> int:
+        """Numbers in memory where frames come one by one."""
+        return 0
+
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures that are made of those of a corpus, in the same order."""
         raise NotImplementedError
@@ -149,6 +153,10 @@ class Repair(Step):
         for kind in self.kinds:
             if kind not in REPAIRS:
                 raise InputError(f"model.repair={'+'.join(self.kinds)}: give {' or '.join(REPAIRS)}, joined by +")
+
+    def keeps(self, taxels: int) -> int:
+        """Of each taxel the least and largest value, what has moved and is sound, the mean around it, an offset."""
+        return (5 * bool({"stuck", "dead"} & set(self.kinds)) + ("offset" in self.kinds)) * taxels
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures repaired, float32."""

@@ -47,8 +47,9 @@ def candidates(
     """Every way in which a tracked system labels what it is given.
 
     A system that decides on windows is there twice: labelling whole captures, and by one window alone, which is sooner.
-    Systems that ``bench stream`` has replayed are there, too, if they are asked for: deciding on as much of the
-    beginning of a capture as a budget of time allows, or at every instant. Seeds of a system are averaged.
+    What ``bench chip`` has exported labels as C, with bytes and instructions that were measured. Systems that ``bench
+    stream`` has replayed are there, too, if they are asked for: deciding on as much of the beginning of a capture as a
+    budget of time allows, or at every instant. Seeds of a system are averaged.
 
     Args:
         store: where the runs are.
@@ -59,17 +60,17 @@ def candidates(
 
     Returns:
         One row per candidate (``system``, ``unit``, ``accuracy`` in percent as a mean over subjects, ``flash`` and
-        ``ram`` in kB, ``predict`` and ``decision`` in ms, ``cpu``); what they are all on, in words; and accuracies in
-        percent [candidates, subjects].
+        ``ram`` in kB, ``predict`` and ``decision`` in ms, ``cycles`` in thousands of instructions, ``cpu``; NaN where a
+        cost is not known); what they are all on, in words; and accuracies in percent [candidates, subjects].
 
     Raises:
         InputError: no run is tracked for these values, runs on several corpora or protocols are, or a table of one is
             gone.
     """
     runs = _asked(tracked(store), asked)
-    if most is not None or replays:
-        with suppress(InputError):  # nothing was replayed
-            runs = pd.concat([runs, _asked(tracked(store, "stream"), asked)], ignore_index=True)
+    for kind in ["chip", *(["stream"] if most is not None or replays else [])]:
+        with suppress(InputError):  # nothing was exported, or replayed
+            runs = pd.concat([runs, _asked(tracked(store, kind), asked)], ignore_index=True)
     kinds = runs[[*COMPARABLE, "protocol"]].drop_duplicates()
     if not len(kinds):
         raise InputError("no complete run is tracked for these values; make some with bench run, then choose")
@@ -77,12 +78,14 @@ def candidates(
         told = "; ".join(f"data={k.data} protocol={k.protocol} ({k.subset})" for k in kinds.head(4).itertuples())
         raise InputError(f"runs on different captures cannot be compared; name one of: {told}")
     rows, accuracy = [], []
-    hops = runs["stream.hop_ms"].fillna("") if "stream.hop_ms" in runs else pd.Series("", runs.index)
-    for (system, _, _), group in runs.groupby([runs["system"], runs["touchbench.kind"], hops], sort=True):
+    options = runs.reindex(columns=["stream.hop_ms", "chip.bits"]).fillna("")
+    for (system, *_), group in runs.groupby(
+        [runs["system"], runs["touchbench.kind"], *(options[name] for name in options)], sort=True
+    ):
         within = None if most is None else most - group["decide_ms_p50"].max()  # one instant for all seeds
         each = [_units(store, run, within) for run in rows_of(group)]
         for unit in each[0]:
-            costs = pd.DataFrame([units[unit][0] for units in each]).mean()
+            costs = pd.DataFrame([units[unit][0] for units in each]).mean().reindex([*COSTS])
             rows.append({"system": system, "unit": unit, **costs, "cpu": ", ".join(sorted(set(group["cpu"])))})
             accuracy.append(pd.concat([units[unit][1] for units in each], axis=1).mean(axis=1))
     subjects = pd.DataFrame(accuracy).reset_index(drop=True)
@@ -118,6 +121,10 @@ def _units(store: Store, run: Row, within: float | None) -> dict[str, tuple[dict
         own = scores.per_subject(labelled).set_index("subject")["accuracy"]
         return own.rename(index=str) * 100
 
+    if run["touchbench.kind"] == "chip":
+        cost = {name: run[f"chip_{name}_bytes"] / 1000 for name in ("flash", "ram")}
+        cost["cycles"] = run["chip_most_instructions"] / 1000
+        return {f"in C, {run['chip.bits']} bits": (cost, of(scores.captures(table)))}
     size = {name: run.get(f"{name}_bytes", np.nan) / 1000 for name in ("flash", "ram")}
     if run["touchbench.kind"] == "stream":
         instants = pd.read_csv(needed(store, run, "instants.csv"))["ms"]

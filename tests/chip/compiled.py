@@ -1,6 +1,7 @@
 """Exported C as a library that tests can ask."""
 
 import ctypes
+import re
 import shutil
 import subprocess
 
@@ -36,19 +37,30 @@ def written(found, folder, bits=32):
     return folder
 
 
-def built(found, folder, bits=32, flags=()):
+def in_double(text):
+    """C of single precision in double: types, functions and constants, pi in full."""
+    text = re.sub(r"\bfloat\b", "double", text)
+    text = re.sub(r"\b(sqrt|log|exp|fabs|fmax|fmin|cos|sin)f\b", r"\1", text)
+    text = re.sub(r"(?<![\w.])(\d+\.?\d*(?:e-?\d+)?)f\b", r"\1", text)
+    return text.replace("#define PI 3.1415927", f"#define PI {np.pi!r}")
+
+
+def built(found, folder, bits=32, precision=np.float32):
     """A function from frames to label, probabilities, how settled, and features."""
     written(found, folder, bits)
     (folder / "asked.c").write_text(ASKED)
+    if precision is np.float64:
+        for path in (folder / name for name in ("asked.c", "touch.c", "touch.h", "tables.h")):
+            path.write_text(in_double(path.read_text()))
     library = folder / "asked.so"
-    call = ["gcc", *STRICT, *flags, "-shared", "-fPIC", str(folder / "asked.c"), "-lm", "-o", str(library)]
+    call = ["gcc", *STRICT, "-shared", "-fPIC", str(folder / "asked.c"), "-lm", "-o", str(library)]
     subprocess.run(call, check=True, capture_output=True, text=True)
     run = ctypes.CDLL(str(library)).asked
-    floats = ctypes.POINTER(ctypes.c_float)
+    floats = ctypes.POINTER(ctypes.c_float if precision is np.float32 else ctypes.c_double)
 
     def asked(frames):
-        given = np.ascontiguousarray(frames.reshape(len(frames), -1), dtype=np.float32)
-        proba, settled, features = (np.zeros(n, np.float32) for n in (len(found.classes), 1, 2000))
+        given = np.ascontiguousarray(frames.reshape(len(frames), -1), dtype=precision)
+        proba, settled, features = (np.zeros(n, precision) for n in (len(found.classes), 1, 2000))
         told = [a.ctypes.data_as(floats) for a in (given, proba, settled, features)]
         return run(told[0], len(given), *told[1:]), proba, float(settled[0]), features
 

@@ -390,8 +390,19 @@ def test_nothing_grows_with_duration():
 
 
 def test_memory_of_a_window_grows_by_its_signals_alone():
-    assert TouchFeatures().keeps(54, 64) == 54 * 19 + 7 * 64
-    assert TouchFeatures().keeps(55, 64) - TouchFeatures().keeps(54, 64) == len(touch.SIGNALS)
+    assert TouchFeatures().keeps(54, 64) == 54 * (19 + 3) + 9 * 64 + 5 * 32
+    assert TouchFeatures().keeps(55, 64) - TouchFeatures().keeps(54, 64) == len(touch.SIGNALS) + 3
+
+
+def test_what_only_rounding_moves_stands_still():
+    """On one row the centre lies in the middle of it, whatever is pressed."""
+    rng = np.random.default_rng(0)
+    arrays = [rng.integers(0, 1000, (n, 1, 7)).astype(np.uint16) for n in (2, 3, 40, 41)]
+    about = pd.DataFrame({"subject": list("1122"), "gesture": list("abab")})
+    found = TouchFeatures().extract(Corpus.from_captures(arrays, about, 50.0))
+    own = found[["row_crossings", "row_turns", "row_sd", "row_step", "row_range", "row_skewness"]]
+    assert own.eq(0).all(axis=None) and found["row_mean"].round(6).eq(0.5).all()
+    assert found["col_turns"].iloc[2:].gt(0).all()
 
 
 def test_gestures_differ():

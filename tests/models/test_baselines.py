@@ -94,8 +94,7 @@ def test_contract_of_a_system(name, corpus):
     assert np.array_equal(model.predict(corpus), model.classes_[proba.argmax(axis=1)])
     assert parameter_count(model) > 0
     found = sizes(model, 64, 40)
-    assert found["flash_bytes"] == 4 * found["flash_bytes_int8"] >= 4 * found["parameters"]
-    assert found["ram_bytes"] == 4 * found["ram_bytes_int8"] > 0
+    assert found["flash_bytes"] >= 4 * found["parameters"] and found["ram_bytes"] > 0
     again = clone(model).fit(train, train.gestures)
     assert np.array_equal(again.predict_proba(corpus), proba)
     for grid in ((3, 5), (1, 2)):

@@ -8,7 +8,12 @@ import torch
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-from sklearn.ensemble import GradientBoostingClassifier, HistGradientBoostingClassifier, StackingClassifier
+from sklearn.ensemble import (
+    GradientBoostingClassifier,
+    HistGradientBoostingClassifier,
+    RandomForestClassifier,
+    StackingClassifier,
+)
 from sklearn.linear_model import LogisticRegression
 from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
@@ -33,13 +38,16 @@ def count(classifier):
     return parameter_count(classifier.fit(X, Y))
 
 
-def splits(trees):
-    """Four numbers per split, one per leaf and class share, by walking every tree."""
-    total = 0
+def stored(trees):
+    """Two numbers per node, one per tree, and each leaf's shares once, by walking every tree."""
+    total, leaves = 0, set()
     for tree in trees:
+        total += 1
         for node in range(tree.node_count):
-            total += tree.value[node].size if tree.children_left[node] < 0 else 4
-    return total
+            total += 2
+            if tree.children_left[node] < 0:
+                leaves.add(tuple(tree.value[node].ravel().astype(np.float32)))
+    return total + sum(map(len, leaves))
 
 
 def test_known_kinds_by_hand():
@@ -51,16 +59,19 @@ def test_known_kinds_by_hand():
     assert count(GaussianNB()) == 2 * 3 * 4 + 2 * 3 + 1  # means, variances; priors, counts; the floor of variances
     assert count(MLPClassifier((5,), max_iter=5)) == 4 * 5 + 5 + 5 * 3 + 3
     tree = DecisionTreeClassifier(random_state=0).fit(X, Y)
-    assert parameter_count(tree) == splits([tree.tree_])
+    assert parameter_count(tree) == stored([tree.tree_])
+    forest = RandomForestClassifier(n_estimators=5, random_state=0).fit(X, Y)
+    assert parameter_count(forest) == stored([t.tree_ for t in forest.estimators_])
     boosted = GradientBoostingClassifier(n_estimators=3).fit(X, Y)
-    assert parameter_count(boosted) == splits([t.tree_ for t in boosted.estimators_.ravel()])
+    assert parameter_count(boosted) == stored([t.tree_ for t in boosted.estimators_.ravel()])
     codes = np.unique(Y, return_inverse=True)[1]
     dumped = XGBClassifier(n_estimators=4, max_depth=2).fit(X, codes)
     text = "".join(dumped.get_booster().get_dump())
-    assert parameter_count(dumped) == 4 * text.count("yes=") + text.count("leaf=")
+    leaves = text.count("leaf=")  # root and class of each of 3 x 4 trees besides
+    assert parameter_count(dumped) == 2 * (text.count("yes=") + leaves) + leaves + 2 * 12
     histograms = HistGradientBoostingClassifier(max_iter=3, early_stopping=False, min_samples_leaf=5).fit(X, Y)
     nodes = [tree.nodes for each in histograms._predictors for tree in each]
-    trees = sum(4 * int((~n["is_leaf"].astype(bool)).sum()) + int(n["is_leaf"].sum()) for n in nodes)
+    trees = sum(2 * len(n) + int(n["is_leaf"].sum()) for n in nodes)
     assert trees <= parameter_count(histograms) <= trees + 60 * 4 + 100  # and the edges of its bins
 
 

@@ -106,7 +106,6 @@ def test_a_run_is_tracked_whole(capsys):
         "parameters",
         "flash_bytes",
         "ram_bytes",
-        "ram_bytes_int8",
         "peak_rss_bytes",
     }
     assert names <= set(svm.data.metrics) and names | {"window_accuracy", "vote_accuracy"} <= set(cnn.data.metrics)

@@ -275,6 +275,11 @@ static void features_of(touch_t *t, int n, const part_t *parts)
             least = fminf(least, series[i]);
             most = fmaxf(most, series[i]);
         }
+        if (most - least <= STILL * fmaxf(fabsf(series[0]), 1)) { /* rounding moved it */
+            for (int i = 1; i < n; i++)
+                series[i] = series[0];
+            least = most = series[0];
+        }
         float variance = describe(t, series, n, s, found);
         for (int k = 0; k < SPECTRAL; k++)
             if (spectral[k] == s)

@@ -1,0 +1,36 @@
+"""The command ``bench chip``: what systems answer as C, and what they take of a microcontroller."""
+
+from __future__ import annotations
+
+from bench.commands.printing import show
+from bench.errors import InputError
+from bench.plan.arguments import KEYS as RUN_KEYS
+from bench.plan.arguments import Values, items, jobs_of, parse
+from bench.plan.cells import cells
+from bench.work.loop import Outcome, execute, prepared
+from bench.work.onchip import OnChip
+
+KEYS = RUN_KEYS | {"bits"}
+
+
+def chip(arguments: list[str]) -> int:
+    """Export systems in every fold and measure them; exit code as of ``bench run``.
+
+    Raises:
+        InputError: something in the arguments or the data cannot be used, or a program is not installed.
+    """
+    return show(measured(parse(arguments, KEYS)))
+
+
+def measured(values: Values) -> list[Outcome[None]]:
+    """The cells of some values as C.
+
+    Raises:
+        InputError: something in the values or the data cannot be used, or a program is not installed.
+    """
+    bits = dict.fromkeys(str(b) for b in items("bits", values.get("bits", "32")))
+    if wrong := [b for b in bits if b not in ("32", "8")]:
+        raise InputError(f"bits={wrong[0]}: give 32 or 8")
+    jobs = jobs_of(values)
+    asked = cells({k: v for k, v in values.items() if k != "bits"})
+    return execute(prepared(asked, [OnChip(int(b)) for b in bits], jobs), jobs)

@@ -1,0 +1,127 @@
+"""Systems as C for a microcontroller: what the C answers, and what it takes."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from bench.chip.compiled import compiled, lacking, measured
+from bench.chip.tables import check
+from bench.chip.write import CODE, files_of
+from bench.errors import InputError
+from bench.outcomes import scores
+from bench.outcomes.results import Findings, FoldResult, costs, table_of
+from bench.work.experiment import Experiment
+from bench.work.fold import computing, decisions, fitted, footprint
+
+if TYPE_CHECKING:
+    from bench.corpora.corpus import Corpus
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
+
+
+@dataclass(frozen=True)
+class OnChip(Experiment[None]):
+    """Fit on the training captures, export, and let the C label the test captures.
+
+    Attributes:
+        bits: of a learnt weight, 32 or 8.
+    """
+
+    kind: ClassVar[str] = "chip"
+    fold_kind: ClassVar[str] = "chip_fold"
+    heading: ClassVar[str] = "Accuracy in percent of whole captures, in C and in Python; a Cortex-M4F, linked"
+    columns: ClassVar[frozenset[str]] = frozenset({"python"})
+
+    bits: int = 32
+
+    def arguments(self) -> dict[str, str]:
+        """Bits where they are not the default."""
+        return {} if self.bits == 32 else {"bits": str(self.bits)}
+
+    def identity(self) -> object:
+        """Bits, and the C that is the same for all systems."""
+        h = hashlib.sha256()
+        for path in sorted(CODE.iterdir()):
+            h.update(path.read_bytes())
+        return [repr(self), h.hexdigest()]
+
+    def refuse(self, plan: Plan) -> None:
+        """Refuse a system that has no C, and a machine without the programs.
+
+        Raises:
+            InputError: either.
+        """
+        check(plan.cell.estimator())
+        if missing := lacking():
+            raise InputError(
+                f"bench chip needs {', '.join(missing)}, not installed here; of Debian, the packages gcc make "
+                "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
+            )
+
+    def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+        """What the C says of each test capture beside what Python says; bytes and instructions."""
+        from bench.work.saved import Recogniser
+
+        train, test = corpus[fold.train], corpus[fold.test]
+        estimator = cell.estimator()
+        with computing(threads):
+            metrics = fitted(estimator, train)
+            predicted = decisions(estimator, corpus, fold.name, fold.test)
+        table = scores.captures(predicted).rename(columns={"predicted": "python"})
+        table = table.assign(start=0, frames=test.lengths)
+        found = Recogniser(estimator, train)
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            for file, text in files_of(found, self.bits, f"fold {fold.name}").items():
+                (folder / file).write_text(text, encoding="utf-8")
+            asked = compiled(folder, len(found.classes))
+            own = np.array([asked(frames) for frames in test])
+            metrics |= measured(folder)
+        table[[f"p_{name}" for name in scores.classes_of(predicted)]] = np.float32(0)
+        table[[f"p_{name}" for name in found.classes]] = own
+        return FoldResult(fold.name, table, metrics | footprint(estimator, corpus))
+
+    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+        """Accuracy in C and in Python, and costs."""
+        return _compared([result]) | costs([result])
+
+    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[None]:
+        """Accuracy in C and in Python over all folds, captures that they label otherwise, and costs."""
+        predictions = table_of(results)
+        labelled = scores.captures(predictions)
+        found = scores.summary(predictions, plan.corpus.rate_hz) | _compared(results) | costs(results)
+        tables = {"predictions.parquet": predictions, "per_subject.csv": scores.per_subject(labelled)}
+        return Findings(found, tables)
+
+    def row(self, metrics: dict[str, float]) -> dict[str, str]:
+        """Accuracies, and what the chip needs."""
+
+        def text(name: str, scale: float, digits: int = 1) -> str:
+            return f"{scale * metrics[name]:,.{digits}f}" if name in metrics else "-"
+
+        return {
+            "bits": str(self.bits),
+            "in C": text("accuracy", 100),
+            "in Python": text("python_accuracy", 100),
+            "other labels": text("other_labels", 1, 0),
+            "flash kB": text("chip_flash_bytes", 1e-3),
+            "RAM kB": text("chip_ram_bytes", 1e-3),
+            "instructions a frame": text("chip_frame_instructions", 1, 0),
+            "at most": text("chip_most_instructions", 1, 0),
+        }
+
+
+def _compared(results: list[FoldResult]) -> dict[str, float]:
+    labelled = scores.captures(table_of(results))
+    own, python = labelled["predicted"], table_of(results)["python"].to_numpy()
+    return {
+        "accuracy": float((labelled["true"] == own).mean()),
+        "python_accuracy": float((labelled["true"].to_numpy() == python).mean()),
+        "other_labels": int((own.to_numpy() != python).sum()),
+    }
