@@ -240,17 +240,16 @@ class Auto(ClassifierMixin, BaseEstimator):
                 tried = self._try(memory, inner, trial, left)
             tried.seconds = time.perf_counter() - began
             self.tried_.append(tried)
-            tell(self._progress(clock))
+            tell(self._progress(), max(clock.left, 0) if np.isfinite(self.budget) else None)
             kept = frozen(tried, self._limits())
             memory.add_trial(kept)
             study.add_trial(kept)
 
-    def _progress(self, clock: Clock) -> str:
-        """Trials, the best so far, time left."""
+    def _progress(self) -> str:
+        """Trials, and the best so far."""
         best = max((t.accuracy for t in self.tried_ if t.state == "complete"), default=float("nan"))
         of = "" if self.trials is None else f" of {self.trials}"
-        left = f", {max(clock.left, 0):.0f} s left" if np.isfinite(self.budget) else ""
-        return f"{len(self.tried_)} trials{of}, best {100 * best:.1f} % of left-out training people{left}"
+        return f"{len(self.tried_)} trials{of}, best {100 * best:.1f} % of left-out training people"
 
     def _next(self, memory: Study, inner: Inner) -> Trial | None:
         """The next of those that come first; then one that is drawn, small enough and new; None if there is none.

@@ -7,6 +7,7 @@ at par with it (tests/benchmarks/bench_training.py).
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Protocol
 
@@ -15,6 +16,7 @@ import torch
 from torch import nn
 
 from bench.corpora.corpus import Corpus
+from bench.progress import tell
 
 
 class Windows:
@@ -179,12 +181,18 @@ def train(
     history: list[dict[str, float]] = []
     best: tuple[float, dict] | None = None
     whole = max(len(samples) // batch, 1) * min(batch, len(samples))
+    began, at_most = time.monotonic(), " at most" if patience else ""
     for epoch in range(epochs):
         net.train()
         batches = order.permutation(len(samples))[:whole].reshape(-1, min(batch, len(samples)))
         if before_epoch:
             before_epoch(epoch, batches, step)
-        losses = [step(rows) for rows in batches]
+        losses = []
+        for rows in batches:
+            losses.append(step(rows))
+            done = epoch + len(losses) / len(batches)
+            left = (time.monotonic() - began) * (epochs - done) / done
+            tell(f"epoch {epoch + 1} of {epochs}{at_most}, loss {losses[-1]:.3g}", left)
         history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
         if not np.isfinite(history[-1]["loss"]):
             if best:

@@ -1,5 +1,6 @@
 """What a fold says of how far it is, from its process to the bar."""
 
+import time
 from io import StringIO
 
 import pytest
@@ -8,6 +9,11 @@ from rich.console import Console
 from bench import progress
 from bench.progress import tell, telling, told
 from bench.work import loop, workers
+from models.cnn85 import CNN85
+
+
+def words(folder):
+    return {name: said.words for name, said in told(folder).items()}
 
 
 def test_what_is_told_is_seen_until_the_end(tmp_path, monkeypatch):
@@ -16,7 +22,7 @@ def test_what_is_told_is_seen_until_the_end(tmp_path, monkeypatch):
     with telling(tmp_path, "a"):
         tell("one")
         tell("two")
-        assert told(tmp_path) == {"a": "two"}
+        assert words(tmp_path) == {"a": "two"}
     tell("again nobody")
     assert told(tmp_path) == {}
     with telling(None):
@@ -33,7 +39,7 @@ def test_a_name_is_no_path(name, tmp_path, monkeypatch):
     name = name.format(tmp_path)
     with telling(folder, name):
         tell("half")
-        assert told(folder) == {name: "half"}
+        assert words(folder) == {name: "half"}
     assert victim.read_text() == "mine" and not list(folder.iterdir())
 
 
@@ -42,11 +48,11 @@ def test_the_inner_one_is_heard_first(tmp_path, monkeypatch):
     with telling(tmp_path, "outer"):
         with telling(None):
             tell("one")
-        assert told(tmp_path) == {"outer": "one"}
+        assert words(tmp_path) == {"outer": "one"}
         with telling(tmp_path, "inner"):
             tell("two")
         tell("three")
-        assert told(tmp_path) == {"outer": "three"}
+        assert words(tmp_path) == {"outer": "three"}
 
 
 def test_too_often_is_not_written(tmp_path, monkeypatch):
@@ -54,7 +60,7 @@ def test_too_often_is_not_written(tmp_path, monkeypatch):
     with telling(tmp_path, "a"):
         for number in range(100):
             tell(str(number))
-        assert told(tmp_path) == {"a": "0"}
+        assert words(tmp_path) == {"a": "0"}
 
 
 def test_a_folder_that_goes_stops_nobody(tmp_path, monkeypatch):
@@ -67,8 +73,8 @@ def test_a_folder_that_goes_stops_nobody(tmp_path, monkeypatch):
 
 
 def test_the_bar_has_a_line_for_each_that_tells(tmp_path, monkeypatch):
-    (tmp_path / "1").write_text('["bob", "epoch 2 of 9"]')
-    (tmp_path / "2").write_text('["anna", "3 trials, 5 s left"]')
+    (tmp_path / "1").write_text(f'["bob", ["epoch 2 of 9", 100, {time.time() - 20}]]')
+    (tmp_path / "2").write_text('["anna", ["3 trials", null, 0]]')
     (tmp_path / ".3").write_text("not yet")
     out = StringIO()
     monkeypatch.setattr(loop, "console", Console(file=out, width=100))
@@ -77,7 +83,8 @@ def test_the_bar_has_a_line_for_each_that_tells(tmp_path, monkeypatch):
         for part in bar.get_renderables():
             loop.console.print(part)
     said = out.getvalue()
-    assert "anna: 3 trials, 5 s left" in said and "bob: epoch 2 of 9" in said and "not yet" not in said
+    assert "anna: 3 trials\n" in said.replace(" \n", "\n") and "bob: epoch 2 of 9, 1 min 20 s left" in said
+    assert "not yet" not in said
 
 
 def test_a_fold_tells_under_its_name(tmp_path, monkeypatch):
@@ -86,10 +93,33 @@ def test_a_fold_tells_under_its_name(tmp_path, monkeypatch):
     class Telling:
         def fold(self, cell, corpus, fold, threads):
             tell("half")
-            return told(tmp_path)
+            return words(tmp_path)
 
     class Fold:
         name = "anna"
 
     assert workers.do_fold(Telling(), None, None, Fold(), 1, tmp_path) == {"anna": "half"}
     assert told(tmp_path) == {}
+
+
+def test_seconds_as_people_say_them():
+    assert [progress.span(s) for s in (-3, 0.4, 59.6, 200, 7510)] == [
+        "0 s",
+        "0 s",
+        "1 min 0 s",
+        "3 min 20 s",
+        "2 h 5 min",
+    ]
+
+
+def test_a_network_says_how_long_it_takes(tmp_path, monkeypatch, corpus):
+    """Every step of it, with what is left as if the steps so far were as long as those to come."""
+    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
+    clock = iter(range(1000))
+    monkeypatch.setattr("models.training.time", type("Clock", (), {"monotonic": lambda: next(clock)}))
+    heard = []
+    monkeypatch.setattr("models.training.tell", lambda words, left: heard.append((words.split(",")[0], left)))
+    CNN85(epochs=3, frames=10, batch=16).fit(corpus, corpus.gestures)
+    steps = len(heard) // 3
+    assert [left for _, left in heard] == [pytest.approx(3 * steps - n) for n in range(1, 3 * steps + 1)]
+    assert heard[0][0] == "epoch 1 of 3" and heard[-1][0] == "epoch 3 of 3"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import time
 from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
@@ -27,7 +28,7 @@ from bench.outcomes.scores import RESERVED
 from bench.outcomes.store import Store, connect, only_one
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, planned, usable_cores
-from bench.progress import told
+from bench.progress import span, told
 from bench.work.experiment import Experiment
 from bench.work.tracking import Illustrate, TrackedRun, key_of
 from bench.work.workers import run_folds, start_workers
@@ -214,8 +215,9 @@ class Bar(Progress):
     def get_renderables(self) -> Iterable[RenderableType]:
         """The bar and the lines."""
         yield self.make_tasks_table(self.tasks)
-        for name, words in told(self.folder).items():
-            yield Text(f"  {name}: {words}", overflow="ellipsis", no_wrap=True)
+        for name, said in told(self.folder).items():
+            left = "" if said.left is None else f", {span(said.left - (time.time() - said.at))} left"
+            yield Text(f"  {name}: {said.words}{left}", overflow="ellipsis", no_wrap=True)
 
 
 def progress(folder: Path) -> Progress:
