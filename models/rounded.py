@@ -52,11 +52,11 @@ def in_bits(system: Pipeline, bits: int) -> Pipeline:
 def _classifier(classifier: Any, bits: int) -> Any:
     found = copy(classifier)
     if isinstance(found, Guarded):
-        found.linear_, found.robust_ = copy(classifier.linear_), copy(classifier.robust_)
-        found.linear_.coef_ = _in_units(classifier.linear_.coef_, classifier.sd_.astype(float), bits)
+        found.robust_ = copy(classifier.robust_)
+        found.linear_ = _about(classifier.linear_, classifier.mean_.astype(float), classifier.sd_.astype(float), bits)
         found.robust_.coefs_ = [_back(w.T.astype(float), bits).T.astype(np.float32) for w in classifier.robust_.coefs_]
     elif isinstance(found, Discriminants):
-        found.coef_ = _in_units(classifier.coef_, classifier.learnt_.sd, bits)
+        found = _about(classifier, classifier.learnt_.mean, classifier.learnt_.sd, bits)
     elif isinstance(found, LogisticRegression):
         found.coef_ = _back(classifier.coef_, bits)
     elif isinstance(found, GaussianBayes):
@@ -85,10 +85,16 @@ def _back(weights: np.ndarray, bits: int) -> np.ndarray:
     return whole * step[:, None].astype(float)
 
 
-def _in_units(coef: np.ndarray, sd: np.ndarray, bits: int) -> np.ndarray:
-    """Coefficients of features, rounded in units of an SD each; endless for what never varied."""
+def _about(linear: Discriminants, mean: np.ndarray, sd: np.ndarray, bits: int) -> Discriminants:
+    """Discriminants with coefficients that are rounded in units of an SD of each feature, endless for what never varies.
+
+    They weigh what lies between a feature and its mean, so that at the mean nothing is rounded.
+    """
+    found = copy(linear)
     finite = np.where(np.isfinite(sd), sd, 0)
-    return _back(coef * finite, bits) / np.where(finite > 0, finite, 1)
+    found.coef_ = _back(linear.coef_ * finite, bits) / np.where(finite > 0, finite, 1)
+    found.intercept_ = linear.intercept_ + (linear.coef_ - found.coef_) @ mean
+    return found
 
 
 def _whole(row: np.ndarray, diagonal: np.ndarray) -> np.ndarray:

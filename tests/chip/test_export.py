@@ -122,6 +122,15 @@ def test_what_is_counted_is_what_is_written(name, bits, tmp_path):
     assert counted["ram_bytes"] == pytest.approx(state, rel=0.1)
 
 
+@pytest.mark.parametrize("name", ["reflex", "lda", "lda scaled", "softmax", "softmax on jung28", "bayes"])
+def test_eight_bits_in_python_are_those_of_c(name, tmp_path):
+    corpus = touched()
+    asked = built(made(name), tmp_path / "c", 8)
+    proba = fitted(in_eight(SYSTEMS[name]()), corpus).label(corpus).filter(like="p_").to_numpy()
+    apart = np.abs(np.array([asked(frames)[1] for frames in corpus]) - proba).max(axis=1)
+    assert np.median(apart) < 1e-4 and np.quantile(apart, 0.95) < 0.01
+
+
 def in_eight(system):
     """The same with weights of 8 bits."""
     if "bits" in system.get_params():
