@@ -54,21 +54,21 @@ def _classifier(classifier: Any, bits: int) -> Any:
     if isinstance(found, Guarded):
         found.linear_, found.robust_ = copy(classifier.linear_), copy(classifier.robust_)
         found.linear_.coef_ = _in_units(classifier.linear_.coef_, classifier.sd_.astype(float), bits)
-        found.robust_.coefs_ = [_back(w.T.astype(float), bits).T.astype(np.float32) for w in classifier.robust_.coefs_]
+        found.robust_.coefs_ = [back(w.T.astype(float), bits).T.astype(np.float32) for w in classifier.robust_.coefs_]
     elif isinstance(found, Discriminants):
         found.coef_ = _in_units(classifier.coef_, classifier.learnt_.sd, bits)
     elif isinstance(found, LogisticRegression):
-        found.coef_ = _back(classifier.coef_, bits)
+        found.coef_ = back(classifier.coef_, bits)
     elif isinstance(found, GaussianBayes):
         triangles, diagonals = zip(*map(lower, classifier.factors_), strict=True)
-        rows = _back(np.stack(triangles), bits)
+        rows = back(np.stack(triangles), bits)
         found.factors_ = [_whole(row, diagonal) for row, diagonal in zip(rows, diagonals, strict=True)]
     else:
         raise InputError(f"model.bits={bits}: {type(classifier).__name__} is not measured in few bits; leave it out")
     return found
 
 
-def _back(weights: np.ndarray, bits: int) -> np.ndarray:
+def back(weights: np.ndarray, bits: int) -> np.ndarray:
     """Weights as what is stored of them says."""
     whole, step = rounded(weights, bits)
     return whole * step[:, None].astype(float)
@@ -77,7 +77,7 @@ def _back(weights: np.ndarray, bits: int) -> np.ndarray:
 def _in_units(coef: np.ndarray, sd: np.ndarray, bits: int) -> np.ndarray:
     """Coefficients of features, rounded in units of an SD each; endless for what never varied."""
     finite = np.where(np.isfinite(sd), sd, 0)
-    return _back(coef * finite, bits) / np.where(finite > 0, finite, 1)
+    return back(coef * finite, bits) / np.where(finite > 0, finite, 1)
 
 
 def _whole(row: np.ndarray, diagonal: np.ndarray) -> np.ndarray:

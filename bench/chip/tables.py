@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from bench.corpora.steps import SETTLED_S, Repair, Scale, Windows
 from bench.errors import InputError
 from features.jung28 import Jung28
 from features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
+from models.contract import System
 from models.recipe import Recipe
 from models.reflex import Reflex
 
@@ -29,14 +30,16 @@ class Chip:
     Attributes:
         defines: of the preprocessor, by name.
         deciders: by the name of their function: ``decide``, and ``decide_early`` of what is shorter than a window.
-        features: which fixed code computes them, ``touch`` or ``jung28``.
+        features: which fixed code computes them, ``touch``, ``jung28`` or ``convolved``.
         classes: names.
+        arrays: what features were learnt, by name.
     """
 
     defines: dict[str, str]
     deciders: dict[str, Decider]
     features: str
     classes: list[str]
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def chip_of(found: Recogniser, bits: int) -> Chip:
@@ -53,6 +56,8 @@ def chip_of(found: Recogniser, bits: int) -> Chip:
     whole, early = (estimator.whole_, estimator.early_) if isinstance(estimator, Reflex) else (estimator, None)
     first, system = _opened(whole)
     steps = first.steps() if first else []
+    if not isinstance(system, Pipeline):
+        return _network(system, steps, found, bits)
     features = system.steps[0][1]
     if isinstance(features, TouchFeatures):
         name = "touch"
@@ -65,9 +70,33 @@ def chip_of(found: Recogniser, bits: int) -> Chip:
             raise InputError("jung28 on windows has no C yet; leave model.window= out")
     else:
         raise InputError(f"{type(features).__name__} has no C: touch on windows and jung28 of whole captures have")
-    rows, cols = found.grid
     width = len(features.get_feature_names_out())
-    defines: dict[str, Any] = {
+    longest = LONGEST_TOUCH if name == "touch" else found.longest
+    defines = _sizes(found, width, longest) | _steps(steps, found) | _windows(windows, early, found)
+    deciders = {"decide": decider(system, width, bits)}
+    if early is not None:
+        deciders["decide_early"] = decider(_opened(early)[1], width, bits)
+    return _chip(found, defines, deciders, name)
+
+
+def _network(system: System, steps: list, found: Recogniser, bits: int) -> Chip:
+    """Of a network that reads frames.
+
+    Raises:
+        InputError: it has no C.
+    """
+    from bench.chip.network import convolved, head  # PyTorch, which other systems do without
+
+    sizes, arrays = convolved(system, found.grid, bits)
+    last = head(system, bits)
+    width = last.arrays["hidden"].shape[1]
+    defines = _sizes(found, width, LONGEST_TOUCH) | _steps(steps, found) | sizes
+    return _chip(found, defines, {"decide": last}, "convolved", arrays)
+
+
+def _sizes(found: Recogniser, width: int, longest: int) -> dict[str, Any]:
+    rows, cols = found.grid
+    return {
         "ROWS": rows,
         "COLS": cols,
         "TAXELS": rows * cols,
@@ -76,19 +105,25 @@ def chip_of(found: Recogniser, bits: int) -> Chip:
         "RATE_HZ": number(found.rate_hz),
         "FULL_SCALE": number(found.full_scale),
         "CHECKED": min(found.longest, 2 * round(found.rate_hz) + 9),  # frames of make check
-        "LONGEST": LONGEST_TOUCH if name == "touch" else found.longest,
+        "LONGEST": longest,
     }
-    defines |= _steps(steps, found) | _windows(windows, early, found) | _stopping(found)
-    deciders = {"decide": decider(system, width, bits)}
-    if early is not None:
-        deciders["decide_early"] = decider(_opened(early)[1], width, bits)
+
+
+def _chip(
+    found: Recogniser,
+    defines: dict[str, Any],
+    deciders: dict[str, Decider],
+    features: str,
+    arrays: dict[str, np.ndarray] | None = None,
+) -> Chip:
+    defines = defines | _stopping(found)
     for each in deciders.values():
         defines |= each.defines
-    return Chip({k: str(v) for k, v in defines.items()}, deciders, name, found.classes)
+    return Chip({k: str(v) for k, v in defines.items()}, deciders, features, found.classes, arrays or {})
 
 
-def _opened(estimator: Any) -> tuple[Recipe | None, Pipeline]:
-    """The recipe around a pipeline of features and classifier, if there is one, and the pipeline.
+def _opened(estimator: Any) -> tuple[Recipe | None, Any]:
+    """The recipe around a system, if there is one, and the system: features and classifier, or a network.
 
     Raises:
         InputError: it is something else.
@@ -97,8 +132,8 @@ def _opened(estimator: Any) -> tuple[Recipe | None, Pipeline]:
     system = recipe.system_ if recipe else estimator
     if isinstance(system, Reflex):
         raise InputError("reflex behind steps of its own has no C; leave model.scale= and the like out")
-    if not isinstance(system, Pipeline) or len(system.steps) < 2:
-        raise InputError(f"{type(system).__name__} has no C: {HAVE} have, on touch or jung28")
+    if not hasattr(system, "net_") and not (isinstance(system, Pipeline) and len(system.steps) > 1):
+        raise InputError(f"{type(system).__name__} has no C: {HAVE} have, on touch or jung28, and hughes2017_cnn")
     return recipe, system
 
 

@@ -100,7 +100,7 @@ def _state(chip: Chip) -> str:
     """What is kept between frames, and what features and classifier work in."""
     d = chip.defines
     taxels, classes = int(d["TAXELS"]), int(d["CLASSES"])
-    lines = [f"float frame[{taxels}], before[{taxels}];"]
+    lines = [f"float frame[{taxels}];"]
     if d["REPAIR_STUCK"] == "1" or d["REPAIR_DEAD"] == "1":
         lines.append(f"float least[{taxels}], most[{taxels}], moved[{taxels}], sound[{taxels}], mean_around[{taxels}];")
     if d["REPAIR_OFFSET"] == "1":
@@ -119,6 +119,7 @@ typedef struct {{
 """
         early = int(d["EARLY"]) > 0
         lines += [
+            f"float before[{taxels}];",
             f"float signals[{window}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
             f"part_t whole[2]{', early[2]' if early else ''};",
             f"float sum[{classes}]; int windows;  /* of decisions */",
@@ -126,8 +127,18 @@ typedef struct {{
             f"float series[{window}], sorted[{window}], centre[{window}], taxels[{taxels}];",
             f"float cosine[{points}], sine[{points}], power[{points // 2}]; int points;",
         ]
+    elif chip.features == "convolved":
+        maps = f"{d['FILTERS1']}][{d['MAP']}"
+        sums = f"{d['FILTERS2']}][{d['SUM_FRAMES']}][{d['SUM_ROWS']}][{d['SUM_COLS']}"
+        lines += [
+            f"float ring[{d['KERNEL1_FRAMES']}][{taxels}];  /* the last frames */",
+            f"float maps[{maps}], kept_maps[{maps}];  /* of the first layer, at the last time */",
+            f"float sums[{d['OPEN']}][{sums}], kept_sums[{sums}];  /* of the second, of each open window */",
+            f"float sum[{classes}]; int windows;  /* of decisions */",
+        ]
     else:
         lines += [
+            f"float before[{taxels}];",
             f"float total[{d['LONGEST']}];  /* of each frame */",
             f"float row[{d['ROWS']}], col[{d['COLS']}], centre[2], distance[2];",
             "float change, area, area_there, highest, highest_total;",
@@ -153,6 +164,7 @@ def _tables(chip: Chip, bits: int) -> str:
         lines.append(f"typedef {'int16_t' if bits == 8 else 'float'} vector_t;")
     if any("nodes" in decider.arrays for decider in chip.deciders.values()):
         lines.append("typedef struct { int16_t feature; uint16_t right; float threshold; } node_t;")
+    lines += [_array(name, values) for name, values in chip.arrays.items()]
     for function, decider in chip.deciders.items():
         for name, values in decider.arrays.items():
             lines.append(_array(f"{function}_{name}", values))
