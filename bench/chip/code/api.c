@@ -133,15 +133,16 @@ int touch_push(touch_t *t, const float *frame)
 static void label_so_far(touch_t *t, float *proba)
 {
 #if CONVOLVED
-    int windows = t->windows, begun = t->seen > (windows - 1) * HOP + WINDOW || !windows;
+    int windows = t->windows;
     for (int c = 0; c < CLASSES; c++)
         t->proba[c] = 0;
-    if (begun) { /* a window has begun that has more frames than the last one had */
+    if (!windows || t->seen > (windows - 1) * HOP + WINDOW) { /* frames that no window has ended with */
         features_until_now(t);
         decide(t, t->proba);
+        windows++;
     }
     for (int c = 0; c < CLASSES; c++)
-        proba[c] = (t->sum[c] + t->proba[c]) / (float)(windows + begun);
+        proba[c] = (t->sum[c] + t->proba[c]) / (float)windows;
 #elif WINDOW
     if (t->windows) {
         for (int c = 0; c < CLASSES; c++)
