@@ -164,7 +164,8 @@ frames from standard input as bench stream source=- does, as long as a capture i
 does not fit; make flash prints the sizes, make count instructions). What the model has learned about when to decide
 goes along, and so does a person whom it was adapted to.
 
-reflex has C; so have lda, softmax, bayes, svm, tree, rf, et and xgb on touch with model.window=, or on jung28.
+reflex has C; so have lda, softmax, bayes, svm, tree, rf, et and xgb on touch with model.window=, or on jung28; and
+of networks hughes2017_cnn.
 
   bits=       8 stores weights and leaves in 8 bits, support vectors in 16; default 32
   out=        a folder that is new or empty

@@ -16,6 +16,7 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from models.rounded import BITS, back
 from models.time_blocks import TimeConv3d, pooled
 from models.training import Forward, Sequences, Torch, Windows, moved, train
 from models.window import WindowNet
@@ -41,21 +42,49 @@ class Hughes2017CNN(WindowNet):
         rate: learning rate.
         seed: of the weights and the shuffles.
         device: of PyTorch.
+        bits: of a learnt weight when it decides: 32, or 8 as `bench export` stores them.
     """
 
+    bits: int = 32  # of systems that were saved before there was a choice
+
     def __init__(
-        self, epochs: int = 500, batch: int = 100, rate: float = 1e-4, seed: int = 0, device: str = "cpu"
+        self,
+        epochs: int = 500,
+        batch: int = 100,
+        rate: float = 1e-4,
+        seed: int = 0,
+        device: str = "cpu",
+        bits: int = 32,
     ) -> None:
         self.epochs = epochs
         self.batch = batch
         self.rate = rate
         self.seed = seed
         self.device = device
+        self.bits = bits
+
+    @property
+    def linear_last(self) -> bool:
+        """Weights in few bits do not learn a person."""
+        return self.bits == 32
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: as of `WindowNet.check`, or other bits than 32 and 8.
+        """
+        super().check()
+        if self.bits not in BITS:
+            raise InputError(f"model.bits={self.bits}: give 32 or 8")
 
     def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
         """Train on captures and their class names."""
         self.design_ = nearest(X.rate_hz)
-        return super().fit(X, y)
+        super().fit(X, y)
+        if self.bits != 32:
+            self.bytes_saved_ = 3 * in_bits(self.net_, self.bits)
+        return self
 
     def samples(self, corpus: Corpus) -> Windows:
         """The windows of captures."""
@@ -285,6 +314,15 @@ def convolutions(design: tuple, rows: int, cols: int) -> list[nn.Module]:
         found += [nn.MaxPool3d(pooled), nn.ReLU()]
         shape = tuple(n // p for n, p in zip(shape, pooled, strict=True))
     return [*found, nn.Flatten()]
+
+
+def in_bits(net: nn.Module, bits: int) -> int:
+    """Round the weights of a network in place, in steps of their own for each filter or unit; how many. Biases stay."""
+    weights = [p for p in net.parameters() if p.ndim > 1]
+    with torch.no_grad():
+        for p in weights:
+            p.copy_(torch.from_numpy(back(p.flatten(1).cpu().numpy(), bits)).view_as(p))
+    return sum(p.numel() for p in weights)
 
 
 def layers(sizes: list[int]) -> list[nn.Module]:

@@ -91,7 +91,9 @@ class Recipe(ClassifierMixin, BaseEstimator):
         if self.bits not in BITS:
             raise InputError(f"model.bits={self.bits}: give 32 or 8")
         if self.bits != 32 and not (type(self.system) is Pipeline and can_be(self.system.steps[-1][1])):
-            raise InputError(f"model.bits={self.bits}: reflex, lda, softmax and bayes have it; leave it out")
+            raise InputError(
+                f"model.bits={self.bits}: reflex, lda, softmax, bayes and hughes2017_cnn have it; leave it out"
+            )
         self.training_steps()
         contract.check(self.system)
 

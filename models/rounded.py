@@ -54,14 +54,14 @@ def _classifier(classifier: Any, bits: int) -> Any:
     if isinstance(found, Guarded):
         found.robust_ = copy(classifier.robust_)
         found.linear_ = _about(classifier.linear_, classifier.mean_.astype(float), classifier.sd_.astype(float), bits)
-        found.robust_.coefs_ = [_back(w.T.astype(float), bits).T.astype(np.float32) for w in classifier.robust_.coefs_]
+        found.robust_.coefs_ = [back(w.T.astype(float), bits).T.astype(np.float32) for w in classifier.robust_.coefs_]
     elif isinstance(found, Discriminants):
         found = _about(classifier, classifier.learnt_.mean, classifier.learnt_.sd, bits)
     elif isinstance(found, LogisticRegression):
-        found.coef_ = _back(classifier.coef_, bits)
+        found.coef_ = back(classifier.coef_, bits)
     elif isinstance(found, GaussianBayes):
         triangles, diagonals = zip(*map(lower, classifier.factors_), strict=True)
-        rows = _back(np.stack(triangles), bits)
+        rows = back(np.stack(triangles), bits)
         found.factors_ = [_whole(row, diagonal) for row, diagonal in zip(rows, diagonals, strict=True)]
     else:
         raise InputError(f"model.bits={bits}: {type(classifier).__name__} is not measured in few bits; leave it out")
@@ -79,20 +79,20 @@ def _weights(classifier: Any) -> int:
     return classifier.coef_.size
 
 
-def _back(weights: np.ndarray, bits: int) -> np.ndarray:
+def back(weights: np.ndarray, bits: int) -> np.ndarray:
     """Weights as what is stored of them says."""
     whole, step = rounded(weights, bits)
     return whole * step[:, None].astype(float)
 
 
 def _about(linear: Discriminants, mean: np.ndarray, sd: np.ndarray, bits: int) -> Discriminants:
-    """Discriminants with coefficients that are rounded in units of an SD of each feature, endless for what never varies.
+    """Discriminants with coefficients rounded in units of an SD of each feature, endless for what never varies.
 
     They weigh what lies between a feature and its mean, so that at the mean nothing is rounded.
     """
     found = copy(linear)
     finite = np.where(np.isfinite(sd), sd, 0)
-    found.coef_ = _back(linear.coef_ * finite, bits) / np.where(finite > 0, finite, 1)
+    found.coef_ = back(linear.coef_ * finite, bits) / np.where(finite > 0, finite, 1)
     found.intercept_ = linear.intercept_ + (linear.coef_ - found.coef_) @ mean
     return found
 

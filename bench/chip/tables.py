@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from features.jung28 import Jung28
 from features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
+from models.contract import System
 from models.recipe import Recipe
 from models.reflex import Reflex
 
@@ -29,14 +30,16 @@ class Chip:
     Attributes:
         defines: of the preprocessor, by name.
         deciders: by the name of their function: ``decide``, and ``decide_early`` of what is shorter than a window.
-        features: which fixed code computes them, ``touch`` or ``jung28``.
+        features: which fixed code computes them, ``touch``, ``jung28`` or ``convolved``.
         classes: names.
+        arrays: what features were learnt, by name.
     """
 
     defines: dict[str, str]
     deciders: dict[str, Decider]
     features: str
     classes: list[str]
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def check(estimator: Any) -> None:
@@ -48,6 +51,11 @@ def check(estimator: Any) -> None:
     if isinstance(estimator, Reflex):
         return
     system, steps = _opened(estimator, "system")
+    if not isinstance(system, Pipeline):
+        from bench.chip.network import check as check_network  # PyTorch, which other systems do without
+
+        check_network(system)
+        return
     _features(system, steps)
     if not has_c(system.steps[-1][1]):
         raise InputError(f"{type(system.steps[-1][1]).__name__} has no C: {HAVE} have")
@@ -66,10 +74,38 @@ def chip_of(found: Recogniser, bits: int) -> Chip:
     estimator = found.estimator
     whole, early = (estimator.whole_, estimator.early_) if isinstance(estimator, Reflex) else (estimator, None)
     system, steps = _opened(whole)
+    if not isinstance(system, Pipeline):
+        return _network(system, steps, found, bits)
     name, windows = _features(system, steps)
-    rows, cols = found.grid
     width = len(system.steps[0][1].get_feature_names_out())
-    defines: dict[str, Any] = {
+    longest = LONGEST_TOUCH if name == "touch" else found.longest
+    defines = _sizes(found, width, longest) | _steps(steps, found) | _windows(windows, early, found)
+    deciders = {"decide": decider(system, width, bits)}
+    if early is not None:
+        deciders["decide_early"] = decider(_opened(early)[0], width, bits)
+    return _chip(found, defines, deciders, name)
+
+
+def _network(system: System, steps: list, found: Recogniser, bits: int) -> Chip:
+    """Of a network that reads frames.
+
+    Raises:
+        InputError: it has no C.
+    """
+    from bench.chip.network import check as check_network
+    from bench.chip.network import convolved, head
+
+    check_network(system)
+    sizes, arrays = convolved(system, found.grid, bits)
+    last = head(system, bits)
+    width = last.arrays["hidden"].shape[1]
+    defines = _sizes(found, width, LONGEST_TOUCH) | _steps(steps, found) | sizes
+    return _chip(found, defines, {"decide": last}, "convolved", arrays)
+
+
+def _sizes(found: Recogniser, width: int, longest: int) -> dict[str, Any]:
+    rows, cols = found.grid
+    return {
         "ROWS": rows,
         "COLS": cols,
         "TAXELS": rows * cols,
@@ -78,23 +114,29 @@ def chip_of(found: Recogniser, bits: int) -> Chip:
         "RATE_HZ": number(found.rate_hz),
         "FULL_SCALE": number(found.full_scale),
         "CHECKED": min(found.longest, 2 * round(found.rate_hz) + 9),  # frames of make check
-        "LONGEST": LONGEST_TOUCH if name == "touch" else found.longest,
+        "LONGEST": longest,
     }
-    defines |= _steps(steps, found) | _windows(windows, early, found) | _stopping(found)
-    deciders = {"decide": decider(system, width, bits)}
-    if early is not None:
-        deciders["decide_early"] = decider(_opened(early)[0], width, bits)
+
+
+def _chip(
+    found: Recogniser,
+    defines: dict[str, Any],
+    deciders: dict[str, Decider],
+    features: str,
+    arrays: dict[str, np.ndarray] | None = None,
+) -> Chip:
+    defines = defines | _stopping(found)
     for each in deciders.values():
         defines |= each.defines
-    return Chip({k: str(v) for k, v in defines.items()}, deciders, name, found.classes)
+    return Chip({k: str(v) for k, v in defines.items()}, deciders, features, found.classes, arrays or {})
 
 
-def _opened(estimator: Any, inside: str = "system_") -> tuple[Pipeline, list[Step]]:
-    """A pipeline of features and classifier, and the steps of the recipe around it, if there is one.
+def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
+    """A system, features and classifier or a network, and the steps of the recipe around it, if there is one.
 
     Args:
-        estimator: the pipeline, or a recipe.
-        inside: the attribute of a recipe that is the pipeline.
+        estimator: the system, or a recipe.
+        inside: the attribute of a recipe that is the system.
 
     Raises:
         InputError: it is something else.
@@ -103,8 +145,6 @@ def _opened(estimator: Any, inside: str = "system_") -> tuple[Pipeline, list[Ste
     system = getattr(recipe, inside) if recipe else estimator
     if isinstance(system, Reflex):
         raise InputError("reflex behind steps of its own has no C; leave model.scale= and the like out")
-    if not isinstance(system, Pipeline) or len(system.steps) < 2:
-        raise InputError(f"{type(system).__name__} has no C: {HAVE} have, on touch or jung28")
     return system, recipe.steps() if recipe else []
 
 

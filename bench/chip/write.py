@@ -29,6 +29,7 @@ ABOUT = {  # by the first constant of each group
     "CHECKED": "Frames of make check, and most of a capture.",
     "SETTLED": "Repair: frames after which a taxel that has not moved is at rest, or broken; which kinds are repaired.",
     "WINDOW": "Frames of a window and from one to the next, and of the shorter ones before the first; 0 for none.",
+    "CONVOLVED": "Frames of a window and from one to the next; windows that are open at a time; filters and pools.",
     "SEGMENT": "Spectra: frames of a segment, most points; lags of autocorrelations, in frames.",
     "STOPPING": "How settled a label must be, and how sure it may be after so many ms, as training people have shown.",
     "PASSES": "Rounds in which broken taxels are filled from their neighbours; labels that are remembered.",
@@ -116,7 +117,7 @@ def _state(chip: Chip) -> str:
     """What is kept between frames, and what features and classifier work in."""
     d = chip.defines
     taxels, classes = int(d["TAXELS"]), int(d["CLASSES"])
-    lines = [f"float frame[{taxels}], before[{taxels}];  /* this frame and the last one, repaired */"]
+    lines = [f"float frame[{taxels}];  /* this one, repaired */"]
     if d["REPAIR_STUCK"] == "1" or d["REPAIR_DEAD"] == "1":
         lines.append(f"float least[{taxels}], most[{taxels}], moved[{taxels}];  /* of each taxel in this capture */")
         lines.append(f"float sound[{taxels}], mean_around[{taxels}];  /* which taxels are, and what replaces others */")
@@ -136,6 +137,7 @@ typedef struct {{
 """
         early = int(d["EARLY"]) > 0
         lines += [
+            f"float before[{taxels}];  /* the last one */",
             f"float signals[{window}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
             f"part_t whole[2]{', early[2]' if early else ''};  /* halves of the last window */",
             f"float sum[{classes}]; int windows;  /* of decisions */",
@@ -147,8 +149,18 @@ typedef struct {{
             f"float series[{window}], sorted[{window}], centre[{window}], taxels[{taxels}];  /* to work in */",
             f"float cosine[{points}], sine[{points}], power[{points // 2}]; int points;  /* of spectra */",
         ]
+    elif chip.features == "convolved":
+        maps = f"{d['FILTERS1']}][{d['MAP']}"
+        sums = f"{d['FILTERS2']}][{d['SUM_FRAMES']}][{d['SUM_ROWS']}][{d['SUM_COLS']}"
+        lines += [
+            f"float ring[{d['KERNEL1_FRAMES']}][{taxels}];  /* the last frames */",
+            f"float maps[{maps}], kept_maps[{maps}];  /* of the first layer, at the last time */",
+            f"float sums[{d['OPEN']}][{sums}], kept_sums[{sums}];  /* of the second, of each open window */",
+            f"float sum[{classes}]; int windows;  /* of decisions */",
+        ]
     else:
         lines += [
+            f"float before[{taxels}];  /* the last one */",
             f"float total[{d['LONGEST']}];  /* of each frame */",
             f"float row[{d['ROWS']}], col[{d['COLS']}], centre[2], distance[2];  /* means, the last, path so far */",
             "float change, area, area_there, highest, highest_total;  /* means, and of the strongest frame */",
@@ -181,6 +193,7 @@ def _tables(chip: Chip, bits: int) -> str:
         lines.append(f"typedef {'int16_t' if bits == 8 else 'float'} vector_t;")
     if any("nodes" in decider.arrays for decider in chip.deciders.values()):
         lines.append("typedef struct { int16_t feature; uint16_t right; float threshold; } node_t;")
+    lines += [_array(name, values) for name, values in chip.arrays.items()]
     for function, decider in chip.deciders.items():
         for name, values in decider.arrays.items():
             lines.append(_array(f"{function}_{name}", values))

@@ -9,6 +9,7 @@ from features.jung28 import Jung28
 from features.touch import TouchFeatures
 from models import contract
 from models.bayes import bayes
+from models.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
 from models.lda import Discriminants, lda
 from models.recipe import Recipe
 from models.reflex import Reflex
@@ -70,10 +71,14 @@ def test_discriminants_round_what_lies_about_the_mean():
 
 
 def test_few_bits_do_not_adapt_and_other_systems_have_none(capsys):
-    assert not contract.adapts(Reflex(bits=8)) and contract.adapts(Reflex())
+    for kind in (Reflex, Hughes2017CNN):
+        assert not contract.adapts(kind(bits=8)) and contract.adapts(kind())
+    assert "bits" not in Hughes2017CNNRNN().get_params() and contract.adapts(Hughes2017CNNRNN())
     for arguments, said in (
         (["model=lda", "features=touch", "model.bits=4"], "model.bits=4: give 32 or 8"),
-        (["model=rf", "model.bits=8"], "reflex, lda, softmax and bayes have it"),
+        (["model=rf", "model.bits=8"], "reflex, lda, softmax, bayes and hughes2017_cnn have it"),
+        (["model=hughes2017_cnn", "model.bits=4"], "model.bits=4: give 32 or 8"),
+        (["model=hughes2017_cnn_rnn", "model.bits=8"], "and hughes2017_cnn have it"),
         (["model=reflex", "model.bits=16"], "give 32 or 8"),
     ):
         assert main(["run", "data=synth", "data.subjects=2", *arguments]) == 2

@@ -83,7 +83,16 @@ int touch_push(touch_t *t, const float *frame)
     for (int i = 0; i < TAXELS; i++)
         t->frame[i] = frame[i];
     prepared(t, t->frame);
-#if WINDOW
+#if CONVOLVED
+    int ready = join(t, t->frame);
+    if (ready) {
+        decide(t, t->proba);
+        for (int c = 0; c < CLASSES; c++)
+            t->sum[c] += t->proba[c];
+        t->windows++;
+    }
+    return ready;
+#elif WINDOW
     for (int i = 0; i < TAXELS; i++) {
         t->frame[i] /= FULL_SCALE;
         t->before[i] = t->seen ? t->before[i] : t->frame[i];
@@ -123,7 +132,18 @@ int touch_push(touch_t *t, const float *frame)
 /* Probabilities of what has been seen, before calibration. */
 static void label_so_far(touch_t *t, float *proba)
 {
-#if WINDOW
+#if CONVOLVED
+    int windows = t->windows;
+    for (int c = 0; c < CLASSES; c++)
+        t->proba[c] = 0;
+    if (!windows || t->seen > (windows - 1) * HOP + WINDOW) { /* frames that no window has ended with */
+        features_until_now(t);
+        decide(t, t->proba);
+        windows++;
+    }
+    for (int c = 0; c < CLASSES; c++)
+        proba[c] = (t->sum[c] + t->proba[c]) / (float)windows;
+#elif WINDOW
     if (t->windows) {
         for (int c = 0; c < CLASSES; c++)
             proba[c] = t->sum[c] / (float)t->windows;
