@@ -70,7 +70,7 @@ def chip_points(runs: pd.DataFrame, subjects: Callable[[pd.DataFrame], pd.DataFr
         runs: of the kind ``chip``, of a group.
         subjects: gives the accuracy of runs in percent [systems, subjects].
     """
-    named = runs.assign(system=runs["system"] + ", C, " + runs["chip.bits"] + " bits")
+    named = runs.assign(system="C, " + runs["chip.bits"] + " bits: " + runs["system"])
     found = points(named.drop(columns=[c for c in COSTS if c not in ON_CHIP], errors="ignore"), subjects(named), None)
     return found.assign(kind="chip")
 

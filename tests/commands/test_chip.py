@@ -63,7 +63,7 @@ def test_what_c_says_is_tracked_chosen_and_drawn(costs, capsys):
     (group,) = data["groups"]
     drawn = {p["name"]: p["x"] for p in group["points"]}
     place = next(i for i, words in enumerate(data["costs"]) if words.startswith("instructions"))
-    assert drawn["bayes · jung28, C, 8 bits"][place] == 60_000 and drawn["bayes · jung28"][place] is None
+    assert drawn["C, 8 bits: bayes · jung28"][place] == 60_000 and drawn["bayes · jung28"][place] is None
 
 
 def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):
