@@ -10,6 +10,7 @@ import json
 import logging
 import os
 import re
+import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -100,6 +101,7 @@ class Store:
     def __init__(self, client: MlflowClient, experiment_id: str) -> None:
         self.client = client
         self.experiment_id = experiment_id
+        self._places: dict[str, str] = {}  # by id of a run that was made here and goes on, the address of its artifacts
 
     @patient
     def runs(self, asked: str) -> list[Run]:
@@ -187,9 +189,9 @@ class Store:
     @patient
     def create(self, name: str, tags: dict[str, str]) -> str:
         """A new run; its id."""
-        return self.client.create_run(
-            self.experiment_id, run_name=name, tags=tags | {"mlflow.runName": name}
-        ).info.run_id
+        info = self.client.create_run(self.experiment_id, run_name=name, tags=tags | {"mlflow.runName": name}).info
+        self._places[info.run_id] = info.artifact_uri
+        return info.run_id
 
     @patient
     def log(
@@ -234,7 +236,12 @@ class Store:
     @patient
     def keep(self, run_id: str, path: Path, where: str = "") -> None:
         """Store a file, or the files of a folder, with a run."""
-        if path.is_dir():
+        folder = _local(self._places[run_id]) if run_id in self._places else None
+        if folder is not None:  # as MLflow does, which first asks its database where
+            target = folder / where if where else folder
+            target.mkdir(parents=True, exist_ok=True)
+            shutil.copytree(path, target, dirs_exist_ok=True) if path.is_dir() else shutil.copy2(path, target)
+        elif path.is_dir():
             self.client.log_artifacts(run_id, str(path), where or None)
         else:
             self.client.log_artifact(run_id, str(path), where or None)
@@ -247,6 +254,7 @@ class Store:
     @patient
     def end(self, run_id: str, status: str) -> None:
         """End a run: FINISHED, FAILED or KILLED."""
+        self._places.pop(run_id, None)
         self.client.set_terminated(run_id, status)
 
     @patient
