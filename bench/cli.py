@@ -8,7 +8,7 @@ import io
 import os
 import sys
 
-from bench.errors import InputError, StoreError, nearest
+from bench.errors import ClusterError, InputError, StoreError, nearest
 from bench.registry import check_rooms, names
 from bench.scratch import scratch
 
@@ -315,7 +315,7 @@ def main(arguments: list[str] | None = None) -> int:
     except InputError as e:
         print(_line(e), file=sys.stderr)
         return 2
-    except StoreError as e:
+    except (StoreError, ClusterError) as e:
         print(_line(e), file=sys.stderr)
         return 1
     except BrokenPipeError:  # whoever read the output has seen enough

@@ -20,7 +20,7 @@ from bench.plan.arguments import KEYS, parse
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work.evaluation import Evaluation
-from bench.work.loop import fill_cache
+from bench.work.workers import fill_cache
 from bench.work.workers import run_folds
 import sys
 (plan,) = planned(cells(parse(sys.argv[1:], KEYS)), None)

@@ -22,7 +22,7 @@ from bench.plan.plan import checked, planned
 from bench.registry import load, parameters
 from bench.work.evaluation import Evaluation
 from bench.work.fold import decisions
-from bench.work.loop import fill_cache
+from bench.work.workers import fill_cache
 from features import PARTS, kept
 from features.jung28 import Jung28
 from features.kept import cache_key
