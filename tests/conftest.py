@@ -85,7 +85,7 @@ class InProcess:
     def begin(self, plan):
         from bench.work.workers import fill_cache
 
-        fill_cache(plan)
+        fill_cache(plan.cell, plan.corpus)
 
     def submit(self, task):
         self.submitted.append(task)

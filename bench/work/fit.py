@@ -83,7 +83,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
     store, threads = connect(), usable_cores()
     plan = Plan(cell, corpus, (), 1, threads)
     forget_peak()
-    fill_cache(plan)
+    fill_cache(plan.cell, plan.corpus)
     with tempfile.TemporaryDirectory() as folder, telling(Path(folder), "fit"), progress(Path(folder)):
         with computing(threads):
             settled = _stopping(cell, corpus) if stopping else None

@@ -156,14 +156,14 @@ class TrackedRun(Generic[Shown]):
             trials=pd.read_csv(trials, float_precision="round_trip") if trials.exists() else None,
         )
 
-    def add(self, result: FoldResult, machine: Machine) -> str:
+    def add(self, result: FoldResult, machine: Machine | None) -> str:
         """Store one fold: its run is there, complete, or it is not there. Its id.
 
         Args:
             result: of the fold.
-            machine: that did it.
+            machine: that did it, None if it came to no end.
         """
-        if self.machine is None:
+        if machine and self.machine is None:
             self.machine = machine
             self.store.log(self.run_id, params=machine._asdict())
         tags = {
@@ -172,7 +172,7 @@ class TrackedRun(Generic[Shown]):
             "touchbench.fold": result.name,
         }
         child = self.store.create(result.name, tags)
-        if machine != self.machine:
+        if machine and machine != self.machine:
             self.store.log(child, params=machine._asdict())
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary)
@@ -193,7 +193,7 @@ class TrackedRun(Generic[Shown]):
         self.store.end(child, "FAILED" if result.error else "FINISHED")
         if not result.error:
             self.done[result.name] = result
-            if machine != self.machine:
+            if machine and machine != self.machine:
                 self.others[result.name] = machine
         return child
 

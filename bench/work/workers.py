@@ -33,11 +33,11 @@ class Task:
 
 
 class Done(NamedTuple):
-    """A task with what came of it, and the processor that did it."""
+    """A task with what came of it, and the machine that did it; None where nobody is left to say which."""
 
     task: Task
     result: FoldResult
-    machine: Machine
+    machine: Machine | None
 
 
 class Workers(Protocol):
@@ -107,7 +107,7 @@ class Processes:
 
     def begin(self, plan: Plan) -> None:
         """Compute once for all folds what needs no learning."""
-        fill_cache(plan)
+        fill_cache(plan.cell, plan.corpus)
 
     def submit(self, task: Task) -> None:
         """Have a fold done."""
@@ -151,10 +151,10 @@ def do_fold(
         return FoldResult(fold.name, error=traceback.format_exc())
 
 
-def fill_cache(plan: Plan) -> None:
+def fill_cache(cell: Cell, corpus: Corpus) -> None:
     """Compute once for all folds what needs no learning; a set that fails here fails in every fold, recorded there."""
-    given = contract.seen_by_features(plan.cell.estimator(), plan.corpus[:1])
-    for features in plan.cell.feature_sets().values():
+    given = contract.seen_by_features(cell.estimator(), corpus[:1])
+    for features in cell.feature_sets().values():
         for seen in given:
             with suppress(Exception):
                 features.fit_transform(seen, seen.gestures)

@@ -24,7 +24,7 @@ from bench.work.workers import fill_cache
 from bench.work.workers import run_folds
 import sys
 (plan,) = planned(cells(parse(sys.argv[1:], KEYS)), None)
-fill_cache(plan)
+fill_cache(plan.cell, plan.corpus)
 assert len(list(run_folds(plan, Evaluation(), plan.folds))) == 31
 """
 TRACKED = "import sys; from bench.cli import main; sys.exit(main(['run', *sys.argv[1:]]))"

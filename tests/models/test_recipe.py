@@ -370,7 +370,7 @@ def test_a_fold_of_a_run(monkeypatch):
     options = {"model.window": 0.5, "model.repair": "stuck+dead", "model.faults": "noise+stuck_taxels"}
     small = {"data.subjects": 2, "data.variants": "normal", "data.repetitions": 1}
     (plan,) = planned(cells({"model": "svm", "features": "jung28", "model.copies": 1, **options, **small}), 1)
-    fill_cache(plan)
+    fill_cache(plan.cell, plan.corpus)
     stored = []
     extract = Jung28.extract
     monkeypatch.setattr(
