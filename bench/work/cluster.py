@@ -103,7 +103,9 @@ class Cluster:
         self.place, self.limit, self.say = backend.cluster, backend.limit, say
         plans = [plan for plan, _ in todo]
         self.corpora = {plan.corpus.digest: address(plan.corpus) for plan in plans}
-        asked = (*representatives(todo), list(self.corpora.values()))
+        cells, experiments = representatives(todo)
+        asked = (cells, experiments, list(self.corpora.values()))
+        self.systems = [f"{cell.system()}, {cell.protocol}" for cell in cells]
         self.question, self.here = packed(remote.facts, *asked), remote.facts(*asked)
         self.remotes: dict[str, Remote] = {}
         self.waiting: deque[Waiting] = deque()
@@ -238,7 +240,7 @@ class Cluster:
             if threads != self.threads:
                 raise InputError(f"it was started with --nthreads {threads}, others with {self.threads}")
             there: Facts = self._ask(one, self.question)
-            if said := difference(self.here, there):
+            if said := difference(self.systems, self.here, there):
                 raise InputError(said)
             for digest in there.lacks:
                 with self.changing:
@@ -413,14 +415,20 @@ def representatives(todo: Todo) -> tuple[list, list]:
     return [cell for cell, _ in found.values()], [experiment for _, experiment in found.values()]
 
 
-def difference(here: Facts, there: Facts) -> str:
-    """The first thing that makes a worker's results others than this machine's; empty if there is none."""
+def difference(systems: list[str], here: Facts, there: Facts) -> str:
+    """The first thing that makes a worker's results others than this machine's; empty if there is none.
+
+    Args:
+        systems: what is called by these names here was asked about, in this order.
+        here: what this machine has.
+        there: what the worker has.
+    """
     for name in (*here.versions, *there.versions):
         if here.versions.get(name) != (other := there.versions.get(name)):
             return f"it has {name} {other or 'not at all'}, this machine {here.versions.get(name) or 'not at all'}"
-    for name, why in there.wrong.items():
-        return f"{name}: {why}"
-    for name, digest in here.code.items():
-        if there.code.get(name) != digest:
+    for name, digest, other, why in zip(systems, here.code, there.code, there.wrong, strict=True):
+        if why:
+            return f"{name}: {why}"
+        if digest != other:
             return f"its code of {name} differs from this machine's"
     return ""

@@ -304,13 +304,19 @@ class Bar(Progress):
 
     def __init__(self, folder: Path, *columns: ProgressColumn, console: Console) -> None:
         self.folder = folder
-        super().__init__(*columns, console=console)
+        super().__init__(*columns, console=console, transient=True)
 
     def end(self, task: TaskID) -> None:
         """Print the bar of a run that is measured once and for all; others are under way."""
         (ended,) = (t for t in self.tasks if t.id == task)
         self.console.print(self.make_tasks_table([ended]))
         self.remove_task(task)
+
+    def stop(self) -> None:
+        """Leave the bars of what is cut off where they are."""
+        for task in self.tasks:
+            self.end(task.id)
+        super().stop()
 
     def get_renderables(self) -> Iterable[RenderableType]:
         """The bar and the lines."""

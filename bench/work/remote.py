@@ -56,16 +56,16 @@ class Facts(NamedTuple):
 
     Attributes:
         versions: of Python and the packages that results depend on.
-        code: digest of the code by the system that it is of.
-        wrong: why a system cannot be had there, by its name.
+        code: what each system computes, as a digest.
+        wrong: why a system cannot be had there, empty for one that can.
         lacks: digests of the corpora that are not there.
         host: name of the machine.
         home: its data folder.
     """
 
     versions: dict[str, str]
-    code: dict[str, str]
-    wrong: dict[str, str]
+    code: list[str]
+    wrong: list[str]
     lacks: list[str]
     host: str
     home: str
@@ -146,14 +146,16 @@ def facts(cells: Sequence[Cell], experiments: Sequence[Experiment], corpora: Seq
     from bench.errors import InputError
     from bench.source import versions
 
-    found, code, wrong, lacks = versions(), {}, {}, []
+    found, code, wrong, lacks = versions(), [], [], []
     for cell, experiment in zip(cells, experiments, strict=True):
-        name = f"{cell.system()}, {cell.protocol.name}"
+        digest = why = ""
         try:
             found |= versions(cell.packages())
-            code[name] = digest_of(cell, experiment)
+            digest = digest_of(cell, experiment)
         except (InputError, ImportError, OSError) as e:
-            wrong[name] = str(e)
+            why = str(e)
+        code.append(digest)
+        wrong.append(why)
     for address in corpora:
         try:
             address.open()
