@@ -131,6 +131,7 @@ class Cluster:
         with self.changing:
             self.waiting.clear()
         self.client.close(timeout=5)
+        self._tell()
 
     def room(self, plan: Plan) -> bool:
         """Whether to submit a fold now: twice as many as can run, so that no worker waits while results are stored."""
@@ -188,8 +189,7 @@ class Cluster:
 
     def _look(self) -> None:
         """See who has come and who is gone, once in a while."""
-        while not self.lines.empty():
-            self.say(self.lines.get())
+        self._tell()
         now = time.monotonic()
         if now - self.looked < LOOK_S:
             return
@@ -219,6 +219,11 @@ class Cluster:
             self.seen = now
         elif self.running and now - self.seen > NEXT_S:
             raise ClusterError(f"cluster={self.place}: all workers are gone; {GOES_ON}")
+
+    def _tell(self) -> None:
+        """Say what threads have found: they would write into the bars."""
+        while not self.lines.empty():
+            self.say(self.lines.get())
 
     def _there(self) -> dict[str, dict[str, Any]]:
         """What the scheduler says of each of its workers.
@@ -376,7 +381,8 @@ def connected(place: str) -> Client:
         from distributed import Client
     except ImportError as e:
         raise InputError(f"cluster={place}: dask is not installed; pip install 'touchbench[cluster]'") from e
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it says of lost connections, we say
+    for name in ("distributed.client", "distributed.core"):  # what they say of lost connections, we say
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     by_file = "://" not in place and Path(place).suffix == ".json"
     try:
         if by_file and not Path(place).is_file():

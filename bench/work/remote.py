@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from bench.plan.plan import Fold
     from bench.work.experiment import Experiment
     from bench.work.machine import Machine
+    from bench.work.pool import Executor
 
 OFTEN_S = 0.2  # between two looks whether a fold is still wanted
 LOCK_S = 600.0  # that a fold waits for another that computes the same features
@@ -95,14 +96,15 @@ def answer(question: bytes, threads: int, limit: float | None) -> Answer:
         if not wanted():
             return Answer("unwanted")
     try:
-        return watched(pool(1, threads).submit(answered, question), wanted, limit)
+        process = pool(1, threads)
+        return watched(process, process.submit(answered, question), wanted, limit)
     except BrokenProcessPool:  # while it was idle
         return Answer("died")
     finally:
         _one.release()
 
 
-def watched(asked: Future[Answer], wanted: Callable[[], bool], limit: float | None) -> Answer:
+def watched(process: Executor, asked: Future[Answer], wanted: Callable[[], bool], limit: float | None) -> Answer:
     """Wait for an answer while it is wanted, and no longer than a limit; then the process is ended."""
     begun = time.monotonic()
     while True:
@@ -113,15 +115,8 @@ def watched(asked: Future[Answer], wanted: Callable[[], bool], limit: float | No
         except BrokenProcessPool:
             return Answer("died")
         if late or not wanted():
-            pool_ended()
+            process.shutdown(wait=True, kill_workers=True)
             return Answer("late" if late else "unwanted")
-
-
-def pool_ended() -> None:
-    """End the process of this worker in the middle of what it does."""
-    from joblib.externals.loky import get_reusable_executor
-
-    get_reusable_executor().shutdown(wait=True, kill_workers=True)
 
 
 def answered(question: bytes) -> Answer:

@@ -149,10 +149,8 @@ def test_a_cluster_needs_dask(monkeypatch, capsys):
 
 
 def test_the_first_difference_is_named():
-    here, names = (
-        Facts({"python": "3.11.1", "numpy": "2.3.5"}, ["a", "b"], ["", ""], [], "here", "/home"),
-        ["svm", "rf"],
-    )
+    here = Facts({"python": "3.11.1", "numpy": "2.3.5"}, ["a", "b"], ["", ""], [], "here", "/home")
+    names = ["svm", "rf"]
     there = here._replace(host="there", home="/there", lacks=["x"])
     assert difference(names, here, here) == "" == difference(names, here, there)
     other = here._replace(versions={"python": "3.11.1", "numpy": "2.4.0"})
@@ -238,14 +236,21 @@ def test_a_corpus_that_is_sent_is_stored_whole_or_not_at_all(tmp_path):
     assert sorted(left) == [".sent", "synth"]
 
 
-def test_a_worker_waits_while_it_is_wanted_and_no_longer_than_a_limit(monkeypatch):
+def test_a_worker_waits_while_it_is_wanted_and_no_longer_than_a_limit():
     ended = []
-    monkeypatch.setattr(remote, "pool_ended", lambda: ended.append(1))
+
+    class Process:
+        def shutdown(self, wait, kill_workers):
+            ended.append(kill_workers)
+
+    def watched(*how):
+        return remote.watched(Process(), asked, *how)
+
     asked = Future()
-    assert remote.watched(asked, lambda: True, 0.5) == Answer("late") and len(ended) == 1
-    assert remote.watched(asked, lambda: False, None) == Answer("unwanted") and len(ended) == 2
+    assert watched(lambda: True, 0.5) == Answer("late") and len(ended) == 1
+    assert watched(lambda: False, None) == Answer("unwanted") and len(ended) == 2
     asked.set_result(Answer("done", b"x"))
-    assert remote.watched(asked, lambda: False, 0) == Answer("done", b"x") and len(ended) == 2
+    assert watched(lambda: False, 0) == Answer("done", b"x") and len(ended) == 2
 
 
 # With processes.
@@ -360,7 +365,6 @@ def test_folds_of_all_cells_are_done_there_and_are_the_same_bit_for_bit(two, tmp
     assert main([*command, f"cluster={two}"]) == 0
     found, (store, there) = stored(), runs("cell")
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")
-    monkeypatch.setattr(loop, "share_cores", None, raising=False)
     monkeypatch.setattr("bench.plan.plan.share_cores", lambda jobs, folds: (1, 1))  # as many threads as there
     assert main(command) == 0
     store, here = runs("cell")
@@ -392,14 +396,14 @@ def test_every_kind_of_run(two, command, kind, capsys):
 
 
 @mark_live
-def test_the_gate_and_an_object_of_the_users(two, capsys):
+def test_the_gate_and_an_object_of_the_users(two, tmp_path, monkeypatch, capsys):
     from sklearn.tree import DecisionTreeClassifier
 
     import bench
 
     added = ["data=synth", "model=bayes", "features=jung28", *SMALL]
     assert main(["check", "update=true", "baseline=b.json", *added]) == 0
-    Path("mlflow.db").unlink()
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")
     assert main(["check", "baseline=b.json", f"cluster={two}"]) == 0
     assert "1 of 1 systems are what b.json says" in capsys.readouterr().out
     given = {"data__subjects": 4, "data__variants": "normal", "data__repetitions": 2, "features": "jung28"}
@@ -496,30 +500,19 @@ def test_a_fold_that_hangs_and_a_worker_that_does(two, slow, capsys, monkeypatch
     assert "fold 2 failed: The fold took longer than limit=3 seconds" in captured.err and "3/4" in captured.out
     hung = [pid for fold, pid, _ in marks(folder) if fold == "2"]
     assert len(hung) == 1 and gone(hung[0])
-    stopped = marks(folder)[0][2]
     monkeypatch.setattr(cluster, "SILENT_S", 2.0)
-    before = set(marks(folder))
-    process = begun([*command, "model.seconds=3", "limit=10", f"cluster={two}"])  # asked while all answer
-    fresh = until(lambda: [m for m in marks(folder) if m not in before])
-    process.kill()
-    process.communicate()
-    stopped = fresh[0][2]
+    submitted = cluster.Cluster.submit
+    stopped = {worker for _, _, worker in marks(folder)}.pop()
 
-    def stop(*_):
+    def stopping(self, task):
+        """The worker is in order when it is asked, and hangs with its first fold."""
+        until(lambda: sum(one.ready for one in self.remotes.values()) == 2)
+        submitted(self, task)
         os.kill(stopped, signal.SIGSTOP)
 
-    class Stopping(cluster.Cluster):
-        def finished(self):
-            if not self.threads_stopped:
-                stop()
-                self.threads_stopped = True
-            return super().finished()
-
-        threads_stopped = False
-
-    monkeypatch.setattr(cluster, "Cluster", Stopping)
+    monkeypatch.setattr(cluster.Cluster, "submit", stopping)
     try:
-        assert main([*command, "model.seconds=3.5", "limit=10", f"cluster={two}"]) == 0
+        assert main([*command, "limit=5", f"cluster={two}"]) == 0
     finally:
         os.kill(stopped, signal.SIGCONT)
     assert "is left out: it does not answer" in capsys.readouterr().err
