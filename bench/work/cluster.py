@@ -106,7 +106,8 @@ class Cluster:
         cells, experiments = representatives(todo)
         asked = (cells, experiments, list(self.corpora.values()))
         self.systems = [f"{cell.system()}, {cell.protocol}" for cell in cells]
-        self.question, self.here = packed(remote.facts, *asked), remote.facts(*asked)
+        # Versions first: under others, the rest may not even be understood.
+        self.questions = [(packed(remote.facts, *q), remote.facts(*q)) for q in (((), (), ()), asked)]
         self.remotes: dict[str, Remote] = {}
         self.waiting: deque[Waiting] = deque()
         self.running: dict[Task, Waiting] = {}
@@ -114,7 +115,7 @@ class Cluster:
         self.lines: queue.Queue[str] = queue.Queue()  # from threads
         self.changing = threading.RLock()  # of all that stands above
         self.sending: dict[tuple[str, str, str], threading.Lock] = defaultdict(threading.Lock)
-        self.looked, self.seen = 0.0, time.monotonic()
+        self.looked, self.seen, self.waited = 0.0, time.monotonic(), False  # at whom, that one was there, for another
         self.threads = 0  # until the first worker has come
         self.client = connected(self.place)
         try:
@@ -216,7 +217,10 @@ class Cluster:
         for one in come:
             threading.Thread(target=self._admit, args=(one, there[one.address]["nthreads"]), daemon=True).start()
         if ready:
-            self.seen = now
+            self.seen, self.waited = now, False
+        elif self.running and not self.waited:
+            self.say(f"warning: cluster={self.place}: no worker is left; waiting for another one")
+            self.waited = True
         elif self.running and now - self.seen > NEXT_S:
             raise ClusterError(f"cluster={self.place}: all workers are gone; {GOES_ON}")
 
@@ -244,14 +248,15 @@ class Cluster:
         try:
             if threads != self.threads:
                 raise InputError(f"it was started with --nthreads {threads}, others with {self.threads}")
-            there: Facts = self._ask(one, self.question)
-            if said := difference(self.systems, self.here, there):
-                raise InputError(said)
+            for question, here in self.questions:
+                there: Facts = self._ask(one, question)
+                if said := difference(self.systems, here, there):
+                    raise InputError(said)
             for digest in there.lacks:
                 with self.changing:
                     lock = self.sending[there.host, there.home, digest]
                 with lock:  # its other workers wait, and find it there
-                    if digest in self._ask(one, self.question).lacks:
+                    if digest in self._ask(one, question).lacks:
                         self._send(one, self.corpora[digest])
             with self.changing:
                 one.ready = True
@@ -432,7 +437,7 @@ def difference(systems: list[str], here: Facts, there: Facts) -> str:
     for name in (*here.versions, *there.versions):
         if here.versions.get(name) != (other := there.versions.get(name)):
             return f"it has {name} {other or 'not at all'}, this machine {here.versions.get(name) or 'not at all'}"
-    for name, digest, other, why in zip(systems, here.code, there.code, there.wrong, strict=True):
+    for name, digest, other, why in zip(systems, here.code, there.code, there.wrong, strict=False):
         if why:
             return f"{name}: {why}"
         if digest != other:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 OFTEN_S = 0.2  # between two looks whether a fold is still wanted
 LOCK_S = 600.0  # that a fold waits for another that computes the same features
 _one = threading.Lock()  # a worker has one thing done at a time, whatever the number of its threads
-_filled: set[bytes] = set()  # of this process: whose features are kept
+_filled: set[str] = set()  # of this process: whose features are kept
 
 
 class Answer(NamedTuple):
@@ -186,10 +186,11 @@ def fold(experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads
     from bench.work.machine import this_machine
     from bench.work.workers import do_fold, fill_cache
 
-    key = hashlib.sha256(pickle.dumps((cell.features, cell.model, corpus.digest))).digest()
+    parts = repr((cell.features, cell.model, cell.tuning, corpus.digest))
+    key = hashlib.sha256(parts.encode()).hexdigest()[:20]
     if key not in _filled:
         try:
-            with FileLock(lock_folder() / f"features-{key.hex()[:20]}.lock", timeout=LOCK_S):
+            with FileLock(lock_folder() / f"features-{key}.lock", timeout=LOCK_S):
                 fill_cache(cell, corpus)
         except Timeout:  # the fold computes them itself
             pass
