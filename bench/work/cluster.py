@@ -235,13 +235,12 @@ class Cluster:
         Raises:
             ClusterError: it is gone.
         """
-        gone = ClusterError(f"cluster={self.place}: the scheduler is gone; {GOES_ON}")
         if self.client.status != "running":
-            raise gone
+            raise self._gone()
         try:
             return self.client.scheduler_info()["workers"]
         except (OSError, TimeoutError, RuntimeError) as e:
-            raise gone from e
+            raise self._gone() from e
 
     def _admit(self, one: Remote, threads: int) -> None:
         """Find out, in a thread, whether a worker may do folds; a corpus that its machine lacks is sent."""
@@ -294,7 +293,21 @@ class Cluster:
             one.asked = None
 
     def _begin(self, one: Remote, function: Callable, *arguments: object) -> Any:
-        return self.client.submit(function, *arguments, workers=[one.address], allow_other_workers=False, pure=False)
+        """Have a function called in a worker itself.
+
+        Raises:
+            ClusterError: the scheduler is gone.
+        """
+        there: dict[str, Any] = {"workers": [one.address], "allow_other_workers": False}
+        try:
+            return self.client.submit(function, *arguments, **there, pure=False)
+        except Exception as e:  # dask has several
+            if self.client.status == "running":
+                raise
+            raise self._gone() from e
+
+    def _gone(self) -> ClusterError:
+        return ClusterError(f"cluster={self.place}: the scheduler is gone; {GOES_ON}")
 
     def _send(self, one: Remote, corpus: Address) -> None:
         """Send a corpus, a piece of a file after the other."""
@@ -332,7 +345,7 @@ class Cluster:
         self.answers.put((one, waiting, asked))
         try:
             self._dispatch()
-        except RuntimeError:  # the command has ended
+        except ClusterError:  # or the command has ended
             pass
 
     def _done(self, one: Remote, waiting: Waiting, asked: Any) -> Done | None:

@@ -1,5 +1,10 @@
-"""Folds of one plan in processes, without tracking."""
+"""Folds of one plan in processes, without tracking; and folds that do nothing."""
 
+from dataclasses import dataclass
+from typing import ClassVar
+
+from bench.outcomes.results import FoldResult
+from bench.work.experiment import Experiment
 from bench.work.workers import Processes, Task
 
 
@@ -12,3 +17,14 @@ def folds_done(plan, experiment, folds):
                 workers.submit(Task(plan, experiment, waiting.pop(0)))
             yield workers.finished().result
             left -= 1
+
+
+@dataclass(frozen=True)
+class Nothing(Experiment):
+    """Does nothing."""
+
+    kind: ClassVar[str] = "nothing"
+
+    def fold(self, cell, corpus, fold, threads):
+        """Hand back nothing."""
+        return FoldResult(fold.name)
