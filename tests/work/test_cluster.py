@@ -413,6 +413,12 @@ def test_the_gate_and_an_object_of_the_users(two, tmp_path, monkeypatch, capsys)
     assert list(table["folds"]) == ["4/4"]
 
 
+def all_ready(self):
+    while sum(one.ready for one in self.remotes.values()) < 2:
+        self._look()
+        time.sleep(0.1)
+
+
 @mark_live
 def test_a_corpus_that_is_not_there_is_sent_once(tmp_path, monkeypatch, capsys):
     assert main(["data", "export", "synth", "out.csv", "format=cost", "subjects=3", "variants=normal"]) == 0
@@ -426,8 +432,13 @@ def test_a_corpus_that_is_not_there_is_sent_once(tmp_path, monkeypatch, capsys):
         with workers(place, 2, TOUCHBENCH_HOME=str(home)):
             monkeypatch.chdir(tmp_path)
             monkeypatch.setattr(cluster, "CHUNK", 10_000)
+            given, first = [], cluster.Cluster._send
+            monkeypatch.setattr(cluster.Cluster, "_send", lambda *to: (given.append(to), first(*to)))
+            # Both workers are asked, and found to lack it, before the command begins.
+            monkeypatch.setattr(cluster.Cluster, "_wait_for_workers", all_ready)
             assert main(["run", "data=mine", "model=bayes", "features=jung28", f"cluster={place}"]) == 0
     corpus = open_corpus("mine", {})
+    assert len(given) == 1
     assert [p.name for p in (home / "corpora").iterdir()] == [".sent"]
     (there,) = (home / "corpora" / ".sent").iterdir()
     assert open_folder(there).digest == corpus.digest and there.name == corpus.digest[:16]
