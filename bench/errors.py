@@ -14,6 +14,10 @@ class StoreError(Exception):
     """The store, or the disk under it, failed in the middle of the work: one line; the same command goes on later."""
 
 
+class ClusterError(Exception):
+    """The cluster failed in the middle of the work: one line; the same command goes on later."""
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
     """The end of an error message: the likeliest names first, then all of them."""
     known = sorted(known)

@@ -62,15 +62,42 @@ def prepared_store(request, monkeypatch):
 def folds_here(request, monkeypatch):
     """Folds are done in this process, but for tests that are marked ``pool``: starting workers takes seconds."""
     if not request.node.get_closest_marker("pool"):
-        monkeypatch.setattr("bench.work.loop.run_folds", in_process)
-        monkeypatch.setattr("bench.work.loop.start_workers", lambda *_: None)
+        monkeypatch.setattr("bench.work.loop.Processes", InProcess)
 
 
-def in_process(plan, experiment, folds, told=None):
-    """As `bench.work.workers.run_folds`, without workers."""
-    from bench.work.workers import do_fold
+class InProcess:
+    """As `bench.work.workers.Processes`, without processes."""
 
-    return (do_fold(experiment, plan.cell, plan.corpus, fold, plan.threads, told) for fold in folds)
+    overlap = False
+
+    def __init__(self, plan, told=None):
+        self.told, self.submitted = told, []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def room(self, plan):
+        return not self.submitted
+
+    def begin(self, plan):
+        from bench.work.workers import fill_cache
+
+        fill_cache(plan.cell, plan.corpus)
+
+    def submit(self, task):
+        self.submitted.append(task)
+
+    def finished(self):
+        from bench.work.machine import this_machine
+        from bench.work.workers import Done, do_fold
+
+        task = self.submitted.pop(0)
+        plan = task.plan
+        given = (task.experiment, plan.cell, plan.corpus, task.fold, plan.threads, self.told)
+        return Done(task, do_fold(*given), this_machine())
 
 
 def random_corpus(subjects=4, per_class=3, gestures=("pat", "rub", "tap"), grid=(8, 8), longest=40, seed=0, **fields):

@@ -17,8 +17,8 @@ from bench.outcomes.baseline import NAMES, Measured, read, text
 from bench.outcomes.gate import Verdict
 from bench.outcomes.runs import needed, rows_of, tracked
 from bench.outcomes.store import Store, connect
+from bench.plan.arguments import BACKEND, Backend, backend_of, convert, parse
 from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.arguments import convert, jobs_of, parse
 from bench.plan.cells import Cell, cells
 
 OPTIONS = {"baseline": "reports/baseline.json", "update": False, "run": True, "junit": ""}
@@ -36,18 +36,18 @@ def check(arguments: list[str]) -> int:
     limits = {k: convert(k, values[k], usual) if k in values else usual for k, usual in gate.LIMITS.items()}
     if not 0 < limits["error"] < 100 or not 0 <= limits["changes"] <= 100 or not limits["slower"] > 0:
         raise InputError("error= and changes= are in percent, slower= is a factor above 0; write for example slower=2")
-    added = [f"{k}={v}" for k, v in values.items() if k != "jobs" and k not in OPTIONS and k not in gate.LIMITS]
+    added = [f"{k}={v}" for k, v in values.items() if k not in BACKEND and k not in OPTIONS and k not in gate.LIMITS]
     path, report = Path(str(how["baseline"])), str(how["junit"])
     if how["update"]:
         if not how["run"]:
             raise InputError("run=false compares only; leave it out, update=true runs what is not tracked yet")
-        return _update(path, added, jobs_of(values), limits)
+        return _update(path, added, backend_of(values), limits)
     if added:
         raise InputError(f"{added[0]} adds to a baseline with update=true; without it, the baseline says what is run")
     baseline = read(path, understood)
     if how["run"]:
         runs = list(dict.fromkeys(then.run for then in baseline))
-        current = _run(runs, jobs_of(values))[0]
+        current = _run(runs, backend_of(values))[0]
     else:
         current = _tracked(connect(), baseline)
     verdicts = gate.compare(baseline, current, **limits)
@@ -72,13 +72,13 @@ def understood(run: str) -> list[Cell]:
     return cells(parse(shlex.split(run), RUN_KEYS))
 
 
-def _run(runs: list[str], jobs: int | None) -> tuple[list[Measured], int]:
+def _run(runs: list[str], backend: Backend) -> tuple[list[Measured], int]:
     """Run what is not tracked yet; complete runs of the code, versions and threads as they are, and the exit code."""
     asked: dict[str, tuple[Cell, str]] = {}
     for run in runs:
         for cell in understood(run):
             asked.setdefault(repr(cell), (cell, run))
-    outcomes = evaluated([cell for cell, _ in asked.values()], jobs)
+    outcomes = evaluated([cell for cell, _ in asked.values()], backend)
     code = show(outcomes)
     store = connect()
     found: dict[tuple[str, ...], Measured] = {}
@@ -101,11 +101,11 @@ def _tracked(store: Store, baseline: list[Measured]) -> list[Measured]:
     return [gate.measured(row, pd.read_parquet(needed(store, row, "predictions.parquet")), "") for row in fitting]
 
 
-def _update(path: Path, added: list[str], jobs: int | None, limits: dict[str, float]) -> int:
+def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, float]) -> int:
     """Run again what the baseline names, and what is added; write it if every run is complete."""
     before = read(path, understood) if path.exists() or not added else []
     runs = list(dict.fromkeys([then.run for then in before] + ([shlex.join(added)] if added else [])))
-    after, code = _run(runs, jobs)
+    after, code = _run(runs, backend)
     if code:
         _print(f"a run failed; {path} stays as it was")
         return code

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bench.commands.printing import show
 from bench.errors import InputError
 from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.arguments import Values, items, jobs_of, parse
+from bench.plan.arguments import Values, backend_of, items, parse
 from bench.plan.cells import cells
 from bench.work.loop import Outcome, execute, prepared
 from bench.work.onchip import OnChip
@@ -31,6 +31,6 @@ def measured(values: Values) -> list[Outcome[None]]:
     bits = dict.fromkeys(str(b) for b in items("bits", values.get("bits", "32")))
     if wrong := [b for b in bits if b not in ("32", "8")]:
         raise InputError(f"bits={wrong[0]}: give 32 or 8")
-    jobs = jobs_of(values)
+    backend = backend_of(values)
     asked = cells({k: v for k, v in values.items() if k != "bits"})
-    return execute(prepared(asked, [OnChip(int(b)) for b in bits], jobs), jobs)
+    return execute(prepared(asked, [OnChip(int(b)) for b in bits], backend.jobs), backend)

@@ -18,8 +18,8 @@ from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
 from bench.outcomes.choice import Choice, amount, candidates, decide, sentences
 from bench.outcomes.store import connect
+from bench.plan.arguments import BACKEND, Values, backend_of, convert, items, parse
 from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.arguments import Values, convert, items, jobs_of, parse
 from bench.plan.cells import Cell, cells
 from bench.quantities import BUDGETS, COSTS, quantity
 from bench.registry import parameters
@@ -86,7 +86,7 @@ def chosen(values: Values) -> Chosen:
     Raises:
         InputError: something in the values cannot be used, or no run is tracked for them.
     """
-    if given := [k for k in values if k in ("jobs", "inner", "seed") or ("." in k and not k.startswith("protocol."))]:
+    if given := [k for k in values if k in {*BACKEND, "inner", "seed"} or ("." in k and not k.startswith("protocol."))]:
         raise InputError(f"{given[0]}= is for over=; without it, nothing is run")
     by = str(values.get("by", "flash"))
     if by not in COSTS:
@@ -130,7 +130,7 @@ def smallest(values: Values) -> list[Outcome]:
     rest = {k: v for k, v in values.items() if k not in ("over", "inner", f"model.{over}")}
     whole = cells(rest)
     searches = [replace(cell, tuning=_tuning(cell, over, listed, inner)) for cell in whole]
-    return evaluated([c for pair in zip(searches, whole, strict=True) for c in pair], jobs_of(values))
+    return evaluated([c for pair in zip(searches, whole, strict=True) for c in pair], backend_of(values))
 
 
 def _tuning(cell: Cell, over: str, listed: object, inner: str) -> Tuning:

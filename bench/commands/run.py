@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bench.commands.printing import show
-from bench.plan.arguments import KEYS, Values, jobs_of, parse
+from bench.plan.arguments import KEYS, Backend, Values, backend_of, parse
 from bench.plan.cells import Cell, cells
 from bench.work.evaluation import Evaluation
 from bench.work.loop import Outcome, execute, prepared
@@ -21,13 +21,13 @@ def run(arguments: list[str]) -> int:
 
 def evaluated_values(values: Values) -> list[Outcome]:
     """The cells of some values, evaluated."""
-    return evaluated(cells(values), jobs_of(values))
+    return evaluated(cells(values), backend_of(values))
 
 
-def evaluated(asked: list[Cell], jobs: int | None) -> list[Outcome]:
+def evaluated(asked: list[Cell], backend: Backend) -> list[Outcome]:
     """Cells, evaluated.
 
     Raises:
         InputError: something in the cells or the data cannot be used; nothing was run.
     """
-    return execute(prepared(asked, [Evaluation()], jobs), jobs, illustrate)
+    return execute(prepared(asked, [Evaluation()], backend.jobs), backend, illustrate)

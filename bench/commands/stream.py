@@ -9,7 +9,7 @@ from bench.commands.printing import console, show, writable
 from bench.errors import InputError
 from bench.outcomes.store import connect
 from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.arguments import Values, items, jobs_of, number, parse
+from bench.plan.arguments import Values, backend_of, items, number, parse
 from bench.plan.cells import cells
 from bench.work.loop import Outcome, execute, prepared, warn
 from bench.work.stream import Stream
@@ -53,12 +53,12 @@ def streamed(values: Values) -> tuple[list[Outcome], Path]:
     """
     hop = number("hop_ms", values["hop_ms"]) if "hop_ms" in values else None
     replays = [Stream(hop, start) for start in dict.fromkeys(items("start", values.get("start", "onset")))]
-    jobs = jobs_of(values)
-    todo = prepared(cells({k: v for k, v in values.items() if k not in OPTIONS}), replays, jobs)
+    backend = backend_of(values)
+    todo = prepared(cells({k: v for k, v in values.items() if k not in OPTIONS}), replays, backend.jobs)
     out = writable(Path(str(values.get("out", "report"))))
     for name in dict.fromkeys(plan.cell.data for plan, _ in todo if len(set(plan.corpus.lengths)) == 1):
         warn(
             f"warning: {name}: all captures are equally long; features that grow with duration were never seen at "
             "another one, so a capture that is not whole yet may look like nothing that was ever seen"
         )
-    return execute(todo, jobs, illustrate), out
+    return execute(todo, backend, illustrate), out

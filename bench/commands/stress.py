@@ -18,7 +18,7 @@ from bench.outcomes.comparable import comparable
 from bench.outcomes.stability import Analysis
 from bench.outcomes.store import connect
 from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.arguments import Values, convert, items, jobs_of, parse
+from bench.plan.arguments import Values, backend_of, convert, items, parse
 from bench.plan.cells import cells
 from bench.work.loop import Outcome, execute, prepared
 from bench.work.stress import Stress
@@ -53,10 +53,10 @@ def stressed(values: Values) -> tuple[list[Outcome[Analysis]], Path]:
     """
     experiment = Stress(_faults(values), _counts(values))
     asked = cells({k: v for k, v in values.items() if k not in OPTIONS})
-    jobs = jobs_of(values)
-    todo = prepared(asked, [experiment], jobs)
+    backend = backend_of(values)
+    todo = prepared(asked, [experiment], backend.jobs)
     out = writable(Path(str(values.get("out", "stress"))))
-    outcomes = execute(todo, jobs)
+    outcomes = execute(todo, backend)
     for folder, members in grouped(outcomes, out).items():
         _write(folder, members)
     return outcomes, out

@@ -9,7 +9,7 @@ from bench.commands.printing import show
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
 from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.arguments import Values, convert, items, jobs_of, parse, text_of
+from bench.plan.arguments import Values, backend_of, convert, items, parse, text_of
 from bench.plan.cells import Cell, cells
 from bench.registry import parameters
 from bench.work.loop import Outcome
@@ -53,7 +53,7 @@ def searched(values: Values) -> list[Outcome]:
             raise InputError(f"model={values.get('model', 'svm')} has no parameter {name!r}; {nearest(name, known)}")
     seeds = [convert("seed", text, 0) for text in items("seed", values.get("seed", "0"))]
     tuned = [replace(cell, tuning=_tuning(cell, given, how) | {"seed": seed}) for cell in asked for seed in seeds]
-    return evaluated(tuned, jobs_of(values))
+    return evaluated(tuned, backend_of(values))
 
 
 def _parameters(cell: Cell) -> dict[str, object]:

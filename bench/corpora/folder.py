@@ -20,7 +20,7 @@ import re
 import shutil
 import tempfile
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 from bench.corpora.files import Damaged, clear, compare, sha256_of, short, small_file, stamp, write_text
 from bench.errors import InputError
-from bench.scratch import owner
+from bench.scratch import home, owner
 
 SMALL = ("lengths.npy", "captures.parquet")
 FILES = ("frames.npy", *SMALL)
@@ -39,19 +39,68 @@ HASH = "[0-9a-f]{64}"
 _seen: set[tuple] = set()  # what was verified in folders that cannot be written, so that no seal can tell
 
 
-def reopen(path: Path, digest: str, index: np.ndarray, target: str) -> Corpus:
-    """Map a stored corpus again in another process, so that frames never travel."""
-    corpus = open_folder(path)
-    if corpus.digest != digest:
-        raise InputError(f"{short(path)} was replaced by another corpus while it was in use; start the command again")
-    return replace(corpus[index], target=target)
+@dataclass(frozen=True)
+class Address:
+    """Where a stored corpus is found again, by another process or on another machine.
+
+    Attributes:
+        path: of its folder.
+        within: the same, from the data folder on, which may lie elsewhere there; None for a folder that is not in it.
+        digest: of the corpus.
+    """
+
+    path: Path
+    within: Path | None
+    digest: str
+
+    def open(self) -> Corpus:
+        """Map it, from a folder of that name or from what was sent there, if it is the same corpus.
+
+        Raises:
+            InputError: it is in none of them, or damaged.
+        """
+        refused = None
+        for folder in dict.fromkeys((self.path, home() / (self.within or self.path), sent(self.digest))):
+            try:
+                corpus = open_folder(folder)
+            except InputError as e:
+                refused = refused or e
+                continue
+            if corpus.digest == self.digest:
+                return corpus
+            refused = refused or InputError(
+                f"{short(folder)} was replaced by another corpus while it was in use; start the command again"
+            )
+        raise refused or InputError(f"{short(self.path)} is not there; import it again")
+
+
+def address(corpus: Corpus) -> Address:
+    """Where a stored corpus is found again.
+
+    Raises:
+        ValueError: it is not stored.
+    """
+    if corpus.path is None:
+        raise ValueError(f"{corpus.name} is not stored")
+    within = corpus.path.relative_to(home()) if corpus.path.is_relative_to(home()) else None
+    return Address(corpus.path, within, corpus.digest)
+
+
+def sent(digest: str) -> Path:
+    """Where a corpus lies that another machine has sent (`bench.work.remote`)."""
+    return home() / "corpora" / ".sent" / digest[:16]
+
+
+def reopen(where: Address, index: np.ndarray, target: str) -> Corpus:
+    """Map captures of a stored corpus again in another process, so that frames never travel."""
+    return replace(where.open()[index], target=target)
 
 
 def _reduced(corpus: Corpus) -> str | tuple:
     """How a corpus travels to another process: a stored one by its address, so that frames never do."""
     if corpus.path is None:
         return object.__reduce_ex__(corpus, 2)
-    return reopen, (corpus.path, corpus.digest, corpus.index, corpus.target)
+    return reopen, (address(corpus), corpus.index, corpus.target)
 
 
 copyreg.pickle(Corpus, _reduced)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import SupportsInt, TypeVar, overload
 
 from bench.errors import InputError, nearest
 
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
-KEYS = {"data", "where", "target", "seed", "jobs", *PARTS}  # of every command that runs folds
+BACKEND = {"jobs", "cluster", "limit"}  # where folds are done, which changes no result
+KEYS = {"data", "where", "target", "seed", *BACKEND, *PARTS}  # of every command that runs folds
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 Usual = TypeVar("Usual")
 LARGEST, LARGEST_SEED = 10**6, 2**32 - 1  # of a whole number, of a seed, which NumPy and scikit-learn bound
@@ -146,6 +148,39 @@ def number(key: str, given: object) -> float:
     if not 0 < value < float("inf"):
         raise InputError(f"{key}={given}: give a number above 0")
     return value
+
+
+@dataclass(frozen=True)
+class Backend:
+    """Where folds are done.
+
+    Attributes:
+        jobs: processes of this machine, None for one per core.
+        cluster: the address of dask's scheduler, or the file that holds it; empty for this machine.
+        limit: seconds that a fold may take there, None for as long as it takes.
+    """
+
+    jobs: int | None = None
+    cluster: str = ""
+    limit: float | None = None
+
+
+HERE = Backend()
+
+
+def backend_of(values: Values) -> Backend:
+    """Where folds are to be done.
+
+    Raises:
+        InputError: a value that means nothing, or nothing there.
+    """
+    cluster = str(values.get("cluster", ""))
+    limit = number("limit", values["limit"]) if "limit" in values else None
+    if cluster and "jobs" in values:
+        raise InputError(f"jobs={values['jobs']}: with cluster=, its workers say how many they are; leave jobs= out")
+    if limit is not None and not cluster:
+        raise InputError(f"limit={values['limit']}: only with cluster=; leave it out")
+    return Backend(jobs_of(values), cluster, limit)
 
 
 def jobs_of(values: Values) -> int | None:

@@ -21,9 +21,11 @@ from bench.progress import telling
 from bench.scratch import made_whole, new_folder
 from bench.work.evaluation import Evaluation
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
-from bench.work.loop import fill_cache, progress, warn
+from bench.work.loop import progress, warn
+from bench.work.machine import this_machine
 from bench.work.replay import INNER, Replay, Stopping, learned, unlearnable
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
+from bench.work.workers import fill_cache
 from models import contract
 from models.inner import inner_folds
 
@@ -81,7 +83,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
     store, threads = connect(), usable_cores()
     plan = Plan(cell, corpus, (), 1, threads)
     forget_peak()
-    fill_cache(plan)
+    fill_cache(plan.cell, plan.corpus)
     with tempfile.TemporaryDirectory() as folder, telling(Path(folder), "fit"), progress(Path(folder)):
         with computing(threads):
             settled = _stopping(cell, corpus) if stopping else None
@@ -104,7 +106,8 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
         for cut_off in store.runs(f"tags.`touchbench.cell` = '{key}' and attributes.status = 'RUNNING'"):
             store.delete(cut_off.info.run_id)
         run_id = store.create(f"{cell.system()} | {cell.data} | all captures", tags)
-        store.log(run_id, metrics, params_of(cell, corpus, threads) | {"captures": len(corpus)})
+        machine = this_machine()._asdict()
+        store.log(run_id, metrics, params_of(cell, corpus, threads) | machine | {"captures": len(corpus)})
         log_captures(store, run_id, cell, corpus, "training")
         with quiet(), reached(), mlflow.start_run(run_id=run_id):
             saved = mlflow.pyfunc.log_model(name="model", **model)

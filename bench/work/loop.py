@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Iterable, Sequence
-from contextlib import closing, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic
@@ -16,22 +16,24 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     ProgressColumn,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.text import Text
 
-from bench.errors import InputError
+from bench.errors import ClusterError, InputError
 from bench.outcomes.results import Findings, FoldResult, Shown
 from bench.outcomes.scores import RESERVED
 from bench.outcomes.store import Store, connect, only_one
+from bench.plan.arguments import HERE, Backend
 from bench.plan.cells import Cell
-from bench.plan.plan import Plan, planned, usable_cores
+from bench.plan.plan import Fold, Plan, planned, usable_cores
 from bench.progress import span, told
 from bench.work.experiment import Experiment
 from bench.work.tracking import Illustrate, TrackedRun, key_of
-from bench.work.workers import run_folds, start_workers
+from bench.work.workers import Processes, Task, Workers
 from models import contract
 
 console = Console(stderr=True)
@@ -105,78 +107,171 @@ def prepared(asked: Iterable[Cell], experiments: Sequence[Experiment[Shown]], jo
     return todo
 
 
-def execute(todo: Todo[Shown], jobs: int | None = None, illustrate: Illustrate | None = None) -> list[Outcome[Shown]]:
+def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate | None = None) -> list[Outcome[Shown]]:
     """Run what is not stored yet; what is stored is measured again from its tables.
 
     Args:
         todo: what `prepared` gave.
-        jobs: as asked for, to warn of more than there are cores.
+        backend: where folds are done.
         illustrate: draws what is kept with a run besides its tables.
 
     Raises:
-        InputError: the store cannot be used.
+        InputError: the store or the cluster cannot be used, or another process runs one of the cells.
+        ClusterError: the cluster is gone; what is finished is stored.
         Interrupted: Ctrl-C; what is finished is stored.
     """
-    first = todo[0][0]
-    start_workers(first.workers, first.threads)  # takes as long as opening the store
-    if jobs and jobs > usable_cores():
-        console.print(f"warning: jobs={jobs}: this machine has {usable_cores()} cores, more workers would only wait")
-    for line in dict.fromkeys(line for plan, _ in todo for line in warnings(plan)):
-        warn(line)
-    store = connect()
-    return [run_one(store, plan, experiment, illustrate) for plan, experiment in todo]
+    with tempfile.TemporaryDirectory() as folder:
+        workers: Workers
+        if backend.cluster:
+            from bench.work.cluster import Cluster
+
+            workers = cluster = Cluster(backend, todo, warn)
+            todo = [(replace(plan, threads=cluster.threads), experiment) for plan, experiment in todo]
+        else:
+            workers = Processes(todo[0][0], Path(folder))  # they start while the store is opened
+            if backend.jobs and backend.jobs > usable_cores():
+                has = f"this machine has {usable_cores()} cores"
+                console.print(f"warning: jobs={backend.jobs}: {has}, more workers would only wait")
+        under_way: list[Begun] = []
+        try:
+            with workers:
+                for line in dict.fromkeys(line for plan, _ in todo for line in warnings(plan)):
+                    warn(line)
+                store = connect()
+                with progress(Path(folder)) as bar:
+                    return work(store, todo, workers, bar, under_way, illustrate)
+        except (KeyboardInterrupt, ClusterError) as e:
+            for begun in under_way:
+                if not begun.run.finished:
+                    begun.run.interrupt()
+            if isinstance(e, ClusterError):
+                raise
+            said = "interrupted; every finished fold is stored and the same command goes on from there"
+            raise Interrupted(said) from e
+        finally:
+            for begun in under_way:
+                begun.lock.close()
 
 
-def run_one(
-    store: Store, plan: Plan, experiment: Experiment[Shown], illustrate: Illustrate | None = None
-) -> Outcome[Shown]:
-    """Run the folds of one plan that are not stored yet, and measure it.
+@dataclass(eq=False)
+class Begun(Generic[Shown]):
+    """A run whose folds are under way.
+
+    Attributes:
+        place: of its plan among those of the command.
+        run: where it is tracked.
+        waiting: folds that nobody does yet.
+        left: number of folds that are not stored yet.
+        bar: of its folds.
+        lock: holds it against other processes.
+        errors: by name of a fold that failed, where its traceback is.
+    """
+
+    place: int
+    run: TrackedRun[Shown]
+    waiting: list[Fold]
+    left: int
+    bar: TaskID
+    lock: ExitStack
+    errors: dict[str, str] = field(default_factory=dict)
+
+
+def work(
+    store: Store,
+    todo: Todo[Shown],
+    workers: Workers,
+    bar: Bar,
+    under_way: list[Begun[Shown]],
+    illustrate: Illustrate | None,
+) -> list[Outcome[Shown]]:
+    """Give workers the folds of all plans in one queue; a plan begins when they have room for its first fold.
+
+    Args:
+        store: where runs are tracked.
+        todo: plans, in the order in which they begin.
+        workers: who do folds.
+        bar: of folds.
+        under_way: filled with what is begun and not ended.
+        illustrate: draws what is kept with a run besides its tables.
+
+    Raises:
+        InputError: another process runs one of the cells; those before it are finished.
+    """
+    outcomes: dict[int, Outcome[Shown]] = {}
+    refused: InputError | None = None
+
+    def close(begun: Begun[Shown]) -> None:
+        run, plan = begun.run, begun.run.plan
+        found = run.close(illustrate)
+        outcome = Outcome(plan, run.experiment, run.run_id, run.tags, found, run.results(), begun.errors)
+        outcomes[begun.place] = outcome
+        bar.end(begun.bar)
+        under_way.remove(begun)
+        begun.lock.close()
+
+    while len(outcomes) < len(todo):
+        while True:
+            ready = next((b for b in under_way if b.waiting), None)
+            if ready and workers.room(ready.run.plan):
+                workers.submit(Task(ready.run.plan, ready.run.experiment, ready.waiting.pop(0)))
+                continue
+            place = len(outcomes) + len(under_way)
+            if ready or refused or place == len(todo) or (under_way and not workers.overlap):
+                break
+            if not workers.room(todo[place][0]):
+                break
+            try:
+                begun = begin(store, todo, place, under_way, workers, bar)
+            except InputError as e:
+                refused = e
+                break
+            if begun is None:
+                break
+            if not begun.left:
+                close(begun)
+        if refused and not under_way:
+            raise refused
+        if under_way:
+            task, result, machine = workers.finished()
+            begun = next(b for b in under_way if b.run.plan is task.plan and b.run.experiment is task.experiment)
+            child = begun.run.add(result, machine)
+            begun.left -= 1
+            bar.advance(begun.bar)
+            if result.error:
+                begun.errors[result.name] = store.where(child, "fold/traceback.txt")
+                reason = result.error.strip().splitlines()[-1]
+                bar.console.print(f"fold {result.name} failed: {reason}", style="red", markup=False)
+            if not begun.left:
+                close(begun)
+    return [outcomes[place] for place in range(len(todo))]
+
+
+def begin(
+    store: Store, todo: Todo[Shown], place: int, under_way: list[Begun[Shown]], workers: Workers, bar: Bar
+) -> Begun[Shown] | None:
+    """Find or make the run of a plan and add it to those under way; None if one of them is the same run.
 
     Raises:
         InputError: another process runs it.
-        Interrupted: Ctrl-C; what is finished is stored.
     """
+    plan, experiment = todo[place]
     cell, key = plan.cell, key_of(plan, experiment)
-    with only_one(key):
+    if any(begun.run.key == key for begun in under_way):
+        return None
+    with ExitStack() as stack:
+        stack.enter_context(only_one(key))
         run = TrackedRun(store, plan, experiment, key)
         missing = [fold for fold in plan.folds if fold.name not in run.done]
-        if missing:
-            fill_cache(plan)
-        else:
-            said = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(plan.folds)} folds were stored before"
-            console.print(said, markup=False, soft_wrap=True)
-        errors = {}
-        try:
-            with (
-                tempfile.TemporaryDirectory() as folder,
-                closing(run_folds(plan, experiment, missing, Path(folder))) as results,
-                progress(Path(folder)) as bar,
-            ):
-                task = bar.add_task(cell.title(), total=len(plan.folds))
-                bar.advance(task, len(plan.folds) - len(missing))
-                for result in results:
-                    child = run.add(result)
-                    bar.advance(task)
-                    if result.error:
-                        errors[result.name] = store.where(child, "fold/traceback.txt")
-                        reason = result.error.strip().splitlines()[-1]
-                        bar.console.print(f"fold {result.name} failed: {reason}", style="red", markup=False)
-            found = run.close(illustrate)
-            return Outcome(plan, experiment, run.run_id, run.tags, found, run.results(), errors)
-        except KeyboardInterrupt as e:
-            if not run.finished:
-                run.interrupt()
-            said = "interrupted; every finished fold is stored and the same command goes on from there"
-            raise Interrupted(said) from e
-
-
-def fill_cache(plan: Plan) -> None:
-    """Compute once for all folds what needs no learning; a set that fails here fails in every fold, recorded there."""
-    given = contract.seen_by_features(plan.cell.estimator(), plan.corpus[:1])
-    for features in plan.cell.feature_sets().values():
-        for seen in given:
-            with suppress(Exception):
-                features.fit_transform(seen, seen.gestures)
+        begun = Begun(place, run, missing, len(missing), TaskID(-1), ExitStack())
+        under_way.append(begun)
+        begun.lock = stack.pop_all()
+    if missing:
+        workers.begin(plan)
+    else:
+        said = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(plan.folds)} folds were stored before"
+        console.print(said, markup=False, soft_wrap=True)
+    begun.bar = bar.add_task(cell.title(), total=len(plan.folds), completed=len(plan.folds) - len(missing))
+    return begun
 
 
 def warnings(plan: Plan) -> list[str]:
@@ -210,7 +305,19 @@ class Bar(Progress):
 
     def __init__(self, folder: Path, *columns: ProgressColumn, console: Console) -> None:
         self.folder = folder
-        super().__init__(*columns, console=console)
+        super().__init__(*columns, console=console, transient=True)
+
+    def end(self, task: TaskID) -> None:
+        """Print the bar of a run that is measured once and for all; others are under way."""
+        (ended,) = (t for t in self.tasks if t.id == task)
+        self.console.print(self.make_tasks_table([ended]))
+        self.remove_task(task)
+
+    def stop(self) -> None:
+        """Leave the bars of what is cut off where they are."""
+        for task in self.tasks:
+            self.end(task.id)
+        super().stop()
 
     def get_renderables(self) -> Iterable[RenderableType]:
         """The bar and the lines."""
@@ -220,7 +327,7 @@ class Bar(Progress):
             yield Text(f"  {name}: {said.words}{left}", overflow="ellipsis", no_wrap=True)
 
 
-def progress(folder: Path) -> Progress:
+def progress(folder: Path) -> Bar:
     """A bar of folds that tell in a folder how far they are; in a notebook too, where it needs ipywidgets."""
     return Bar(
         folder,

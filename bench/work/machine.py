@@ -3,7 +3,22 @@
 from __future__ import annotations
 
 import platform
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
+
+
+class Machine(NamedTuple):
+    """What of a machine times and rounding depend on."""
+
+    cpu: str
+    simd: str
+
+
+@cache
+def this_machine() -> Machine:
+    """The one that runs this."""
+    return Machine(cpu_model(), simd())
 
 
 def cpu_model() -> str:

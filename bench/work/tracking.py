@@ -19,7 +19,7 @@ from bench.plan.cells import Cell
 from bench.plan.plan import Plan
 from bench.source import git_revision, source_digest, versions
 from bench.work.experiment import Experiment
-from bench.work.machine import cpu_model, simd
+from bench.work.machine import Machine
 
 if TYPE_CHECKING:
     from mlflow.entities import Run
@@ -52,14 +52,14 @@ def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
 
 
 def params_of(cell: Cell, corpus: Corpus, threads: int) -> dict[str, object]:
-    """Every parameter that a run depends on, the machine and the versions."""
+    """Every parameter that a run depends on, and the versions."""
     params: dict[str, object] = {"data": cell.data, "where": cell.where or "all", "target": cell.target}
     params |= {"corpus_digest": corpus.digest} | {f"data.{k}": v for k, v in cell.data_parameters.items()}
     for name, part in (("features", cell.features), ("model", cell.model)):
         if part:
             params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
     params |= {f"tuning.{k}": v for k, v in (cell.tuning or {}).items()}
-    params |= {"threads": threads, "cpu": cpu_model(), "simd": simd(), "git": git_revision()}
+    params |= {"threads": threads, "git": git_revision()}
     return params | {f"version.{k}": v for k, v in versions(cell.packages()).items()}
 
 
@@ -79,14 +79,19 @@ class TrackedRun(Generic[Shown]):
         key: `key_of` both.
 
     Attributes:
+        plan: what is run.
+        experiment: its kind.
+        key: that finds it again.
         run_id: of the parent run.
         tags: what tables know it by.
         finished: whether an earlier command finished it.
         done: finished folds by name, as they were stored.
+        machine: that the run names as a whole, where its first fold was done; None before that.
+        others: where that was another, the machine of a finished fold, by its name.
     """
 
     def __init__(self, store: Store, plan: Plan, experiment: Experiment[Shown], key: str) -> None:
-        self.store, self.plan, self.experiment = store, plan, experiment
+        self.store, self.plan, self.experiment, self.key = store, plan, experiment, key
         cell = plan.cell
         self.tags = tags_of(cell, plan.corpus) | plan.facts
         self.tags |= {"protocol": str(cell.protocol), "protocol_label": plan.label}
@@ -102,11 +107,16 @@ class TrackedRun(Generic[Shown]):
             found = None
         self.run_id = found.info.run_id if found else self._create(key)
         self.finished = found is not None and found.info.status == "FINISHED"
+        known = found.data.params if found else {}
+        self.machine = Machine(known["cpu"], known.get("simd", "")) if "cpu" in known else None
         self.done: dict[str, FoldResult] = {}
+        self.others: dict[str, Machine] = {}
         for child in store.folds(self.run_id) if found else []:
             if child.info.status == "FINISHED":
                 result = self._load(child)
                 self.done[result.name] = result
+                if "cpu" in child.data.params:
+                    self.others[result.name] = Machine(child.data.params["cpu"], child.data.params["simd"])
             else:  # failed, or cut off while it was written: it is run again
                 store.delete(child.info.run_id)
         if not self.finished:
@@ -146,14 +156,24 @@ class TrackedRun(Generic[Shown]):
             trials=pd.read_csv(trials, float_precision="round_trip") if trials.exists() else None,
         )
 
-    def add(self, result: FoldResult) -> str:
-        """Store one fold: its run is there, complete, or it is not there. Its id."""
+    def add(self, result: FoldResult, machine: Machine | None) -> str:
+        """Store one fold: its run is there, complete, or it is not there. Its id.
+
+        Args:
+            result: of the fold.
+            machine: that did it, None if it came to no end.
+        """
+        if machine and self.machine is None:
+            self.machine = machine
+            self.store.log(self.run_id, params=machine._asdict())
         tags = {
             "mlflow.parentRunId": self.run_id,
             "touchbench.kind": self.experiment.fold_kind,
             "touchbench.fold": result.name,
         }
         child = self.store.create(result.name, tags)
+        if machine and machine != self.machine:
+            self.store.log(child, params=machine._asdict())
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary)
             if result.error:
@@ -173,7 +193,18 @@ class TrackedRun(Generic[Shown]):
         self.store.end(child, "FAILED" if result.error else "FINISHED")
         if not result.error:
             self.done[result.name] = result
+            if machine and machine != self.machine:
+                self.others[result.name] = machine
         return child
+
+    def _machines(self) -> dict[str, str]:
+        """Tags that say so where the folds are of several machines; they hide the parameters of these names."""
+        if self.machine is None or not self.others:
+            return {}
+        several = (
+            {self.machine, *self.others.values()} if len(self.others) < len(self.done) else {*self.others.values()}
+        )
+        return {name: "; ".join(sorted({getattr(m, name) for m in several})) for name in Machine._fields}
 
     def results(self) -> list[FoldResult]:
         """The finished folds in the order of the protocol."""
@@ -194,7 +225,7 @@ class TrackedRun(Generic[Shown]):
             return findings
         if findings:
             counts = {"folds": len(results), "folds_failed": folds - len(results)}
-            self.store.log(self.run_id, findings.metrics | counts, tags=findings.facts)
+            self.store.log(self.run_id, findings.metrics | counts, tags=findings.facts | self._machines())
             with tempfile.TemporaryDirectory() as folder:
                 for name, table in (findings.tables | _choices(results)).items():
                     write_table(table, Path(folder) / name)

@@ -1,19 +1,15 @@
-"""The folds of a plan in worker processes; each result is handed over as soon as it is there."""
+"""Where folds are done: in processes of this machine, or on those of a cluster (`bench.work.cluster`)."""
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
-import time
 import traceback
-from collections.abc import Callable, Generator
 from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import ParamSpec, Protocol, TypeVar
-
-from joblib.externals.loky import get_reusable_executor
+from types import TracebackType
+from typing import Any, NamedTuple, Protocol
 
 from bench.corpora.corpus import Corpus
 from bench.outcomes.results import FoldResult
@@ -22,61 +18,125 @@ from bench.plan.plan import Fold, Plan, usable_cores
 from bench.progress import telling
 from bench.work.experiment import Experiment
 from bench.work.fold import forget_peak
+from bench.work.machine import Machine, this_machine
+from bench.work.pool import Executor, pool
+from models import contract
 
-Given = ParamSpec("Given")
-Result = TypeVar("Result")
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A fold of a plan, and what is done with it."""
+
+    plan: Plan
+    experiment: Experiment[Any]
+    fold: Fold
+
+
+class Done(NamedTuple):
+    """A task with what came of it, and the machine that did it; None where nobody is left to say which."""
+
+    task: Task
+    result: FoldResult
+    machine: Machine | None
 
 
 class Workers(Protocol):
-    """What is asked of loky, which has no types."""
+    """Whoever does folds, several at once; every one that is submitted gives one result, a crashed worker a failed one.
 
-    def submit(self, work: Callable[Given, Result], *args: Given.args, **kwargs: Given.kwargs) -> Future[Result]:
-        """Have something done in a worker."""
+    Left with an exception (Ctrl-C), it ends the folds that are under way.
 
-    def shutdown(self, wait: bool, kill_workers: bool) -> None:
-        """End the processes."""
+    Attributes:
+        overlap: whether a plan may begin while folds of another are under way.
+    """
+
+    overlap: bool
+
+    def __enter__(self) -> Workers: ...
+
+    def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None: ...
+
+    def room(self, plan: Plan) -> bool:
+        """Whether to submit a fold of this plan now."""
+
+    def begin(self, plan: Plan) -> None:
+        """Make ready for the folds of a plan."""
+
+    def submit(self, task: Task) -> None:
+        """Have a fold done."""
+
+    def finished(self) -> Done:
+        """Wait until a fold that was submitted is done."""
 
 
-def run_folds(
-    plan: Plan, experiment: Experiment, folds: list[Fold], told: Path | None = None
-) -> Generator[FoldResult, None, None]:
-    """Results in the order in which folds finish; every fold gives one, a crashed worker a failed one.
+class Processes:
+    """Worker processes of this machine, which take one plan after the other, each with its number of threads.
 
     Args:
-        plan: what is run, with the number of workers and their threads.
-        experiment: what a worker does with a fold.
-        folds: those to run.
-        told: folder where they say how far they are (`bench.progress`).
+        plan: the first one, for which they start at once.
+        told: folder where folds say how far they are (`bench.progress`).
     """
-    jobs, threads = plan.workers, plan.threads
-    executor = _workers(jobs, threads)
-    waiting = list(folds)
-    running: dict[Future[FoldResult], Fold] = {}
-    try:
-        try:
-            while waiting or running:
-                # One more than can run, so that no worker waits while a result is tracked; all of them at once is what
-                # loky stumbles over when it is killed.
-                while waiting and len(running) <= jobs:
-                    fold = waiting[0]
-                    task = executor.submit(do_fold, experiment, plan.cell, plan.corpus, fold, threads, told)
-                    running[task] = waiting.pop(0)
-                done = next(as_completed(running))
-                result = done.result()
-                del running[done]
-                yield result
-        except BrokenProcessPool:
-            pass
-        # A worker died (out of memory, say) and took the pool with it; which fold it was shows when each runs alone.
-        for fold in [*running.values(), *waiting]:
+
+    overlap = False  # plans have their own numbers of processes and threads, and share the cores with `fill_cache`
+
+    def __init__(self, plan: Plan, told: Path | None = None) -> None:
+        self.told = told
+        self.running: dict[Future[FoldResult], Task] = {}
+        self.suspects: list[Task] = []
+        self.alone: Plan | None = None  # of which a fold has killed its worker
+        executor = pool(plan.workers, plan.threads)
+        for _ in range(plan.workers):  # they import what they need while the caller does something else
+            executor.submit(usable_cores)
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None:
+        if kind and self.running:  # else the folds that wait would be run before the process ends
+            plan = next(iter(self.running.values())).plan
+            self._pool(plan).shutdown(wait=True, kill_workers=True)
+
+    def room(self, plan: Plan) -> bool:
+        """Whether to submit a fold of this plan now.
+
+        One more than can run, so that no worker waits while a result is tracked; all of them at once is what loky
+        stumbles over when it is killed.
+        """
+        if plan is self.alone:
+            return not self.running and not self.suspects
+        return len(self.running) <= plan.workers
+
+    def begin(self, plan: Plan) -> None:
+        """Compute once for all folds what needs no learning."""
+        fill_cache(plan.cell, plan.corpus)
+
+    def submit(self, task: Task) -> None:
+        """Have a fold done."""
+        plan = task.plan
+        given = (task.experiment, plan.cell, plan.corpus, task.fold, plan.threads, self.told)
+        self.running[self._pool(plan).submit(do_fold, *given)] = task
+
+    def finished(self) -> Done:
+        """Wait until a fold that was submitted is done."""
+        while True:
+            if not self.running:
+                self.submit(self.suspects.pop(0))
+            done = next(as_completed(self.running))
+            task = self.running[done]
             try:
-                executor = _workers(1, threads)
-                yield executor.submit(do_fold, experiment, plan.cell, plan.corpus, fold, threads, told).result()
+                result = done.result()
             except BrokenProcessPool as e:
-                yield FoldResult(fold.name, error=f"The worker process died; out of memory?\n{e}")
-    except (KeyboardInterrupt, GeneratorExit):
-        executor.shutdown(wait=True, kill_workers=True)  # else the folds that wait would be run before the process ends
-        raise
+                if task.plan is not self.alone:
+                    # A worker died (out of memory, say) and took the pool with it; which fold it was shows when each
+                    # runs alone.
+                    self._pool(task.plan).shutdown(wait=True, kill_workers=True)
+                    self.suspects, self.alone, self.running = list(self.running.values()), task.plan, {}
+                    continue
+                result = FoldResult(task.fold.name, error=f"The worker process died; out of memory?\n{e}")
+            del self.running[done]
+            return Done(task, result, this_machine())
+
+    def _pool(self, plan: Plan) -> Executor:
+        return pool(1 if plan is self.alone else plan.workers, plan.threads)
 
 
 def do_fold(
@@ -91,33 +151,10 @@ def do_fold(
         return FoldResult(fold.name, error=traceback.format_exc())
 
 
-def start_workers(jobs: int, threads: int) -> None:
-    """Let worker processes start and import what they need while the caller does something else."""
-    executor = _workers(jobs, threads)
-    for _ in range(jobs):
-        executor.submit(usable_cores)
-
-
-def _workers(jobs: int, threads: int) -> Workers:
-    """Worker processes that stay for the next cell: importing torch takes seconds."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-    return get_reusable_executor(
-        max_workers=jobs,
-        timeout=60,
-        initializer=_begin,
-        initargs=(os.getpid(),),
-        env=dict.fromkeys(names, str(threads)),
-    )
-
-
-def _begin(parent: int) -> None:
-    """Ctrl-C reaches the whole process group, only the parent acts on it; a parent that is killed cannot."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-
-
-def _end_with(parent: int) -> None:
-    """End this process, in the middle of a fold, once its parent is gone: nobody would take the result."""
-    while os.getppid() == parent:
-        time.sleep(0.5)
-    os._exit(1)
+def fill_cache(cell: Cell, corpus: Corpus) -> None:
+    """Compute once for all folds what needs no learning; a set that fails here fails in every fold, recorded there."""
+    given = contract.seen_by_features(cell.estimator(), corpus[:1])
+    for features in cell.feature_sets().values():
+        for seen in given:
+            with suppress(Exception):
+                features.fit_transform(seen, seen.gestures)

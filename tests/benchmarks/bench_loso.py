@@ -6,10 +6,11 @@ python tests/benchmarks/bench_loso.py [model] [folds]
 import sys
 import time
 
+from folds import folds_done  # beside this file
+
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work.evaluation import Evaluation
-from bench.work.workers import run_folds
 
 
 def main(model: str = "cnn85", count: str = "4") -> None:
@@ -19,7 +20,7 @@ def main(model: str = "cnn85", count: str = "4") -> None:
     corpus, folds, jobs, threads = plan.corpus, plan.folds, plan.workers, plan.threads
     print(f"{cell.system()}, {len(corpus)} synthetic captures, {jobs} workers x {threads} threads", flush=True)
     started = time.perf_counter()
-    for result in run_folds(plan, Evaluation(), folds[: int(count)]):
+    for result in folds_done(plan, Evaluation(), folds[: int(count)]):
         rows = result.predictions
         classes = [c for c in rows if c.startswith("p_")]
         correct = rows[classes].idxmax(axis=1).str.removeprefix("p_") == rows["true"]

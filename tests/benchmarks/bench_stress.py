@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pandas as pd
+from folds import folds_done  # beside this file
 
 from bench.corpora.faults import SEVERITIES, known
 from bench.outcomes import stability
@@ -16,7 +17,6 @@ from bench.plan.arguments import KEYS, jobs_of, parse
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work.stress import Stress
-from bench.work.workers import run_folds
 from reports import stability_tables
 
 
@@ -33,7 +33,7 @@ def main(arguments: list[str]) -> None:
     )
     started = time.perf_counter()
     parts, spent = [], pd.DataFrame()
-    for result in run_folds(plan, Stress(faults), folds):
+    for result in folds_done(plan, Stress(faults), folds):
         assert not result.error, result.error
         parts.append(result.predictions)
         spent[result.name] = result.metrics

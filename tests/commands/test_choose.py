@@ -10,7 +10,8 @@ from bench.errors import InputError
 from bench.outcomes.choice import candidates, decide, sentences
 from bench.outcomes.store import connect
 from bench.quantities import quantity
-from bench.work import tracking
+from bench.work import machine
+from bench.work.machine import Machine
 
 SMALL = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
 
@@ -110,7 +111,7 @@ def test_choosing_among_tracked_runs(capsys):
 
 def test_times_of_several_processors_are_warned_of(monkeypatch, capsys):
     assert main(["run", "model=bayes", "features=jung28", *SMALL]) == 0
-    monkeypatch.setattr(tracking, "cpu_model", lambda: "another")
+    monkeypatch.setattr(machine, "this_machine", lambda: Machine("another", ""))
     assert main(["run", "model=tree", "features=jung28", *SMALL]) == 0
     capsys.readouterr()
     assert main(["choose", "max_predict=9s"]) == 0 and "several processors: " in capsys.readouterr().err

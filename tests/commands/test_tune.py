@@ -80,7 +80,7 @@ def test_a_published_system_says_its_features():
 
 def test_values_are_judged_together(monkeypatch):
     """A hop that is too long for the default window is none for the listed ones."""
-    monkeypatch.setattr("bench.commands.tune.evaluated", lambda cells, jobs: len(planned(cells, jobs)))
+    monkeypatch.setattr("bench.commands.tune.evaluated", lambda cells, backend: len(planned(cells, backend.jobs)))
     monkeypatch.setattr("bench.commands.tune.show", lambda outcomes: outcomes)
     assert main(["tune", "model=cnn85", "model.frames=100,200", "model.hop=90", *SMALL]) == 1
     assert main(["tune", "model=zhou2016_gm_lstm", "model.frames=2,3", "model.average=1", *SMALL]) == 1

@@ -162,9 +162,9 @@ def serve() -> None:
     sys.path.insert(0, str(ROOT))
     import bench.work.loop as loop
     from bench.cli import main
-    from tests.conftest import in_process
+    from tests.conftest import InProcess
 
-    loop.run_folds, loop.start_workers = in_process, lambda *_: None
+    loop.Processes = InProcess
     out = os.fdopen(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     print("ready", file=out, flush=True)

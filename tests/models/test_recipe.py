@@ -22,7 +22,7 @@ from bench.plan.plan import checked, planned
 from bench.registry import load, parameters
 from bench.work.evaluation import Evaluation
 from bench.work.fold import decisions
-from bench.work.loop import fill_cache
+from bench.work.workers import fill_cache
 from features import PARTS, kept
 from features.jung28 import Jung28
 from features.kept import cache_key
@@ -371,7 +371,7 @@ def test_a_fold_of_a_run(monkeypatch):
     options = {"model.window": 0.5, "model.repair": "stuck+dead", "model.faults": "noise+stuck_taxels"}
     small = {"data.subjects": 2, "data.variants": "normal", "data.repetitions": 1}
     (plan,) = planned(cells({"model": "svm", "features": "jung28", "model.copies": 1, **options, **small}), 1)
-    fill_cache(plan)
+    fill_cache(plan.cell, plan.corpus)
     stored = []
     extract = Jung28.extract
     monkeypatch.setattr(

@@ -65,7 +65,7 @@ def test_what_a_finished_fold_chose_among_is_read_back_to_the_last_bit(monkeypat
     among = pd.DataFrame({"accuracy": 8 / np.arange(1, 100)})  # pandas' usual reader gets a third of them wrong
     add = TrackedRun.add
     with monkeypatch.context() as patched:
-        patched.setattr(TrackedRun, "add", lambda self, result: add(self, replace(result, trials=among)))
+        patched.setattr(TrackedRun, "add", lambda self, result, *by: add(self, replace(result, trials=among), *by))
         killed_in(patched, TrackedRun, "close", ["run", *SMALL])
     assert main(["run", *SMALL]) == 0
     (run,) = connect().of_kind("cell")

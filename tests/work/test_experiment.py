@@ -16,7 +16,7 @@ from bench.work import loop
 from bench.work.experiment import Experiment
 from bench.work.fold import computing, decisions
 from bench.work.loop import Interrupted, execute, prepared
-from tests.conftest import in_process, runs
+from tests.conftest import InProcess, runs
 
 
 @dataclass(frozen=True)
@@ -86,21 +86,21 @@ def test_it_runs_is_tracked_and_printed(capsys):
 def test_it_is_killed_and_goes_on_and_ends_the_same(monkeypatch, tmp_path):
     computed = []
 
-    def watched(stop):
-        def folds(plan, experiment, missing, told):
-            for i, result in enumerate(in_process(plan, experiment, missing, told)):
-                computed.append(result.name)
-                yield result
-                if i + 1 == stop:
-                    raise KeyboardInterrupt
+    class Watched(InProcess):
+        stop = 2
 
-        return folds
+        def finished(self):
+            if len(computed) == self.stop:
+                raise KeyboardInterrupt
+            done = super().finished()
+            computed.append(done.result.name)
+            return done
 
-    monkeypatch.setattr(loop, "run_folds", watched(2))
+    monkeypatch.setattr(loop, "Processes", Watched)
     with pytest.raises(Interrupted, match="goes on from there"):
         done()
     assert runs("learning")[1][0].info.status == "KILLED"
-    monkeypatch.setattr(loop, "run_folds", watched(None))
+    Watched.stop = None
     (resumed,) = done()
     assert computed == ["1", "2", "3", "4"] and runs("learning")[1][0].info.status == "FINISHED"
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")

@@ -22,7 +22,7 @@ from bench.plan.plan import Plan, folds_of, share_cores
 from bench.scratch import home
 from bench.work import loop
 from bench.work.fold import decisions, forget_peak, peak_memory
-from tests.conftest import BENCH, in_process, predictions, random_corpus, runs
+from tests.conftest import BENCH, InProcess, predictions, random_corpus, runs
 from tests.work.wayward import Wayward
 
 SMALL = ["data.subjects=4", "data.variants=normal", "jobs=2"]
@@ -152,23 +152,25 @@ def test_an_interrupted_run_goes_on_and_ends_the_same_bit_for_bit(tmp_path, monk
     seen, computed = [], []
     with monkeypatch.context() as patch:
 
-        def interrupted(*arguments):
-            for result in in_process(*arguments):
-                seen.append(result.name)
-                yield result
+        class Interrupted(InProcess):
+            def finished(self):
                 if len(seen) == 2:
                     raise KeyboardInterrupt
+                done = super().finished()
+                seen.append(done.result.name)
+                return done
 
-        patch.setattr(loop, "run_folds", interrupted)
+        patch.setattr(loop, "Processes", Interrupted)
         assert main(command) == 130
     store, (parent,) = runs("cell")
     assert parent.info.status == "KILLED" and len(runs("fold")[1]) == 2
 
-    def watched(plan, experiment, folds, told):
-        computed.extend(fold.name for fold in folds)
-        return in_process(plan, experiment, folds, told)
+    class Watched(InProcess):
+        def submit(self, task):
+            computed.append(task.fold.name)
+            super().submit(task)
 
-    monkeypatch.setattr(loop, "run_folds", watched)
+    monkeypatch.setattr(loop, "Processes", Watched)
     assert main(command) == 0
     assert sorted(computed + seen) == ["1", "2", "3", "4"]
     store, (parent,) = runs("cell")
