@@ -68,11 +68,12 @@ difference over subjects to the most accurate one, and says why.
 
   by=           cost to keep low: flash (default), ram, predict, decision (touch that a decision needs plus computing)
                 or cycles
-  max_flash=    budgets, such as max_flash=256kB max_ram=32kB (kB 1000, KiB 1024 bytes; counted, 32 bits a number, or
-                linked for what bench chip has exported)
+  max_flash=    budgets, such as max_flash=256kB max_ram=32kB (kB 1000, KiB 1024 bytes; counted without code, or linked
+                for what bench chip has exported)
   max_predict=  max_decision=   such as max_predict=2ms max_decision=700ms
-  max_cycles=   instructions of the costliest frame and its label, such as max_cycles=1.2M: the clock of the chip
-                divided by the frames of a second; only of what bench chip has exported
+  max_cycles=   instructions of the costliest frame with its label, such as max_cycles=600k, of what bench chip has
+                exported. The clock of the chip divided by the frames of a second is the most it could do: leave room
+                for instructions that take more than a cycle, and for all else that it does
   margin=       points of accuracy that do not matter: a one-sided paired t-test (p < 0.05) replaces the SE
   shots=        among runs of protocol=personal (or transfer) of which so many captures of a new person are known;
                 protocol.draws=, protocol.source= and the like choose among them
@@ -183,8 +184,9 @@ CHIP = """\
 bench chip [key=value ...]
 
 What systems answer as C, and what they take of a microcontroller: every fold fits, exports as bench export does, lets
-the C label the test captures beside Python, links it for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM (bytes),
-and counts instructions in QEMU: of a frame, mean, and of the costliest frame with a label. Each system and number of
+the C label the test captures beside Python, links it for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM (bytes;
+as large as if it had learned when to decide), and counts instructions in QEMU: of a frame, mean, and of the costliest
+frame with its label. Each system and number of
 bits is one run in MLflow; bench choose and bench report read them.
 
 Needs cc, make, arm-none-eabi-gcc and qemu-system-arm (Debian: gcc make gcc-arm-none-eabi libnewlib-arm-none-eabi

@@ -41,7 +41,8 @@ def working_numbers(estimator: contract.System, taxels: int, frames: int) -> int
     class; any other system the whole capture and a score per class. What a frame goes through first is added.
     """
     frames = contract.frames_at_once(estimator, frames)
-    before, chosen = contract.kept_before(estimator, taxels), contract.inside(estimator)
+    before = sum(contract.kept_before(part, taxels) for part in _layers(estimator))
+    chosen = _layers(estimator)[-1]
     if together := contract.members(chosen):  # one after the other
         return before + max(working_numbers(member, taxels, frames) for member in together)
     if (told := contract.numbers_in_memory(chosen)) is not None:
@@ -62,9 +63,17 @@ def _beside(classifier: BaseEstimator) -> int:
     return len(own["support_"]) if "support_" in own else 0
 
 
+def _layers(estimator: contract.System) -> list[contract.System]:
+    """A search or what has steps before it, what decides in its place, and so on."""
+    found = [estimator]
+    while (inner := contract.inside(found[-1])) is not found[-1]:
+        found.append(inner)
+    return found
+
+
 def constants(estimator: contract.System) -> int:
     """Numbers that must be kept besides the learnt ones: the scaling of features, what batch norms divide by."""
-    chosen = contract.inside(estimator)
+    chosen = _layers(estimator)[-1]
     if together := contract.members(chosen):
         return sum(constants(member) for member in together)
     modules = [value for value in _own(chosen).values() if _is_network(value)]
@@ -76,7 +85,7 @@ def constants(estimator: contract.System) -> int:
 
 def _saved(estimator: contract.System) -> int:
     """Bytes fewer than four for each number."""
-    chosen = contract.inside(estimator)
+    chosen = _layers(estimator)[-1]
     if together := contract.members(chosen):
         return sum(_saved(member) for member in together)
     return sum(contract.bytes_saved(step) for step in _steps(chosen))
@@ -92,7 +101,7 @@ def parameter_count(estimator: contract.System) -> int:
     a network its parameters; anything else every number that its fitted attributes hold. A search is as large as what
     it has chosen.
     """
-    chosen = contract.inside(estimator)
+    chosen = _layers(estimator)[-1]
     if together := contract.members(chosen):
         return sum(parameter_count(member) for member in together)
     steps = _steps(chosen)
@@ -136,9 +145,9 @@ def _learnt(part: BaseEstimator) -> int:
         return sum(2 * tree.count("\n") + tree.count("leaf=") + 2 for tree in trees)
     if "estimators_" in own:  # the members of an ensemble are all there is
         members: list = _flat(part.estimators_)
-        if all("tree_" in _own(member) for member in members):
-            return _trees(members)
         last = [own["final_estimator_"]] if "final_estimator_" in own else []
+        if not last and all("tree_" in _own(member) for member in members):
+            return _trees(members)
         return sum(parameter_count(member) for member in [*members, *last])
     return sum(_numbers(value) for name, value in own.items() if _is_fitted(name, part))
 

@@ -13,8 +13,8 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.outcomes import scores, statistics
-from bench.outcomes.comparable import facts_of, seed_number
-from bench.outcomes.runs import by_subject, predictions, tracked, with_groups
+from bench.outcomes.comparable import COMPARABLE, facts_of, seed_number
+from bench.outcomes.runs import NothingTracked, by_subject, predictions, tracked, with_groups
 from bench.outcomes.store import Store
 from bench.scratch import owner, sweep
 from reports import behaviour, curves, details, ranks, recomputed, speed
@@ -81,7 +81,7 @@ def assemble(
     table = comparison(runs, papers)
     everything = [runs]
     for kind in ("stress", "stream", "chip"):
-        with suppress(InputError):  # there is none
+        with suppress(NothingTracked):
             everything.append(with_groups(tracked(store, kind)))
     from_runs = provenance(pd.concat(everything, ignore_index=True))
     tables = {"comparison": table, "published": beside, "recomputed": recomputed.recomputed(papers)}
@@ -297,7 +297,7 @@ def group_blocks(
         rows = rows.assign(mean_rank=rows["system"].map(tested.mean), friedman_p=tested.p)
     blocks.append(ranks.strip_plot(subjects, group, folder, f"{name}-subjects"))
     points = speed.points(runs, subjects, papers)
-    if len(chips := on_chip(store, group)):
+    if len(chips := on_chip(store, runs)):
         found = speed.chip_points(chips, lambda runs: by_subject(store, runs)[0])
         points = pd.concat([points, found]).sort_values("accuracy", ascending=False, ignore_index=True)
     blocks.append(speed.speed_chart(points, group, folder, f"{name}-speed"))
@@ -305,13 +305,13 @@ def group_blocks(
     return blocks, rows, points
 
 
-def on_chip(store: Store, group: str) -> pd.DataFrame:
-    """Runs of a group whose systems were exported to C; none where nothing was."""
+def on_chip(store: Store, group: pd.DataFrame) -> pd.DataFrame:
+    """Runs of systems as C on the captures and under the protocol of a group; none where nothing was exported."""
     try:
-        runs = with_groups(tracked(store, "chip"))
-    except InputError:
+        runs = tracked(store, "chip")
+    except NothingTracked:
         return pd.DataFrame()
-    return runs[runs["group"] == group]
+    return runs.merge(group[[*COMPARABLE]].drop_duplicates(), on=[*COMPARABLE])
 
 
 STATISTICS = (

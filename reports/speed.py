@@ -17,7 +17,7 @@ COSTS = {
     "predict_ms_p50": ("ms to label one capture (p50, one thread)", 1),
     "capture_decision_ms": ("ms until the label: touch observed and computing", 1),
     "fit_seconds": ("s to fit one fold, its search included", 1),
-    "flash_bytes": ("kB of flash: learnt numbers, 32 bits each", 1e3),
+    "flash_bytes": ("kB of flash: learnt numbers, without code", 1e3),
     "ram_bytes": ("kB of RAM during one decision, 32 bits a number", 1e3),
     "peak_rss_bytes": ("MB, peak memory of the process", 1e6),
 }

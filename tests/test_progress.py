@@ -1,19 +1,26 @@
 """What a fold says of how far it is, from its process to the bar."""
 
+import shutil
 import time
 from io import StringIO
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rich.console import Console
 
 from bench import progress
+from bench.cli import main
+from bench.outcomes.results import FoldResult
 from bench.progress import tell, telling, told
 from bench.work import loop, workers
 from models.cnn85 import CNN85
 
 
 def words(folder):
-    return {name: said.words for name, said in told(folder).items()}
+    return {said.name: said.words for said in told(folder)}
 
 
 def test_what_is_told_is_seen_until_the_end(tmp_path, monkeypatch):
@@ -24,7 +31,7 @@ def test_what_is_told_is_seen_until_the_end(tmp_path, monkeypatch):
         tell("two")
         assert words(tmp_path) == {"a": "two"}
     tell("again nobody")
-    assert told(tmp_path) == {}
+    assert told(tmp_path) == []
     with telling(None):
         tell("nobody")
     assert list(tmp_path.iterdir()) == []
@@ -67,14 +74,14 @@ def test_a_folder_that_goes_stops_nobody(tmp_path, monkeypatch):
     monkeypatch.setattr(progress, "OFTEN_S", 0.0)
     (tmp_path / "gone").mkdir()
     with telling(tmp_path / "gone", "a"):
-        (tmp_path / "gone").rmdir()
+        shutil.rmtree(tmp_path / "gone")
         tell("nobody")
-    assert told(tmp_path / "gone") == {}
+    assert told(tmp_path / "gone") == []
 
 
 def test_the_bar_has_a_line_for_each_that_tells(tmp_path, monkeypatch):
-    (tmp_path / "1").write_text(f'["bob", ["epoch 2 of 9", 100, {time.time() - 20}]]')
-    (tmp_path / "2").write_text('["anna", ["3 trials", null, 0]]')
+    (tmp_path / "1").write_text(f'["svm", "bob", "epoch 2 of 9", 100, 0, {time.time() - 20}]')
+    (tmp_path / "2").write_text('["svm", "anna", "3 trials", null, 0, 0]')
     (tmp_path / ".3").write_text("not yet")
     out = StringIO()
     monkeypatch.setattr(loop, "console", Console(file=out, width=100))
@@ -89,17 +96,59 @@ def test_the_bar_has_a_line_for_each_that_tells(tmp_path, monkeypatch):
 
 def test_a_fold_tells_under_its_name(tmp_path, monkeypatch):
     monkeypatch.setattr(progress, "OFTEN_S", 0.0)
+    seen = []
 
     class Telling:
         def fold(self, cell, corpus, fold, threads):
-            tell("half")
-            return words(tmp_path)
+            seen.extend(told(tmp_path))
+            tell("half", 3.0)
+            seen.extend(told(tmp_path))
+            time.sleep(0.05)
+            return FoldResult(fold.name)
 
-    class Fold:
-        name = "anna"
+    cell, fold = SimpleNamespace(title=lambda: "svm | haart"), SimpleNamespace(name="anna")
+    result = workers.do_fold(Telling(), cell, None, fold, 1, tmp_path)
+    assert [said[:4] for said in seen] == [("svm | haart", "anna", "", None), ("svm | haart", "anna", "half", 3.0)]
+    assert result.seconds >= 0.05 and told(tmp_path) == []
 
-    assert workers.do_fold(Telling(), None, None, Fold(), 1, tmp_path) == {"anna": "half"}
-    assert told(tmp_path) == {}
+
+def test_time_left_by_hand():
+    left = progress.seconds_left
+    assert left([], [], 5, 2) is None and left([], [(1.0, None)], 5, 2) is None
+    assert left([10.0], [], 4, 2) == 20  # two rounds of two
+    assert left([10.0, 20.0], [(5.0, None)], 0, 2) == 10  # a usual one takes 15
+    assert left([10.0], [(30.0, None)], 0, 1) == 1  # longer than usual: a tenth of it
+    assert left([10.0], [(4.0, None), (4.0, None)], 1, 2) == 16  # the first that is free takes it
+    assert left([], [(5.0, 5.0)], 3, 2) == 20  # 5 and 10 s end two, the other goes on at 5, 15 and 10, 20
+    assert left([], [(0.0, -3.0)], 0, 1) == 0
+
+
+@given(
+    st.lists(st.floats(0.1, 100), min_size=1),
+    st.lists(st.floats(0, 100), max_size=8),
+    st.integers(0, 50),
+    st.integers(1, 8),
+)
+def test_time_left_lies_between_all_at_once_and_one_by_one(spent, running, waiting, count):
+    usual = np.mean(spent)
+    rest = [max(usual - each, usual / 10) for each in running]
+    found = progress.seconds_left(spent, [(each, None) for each in running], waiting, count)
+    work = sum(rest) + waiting * usual
+    assert work / max(count, len(running)) - 1e-6 <= found <= work + 1e-6
+    assert found >= max([*rest, usual * bool(waiting)], default=0) - 1e-6
+
+
+def test_where_no_bar_is_seen_a_line_tells_of_each_fold(capsys):
+    """At once, with the time left; a terminal has the bar for that."""
+    assert (
+        main(["run", "model=bayes", "features=jung28", "data.subjects=3", "data.variants=normal", "data.repetitions=1"])
+        == 0
+    )
+    said = [line for line in capsys.readouterr().err.splitlines() if " fold " in line]
+    assert [line.split(" after ")[0] for line in said] == [
+        f"bayes · jung28 | synth | loso: fold {name} done" for name in ("1", "2", "3")
+    ]
+    assert [" s left" in line for line in said] == [True, True, False] and said[2].endswith("3 of 3")
 
 
 def test_seconds_as_people_say_them():

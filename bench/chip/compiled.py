@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import re
 import shutil
+import signal
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,12 +18,13 @@ from bench.chip.write import CODE
 
 PROGRAMS = ("cc", "make", "arm-none-eabi-gcc", "qemu-system-arm")
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC")
+REASON = re.compile(r"overflowed|error:|undefined reference")  # among the lines of a linker, what is not what follows
 LIMIT_S = 300  # of one program; QEMU takes seconds
 SAID = (
     r"flash: (?P<code>\d+) bytes of code, (?P<tables>\d+) of tables",
     r"RAM: (?P<ram>\d+) bytes of state",
     r"library: (?P<flash>\d+) bytes of flash",
-    r"instructions: (?P<mean>\d+) a frame .* and (?P<frame>\d+) with a window that ends; label at most (?P<label>\d+)",
+    r"instructions: (?P<mean>\d+) a frame on average.*; a frame and its label at most (?P<most>\d+)",
 )
 
 
@@ -57,13 +61,15 @@ def measured(folder: Path) -> dict[str, float]:
     Returns:
         ``chip_flash_bytes``: code, tables, and what both need of the C library, linked; ``chip_code_bytes`` and
         ``chip_table_bytes`` of it are the program's own. ``chip_ram_bytes``: the state of a capture.
-        ``chip_frame_instructions``: of a frame, mean; ``chip_most_instructions``: of the costliest frame and a label of
-        it, as QEMU counts them (a generated capture of 8 s).
+        ``chip_frame_instructions``: of a frame, mean; ``chip_most_instructions``: of the frame that costs most together
+        with its label, as QEMU counts them (a generated capture of 8 s, a label every eighth frame and where a window
+        ends).
 
     Raises:
-        ValueError: they do not compile, or do not fit into 256 KiB and 32 KiB, or QEMU does not end.
+        ValueError: they do not compile, or do not fit into 256 KiB and 32 KiB beside the program that counts, or QEMU
+            does not end.
     """
-    text = _said(["make", "-s", "flash", "chip", "count"], folder)
+    text = _said(["make", "-s", "flash", "count"], folder)
     found: dict[str, float] = {}
     for pattern in SAID:
         if not (match := re.search(pattern, text)):
@@ -75,7 +81,7 @@ def measured(folder: Path) -> dict[str, float]:
         "chip_table_bytes": found["tables"],
         "chip_ram_bytes": found["ram"],
         "chip_frame_instructions": found["mean"],
-        "chip_most_instructions": found["frame"] + found["label"],
+        "chip_most_instructions": found["most"],
     }
 
 
@@ -85,10 +91,26 @@ def _said(call: list[str], folder: Path) -> str:
     Raises:
         ValueError: it fails or does not end.
     """
-    try:
-        done = subprocess.run(call, cwd=folder, capture_output=True, text=True, timeout=LIMIT_S, check=False)
-    except subprocess.TimeoutExpired as e:
-        raise ValueError(f"{call[0]} did not end within {LIMIT_S} s") from e
-    if done.returncode:
-        raise ValueError(f"{' '.join(call)}: {(done.stderr or done.stdout).strip()[-300:]}")
-    return done.stdout
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(call, cwd=folder, start_new_session=True, **pipes) as process:
+        try:
+            said, complaint = process.communicate(timeout=LIMIT_S)
+        except BaseException as e:
+            os.killpg(process.pid, signal.SIGKILL)  # make, and QEMU that it has started
+            if isinstance(e, subprocess.TimeoutExpired):
+                raise ValueError(f"{call[0]} did not end within {LIMIT_S} s") from e
+            raise
+    if process.returncode:
+        lines = (complaint or said).strip().splitlines() or [f"exit code {process.returncode}"]
+        reason = next((line for line in lines if REASON.search(line)), lines[-1])
+        raise ValueError(f"{' '.join(call)}: {reason.strip()[-300:]}")
+    return said
+
+
+def toolchain() -> list[str]:
+    """What each program says of its version, which bytes, instructions and rounding depend on."""
+    return [
+        subprocess.run([name, "--version"], capture_output=True, text=True, check=False).stdout.partition("\n")[0]
+        for name in PROGRAMS
+        if shutil.which(name)
+    ]

@@ -157,6 +157,8 @@ def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]
     features = system.steps[0][1]
     windows = next((step for step in steps if isinstance(step, Windows)), None)
     if isinstance(features, TouchFeatures):
+        if windows is not None and windows.hop not in (0, windows.seconds / 2):
+            raise InputError(f"windows every {windows.hop:g} s have no C; leave model.hop= out, which is half a window")
         if windows is None:
             raise InputError("touch of whole captures cannot be computed as frames come; fit with model.window=1")
         return "touch", windows

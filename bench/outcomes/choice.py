@@ -13,7 +13,7 @@ from scipy.stats import ttest_1samp
 from bench.errors import InputError
 from bench.outcomes import scores
 from bench.outcomes.comparable import COMPARABLE, Row, context_of
-from bench.outcomes.runs import needed, rows_of, tracked
+from bench.outcomes.runs import NothingTracked, needed, rows_of, tracked
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
 from bench.quantities import COSTS
@@ -67,10 +67,14 @@ def candidates(
         InputError: no run is tracked for these values, runs on several corpora or protocols are, or a table of one is
             gone.
     """
-    runs = _asked(tracked(store), asked)
-    for kind in ["chip", *(["stream"] if most is not None or replays else [])]:
-        with suppress(InputError):  # nothing was exported, or replayed
-            runs = pd.concat([runs, _asked(tracked(store, kind), asked)], ignore_index=True)
+    found = []
+    for kind in ["cell", "chip", *(["stream"] if most is not None or replays else [])]:
+        with suppress(NothingTracked):
+            found.append(_asked(tracked(store, kind), asked))
+    if not found:
+        tracked(store)  # which says so
+    runs = pd.concat(found, ignore_index=True)
+    linked = _linked(runs)
     kinds = runs[[*COMPARABLE, "protocol"]].drop_duplicates()
     if not len(kinds):
         raise InputError("no complete run is tracked for these values; make some with bench run, then choose")
@@ -83,6 +87,8 @@ def candidates(
         [runs["system"], runs["touchbench.kind"], *(options[name] for name in options)], sort=True
     ):
         within = None if most is None else most - group["decide_ms_p50"].max()  # one instant for all seeds
+        if group["touchbench.kind"].iloc[0] != "chip":
+            group = group.assign(**linked.get(str(system), {}))
         each = [_units(store, run, within) for run in rows_of(group)]
         for unit in each[0]:
             costs = pd.DataFrame([units[unit][0] for units in each]).mean().reindex([*COSTS])
@@ -91,6 +97,17 @@ def candidates(
     subjects = pd.DataFrame(accuracy).reset_index(drop=True)
     table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
     return table, ", ".join(context_of(rows_of(runs)[0])), subjects
+
+
+def _linked(runs: pd.DataFrame) -> dict[str, dict[str, float]]:
+    """By system, bytes as linked of its C in 32 bits, whose labels are its own: the counted ones leave code out."""
+    if "chip.bits" not in runs:
+        return {}
+    whole = runs[(runs["touchbench.kind"] == "chip") & (runs["chip.bits"] == "32")]
+    return {
+        str(run["system"]): {f"{name}_bytes": run[f"chip_{name}_bytes"] for name in ("flash", "ram")}
+        for run in rows_of(whole)
+    }
 
 
 def _asked(runs: pd.DataFrame, asked: Mapping[str, list[str]]) -> pd.DataFrame:

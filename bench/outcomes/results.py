@@ -28,6 +28,7 @@ class FoldResult:
         chosen: what was chosen on the training part, by name.
         trials: what it was chosen among, a row each.
         error: of a fold that failed.
+        seconds: that the whole fold took.
     """
 
     name: str
@@ -39,6 +40,7 @@ class FoldResult:
     chosen: dict[str, object] = field(default_factory=dict)
     trials: pd.DataFrame | None = None
     error: str = ""
+    seconds: float = 0.0
 
     @property
     def table(self) -> pd.DataFrame:

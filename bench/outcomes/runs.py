@@ -13,6 +13,10 @@ from bench.outcomes.comparable import COMPARABLE, SAME_SYSTEM, Row, context_of
 from bench.outcomes.store import Store
 
 
+class NothingTracked(InputError):
+    """No run of a kind is there."""
+
+
 def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
     """Tags, parameters and metrics of every scored parent run of a kind, the newest of equal ones, complete ones first.
 
@@ -31,7 +35,7 @@ def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
         if "accuracy" in r.data.metrics
     ]
     if not rows:
-        raise InputError("no scored run is tracked here; make one first, for example: bench run model=svm")
+        raise NothingTracked("no scored run is tracked here; make one first, for example: bench run model=svm")
     found = pd.DataFrame(rows)
     found = found.assign(complete=found["status"] == "FINISHED").sort_values(["complete", "started"])
     options = [c for c in found.columns if c.startswith(("stream.", f"{kind}.")) or c in ("faults", "train_subjects")]

@@ -26,6 +26,7 @@ from bench.errors import ClusterError, InputError
 from bench.outcomes.results import FoldResult
 from bench.plan.arguments import Backend
 from bench.plan.plan import Plan
+from bench.progress import Said, forget, note
 from bench.work import remote
 from bench.work.remote import Answer, Facts
 from bench.work.workers import Done, Task
@@ -89,6 +90,7 @@ class Cluster:
         backend: where its scheduler is, and how long a fold may take.
         todo: all that is to be run.
         say: tells the user a line.
+        told: folder where folds say how far they are (`bench.progress`).
 
     Attributes:
         threads: of each fold, as the workers were started.
@@ -99,8 +101,8 @@ class Cluster:
 
     overlap = True
 
-    def __init__(self, backend: Backend, todo: Todo, say: Callable[[str], None]) -> None:
-        self.place, self.limit, self.say = backend.cluster, backend.limit, say
+    def __init__(self, backend: Backend, todo: Todo, say: Callable[[str], None], told: Path) -> None:
+        self.place, self.limit, self.say, self.told = backend.cluster, backend.limit, say, told
         plans = [plan for plan, _ in todo]
         self.corpora = {plan.corpus.digest: address(plan.corpus) for plan in plans}
         cells, experiments = representatives(todo)
@@ -118,6 +120,8 @@ class Cluster:
         self.looked, self.seen, self.waited = 0.0, time.monotonic(), False  # at whom, that one was there, for another
         self.threads = 0  # until the first worker has come
         self.client = connected(self.place)
+        self.topic = f"touchbench {secrets.token_hex(8)}"  # under which workers say how far they are
+        self.client.subscribe_topic(self.topic, lambda event: hear(told, event[1]))
         try:
             self._wait_for_workers()
         except BaseException:
@@ -134,10 +138,15 @@ class Cluster:
         self.client.close(timeout=5)
         self._tell()
 
+    def count(self, plan: Plan) -> int:
+        """How many folds are done at a time."""
+        with self.changing:
+            return max(1, sum(r.ready for r in self.remotes.values()))
+
     def room(self, plan: Plan) -> bool:
         """Whether to submit a fold now: twice as many as can run, so that no worker waits while results are stored."""
         with self.changing:
-            return len(self.running) < 2 * max(1, sum(r.ready for r in self.remotes.values()))
+            return len(self.running) < 2 * self.count(plan)
 
     def begin(self, plan: Plan) -> None:
         """Nothing: each machine computes its own features."""
@@ -279,7 +288,7 @@ class Cluster:
         Raises:
             InputError: it failed there.
         """
-        found: Answer = self._call(one, remote.answer, question, self.threads, None)
+        found: Answer = self._call(one, remote.answer, question, self.threads, None, "")
         if found.status != "done":
             raise InputError((found.content.decode().strip().splitlines() or ["its process died"])[-1])
         return pickle.loads(found.content)
@@ -334,7 +343,8 @@ class Cluster:
                 idle.remove(one)
                 self.waiting.remove(waiting)
                 one.task, one.since = waiting.task, time.monotonic()
-                one.asked = self._begin(one, remote.answer, waiting.question, self.threads, self.limit)
+                asked = (waiting.question, self.threads, self.limit, self.topic)
+                one.asked = self._begin(one, remote.answer, *asked)
                 one.asked.add_done_callback(partial(self._over, one, waiting))
 
     def _over(self, one: Remote, waiting: Waiting, asked: Any) -> None:
@@ -378,9 +388,26 @@ class Cluster:
         return self._ended(task, FoldResult(task.fold.name, error=said), None)
 
     def _ended(self, task: Task, result: FoldResult, machine: Machine | None) -> Done:
+        forget(self.told, task.plan.cell.title(), task.fold.name)  # of a worker that is gone, nobody else would
         with self.changing:
             del self.running[task]
         return Done(task, result, machine)
+
+
+def hear(folder: Path, heard: list) -> None:
+    """Note what a fold says that is done elsewhere, by the clock of this machine, or that it says nothing any longer.
+
+    Args:
+        folder: of `bench.progress`.
+        heard: as `bench.work.remote.watched` sends it.
+    """
+    of, name, *rest = heard
+    if not rest:
+        forget(folder, of, name)
+        return
+    words, left, elapsed, since = rest
+    now = time.time()
+    note(folder, Said(of, name, words, left, now - elapsed, now - since))
 
 
 GOES_ON = "every finished fold is stored and the same command goes on from there"

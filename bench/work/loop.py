@@ -19,8 +19,8 @@ from rich.progress import (
     TaskID,
     TextColumn,
     TimeElapsedColumn,
-    TimeRemainingColumn,
 )
+from rich.progress import Task as BarTask
 from rich.text import Text
 
 from bench.errors import ClusterError, InputError
@@ -30,7 +30,7 @@ from bench.outcomes.store import Store, connect, only_one
 from bench.plan.arguments import HERE, Backend
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
-from bench.progress import span, told
+from bench.progress import seconds_left, span, told
 from bench.work.experiment import Experiment
 from bench.work.tracking import Illustrate, TrackedRun, key_of
 from bench.work.workers import Processes, Task, Workers
@@ -125,7 +125,7 @@ def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate |
         if backend.cluster:
             from bench.work.cluster import Cluster
 
-            workers = cluster = Cluster(backend, todo, warn)
+            workers = cluster = Cluster(backend, todo, warn, Path(folder))
             todo = [(replace(plan, threads=cluster.threads), experiment) for plan, experiment in todo]
         else:
             workers = Processes(todo[0][0], Path(folder))  # they start while the store is opened
@@ -165,6 +165,7 @@ class Begun(Generic[Shown]):
         bar: of its folds.
         lock: holds it against other processes.
         errors: by name of a fold that failed, where its traceback is.
+        spent: seconds of each fold that is done.
     """
 
     place: int
@@ -174,6 +175,7 @@ class Begun(Generic[Shown]):
     bar: TaskID
     lock: ExitStack
     errors: dict[str, str] = field(default_factory=dict)
+    spent: list[float] = field(default_factory=list)
 
 
 def work(
@@ -232,15 +234,20 @@ def work(
         if refused and not under_way:
             raise refused
         if under_way:
+            for each in under_way:
+                bar.update(each.bar, spent=each.spent, workers=workers.count(each.run.plan))
             task, result, machine = workers.finished()
             begun = next(b for b in under_way if b.run.plan is task.plan and b.run.experiment is task.experiment)
             child = begun.run.add(result, machine)
             begun.left -= 1
+            begun.spent.append(result.seconds)
             bar.advance(begun.bar)
             if result.error:
                 begun.errors[result.name] = store.where(child, "fold/traceback.txt")
                 reason = result.error.strip().splitlines()[-1]
                 bar.console.print(f"fold {result.name} failed: {reason}", style="red", markup=False)
+            if not bar.console.is_terminal:
+                bar.line(begun.bar, result)
             if not begun.left:
                 close(begun)
     return [outcomes[place] for place in range(len(todo))]
@@ -319,24 +326,63 @@ class Bar(Progress):
             self.end(task.id)
         super().stop()
 
+    def line(self, task: TaskID, result: FoldResult) -> None:
+        """Print what a log should have of a fold that has ended: there no bar is seen before the end."""
+        (of,) = (t for t in self.tasks if t.id == task)
+        how = "failed" if result.error else "done"
+        left = self.left(of)
+        after = f", {span(left)} left" if left is not None and of.remaining else ""
+        said = f"{of.description}: fold {result.name} {how} after {span(result.seconds)}, {of.completed:.0f} of "
+        self.console.print(f"{said}{of.total:.0f}{after}", markup=False, highlight=False, soft_wrap=True)
+
+    def left(self, task: BarTask) -> float | None:
+        """Seconds until the folds of a run are done, None if that cannot be known."""
+        now = time.time()
+        running = [
+            (now - said.began, None if said.left is None else said.left - (now - said.at))
+            for said in told(self.folder)
+            if said.of == task.description
+        ]
+        waiting = max(int(task.remaining or 0) - len(running), 0)
+        return seconds_left(task.fields.get("spent", []), running, waiting, task.fields.get("workers", 1))
+
     def get_renderables(self) -> Iterable[RenderableType]:
         """The bar and the lines."""
         yield self.make_tasks_table(self.tasks)
-        for name, said in told(self.folder).items():
-            left = "" if said.left is None else f", {span(said.left - (time.time() - said.at))} left"
-            yield Text(f"  {name}: {said.words}{left}", overflow="ellipsis", no_wrap=True)
+        for said in told(self.folder):
+            if said.words:
+                of = f"{said.of}: " if len(self.tasks) > 1 else ""
+                left = "" if said.left is None else f", {span(said.left - (time.time() - said.at))} left"
+                yield Text(f"  {of}{said.name}: {said.words}{left}", overflow="ellipsis", no_wrap=True)
+
+
+class Left(ProgressColumn):
+    """Time that the folds of a run need still, as `Bar.left` tells it.
+
+    Attributes:
+        bar: whose column it is; it is made of its columns, so it comes later.
+    """
+
+    max_refresh = 0.5
+    bar: Bar | None = None
+
+    def render(self, task: BarTask) -> Text:
+        """It in words."""
+        left = None if task.finished or self.bar is None else self.bar.left(task)
+        return Text("" if left is None else f"{span(left)} left", style="progress.remaining")
 
 
 def progress(folder: Path) -> Bar:
     """A bar of folds that tell in a folder how far they are; in a notebook too, where it needs ipywidgets."""
-    return Bar(
+    left = Left()
+    left.bar = Bar(
         folder,
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("folds"),
         TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(elapsed_when_finished=True),
+        left,
         console=console,
     )
+    return left.bar

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from bench.chip.compiled import compiled, lacking, measured
+from bench.chip.compiled import compiled, lacking, measured, toolchain
 from bench.chip.tables import check
 from bench.chip.write import CODE, files_of
 from bench.errors import InputError
@@ -18,11 +18,16 @@ from bench.outcomes import scores
 from bench.outcomes.results import Findings, FoldResult, costs, table_of
 from bench.work.experiment import Experiment
 from bench.work.fold import computing, decisions, fitted, footprint
+from bench.work.replay import STATE, Calibration, Stopping, Waiting
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
+    from bench.source import Code
+
+# As large as what `bench fit` teaches, which takes three more fits; it changes no probability and never settles.
+UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), float("inf"))
 
 
 @dataclass(frozen=True)
@@ -45,11 +50,22 @@ class OnChip(Experiment[None]):
         return {} if self.bits == 32 else {"bits": str(self.bits)}
 
     def identity(self) -> object:
-        """Bits, and the C that is the same for all systems."""
+        """Bits, the C that is the same for all systems, and the compilers."""
         h = hashlib.sha256()
         for path in sorted(CODE.iterdir()):
             h.update(path.read_bytes())
-        return [repr(self), h.hexdigest()]
+        return [repr(self), h.hexdigest(), toolchain()]
+
+    def options(self) -> dict[str, object]:
+        """Bits and compilers."""
+        return super().options() | {"chip.toolchain": "; ".join(toolchain())}
+
+    def depends(self) -> list[Code]:
+        """What is imported where it is needed, besides."""
+        from bench.chip import network
+        from bench.work import saved
+
+        return [type(self), network, saved]
 
     def refuse(self, plan: Plan) -> None:
         """Refuse a system that has no C, and a machine without the programs.
@@ -75,17 +91,20 @@ class OnChip(Experiment[None]):
             predicted = decisions(estimator, corpus, fold.name, fold.test)
         table = scores.captures(predicted).rename(columns={"predicted": "python"})
         table = table.assign(start=0, frames=test.lengths)
-        found = Recogniser(estimator, train)
+        found = Recogniser(estimator, train, UNTAUGHT)
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            for file, text in files_of(found, self.bits, f"fold {fold.name}").items():
+            for file, text in files_of(found, self.bits, "a fold of bench chip").items():
                 (folder / file).write_text(text, encoding="utf-8")
             asked = compiled(folder, len(found.classes))
             own = np.array([asked(frames) for frames in test])
             metrics |= measured(folder)
         table[[f"p_{name}" for name in scores.classes_of(predicted)]] = np.float32(0)
         table[[f"p_{name}" for name in found.classes]] = own
-        return FoldResult(fold.name, table, metrics | footprint(estimator, corpus))
+        counted = footprint(estimator, corpus)
+        if self.bits != 32:  # counted of what Python has
+            del counted["flash_bytes"]
+        return FoldResult(fold.name, table, metrics | counted)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy in C and in Python, and costs."""

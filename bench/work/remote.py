@@ -10,6 +10,7 @@ import multiprocessing
 import pickle
 import shutil
 import socket
+import tempfile
 import threading
 import time
 import traceback
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from bench.outcomes.results import FoldResult
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold
+    from bench.progress import Said
     from bench.work.experiment import Experiment
     from bench.work.machine import Machine
     from bench.work.pool import Executor
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
 OFTEN_S = 0.2  # between two looks whether a fold is still wanted
 LOCK_S = 600.0  # that a fold waits for another that computes the same features
 _one = threading.Lock()  # a worker has one thing done at a time, whatever the number of its threads
+_told: list[Path] = []  # of this process: the folder where its fold says how far it is
 _filled: set[str] = set()  # of this process: whose features are kept
 
 
@@ -72,13 +75,14 @@ class Facts(NamedTuple):
     home: str
 
 
-def answer(question: bytes, threads: int, limit: float | None) -> Answer:
+def answer(question: bytes, threads: int, limit: float | None, topic: str) -> Answer:
     """Have a pickled function with its arguments called in this worker's process, unless nobody waits for it.
 
     Args:
         question: of `answered`.
         threads: that the process computes with.
         limit: seconds that it may take; None for as long as it takes.
+        topic: of dask's events, under which is said how far it is (`bench.progress`); empty for none.
     """
     from distributed import get_worker
 
@@ -97,20 +101,58 @@ def answer(question: bytes, threads: int, limit: float | None) -> Answer:
             return Answer("unwanted")
     try:
         process = pool(1, threads)
-        return watched(process, process.submit(answered, question), wanted, limit)
+        with tempfile.TemporaryDirectory() as folder:
+
+            def listen() -> None:
+                if topic:
+                    report(Path(folder), heard, lambda said: worker.log_event(topic, said))
+
+            heard: dict[tuple[str, str], Said] = {}
+            return watched(process, process.submit(answered, question, folder), wanted, limit, listen)
     except BrokenProcessPool:  # while it was idle
         return Answer("died")
     finally:
         _one.release()
 
 
-def watched(process: Executor, asked: Future[Answer], wanted: Callable[[], bool], limit: float | None) -> Answer:
+def report(folder: Path, heard: dict[tuple[str, str], Said], say: Callable[[list], None]) -> None:
+    """Pass on what is new in a folder of `bench.progress`, with times that need no common clock.
+
+    Args:
+        folder: where a fold says how far it is.
+        heard: what was passed on before, by names; brought up to date.
+        say: is given names, words, seconds left, since the fold began and since it said so; or only the names of one
+            that says nothing any longer.
+    """
+    from bench.progress import told
+
+    now = time.time()
+    there = {(said.of, said.name): said for said in told(folder)}
+    for names, said in there.items():
+        if heard.get(names) != said:
+            say([*names, said.words, said.left, now - said.began, now - said.at])
+    for names in [names for names in heard if names not in there]:
+        say([*names])
+    heard.clear()
+    heard.update(there)
+
+
+def watched(
+    process: Executor,
+    asked: Future[Answer],
+    wanted: Callable[[], bool],
+    limit: float | None,
+    listen: Callable[[], None] = lambda: None,
+) -> Answer:
     """Wait for an answer while it is wanted, and no longer than a limit; then the process is ended."""
     begun = time.monotonic()
     while True:
         try:
-            return asked.result(timeout=OFTEN_S)
+            found = asked.result(timeout=OFTEN_S)
+            listen()
+            return found
         except NotYet:
+            listen()
             late = limit is not None and time.monotonic() - begun > limit
         except BrokenProcessPool:
             return Answer("died")
@@ -119,10 +161,11 @@ def watched(process: Executor, asked: Future[Answer], wanted: Callable[[], bool]
             return Answer("late" if late else "unwanted")
 
 
-def answered(question: bytes) -> Answer:
-    """Call a pickled function with its arguments, in the process of a worker."""
+def answered(question: bytes, told: str) -> Answer:
+    """Call a pickled function with its arguments, in the process of a worker; a fold tells a folder how far it is."""
     import cloudpickle
 
+    _told[:] = [Path(told)]
     try:
         function, arguments = pickle.loads(question)
         return Answer("done", cloudpickle.dumps(function(*arguments)))
@@ -195,7 +238,7 @@ def fold(experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads
         except Timeout:  # the fold computes them itself
             pass
         _filled.add(key)
-    return do_fold(experiment, cell, corpus, fold, threads), this_machine()
+    return do_fold(experiment, cell, corpus, fold, threads, *_told), this_machine()
 
 
 def receive(token: str, name: str, content: bytes) -> str:

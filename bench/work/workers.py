@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import traceback
 from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -55,6 +56,9 @@ class Workers(Protocol):
 
     def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None: ...
 
+    def count(self, plan: Plan) -> int:
+        """How many folds of this plan are done at a time, as far as others leave room."""
+
     def room(self, plan: Plan) -> bool:
         """Whether to submit a fold of this plan now."""
 
@@ -94,6 +98,10 @@ class Processes:
         if kind and self.running:  # else the folds that wait would be run before the process ends
             plan = next(iter(self.running.values())).plan
             self._pool(plan).shutdown(wait=True, kill_workers=True)
+
+    def count(self, plan: Plan) -> int:
+        """How many folds of this plan are done at a time."""
+        return 1 if plan is self.alone else plan.workers
 
     def room(self, plan: Plan) -> bool:
         """Whether to submit a fold of this plan now.
@@ -136,7 +144,7 @@ class Processes:
             return Done(task, result, this_machine())
 
     def _pool(self, plan: Plan) -> Executor:
-        return pool(1 if plan is self.alone else plan.workers, plan.threads)
+        return pool(self.count(plan), plan.threads)
 
 
 def do_fold(
@@ -144,11 +152,14 @@ def do_fold(
 ) -> FoldResult:
     """One fold of an experiment, in a worker; an exception becomes the result's ``error``."""
     forget_peak()
+    began = time.perf_counter()
     try:
-        with telling(told, fold.name):
-            return experiment.fold(cell, corpus, fold, threads)
+        with telling(told, fold.name, cell.title()):
+            result = experiment.fold(cell, corpus, fold, threads)
     except Exception:  # whatever a system raises is this fold's result, not the end of the command
-        return FoldResult(fold.name, error=traceback.format_exc())
+        result = FoldResult(fold.name, error=traceback.format_exc())
+    result.seconds = time.perf_counter() - began
+    return result
 
 
 def fill_cache(cell: Cell, corpus: Corpus) -> None:

@@ -4,8 +4,10 @@ python tests/benchmarks/bench_cluster.py [folds]
 """
 
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -51,12 +53,14 @@ def main(count: int = 500) -> None:
     place = f"tcp://127.0.0.1:{PORT}"
     two = ["--nworkers", "2", "--nthreads", "1", "--no-dashboard"]
     worker = subprocess.Popen([*dask, "distributed.cli.dask_worker", place, *two], **quiet)
+    told = Path(tempfile.mkdtemp())
     try:
         time.sleep(5)
-        there = seconds(Cluster(Backend(cluster=place), [(plan, Nothing())], print), plan, Nothing(), count)
+        there = seconds(Cluster(Backend(cluster=place), [(plan, Nothing())], print, told), plan, Nothing(), count)
         print(f"two workers of dask: {1000 * there / count:.1f} ms a fold")
     finally:
         worker.terminate()
+        shutil.rmtree(told)
         scheduler.terminate()
 
 

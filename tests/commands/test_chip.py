@@ -2,16 +2,22 @@
 
 import json
 import shutil
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bench.chip import compiled
+from bench.chip import compiled, network
 from bench.cli import main
 from bench.outcomes import scores
 from bench.outcomes.choice import candidates
 from bench.outcomes.store import connect
-from bench.work import onchip
+from bench.plan.cells import cells
+from bench.plan.plan import planned
+from bench.work import onchip, saved
+from bench.work.onchip import OnChip
+from bench.work.tracking import key_of
 from tests.chip.compiled import lacking
 from tests.conftest import predictions, runs
 
@@ -35,8 +41,9 @@ def costs(monkeypatch):
 
 @pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
 def test_what_c_says_is_tracked_chosen_and_drawn(costs, capsys):
-    assert main(["run", "model=bayes", *SMALL]) == 0
     assert main(["chip", "model=bayes", "bits=32,8", *SMALL]) == 0
+    assert main(["choose"]) == 0  # where nothing but C is tracked
+    assert main(["run", "model=bayes", *SMALL]) == 0
     out = capsys.readouterr().out
     assert "in Python" in out and "60,000" in out and "9.0" in out
     store, found = runs("chip")
@@ -53,6 +60,7 @@ def test_what_c_says_is_tracked_chosen_and_drawn(costs, capsys):
     named, _, _ = candidates(connect(), {})
     assert named["unit"].tolist() == ["capture", "in C, 32 bits", "in C, 8 bits"]
     assert named["cycles"].tolist()[1:] == [60, 60] and np.isnan(named["cycles"][0]) and named["flash"][1] == 9
+    assert named["flash"][0] == 9  # of Python what is linked, which the count leaves code out of
     assert main(["choose", "max_cycles=0.1M"]) == 0
     assert "cycles not known" in capsys.readouterr().out.replace("\n", " ")
     assert main(["choose", "max_cycles=59999"]) == 2 and "max_cycles=59999" in capsys.readouterr().err
@@ -74,6 +82,7 @@ def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):
         ("model=lda", "features=touch"): "fit with model.window=1",
         ("model=bayes", "features=jung54"): "Jung54 has no C",
         ("model=bayes", "features=jung28", "bits=16"): "bits=16: give 32 or 8",
+        ("model=lda", "features=touch", "model.window=1", "model.hop=0.1"): "leave model.hop= out",
         ("model=reflex", "model.scale=peak"): "reflex behind steps of its own has no C",
     }.items():
         assert main(["chip", *arguments, *SMALL[1:]]) == 2
@@ -81,14 +90,39 @@ def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):
 
 
 def test_c_that_does_not_fit_is_a_failed_fold(tmp_path):
-    (tmp_path / "Makefile").write_text("flash chip count:\n\t@echo region FLASH overflowed >&2; exit 1\n")
+    (tmp_path / "Makefile").write_text(
+        "flash count:\n\t@echo region FLASH overflowed >&2; echo make failed >&2; exit 1\n"
+    )
     if shutil.which("make") is None:
         pytest.skip("make not installed")
-    with pytest.raises(ValueError, match="region FLASH overflowed"):
+    with pytest.raises(ValueError, match="flash count: region FLASH overflowed$"):
         compiled.measured(tmp_path)
-    (tmp_path / "Makefile").write_text("flash chip count:\n\t@echo nothing\n")
+    (tmp_path / "Makefile").write_text("flash count:\n\t@echo nothing\n")
     with pytest.raises(ValueError, match="said nothing of flash"):
         compiled.measured(tmp_path)
+
+
+def test_what_it_starts_ends_with_it(tmp_path, monkeypatch):
+    """QEMU in an endless loop would stay, as only make is ended."""
+    monkeypatch.setattr(compiled, "LIMIT_S", 1)
+    (tmp_path / "Makefile").write_text("flash count:\n\t@sleep 4321 & echo $$! > pid; wait\n")
+    with pytest.raises(ValueError, match="did not end within 1 s"):
+        compiled.measured(tmp_path)
+    pid = int((tmp_path / "pid").read_text())
+    time.sleep(0.2)
+    state = Path(f"/proc/{pid}/stat")
+    assert not state.exists() or state.read_text().split()[2] == "Z"
+
+
+def test_other_code_or_compilers_are_another_run(monkeypatch):
+    (plan,) = planned(cells({"model": "bayes", "features": "jung28", "data.subjects": "4"}), 1)
+    key = key_of(plan, OnChip(8))
+    assert key == key_of(plan, OnChip(8)) != key_of(plan, OnChip(32))
+    monkeypatch.setattr(onchip, "toolchain", lambda: ["cc 99"])
+    assert key_of(plan, OnChip(8)) != key
+    assert {network.__name__, saved.__name__} <= {
+        part.__name__ for part in OnChip(8).depends() if hasattr(part, "__file__")
+    }
 
 
 @pytest.mark.live

@@ -27,6 +27,10 @@ from torch import nn
 from xgboost import XGBClassifier
 
 from features.jung28 import Jung28
+from features.touch import TouchFeatures
+from models.lda import lda
+from models.recipe import Recipe
+from models.reflex import Reflex
 from models.sizes import parameter_count, sizes
 
 RNG = np.random.default_rng(0)
@@ -79,6 +83,9 @@ def test_pipelines_and_ensembles_are_the_sum_of_their_parts():
     logistic = LogisticRegression().fit(X, Y)
     reduced = make_pipeline(StandardScaler(), PCA(2), LogisticRegression()).fit(X, Y)
     assert parameter_count(reduced) >= 2 * 4 + 4 + 3 * 2 + 3  # components and their mean, then two inputs
+    trees = [("a", DecisionTreeClassifier()), ("b", DecisionTreeClassifier(max_depth=2))]
+    mixed = StackingClassifier(trees, LogisticRegression(), cv=2).fit(X, Y)
+    assert parameter_count(mixed) == sum(map(parameter_count, mixed.estimators_)) + 3 * 6 + 3
     stacked = StackingClassifier([("a", LogisticRegression()), ("b", GaussianNB())], LogisticRegression(), cv=2)
     assert count(stacked) == parameter_count(logistic) + count(GaussianNB()) + 3 * 6 + 3
 
@@ -117,6 +124,17 @@ def test_modules_of_torch_are_found_wherever_they_are_kept(corpus):
     found = sizes(model, 64, 40)
     assert found["flash_bytes"] == 4 * (learnt + 2 * 5)  # mean and variance of the batch norm
     assert found["ram_bytes"] == 4 * (64 * 40 + 3) and torch.is_tensor(model.inner[0].weight)
+
+
+def test_what_frames_go_through_first_is_counted_wherever_it_stands(corpus):
+    plain = Recipe(lda(TouchFeatures()), window=0.1, repair=("stuck", "dead", "offset")).fit(corpus, corpus.gestures)
+    bare = Recipe(lda(TouchFeatures()), window=0.1).fit(corpus, corpus.gestures)
+    own = sizes(plain, 64, 40)["ram_bytes"] - sizes(bare, 64, 40)["ram_bytes"]
+    assert own == 4 * 6 * 64
+    small = {"window": 0.1, "early": 0.05, "units": 4, "copies": 1}
+    reflex = Reflex(**small).fit(corpus, corpus.gestures)
+    scaled = Recipe(Reflex(**small), scale="peak").fit(corpus, corpus.gestures)
+    assert sizes(scaled, 64, 40)["ram_bytes"] == sizes(reflex, 64, 40)["ram_bytes"]
 
 
 def test_a_pipeline_on_features_needs_what_they_are_computed_from(corpus):

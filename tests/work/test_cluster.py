@@ -21,6 +21,7 @@ from bench.corpora.library import open_corpus
 from bench.errors import InputError
 from bench.plan.arguments import backend_of
 from bench.plan.cells import cells
+from bench.progress import Said, forget, note, told
 from bench.work import cluster, loop, remote
 from bench.work.cluster import difference, packed, representatives
 from bench.work.evaluation import Evaluation
@@ -37,6 +38,7 @@ import os, time
 from pathlib import Path
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
+from bench.progress import tell
 
 class Slow(ClassifierMixin, BaseEstimator):
     """Leaves a mark of the fold and its process; then waits, dies or hangs."""
@@ -47,6 +49,7 @@ class Slow(ClassifierMixin, BaseEstimator):
         Path(self.marks, f"{fold}_{os.getpid()}_{os.getppid()}_{time.time()}").touch()
         if fold == self.die:
             os._exit(9)
+        tell(f"fold {fold} waits", self.seconds)
         time.sleep(3600 if fold == self.hang else self.seconds)
         self.classes_ = np.unique(y)
         return self
@@ -234,6 +237,33 @@ def test_a_corpus_that_is_sent_is_stored_whole_or_not_at_all(tmp_path):
     remote.adopt(send(where), where.digest)  # another worker was faster
     left = [p.name for p in (sent(where.digest).parent.parent).iterdir()]
     assert sorted(left) == [".sent", "synth"]
+
+
+def test_what_a_fold_says_arrives_by_the_clock_of_the_command(tmp_path, monkeypatch):
+    """Whatever the clock of the worker says; each thing once, and in the end that it says nothing any longer."""
+    there, here = tmp_path / "there", tmp_path / "here"
+    there.mkdir()
+    here.mkdir()
+    heard, said, passed = {}, Said("svm | haart", "anna", "half", 8.0, time.time() - 9, time.time() - 2), []
+
+    def look():
+        remote.report(there, heard, passed.append)
+
+    note(there, said)
+    look()
+    look()
+    assert len(passed) == 1
+    later = time.time() + 7200
+    with monkeypatch.context() as patch:
+        patch.setattr("time.time", lambda: later)
+        cluster.hear(here, passed[0])
+        (found,) = told(here)
+        assert found[:4] == said[:4] and found.began - time.time() == pytest.approx(-9, abs=1)
+        assert found.at - time.time() == pytest.approx(-2, abs=1)
+    forget(there, "svm | haart", "anna")
+    look()
+    cluster.hear(here, passed[1])
+    assert told(here) == [] and len(passed) == 2
 
 
 def test_a_worker_waits_while_it_is_wanted_and_no_longer_than_a_limit():
@@ -477,6 +507,22 @@ def test_a_cluster_without_workers(monkeypatch, capsys):
     with scheduler() as place:
         assert until(lambda: main(["run", *SMALL, f"cluster={place}"]) == 2)
         assert f"has no worker; start some, such as: dask worker {place}" in capsys.readouterr().err
+
+
+@mark_live
+def test_a_fold_there_says_how_far_it_is(two, slow, monkeypatch, capsys):
+    command, _ = slow
+    real, heard = cluster.hear, []
+
+    def hear(folder, said):
+        real(folder, said)
+        heard.append(([*said[1:3]], {found.words for found in told(folder)}))
+
+    monkeypatch.setattr(cluster, "hear", hear)
+    assert main([*command, "model.seconds=2", f"cluster={two}"]) == 0
+    for fold in "1234":
+        assert any(names == [fold, f"fold {fold} waits"] and f"fold {fold} waits" in seen for names, seen in heard)
+    assert " left" in capsys.readouterr().err
 
 
 @mark_live
