@@ -106,10 +106,13 @@ def test_a_fold_tells_under_its_name(tmp_path, monkeypatch):
             time.sleep(0.05)
             return FoldResult(fold.name)
 
+        def fold_metrics(self, result, rate_hz):
+            return {"rate": rate_hz}
+
     cell, fold = SimpleNamespace(title=lambda: "svm | haart"), SimpleNamespace(name="anna")
-    result = workers.do_fold(Telling(), cell, None, fold, 1, tmp_path)
+    result = workers.do_fold(Telling(), cell, SimpleNamespace(rate_hz=9.0), fold, 1, tmp_path)
     assert [said[:4] for said in seen] == [("svm | haart", "anna", "", None), ("svm | haart", "anna", "half", 3.0)]
-    assert result.seconds >= 0.05 and told(tmp_path) == []
+    assert result.seconds >= 0.05 and result.scored == {"rate": 9.0} and told(tmp_path) == []
 
 
 def test_time_left_by_hand():

@@ -28,6 +28,7 @@ class FoldResult:
         chosen: what was chosen on the training part, by name.
         trials: what it was chosen among, a row each.
         error: of a fold that failed.
+        scored: what is tracked of it, as its kind of run measures a fold.
         seconds: that the whole fold took.
     """
 
@@ -40,6 +41,7 @@ class FoldResult:
     chosen: dict[str, object] = field(default_factory=dict)
     trials: pd.DataFrame | None = None
     error: str = ""
+    scored: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
 
     @property

@@ -184,9 +184,8 @@ class TrackedRun(Generic[Shown]):
                 (folder / "timing.json").write_text(
                     json.dumps(timing | {"metrics": list(result.metrics)}, default=_plain)
                 )
-                metrics = self.experiment.fold_metrics(result, self.plan.corpus.rate_hz)
                 chosen = {f"chosen.{k}": v for k, v in result.chosen.items()}
-                self.store.log(child, metrics, chosen, result.history)
+                self.store.log(child, result.scored, chosen, result.history)
             if result.trials is not None:  # a system may tell what it chose and not among what
                 result.trials.to_csv(folder / "trials.csv", index=False)
             self.store.keep(child, folder, "fold")

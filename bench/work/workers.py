@@ -156,6 +156,7 @@ def do_fold(
     try:
         with telling(told, fold.name, cell.title()):
             result = experiment.fold(cell, corpus, fold, threads)
+        result.scored = experiment.fold_metrics(result, corpus.rate_hz)  # here, as the command has but one process
     except Exception:  # whatever a system raises is this fold's result, not the end of the command
         result = FoldResult(fold.name, error=traceback.format_exc())
     result.seconds = time.perf_counter() - began

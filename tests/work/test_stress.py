@@ -52,7 +52,7 @@ def stressed(cell, corpus, fold, faults=FEW, fewer=()):
 
 def recorded(corpus, train, test, fewer=(), seed=0):
     Recorder.seen = []
-    cell = SimpleNamespace(estimator=Recorder, seed=seed)
+    cell = SimpleNamespace(title=lambda: "a cell", estimator=Recorder, seed=seed)
     result = stressed(cell, corpus, Fold("x", train, test), fewer=fewer)
     assert not result.error, result.error
     return result.predictions, Recorder.seen
@@ -185,7 +185,7 @@ def test_what_a_system_raises_is_the_folds_result(corpus):
                 raise ValueError("too loud")
             return super().predict_proba(X)
 
-    cell = SimpleNamespace(estimator=Broken, seed=None)
+    cell = SimpleNamespace(title=lambda: "a cell", estimator=Broken, seed=None)
     fold = Fold("x", np.arange(18), np.arange(18, 36))
     result = stressed(cell, corpus, fold, (FAULTS["stuck_taxels"],))
     assert "too loud" in result.error and result.predictions is None
