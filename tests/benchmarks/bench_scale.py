@@ -1,0 +1,125 @@
+"""How fast one command tracks: folds that do nothing, with the table of a fold of CoST, by the loop as it is.
+
+python tests/benchmarks/bench_scale.py [folds] [tcp://scheduler:8786]
+
+Prints folds a second as it goes, and at last where the time of the command went. A new store in an empty folder; on a
+cluster, workers of the same code.
+"""
+
+import os
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pandas as pd
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # where workers find it, too
+
+from bench.outcomes.results import Findings, FoldResult
+from bench.work.experiment import Experiment
+
+EACH = 31  # folds of a run
+SPENT = defaultdict(float)
+
+
+@dataclass(frozen=True)
+class Empty(Experiment):
+    """Hands back what a fold of CoST would, without doing anything.
+
+    Attributes:
+        number: tells runs apart.
+    """
+
+    kind: ClassVar[str] = "empty"
+    fold_kind: ClassVar[str] = "empty_fold"
+    heading: ClassVar[str] = "Empty folds"
+
+    number: int = 0
+
+    def fold(self, cell, corpus, fold, threads):
+        """A table of 84 captures in 14 classes, and ten numbers."""
+        table = pd.DataFrame({"fold": fold.name, "capture": np.arange(84), "start": 0, "frames": 135, "true": "a"})
+        table = table.assign(subject=fold.name, **{f"p_{c}": np.float32(1 / 14) for c in "abcdefghijklmn"})
+        return FoldResult(fold.name, table, {f"cost_{i}": float(i) for i in range(10)}, [1.0] * 20, [1.0] * 20)
+
+    def findings(self, plan, tags, results):
+        """A number and a table."""
+        return Findings({"accuracy": 1 / 14}, {"predictions.parquet": pd.concat([r.table for r in results])})
+
+
+def timed(owner, name):
+    """Add up what a method takes."""
+    real = getattr(owner, name)
+
+    def method(*args, **kwargs):
+        began = time.perf_counter()
+        try:
+            return real(*args, **kwargs)
+        finally:
+            SPENT[f"{owner.__name__}.{name}"] += time.perf_counter() - began
+
+    setattr(owner, name, method)
+
+
+def run(folds: int, cluster: str) -> None:
+    """So many folds, in runs of 31."""
+    from bench.outcomes.store import Store
+    from bench.plan.arguments import Backend
+    from bench.plan.cells import cells
+    from bench.plan.plan import planned
+    from bench.work import loop
+    from bench.work.cluster import Cluster
+    from bench.work.tracking import TrackedRun
+    from bench.work.workers import Processes
+    from tests.benchmarks.bench_scale import Empty as Known  # as workers import it
+
+    (plan,) = planned(
+        cells({"model": "bayes", "features": "jung28", "data.subjects": str(EACH), "data.repetitions": "1"}), 2
+    )
+    todo = [(plan, Known(number)) for number in range(folds // EACH)]
+    for owner, names in (
+        (TrackedRun, ("__init__", "add", "close")),
+        (Processes, ("finished", "submit")),
+        (Cluster, ("finished", "submit")),
+        (Store, ("create", "log", "keep", "end")),
+    ):
+        for name in names:
+            timed(owner, name)
+    loop.console.quiet = True
+    began, done, at = time.perf_counter(), [0], [time.perf_counter()]
+    real = TrackedRun.add
+
+    def add(self, *given):
+        done[0] += 1
+        if done[0] % 1000 == 0:
+            now = time.perf_counter()
+            print(f"{done[0]} folds, {1000 / (now - at[0]):.0f} a second", flush=True)
+            at[0] = now
+        return real(self, *given)
+
+    TrackedRun.add = add
+    outcomes = loop.execute(todo, Backend(jobs=None if cluster else 2, cluster=cluster))
+    spent = time.perf_counter() - began
+    assert all(len(o.results) == EACH and not o.errors for o in outcomes)
+    print(f"{done[0]} folds of {len(todo)} runs in {spent:.0f} s: {done[0] / spent:.1f} a second")
+    for name, seconds in sorted(SPENT.items(), key=lambda item: -item[1]):
+        print(f"  {name}: {1000 * seconds / done[0]:.2f} ms a fold")
+
+
+def main(*given: str) -> None:
+    """In an empty folder."""
+    from bench.scratch import home
+
+    os.environ.setdefault("TOUCHBENCH_HOME", str(home()))
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        run(int(given[0]) if given else 20_000, given[1] if len(given) > 1 else "")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
