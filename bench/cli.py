@@ -196,7 +196,7 @@ qemu-system-arm).
   data= where= target= protocol= model= features= seed= jobs= cluster= limit=   as for bench run
 
   bench chip data=haart protocol=loso model=reflex bits=32,8
-  bench choose data=haart protocol=loso max_flash=64kB max_ram=32kB max_cycles=2M
+  bench choose data=haart protocol=loso max_flash=64kB max_ram=32kB max_cycles=1M
 """
 PREDICT = """\
 bench predict MODEL FILE [out=labels.csv] [rate_hz=]
