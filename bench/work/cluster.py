@@ -29,12 +29,11 @@ from bench.plan.plan import Plan
 from bench.progress import Said, forget, note
 from bench.work import remote
 from bench.work.remote import Answer, Facts
-from bench.work.workers import Done, Task
+from bench.work.workers import Done, Task, Todo
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from bench.work.loop import Todo
     from bench.work.machine import Machine
 
 LOOK_S = 1.0  # between two looks at who is there

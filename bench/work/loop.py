@@ -33,11 +33,10 @@ from bench.plan.plan import Fold, Plan, planned, usable_cores
 from bench.progress import seconds_left, span, told
 from bench.work.experiment import Experiment
 from bench.work.tracking import Illustrate, TrackedRun, key_of
-from bench.work.workers import Processes, Task, Workers
+from bench.work.workers import Processes, Task, Todo, Workers
 from models import contract
 
 console = Console(stderr=True)
-Todo = list[tuple[Plan, Experiment[Shown]]]
 
 
 class Interrupted(KeyboardInterrupt):

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, Protocol
 
 from bench.corpora.corpus import Corpus
-from bench.outcomes.results import FoldResult
+from bench.outcomes.results import FoldResult, Shown
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
 from bench.progress import telling
@@ -22,6 +22,8 @@ from bench.work.fold import forget_peak
 from bench.work.machine import Machine, this_machine
 from bench.work.pool import Executor, pool
 from models import contract
+
+Todo = list[tuple[Plan, Experiment[Shown]]]  # what a command is to run
 
 
 @dataclass(frozen=True, eq=False)
