@@ -250,7 +250,7 @@ def statistics(x: np.ndarray, shares: np.ndarray, rate_hz: float) -> np.ndarray:
     x = x.copy()
     x[:, 0, OF_STEPS] = x[:, 1, OF_STEPS] if n > 1 else 0
     still = np.ptp(x, axis=1) <= STILL * np.maximum(np.abs(x[:, 0]), 1)
-    x = np.where(still[:, None], x[:, :1], x)
+    np.copyto(x, x[:, :1].copy(), where=still[:, None])  # in place: sums depend on how numbers lie in memory
     mean = x.sum(axis=1) / n
     centred = x - mean[:, None]
     square = centred * centred

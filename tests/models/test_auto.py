@@ -208,10 +208,10 @@ def test_it_says_how_far_it_is(quick, tmp_path, monkeypatch):
     with progress.telling(tmp_path, "fold"):
         monkeypatch.setattr(portfolio, "FIRST", [*QUICK[:2]])
         real = auto.tell
-        monkeypatch.setattr(auto, "tell", lambda *told: (real(*told), said.append(progress.told(tmp_path)["fold"])))
+        monkeypatch.setattr(auto, "tell", lambda *told: (real(*told), said.extend(progress.told(tmp_path))))
         Auto(budget=60.0, inner="2", trials=2).fit(noisy(), noisy().gestures)
-    assert [words.split(",")[0] for words, *_ in said] == ["1 trials of 2", "2 trials of 2"]
-    assert all("best" in words and 0 <= left <= 60 for words, left, _ in said) and not progress.told(tmp_path)
+    assert [words.split(",")[0] for _, _, words, *_ in said] == ["1 trials of 2", "2 trials of 2"]
+    assert all("best" in words and 0 <= left <= 60 for _, _, words, left, *_ in said) and not progress.told(tmp_path)
 
 
 def test_where_time_is_short_fewer_captures_are_used(quick, monkeypatch):

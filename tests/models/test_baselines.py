@@ -121,9 +121,13 @@ def test_parameter_counts_by_hand():
     corpus = random_corpus()
     machine = svm(Jung28()).fit(corpus, corpus.gestures)
     found = sizes(machine, 64, 40)
-    assert found["ram_bytes"] == 4 * (40 + 2 * 64 + 28 + 3)  # the summed pressure, two frames, features, scores
+    n = len(machine.named_steps["classifier"].support_)
+    assert found["ram_bytes"] == 4 * (
+        40 + 2 * 64 + 28 + n + 3
+    )  # summed pressure, two frames, features, kernels, scores
     whole = svm(Jung54()).fit(corpus, corpus.gestures)  # spatial peaks are above a share of the whole's maximum
-    assert sizes(whole, 64, 40)["ram_bytes"] == 4 * (40 * 64 + 54 + 3)
+    n = len(whole.named_steps["classifier"].support_)
+    assert sizes(whole, 64, 40)["ram_bytes"] == 4 * (40 * 64 + 54 + n + 3)
     assert Balli().keeps(40, 64) == 16 * 40 + 64 and Subset(Jung28(), 5).keeps(40, 64) == 40 + 2 * 64
     assert Jung28(area="capture").keeps(40, 64) == Ta273().keeps(40, 64) == 40 * 64
     assert found["flash_bytes"] == 4 * (found["parameters"] + 2 * 28)  # low end and width of each feature

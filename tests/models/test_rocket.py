@@ -19,7 +19,7 @@ from sklearn.model_selection import LeaveOneGroupOut
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.work.workers import _workers
+from bench.work.pool import pool
 from models import rocket
 from models.rocket import PENALTIES, Ridge, Rocket
 from models.series import Series
@@ -212,7 +212,7 @@ def test_nothing_of_the_process_is_changed(transform, corpus):
 
 
 def test_workers_have_as_many_numba_threads_as_they_were_given():
-    assert _workers(1, 1).submit(os.getenv, "NUMBA_NUM_THREADS").result() == "1"
+    assert pool(1, 1).submit(os.getenv, "NUMBA_NUM_THREADS").result() == "1"
 
 
 def test_sizes(corpus):
