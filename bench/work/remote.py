@@ -242,7 +242,16 @@ def fold(experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads
 
 
 def receive(token: str, name: str, content: bytes) -> str:
-    """Add to a file of a corpus that is being sent to this machine; the folder that it comes into."""
+    """Add to a file of a corpus that is being sent to this machine; the folder that it comes into.
+
+    Raises:
+        InputError: a corpus has no such file.
+    """
+    from bench.corpora.folder import FILES
+    from bench.errors import InputError
+
+    if name not in ("corpus.json", *FILES) or not token.isalnum():
+        raise InputError(f"{name}: no file of a corpus")
     folder = home() / "corpora" / f".{owner()}{token}"
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / name).open("ab") as file:

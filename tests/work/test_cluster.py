@@ -266,6 +266,14 @@ def test_what_a_fold_says_arrives_by_the_clock_of_the_command(tmp_path, monkeypa
     assert told(here) == [] and len(passed) == 2
 
 
+@pytest.mark.parametrize(("token", "name"), [("aa", "../evil"), ("aa", "/evil"), ("../aa", "frames.npy")])
+def test_only_files_of_a_corpus_are_received(token, name, tmp_path):
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(InputError, match="no file of a corpus"):
+        remote.receive(token, name, b"x")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
 def test_a_worker_waits_while_it_is_wanted_and_no_longer_than_a_limit():
     ended = []
 
