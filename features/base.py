@@ -17,6 +17,12 @@ FLAT = 1e-9  # what moves by less than this share of its largest magnitude is co
 NOTHING = 1e-15  # and so is what moves by less than this
 
 
+def constant(X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    """Which features do not vary, bool [n_features]."""
+    values = np.asarray(X, dtype=np.float64)
+    return np.ptp(values, axis=0) <= np.maximum(FLAT * np.abs(values).max(axis=0), NOTHING)
+
+
 class FeatureSet(TransformerMixin, BaseEstimator):
     """Turns a `Corpus` into a DataFrame [captures, n_features] with named columns.
 

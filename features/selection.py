@@ -10,7 +10,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from features.base import FLAT, FeatureSet
+from features.base import FeatureSet, constant
 
 LDA_RIDGE = 1e-3  # of standardised columns
 FOLDS = 5
@@ -71,7 +71,7 @@ def select(values: np.ndarray, label: np.ndarray, subject: np.ndarray, selected:
     fold = left_out(label, subject)
     if len(np.unique(label)) < 2 or len(np.unique(fold)) < 2:
         return np.arange(values.shape[1])
-    usable = np.flatnonzero(np.ptp(values, axis=0) > FLAT * np.abs(values).max(axis=0))
+    usable = np.flatnonzero(~constant(values))
     if not len(usable):
         return np.arange(values.shape[1])
     if len(usable) <= selected:
@@ -103,7 +103,7 @@ class Discriminant:
     def __init__(self, values: np.ndarray, label: np.ndarray, train: np.ndarray) -> None:
         known, member = np.unique(label[train], return_inverse=True)
         centre, spread = values[train].mean(axis=0), values[train].std(axis=0)
-        varies = spread > FLAT * np.abs(values[train]).max(axis=0)
+        varies = ~constant(values[train])
         standard = (values - centre) * varies / np.where(varies, spread, 1)
         self.test, self.truth = standard[~train], label[~train]
         self.known = known

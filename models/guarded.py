@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, ClassifierMixin
 
+from features.base import constant
 from models.lda import Discriminants
 from models.perceptron import Perceptron
 from models.rows import undamaged
-from models.scaling import constant
 
 UNUSUAL = 2.5  # SDs of undamaged training rows
 

@@ -12,9 +12,9 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
+from features.base import constant
 from models.person import WEIGHT, codes_of, share
 from models.rows import captures_of, undamaged
-from models.scaling import constant
 from models.space import Range
 
 

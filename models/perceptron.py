@@ -11,9 +11,9 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
+from features.base import constant
 from models.person import codes_of, relearnt
 from models.rows import captures_of, undamaged
-from models.scaling import constant
 from models.space import Range
 
 BATCH = 256
@@ -111,8 +111,9 @@ class Perceptron(ClassifierMixin, BaseEstimator):
         return np.nan_to_num((Z - self.mean_) / self.scale_, nan=0.0).clip(-self.clip, self.clip)
 
     def _hidden(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
-        """Rectified units [rows, units]."""
-        hidden = self._scaled(np.asarray(X, dtype=np.float32)) @ self.coefs_[0] + self.intercepts_[0]
+        """Rectified units [rows, units]; in double precision they do not depend on the rows beside them."""
+        scaled = self._scaled(np.asarray(X, dtype=np.float32)).astype(np.float64)
+        hidden = scaled @ self.coefs_[0] + self.intercepts_[0]
         return np.maximum(hidden, 0)
 
     def adapt(self, X: pd.DataFrame | np.ndarray, y: np.ndarray | None) -> Perceptron:
@@ -133,7 +134,7 @@ class Perceptron(ClassifierMixin, BaseEstimator):
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
         logits = self._hidden(X) @ self.coefs_[1] + self.intercepts_[1]
-        return softmax(logits.astype(np.float64), axis=1)
+        return softmax(logits, axis=1)
 
     def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class names [rows]."""

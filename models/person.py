@@ -12,8 +12,8 @@ from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
+from features.base import constant
 from models.rows import captures_of, undamaged
-from models.scaling import constant
 
 WAYS = ("centre", "scale", "pool")
 WEIGHT = 10  # of a row of the person beside one of training; docs/people.md

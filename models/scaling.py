@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
-from features.base import FLAT, NOTHING
+from features.base import constant
 
 
 class RangeScaler(MinMaxScaler):
@@ -34,9 +34,3 @@ class ZScaler(StandardScaler):
         super().fit(X, y, sample_weight)
         self.scale_[constant(X)] = np.inf
         return self
-
-
-def constant(X: pd.DataFrame | np.ndarray) -> np.ndarray:
-    """Which features do not vary, bool [n_features]."""
-    values = np.asarray(X, dtype=np.float64)
-    return np.ptp(values, axis=0) <= np.maximum(FLAT * np.abs(values).max(axis=0), NOTHING)

@@ -172,6 +172,8 @@ def test_features_of_touch_are_those_of_python(rows, cols, rate_hz, window, tmp_
     for i in range(len(made)):
         size = np.maximum(np.abs(expected[i]), np.maximum(spread, 1e-3))
         got, exact = (asked(made[i])[3][: len(size)] for asked in (single, double))
+        apart = np.abs(got - expected[i]) / size
+        assert np.quantile(apart, 0.98) < 1e-3 and np.median(apart) < 1e-5
         # Python has frames and gradients in single precision, too, which skewness and kurtosis show most
         for apart, most in ((np.abs(exact - expected[i]) / size, 1e-3), (np.abs(got - exact) / size, 1e-2)):
             apart = apart[~counted]

@@ -86,8 +86,7 @@ def test_it_does_not_depend_on_the_captures_it_decides_with(corpus):
     system = Reflex(**QUICK).fit(corpus, corpus.gestures)
     whole = system.predict_proba(corpus)
     for i in (0, 7, len(corpus) - 1):
-        # the network multiplies single-precision rows one by one or all at once
-        np.testing.assert_allclose(system.predict_proba(corpus[[i]].detached())[0], whole[i], atol=1e-7)
+        np.testing.assert_allclose(system.predict_proba(corpus[[i]].detached())[0], whole[i], atol=1e-9)
 
 
 @pytest.mark.parametrize("grid, rate, real", [((1, 2), 8.0, False), ((19, 24), 12.0, True), ((6, 6), 12.0, False)])
