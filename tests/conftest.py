@@ -99,7 +99,7 @@ class InProcess:
 
         task = self.submitted.pop(0)
         plan = task.plan
-        given = (task.experiment, plan.cell, plan.corpus, task.fold, plan.threads, self.told)
+        given = (task.experiment, plan.cell, plan.corpus, task.fold, plan.threads, task.key, self.told)
         return Done(task, do_fold(*given), this_machine())
 
 

@@ -1,6 +1,7 @@
 """What a fold says of how far it is, from its process to the bar."""
 
 import shutil
+import sys
 import time
 from io import StringIO
 from types import SimpleNamespace
@@ -14,7 +15,7 @@ from rich.console import Console
 from bench import progress
 from bench.cli import main
 from bench.outcomes.results import FoldResult
-from bench.progress import tell, telling, told
+from bench.progress import Said, note, tell, telling, told
 from bench.work import loop, workers
 from models.cnn85 import CNN85
 
@@ -86,12 +87,35 @@ def test_the_bar_has_a_line_for_each_that_tells(tmp_path, monkeypatch):
     out = StringIO()
     monkeypatch.setattr(loop, "console", Console(file=out, width=100))
     with loop.progress(tmp_path) as bar:
-        bar.add_task("svm", total=2)
+        bar.add_task("svm on haart", total=2, key="svm", left="")
         for part in bar.get_renderables():
             loop.console.print(part)
     said = out.getvalue()
     assert "anna: 3 trials\n" in said.replace(" \n", "\n") and "bob: epoch 2 of 9, 1 min 20 s left" in said
     assert "not yet" not in said
+
+
+def test_runs_of_one_title_are_told_apart(tmp_path):
+    """Two seeds, say: of the first a fold needs 80 s still, of the second nobody knows anything."""
+    note(tmp_path, Said("seed 0", "bob", "half", 100.0, time.time() - 20, time.time() - 20))
+    note(tmp_path, Said("seed 1", "bob", "", None, time.time() - 20, time.time() - 20))
+    with loop.progress(tmp_path) as bar:
+        for key in ("seed 0", "seed 1"):
+            bar.add_task("svm", total=1, key=key, left="")
+        lines = [part for part in bar.get_renderables() if "bob" in str(part)]
+        left = [task.fields["left"] for task in bar.tasks]
+    assert left == ["1 min 20 s left", ""] and len(lines) == 1 and "svm: bob: half" in str(lines[0])
+
+
+def test_a_fold_that_died_at_once_says_nothing_of_the_others(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(loop, "console", Console(file=sys.stdout, width=200))
+    with loop.progress(tmp_path) as bar:
+        task = bar.add_task("svm", total=3, completed=1, key="svm", left="", spent=[], workers=1)
+        bar.line(task, FoldResult("1", error="The worker died"))
+        bar.update(task, completed=2, spent=[9.0])
+        bar.line(task, FoldResult("2", seconds=9.0))
+    said = capsys.readouterr().out.splitlines()
+    assert said[:2] == ["svm: fold 1 failed, 1 of 3", "svm: fold 2 done after 9 s, 2 of 3, 9 s left"]
 
 
 def test_a_fold_tells_under_its_name(tmp_path, monkeypatch):
@@ -109,9 +133,9 @@ def test_a_fold_tells_under_its_name(tmp_path, monkeypatch):
         def fold_metrics(self, result, rate_hz):
             return {"rate": rate_hz}
 
-    cell, fold = SimpleNamespace(title=lambda: "svm | haart"), SimpleNamespace(name="anna")
-    result = workers.do_fold(Telling(), cell, SimpleNamespace(rate_hz=9.0), fold, 1, tmp_path)
-    assert [said[:4] for said in seen] == [("svm | haart", "anna", "", None), ("svm | haart", "anna", "half", 3.0)]
+    corpus, fold = SimpleNamespace(rate_hz=9.0), SimpleNamespace(name="anna")
+    result = workers.do_fold(Telling(), None, corpus, fold, 1, "key of svm", tmp_path)
+    assert [said[:4] for said in seen] == [("key of svm", "anna", "", None), ("key of svm", "anna", "half", 3.0)]
     assert result.seconds >= 0.05 and result.scored == {"rate": 9.0} and told(tmp_path) == []
 
 

@@ -30,7 +30,7 @@ from bench.outcomes.store import Store, connect, only_one
 from bench.plan.arguments import HERE, Backend
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
-from bench.progress import seconds_left, span, told
+from bench.progress import Said, seconds_left, span, told
 from bench.work.experiment import Experiment
 from bench.work.tracking import Illustrate, TrackedRun, key_of
 from bench.work.workers import Processes, Task, Todo, Workers
@@ -214,7 +214,7 @@ def work(
         while True:
             ready = next((b for b in under_way if b.waiting), None)
             if ready and workers.room(ready.run.plan):
-                workers.submit(Task(ready.run.plan, ready.run.experiment, ready.waiting.pop(0)))
+                workers.submit(Task(ready.run.plan, ready.run.experiment, ready.waiting.pop(0), ready.run.key))
                 continue
             place = len(outcomes) + len(under_way)
             if ready or refused or place == len(todo) or (under_way and not workers.overlap):
@@ -236,10 +236,11 @@ def work(
             for each in under_way:
                 bar.update(each.bar, spent=each.spent, workers=workers.count(each.run.plan))
             task, result, machine = workers.finished()
-            begun = next(b for b in under_way if b.run.plan is task.plan and b.run.experiment is task.experiment)
+            begun = next(b for b in under_way if b.run.key == task.key)
             child = begun.run.add(result, machine)
             begun.left -= 1
-            begun.spent.append(result.seconds)
+            if result.seconds:  # of one that died nobody may know
+                begun.spent.append(result.seconds)
             bar.advance(begun.bar)
             if result.error:
                 begun.errors[result.name] = store.where(child, "fold/traceback.txt")
@@ -276,7 +277,8 @@ def begin(
     else:
         said = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(plan.folds)} folds were stored before"
         console.print(said, markup=False, soft_wrap=True)
-    begun.bar = bar.add_task(cell.title(), total=len(plan.folds), completed=len(plan.folds) - len(missing))
+    done = len(plan.folds) - len(missing)
+    begun.bar = bar.add_task(cell.title(), total=len(plan.folds), completed=done, key=key, left="")
     return begun
 
 
@@ -316,6 +318,7 @@ class Bar(Progress):
     def end(self, task: TaskID) -> None:
         """Print the bar of a run that is measured once and for all; others are under way."""
         (ended,) = (t for t in self.tasks if t.id == task)
+        self._tell_left([ended], told(self.folder))
         self.console.print(self.make_tasks_table([ended]))
         self.remove_task(task)
 
@@ -328,60 +331,49 @@ class Bar(Progress):
     def line(self, task: TaskID, result: FoldResult) -> None:
         """Print what a log should have of a fold that has ended: there no bar is seen before the end."""
         (of,) = (t for t in self.tasks if t.id == task)
+        self._tell_left([of], told(self.folder))
         how = "failed" if result.error else "done"
-        left = self.left(of)
-        after = f", {span(left)} left" if left is not None and of.remaining else ""
-        said = f"{of.description}: fold {result.name} {how} after {span(result.seconds)}, {of.completed:.0f} of "
-        self.console.print(f"{said}{of.total:.0f}{after}", markup=False, highlight=False, soft_wrap=True)
+        after = f" after {span(result.seconds)}" if result.seconds else ""
+        left = f", {of.fields['left']}" if of.fields["left"] else ""
+        said = f"{of.description}: fold {result.name} {how}{after}, {of.completed:.0f} of {of.total:.0f}{left}"
+        self.console.print(said, markup=False, highlight=False, soft_wrap=True)
 
-    def left(self, task: BarTask) -> float | None:
-        """Seconds until the folds of a run are done, None if that cannot be known."""
+    def _tell_left(self, tasks: Sequence[BarTask], heard: Sequence[Said]) -> None:
+        """Note of bars how long their folds take still; nothing where that cannot be known."""
         now = time.time()
-        running = [
-            (now - said.began, None if said.left is None else said.left - (now - said.at))
-            for said in told(self.folder)
-            if said.of == task.description
-        ]
-        waiting = max(int(task.remaining or 0) - len(running), 0)
-        return seconds_left(task.fields.get("spent", []), running, waiting, task.fields.get("workers", 1))
+        for task in tasks:
+            running = [
+                (now - said.began, None if said.left is None else said.left - (now - said.at))
+                for said in heard
+                if said.of == task.fields["key"]
+            ]
+            remaining = int(task.remaining or 0)
+            waiting = max(remaining - len(running), 0)
+            left = seconds_left(task.fields.get("spent", []), running, waiting, task.fields.get("workers", 1))
+            task.fields["left"] = f"{span(left)} left" if remaining and left is not None else ""
 
     def get_renderables(self) -> Iterable[RenderableType]:
         """The bar and the lines."""
+        heard = told(self.folder)
+        self._tell_left(self.tasks, heard)
         yield self.make_tasks_table(self.tasks)
-        for said in told(self.folder):
+        titles = {task.fields["key"]: task.description for task in self.tasks}
+        for said in heard:
             if said.words:
-                of = f"{said.of}: " if len(self.tasks) > 1 else ""
+                of = f"{titles.get(said.of, '')}: " if len(self.tasks) > 1 else ""
                 left = "" if said.left is None else f", {span(said.left - (time.time() - said.at))} left"
                 yield Text(f"  {of}{said.name}: {said.words}{left}", overflow="ellipsis", no_wrap=True)
 
 
-class Left(ProgressColumn):
-    """Time that the folds of a run need still, as `Bar.left` tells it.
-
-    Attributes:
-        bar: whose column it is; it is made of its columns, so it comes later.
-    """
-
-    max_refresh = 0.5
-    bar: Bar | None = None
-
-    def render(self, task: BarTask) -> Text:
-        """It in words."""
-        left = None if task.finished or self.bar is None else self.bar.left(task)
-        return Text("" if left is None else f"{span(left)} left", style="progress.remaining")
-
-
 def progress(folder: Path) -> Bar:
     """A bar of folds that tell in a folder how far they are; in a notebook too, where it needs ipywidgets."""
-    left = Left()
-    left.bar = Bar(
+    return Bar(
         folder,
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("folds"),
         TimeElapsedColumn(),
-        left,
+        TextColumn("{task.fields[left]}", style="progress.remaining", markup=False),
         console=console,
     )
-    return left.bar

@@ -9,7 +9,6 @@ from __future__ import annotations
 import multiprocessing
 import pickle
 import shutil
-import socket
 import tempfile
 import threading
 import time
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from bench.scratch import home, owner
+from bench.work.alike import facts
 from bench.work.pool import pool
 
 if TYPE_CHECKING:
@@ -32,13 +32,18 @@ if TYPE_CHECKING:
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold
     from bench.progress import Said
+    from bench.work.alike import Facts
     from bench.work.experiment import Experiment
     from bench.work.machine import Machine
     from bench.work.pool import Executor
 
 OFTEN_S = 0.2  # between two looks whether a fold is still wanted
-LOCK_S = 600.0  # that a fold waits for another that computes the same features
+READY_S = 600.0  # that a fold may take to begin: libraries, and another that computes the same features
+TOPIC = "touchbench"  # of dask's events, under which workers say how far their folds are
+OLD_S = 3600.0  # after which nobody sends the rest of a corpus
 _one = threading.Lock()  # a worker has one thing done at a time, whatever the number of its threads
+_served: set[str] = set()  # commands that this worker's process was begun for, or that began later
+_examined: set[str] = set()  # of this process: commands that know what it has
 _told: list[Path] = []  # of this process: the folder where its fold says how far it is
 _filled: set[str] = set()  # of this process: whose features are kept
 
@@ -47,7 +52,8 @@ class Answer(NamedTuple):
     """What became of something that was asked.
 
     Attributes:
-        status: ``done``, ``raised``, ``died`` (the process), ``late`` or ``unwanted``.
+        status: ``done``, ``raised``, ``died`` (the process), ``late``, ``unwanted``, or ``unknown``: of a process that
+            the command has not examined.
         content: the pickled result of what is done, the traceback of what has raised.
     """
 
@@ -55,34 +61,21 @@ class Answer(NamedTuple):
     content: bytes = b""
 
 
-class Facts(NamedTuple):
-    """What tells a machine that gives the same results from one that does not.
-
-    Attributes:
-        versions: of Python and the packages that results depend on.
-        code: what each system computes, as a digest.
-        wrong: why a system cannot be had there, empty for one that can.
-        lacks: digests of the corpora that are not there.
-        host: name of the machine.
-        home: its data folder.
-    """
-
-    versions: dict[str, str]
-    code: list[str]
-    wrong: list[str]
-    lacks: list[str]
-    host: str
-    home: str
+class Unknown(Exception):
+    """A fold was asked of a process that its command has not examined."""
 
 
-def answer(question: bytes, threads: int, limit: float | None, topic: str) -> Answer:
+def answer(question: bytes, command: str, threads: int, limit: float | None = None) -> Answer:
     """Have a pickled function with its arguments called in this worker's process, unless nobody waits for it.
+
+    Python keeps the code that it has imported, so a process does nothing for a command that is younger than itself:
+    another takes its place.
 
     Args:
         question: of `answered`.
+        command: name of the one that asks.
         threads: that the process computes with.
-        limit: seconds that it may take; None for as long as it takes.
-        topic: of dask's events, under which is said how far it is (`bench.progress`); empty for none.
+        limit: seconds that a fold may take once it has begun; None for as long as it takes.
     """
     from distributed import get_worker
 
@@ -101,11 +94,15 @@ def answer(question: bytes, threads: int, limit: float | None, topic: str) -> An
             return Answer("unwanted")
     try:
         process = pool(1, threads)
+        if _served and command not in _served:
+            process.shutdown(wait=True, kill_workers=True)
+            process = pool(1, threads)
+        _served.add(command)
         with tempfile.TemporaryDirectory() as folder:
 
-            def listen() -> None:
-                if topic:
-                    report(Path(folder), heard, lambda said: worker.log_event(topic, said))
+            def listen() -> float | None:
+                report(Path(folder), heard, lambda said: worker.log_event(TOPIC, [command, *said]))
+                return min((said.began for said in heard.values()), default=None)
 
             heard: dict[tuple[str, str], Said] = {}
             return watched(process, process.submit(answered, question, folder), wanted, limit, listen)
@@ -142,18 +139,25 @@ def watched(
     asked: Future[Answer],
     wanted: Callable[[], bool],
     limit: float | None,
-    listen: Callable[[], None] = lambda: None,
+    listen: Callable[[], float | None],
 ) -> Answer:
-    """Wait for an answer while it is wanted, and no longer than a limit; then the process is ended."""
-    begun = time.monotonic()
+    """Wait for an answer while it is wanted, and no longer than a limit; then the process is ended.
+
+    Args:
+        process: that answers.
+        asked: what it will answer.
+        wanted: whether anybody waits for it.
+        limit: seconds from its beginning, for which `READY_S` are given; None for as long as it takes.
+        listen: passes on what it says, and tells when it began, of `time.time`; None as long as it has not.
+    """
+    given = time.time()
     while True:
         try:
-            found = asked.result(timeout=OFTEN_S)
-            listen()
-            return found
+            return asked.result(timeout=OFTEN_S)
         except NotYet:
-            listen()
-            late = limit is not None and time.monotonic() - begun > limit
+            began = listen()
+            until = given + READY_S if began is None else began
+            late = limit is not None and time.time() - until > limit
         except BrokenProcessPool:
             return Answer("died")
         if late or not wanted():
@@ -169,58 +173,31 @@ def answered(question: bytes, told: str) -> Answer:
     try:
         function, arguments = pickle.loads(question)
         return Answer("done", cloudpickle.dumps(function(*arguments)))
-    except Exception:
+    except Unknown:
+        return Answer("unknown")
+    except BaseException:  # one that ends a process would end the worker, which raises it again
         return Answer("raised", traceback.format_exc().encode())
 
 
-def facts(cells: Sequence[Cell], experiments: Sequence[Experiment], corpora: Sequence[Address]) -> Facts:
-    """What a machine has for a command.
+def examined(
+    command: str, cells: Sequence[Cell], experiments: Sequence[Experiment], corpora: Sequence[Address]
+) -> Facts:
+    """What this machine has for a command, which may then ask this process for folds."""
+    found = facts(cells, experiments, corpora)
+    _examined.add(command)
+    return found
 
-    Args:
-        cells: one of each kind that it runs.
-        experiments: their kinds of run.
-        corpora: that it needs.
+
+def fold(
+    command: str, experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads: int, key: str
+) -> tuple[FoldResult, Machine]:
+    """One fold, after features that need no learning were computed once for all processes of this machine.
+
+    Raises:
+        Unknown: this process is not the one that the command has examined.
     """
-    from bench.errors import InputError
-    from bench.source import versions
-
-    found, code, wrong, lacks = versions(), [], [], []
-    for cell, experiment in zip(cells, experiments, strict=True):
-        digest = why = ""
-        try:
-            found |= versions(cell.packages())
-            digest = digest_of(cell, experiment)
-        except (InputError, ImportError, OSError) as e:
-            why = str(e)
-        code.append(digest)
-        wrong.append(why)
-    for address in corpora:
-        try:
-            address.open()
-        except InputError:
-            lacks.append(address.digest)
-    return Facts(found, code, wrong, lacks, socket.gethostname(), str(home().absolute()))
-
-
-def digest_of(cell: Cell, experiment: Experiment) -> str:
-    """Hash of what a run of a cell computes; classes that were typed in travel with the cell and count for nothing."""
-    import hashlib
-    import json
-
-    from bench.source import source_digest
-    from models import contract
-
-    same = cell.identity()
-    del same["versions"]  # which are told apart by name
-    given = [p.given for p in (cell.protocol, cell.features, cell.model) if p is not None and p.given is not None]
-    if any(kind.__module__ == "__main__" for one in given for kind in contract.classes(one)):
-        del same["parts"]
-    code = [same, source_digest(*experiment.depends())]
-    return hashlib.sha256(json.dumps(code, sort_keys=True, default=str).encode()).hexdigest()
-
-
-def fold(experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> tuple[FoldResult, Machine]:
-    """One fold, after features that need no learning were computed once for all processes of this machine."""
+    if command not in _examined:
+        raise Unknown
     import hashlib
 
     from filelock import FileLock, Timeout
@@ -230,15 +207,15 @@ def fold(experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads
     from bench.work.workers import do_fold, fill_cache
 
     parts = repr((cell.features, cell.model, cell.tuning, corpus.digest))
-    key = hashlib.sha256(parts.encode()).hexdigest()[:20]
-    if key not in _filled:
+    features = hashlib.sha256(parts.encode()).hexdigest()[:20]
+    if features not in _filled:
         try:
-            with FileLock(lock_folder() / f"features-{key}.lock", timeout=LOCK_S):
+            with FileLock(lock_folder() / f"features-{features}.lock", timeout=READY_S / 2):
                 fill_cache(cell, corpus)
         except Timeout:  # the fold computes them itself
             pass
-        _filled.add(key)
-    return do_fold(experiment, cell, corpus, fold, threads, *_told), this_machine()
+        _filled.add(features)
+    return do_fold(experiment, cell, corpus, fold, threads, key, *_told), this_machine()
 
 
 def receive(token: str, name: str, content: bytes) -> str:
@@ -253,6 +230,10 @@ def receive(token: str, name: str, content: bytes) -> str:
     if name not in ("corpus.json", *FILES) or not token.isalnum():
         raise InputError(f"{name}: no file of a corpus")
     folder = home() / "corpora" / f".{owner()}{token}"
+    if not folder.exists():
+        for left in folder.parent.glob(f".{owner()}*"):  # by a command that was cut off
+            if time.time() - max(path.stat().st_mtime for path in (left, *left.iterdir())) > OLD_S:
+                shutil.rmtree(left, ignore_errors=True)
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / name).open("ab") as file:
         file.write(content)

@@ -16,7 +16,7 @@ from bench.corpora.corpus import Corpus
 from bench.outcomes.results import FoldResult, Shown
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
-from bench.progress import telling
+from bench.progress import forget, telling
 from bench.work.experiment import Experiment
 from bench.work.fold import forget_peak
 from bench.work.machine import Machine, this_machine
@@ -28,11 +28,19 @@ Todo = list[tuple[Plan, Experiment[Shown]]]  # what a command is to run
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A fold of a plan, and what is done with it."""
+    """A fold of a plan, and what is done with it.
+
+    Attributes:
+        plan: whose fold it is.
+        experiment: what is done.
+        fold: which one.
+        key: of the run that it belongs to.
+    """
 
     plan: Plan
     experiment: Experiment[Any]
     fold: Fold
+    key: str
 
 
 class Done(NamedTuple):
@@ -89,6 +97,7 @@ class Processes:
         self.running: dict[Future[FoldResult], Task] = {}
         self.suspects: list[Task] = []
         self.alone: Plan | None = None  # of which a fold has killed its worker
+        self.given = 0.0  # when the last fold was submitted, of `time.perf_counter`
         executor = pool(plan.workers, plan.threads)
         for _ in range(plan.workers):  # they import what they need while the caller does something else
             executor.submit(usable_cores)
@@ -117,12 +126,14 @@ class Processes:
 
     def begin(self, plan: Plan) -> None:
         """Compute once for all folds what needs no learning."""
+        self.alone = None
         fill_cache(plan.cell, plan.corpus)
 
     def submit(self, task: Task) -> None:
         """Have a fold done."""
         plan = task.plan
-        given = (task.experiment, plan.cell, plan.corpus, task.fold, plan.threads, self.told)
+        given = (task.experiment, plan.cell, plan.corpus, task.fold, plan.threads, task.key, self.told)
+        self.given = time.perf_counter()
         self.running[self._pool(plan).submit(do_fold, *given)] = task
 
     def finished(self) -> Done:
@@ -135,13 +146,17 @@ class Processes:
             try:
                 result = done.result()
             except BrokenProcessPool as e:
+                for one in self.running.values():  # they say no more, and cannot take back what they said
+                    if self.told:
+                        forget(self.told, one.key, one.fold.name)
                 if task.plan is not self.alone:
                     # A worker died (out of memory, say) and took the pool with it; which fold it was shows when each
                     # runs alone.
                     self._pool(task.plan).shutdown(wait=True, kill_workers=True)
                     self.suspects, self.alone, self.running = list(self.running.values()), task.plan, {}
                     continue
-                result = FoldResult(task.fold.name, error=f"The worker process died; out of memory?\n{e}")
+                said = f"The worker process died; out of memory?\n{e}"
+                result = FoldResult(task.fold.name, error=said, seconds=time.perf_counter() - self.given)
             del self.running[done]
             return Done(task, result, this_machine())
 
@@ -150,16 +165,19 @@ class Processes:
 
 
 def do_fold(
-    experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads: int, told: Path | None = None
+    experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads: int, key: str, told: Path | None = None
 ) -> FoldResult:
-    """One fold of an experiment, in a worker; an exception becomes the result's ``error``."""
+    """One fold of an experiment, in a worker; an exception becomes the result's ``error``.
+
+    It says under the key of its run how far it is.
+    """
     forget_peak()
     began = time.perf_counter()
     try:
-        with telling(told, fold.name, cell.title()):
+        with telling(told, fold.name, key):
             result = experiment.fold(cell, corpus, fold, threads)
         result.scored = experiment.fold_metrics(result, corpus.rate_hz)  # here, as the command has but one process
-    except Exception:  # whatever a system raises is this fold's result, not the end of the command
+    except BaseException:  # whatever a system raises is this fold's result; even `sys.exit` does not end the command
         result = FoldResult(fold.name, error=traceback.format_exc())
     result.seconds = time.perf_counter() - began
     return result
@@ -170,5 +188,5 @@ def fill_cache(cell: Cell, corpus: Corpus) -> None:
     given = contract.seen_by_features(cell.estimator(), corpus[:1])
     for features in cell.feature_sets().values():
         for seen in given:
-            with suppress(Exception):
+            with suppress(Exception, SystemExit):
                 features.fit_transform(seen, seen.gestures)

@@ -32,7 +32,7 @@ def seconds(workers, plan, experiment, count):
             waiting, left, begun = list(part), len(part), time.perf_counter()
             while left:
                 while waiting and workers.room(plan):
-                    workers.submit(Task(plan, experiment, waiting.pop(0)))
+                    workers.submit(Task(plan, experiment, waiting.pop(0), "key"))
                 assert not workers.finished().result.error
                 left -= 1
             spent.append(time.perf_counter() - begun)

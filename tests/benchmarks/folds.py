@@ -14,7 +14,7 @@ def folds_done(plan, experiment, folds):
     with Processes(plan) as workers:
         while left:
             while waiting and workers.room(plan):
-                workers.submit(Task(plan, experiment, waiting.pop(0)))
+                workers.submit(Task(plan, experiment, waiting.pop(0), "key"))
             yield workers.finished().result
             left -= 1
 

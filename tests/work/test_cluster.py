@@ -1,5 +1,6 @@
 """Folds on a cluster: one machine, with a scheduler and workers of dask as people start them."""
 
+import asyncio
 import os
 import pickle
 import shutil
@@ -11,6 +12,7 @@ import time
 from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -22,11 +24,12 @@ from bench.errors import InputError
 from bench.plan.arguments import backend_of
 from bench.plan.cells import cells
 from bench.progress import Said, forget, note, told
-from bench.work import cluster, loop, remote
-from bench.work.cluster import difference, packed, representatives
+from bench.work import alike, cluster, crew, loop, remote
+from bench.work.alike import Facts, difference, representatives
+from bench.work.crew import packed
 from bench.work.evaluation import Evaluation
 from bench.work.machine import Machine
-from bench.work.remote import Answer, Facts
+from bench.work.remote import Answer
 from bench.work.workers import Done
 from tests.commands.test_server import free_port
 from tests.conftest import BENCH, InProcess, predictions, random_corpus, runs
@@ -34,7 +37,7 @@ from tests.conftest import BENCH, InProcess, predictions, random_corpus, runs
 ROOT = Path(__file__).parents[2]
 SMALL = ["data.subjects=4", "data.variants=normal", "data.repetitions=2"]
 MODEL = '''
-import os, time
+import os, sys, time
 from pathlib import Path
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -42,13 +45,15 @@ from bench.progress import tell
 
 class Slow(ClassifierMixin, BaseEstimator):
     """Leaves a mark of the fold and its process; then waits, dies or hangs."""
-    def __init__(self, marks="", seconds=0.0, die="", hang=""):
-        self.marks, self.seconds, self.die, self.hang = marks, seconds, die, hang
+    def __init__(self, marks="", seconds=0.0, die="", hang="", exit=""):
+        self.marks, self.seconds, self.die, self.hang, self.exit = marks, seconds, die, hang, exit
     def fit(self, X, y):
         (fold,) = {"1", "2", "3", "4"} - set(X.subjects)
         Path(self.marks, f"{fold}_{os.getpid()}_{os.getppid()}_{time.time()}").touch()
         if fold == self.die:
             os._exit(9)
+        if fold == self.exit:
+            sys.exit("no more")
         tell(f"fold {fold} waits", self.seconds)
         time.sleep(3600 if fold == self.hang else self.seconds)
         self.classes_ = np.unique(y)
@@ -172,7 +177,7 @@ def test_what_a_machine_has_is_told_with_what_it_lacks(tmp_path):
     corpus = open_corpus("synth", {"subjects": 2, "variants": ("normal",)})
     gone = Address(Path("/nowhere"), None, "0" * 64)
     given = (asked, [Evaluation()] * 2, [address(corpus), gone])
-    found = remote.facts(*given)
+    found = alike.facts(*given)
     assert all(found.code) and found.code[0] != found.code[1] and found.lacks == [gone.digest]
     assert found.versions["python"].startswith("3.") and found.wrong == ["", ""]
     (tmp_path / "my.py").write_text(MODEL.replace("3600", "360"))
@@ -183,10 +188,7 @@ def test_what_a_machine_has_is_told_with_what_it_lacks(tmp_path):
 
 def test_one_cell_of_each_kind_is_asked_about():
     asked = cells({"model": "svm,rf", "model.C": "1,2,3", "seed": "0,1", "features": "jung28,jung54"})
-    from bench.plan.plan import Plan
-
-    todo = [(Plan(cell, None, (), 1, 1), Evaluation()) for cell in asked]
-    found, experiments = representatives(todo)
+    found, experiments = representatives((cell, Evaluation()) for cell in asked)
     assert len(asked) > len(found) == len(experiments) == 4
 
 
@@ -266,6 +268,84 @@ def test_what_a_fold_says_arrives_by_the_clock_of_the_command(tmp_path, monkeypa
     assert told(here) == [] and len(passed) == 2
 
 
+def test_what_was_sent_in_part_is_cleared_away_when_nobody_sends_the_rest(monkeypatch):
+    part, going = Path(remote.receive("part", "frames.npy", b"x")), Path(remote.receive("going", "frames.npy", b"x"))
+    for path in (part, *part.iterdir(), going):
+        os.utime(path, (time.time() - 2 * remote.OLD_S,) * 2)
+    assert Path(remote.receive("new", "frames.npy", b"x")).exists() and not part.exists()
+    assert (going / "frames.npy").read_bytes() == b"x"
+
+
+@pytest.mark.parametrize("kind", [SystemExit, KeyboardInterrupt, ValueError, asyncio.CancelledError])
+def test_whatever_a_fold_raises_is_an_answer(kind):
+    def fold():
+        raise kind("so it is")
+
+    found = remote.answered(packed(fold), "/nowhere")
+    assert found.status == "raised" and "so it is" in found.content.decode()
+
+
+def test_a_fold_is_done_by_a_process_that_its_command_has_examined():
+    corpus = random_corpus()
+    asked = packed(remote.fold, "mine", Evaluation(), None, corpus, None, 1, "key")
+    assert remote.answered(asked, "/nowhere") == Answer("unknown")
+    assert remote.answered(packed(remote.examined, "mine", (), (), ()), "/nowhere").status == "done"
+    assert remote.answered(asked, "/nowhere").status == "raised"  # it has no cell
+
+
+def crew_of(client):
+    """One without a scheduler."""
+    found = crew.Crew.__new__(crew.Crew)
+    found.remotes, found.changing, found.client, found.place = {}, threading.RLock(), client, "tcp://a:1"
+    found.name, found.threads = "mine", 1
+    return found
+
+
+def test_a_worker_that_is_gone_is_asked_nothing():
+    """dask would wait for it to come back."""
+    asked = []
+    found = crew_of(SimpleNamespace(status="running", submit=lambda *given, **how: asked.append(given)))
+    one = crew.Remote("tcp://b:1", "b", 1)
+    with pytest.raises(LookupError):
+        found._call(one, print)
+    assert not asked
+    found.remotes[one.address] = crew.Remote("tcp://b:1", "b", 1)  # another one that came to its place
+    with pytest.raises(LookupError):
+        found._call(one, print)
+
+
+def test_a_limit_counts_from_the_beginning_of_a_fold(tmp_path):
+    found = cluster.Cluster.__new__(cluster.Cluster)
+    found.limit, found.told, found.crew = 5.0, tmp_path, crew_of(None)
+    found.changing = found.crew.changing
+    one = crew.Remote("tcp://b:1", "b", 1)
+    fold = cluster.Waiting(None, b"", by=one, given=time.monotonic())
+    found.running = {("key", "anna"): fold}
+    long = time.monotonic() + remote.READY_S + 5 + cluster.SILENT_S
+    assert found._until(fold) == pytest.approx(long, abs=1)
+    found._hear(["theirs", "key", "anna", "half", None, 1.0, 0.0])
+    assert not fold.begun and told(tmp_path) == []
+    found._hear(["mine", "key", "anna", "half", None, 1.0, 0.0])
+    assert fold.begun and one.until == pytest.approx(time.monotonic() + 5 + cluster.SILENT_S, abs=1)
+    assert [said[:3] for said in told(tmp_path)] == [("key", "anna", "half")]
+    fold.by = None  # it has to be done again, and what the lost worker said arrives late
+    forget(tmp_path, "key", "anna")
+    found._hear(["mine", "key", "anna", "late", None, 1.0, 0.0])
+    assert told(tmp_path) == []
+
+
+def test_the_address_in_a_schedulers_file(tmp_path):
+    path = tmp_path / "any.name"
+    path.write_text('{"type": "Scheduler", "address": "tcp://10.0.0.1:8786"}')
+    assert crew.address_in(path) == "tcp://10.0.0.1:8786"
+    for text in ("", "{", "[]", "{}", "12", '"a"'):
+        path.write_text(text)
+        with pytest.raises(ValueError, match="a scheduler has not written this file"):
+            crew.address_in(path)
+    with pytest.raises(OSError, match="no such file"):
+        crew.address_in(tmp_path)
+
+
 @pytest.mark.parametrize(("token", "name"), [("aa", "../evil"), ("aa", "/evil"), ("../aa", "frames.npy")])
 def test_only_files_of_a_corpus_are_received(token, name, tmp_path):
     before = sorted(tmp_path.rglob("*"))
@@ -274,21 +354,26 @@ def test_only_files_of_a_corpus_are_received(token, name, tmp_path):
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_worker_waits_while_it_is_wanted_and_no_longer_than_a_limit():
+def test_a_worker_waits_while_it_is_wanted_and_no_longer_than_a_limit(monkeypatch):
     ended = []
 
     class Process:
         def shutdown(self, wait, kill_workers):
             ended.append(kill_workers)
 
-    def watched(*how):
-        return remote.watched(Process(), asked, *how)
+    def watched(wanted, limit, began=None):
+        return remote.watched(Process(), asked, wanted, limit, lambda: began)
 
     asked = Future()
-    assert watched(lambda: True, 0.5) == Answer("late") and len(ended) == 1
+    assert watched(lambda: True, 0.5, time.time()) == Answer("late") and len(ended) == 1
     assert watched(lambda: False, None) == Answer("unwanted") and len(ended) == 2
+    until = time.monotonic() + 2  # it has not begun, so the limit has no meaning yet
+    assert watched(lambda: time.monotonic() < until, 0.5) == Answer("unwanted") and len(ended) == 3
+    with monkeypatch.context() as patch:
+        patch.setattr(remote, "READY_S", 0.5)
+        assert watched(lambda: True, 0.5) == Answer("late") and len(ended) == 4
     asked.set_result(Answer("done", b"x"))
-    assert watched(lambda: False, 0) == Answer("done", b"x") and len(ended) == 2
+    assert watched(lambda: False, 0) == Answer("done", b"x") and len(ended) == 4
 
 
 # With processes.
@@ -453,27 +538,38 @@ def test_the_gate_and_an_object_of_the_users(two, tmp_path, monkeypatch, capsys)
 
 def all_ready(self):
     while sum(one.ready for one in self.remotes.values()) < 2:
-        self._look()
+        self.look()
         time.sleep(0.1)
+
+
+def lacking(tmp_path, monkeypatch):
+    """A corpus ``mine`` in a data folder that has no meaning in the folder of workers that are apart."""
+    assert main(["data", "export", "synth", "out.csv", "format=cost", "subjects=3", "variants=normal"]) == 0
+    monkeypatch.setenv("TOUCHBENCH_HOME", "own")
+    assert main(["data", "import", "cost", "out.csv", "name=mine"]) == 0
+    (tmp_path / "elsewhere").mkdir()
+
+
+@contextmanager
+def apart(place, count, tmp_path, monkeypatch):
+    """Workers with a data folder and a working folder of their own."""
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    with workers(place, count, TOUCHBENCH_HOME=str(tmp_path / "remote_home")):
+        monkeypatch.chdir(tmp_path)
+        yield
 
 
 @mark_live
 def test_a_corpus_that_is_not_there_is_sent_once(tmp_path, monkeypatch, capsys):
-    assert main(["data", "export", "synth", "out.csv", "format=cost", "subjects=3", "variants=normal"]) == 0
-    monkeypatch.setenv("TOUCHBENCH_HOME", "own")  # of no meaning in the folder of the workers
-    assert main(["data", "import", "cost", "out.csv", "name=mine"]) == 0
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
+    lacking(tmp_path, monkeypatch)
+    home = tmp_path / "remote_home"
     with scheduler() as place:
-        home = tmp_path / "remote_home"
-        monkeypatch.chdir(elsewhere)
-        with workers(place, 2, TOUCHBENCH_HOME=str(home)):
-            monkeypatch.chdir(tmp_path)
-            monkeypatch.setattr(cluster, "CHUNK", 10_000)
-            given, first = [], cluster.Cluster._send
-            monkeypatch.setattr(cluster.Cluster, "_send", lambda *to: (given.append(to), first(*to)))
+        with apart(place, 2, tmp_path, monkeypatch):
+            monkeypatch.setattr(crew, "CHUNK", 10_000)
+            given, first = [], crew.Crew._send
+            monkeypatch.setattr(crew.Crew, "_send", lambda *to: (given.append(to), first(*to)))
             # Both workers are asked, and found to lack it, before the command begins.
-            monkeypatch.setattr(cluster.Cluster, "_wait_for_workers", all_ready)
+            monkeypatch.setattr(crew.Crew, "wait", all_ready)
             assert main(["run", "data=mine", "model=bayes", "features=jung28", f"cluster={place}"]) == 0
     corpus = open_corpus("mine", {})
     assert len(given) == 1
@@ -502,16 +598,29 @@ def test_a_worker_with_other_code_is_left_out(tmp_path, capsys):
 
 
 @mark_live
-@pytest.mark.parametrize("place", ["tcp://127.0.0.1:1", "nothing.json", "what"])
-def test_a_cluster_that_is_not_there(place, capsys):
-    assert main(["run", *SMALL, f"cluster={place}"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "no scheduler answers" in line and not Path("mlflow.db").exists()
+@pytest.mark.parametrize(
+    ("place", "why"),
+    [
+        ("tcp://127.0.0.1:1", "no scheduler answers"),
+        ("nothing.json", "there is no such file"),
+        ("what", "no scheduler answers"),
+        ("bad.txt", "a scheduler has not written this file"),
+        ("tls://127.0.0.1:1", "dask has no certificates here"),
+        ("carrier://pigeon", "no scheduler answers"),
+    ],
+)
+def test_a_cluster_that_is_not_there(place, why, tmp_path):
+    (tmp_path / "bad.txt").write_text('["tcp://127.0.0.1:1"]')
+    begin = time.monotonic()
+    out, error = begun(["run", *SMALL, f"cluster={place}"]).communicate(timeout=PATIENCE)
+    (line,) = error.splitlines()
+    assert why in line and not out and not Path("mlflow.db").exists()
+    assert time.monotonic() - begin < 25  # ten for an answer; nothing is waited for at the end
 
 
 @mark_live
 def test_a_cluster_without_workers(monkeypatch, capsys):
-    monkeypatch.setattr(cluster, "FIRST_S", 1.0)
+    monkeypatch.setattr(crew, "FIRST_S", 1.0)
     with scheduler() as place:
         assert until(lambda: main(["run", *SMALL, f"cluster={place}"]) == 2)
         assert f"has no worker; start some, such as: dask worker {place}" in capsys.readouterr().err
@@ -560,6 +669,75 @@ def test_a_fold_that_kills_its_process_fails_and_no_worker_does(two, slow, capsy
 
 
 @mark_live
+def test_a_fold_that_exits_fails_and_nothing_else(two, slow, capsys):
+    command, folder = slow
+    for where in (f"cluster={two}", "jobs=2"):
+        assert main([*command, "model.exit=3", where]) == 1
+        captured = capsys.readouterr()
+        assert "fold 3 failed: SystemExit: no more" in captured.err and "3/4" in captured.out
+        assert sum(fold == "3" for fold, _, _ in marks(folder)) == 1 and not any(gone(w) for _, _, w in marks(folder))
+        for path in folder.iterdir():
+            path.unlink()
+
+
+@mark_live
+def test_a_worker_computes_with_the_code_that_is_there_now(tmp_path, monkeypatch):
+    """Its process has the old code in memory, and would stay for the next command."""
+    for package in ("bench", "features", "models", "protocols", "reports"):
+        shutil.copytree(ROOT / package, tmp_path / "code" / package)
+    file = tmp_path / "code" / "models" / "tree.py"
+    command = ["run", "model=tree", "features=jung28", *SMALL]
+
+    def labels(store, *where):
+        env = {"PYTHONPATH": str(tmp_path / "code"), "MLFLOW_TRACKING_URI": f"sqlite:///{tmp_path}/{store}.db"}
+        done = subprocess.run([*BENCH, *command, *where], capture_output=True, text=True, env=os.environ | env)
+        assert done.returncode == 0, done.stderr
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", env["MLFLOW_TRACKING_URI"])
+        store, found = runs("cell")
+        return predictions(store, found[-1])
+
+    with scheduler() as place, workers(place, 1, PYTHONPATH=str(tmp_path / "code")):
+        before = labels("there", f"cluster={place}")
+        file.write_text(file.read_text().replace("ccp_alpha=alpha", "max_depth=1"))
+        after = labels("there", f"cluster={place}")
+    here = labels("here", "jobs=1")
+    assert after.equals(here) and not after.equals(before)
+
+
+@mark_live
+def test_a_worker_that_is_killed_while_a_corpus_is_sent_stops_nothing(tmp_path, monkeypatch, capsys):
+    lacking(tmp_path, monkeypatch)
+    first, killed = crew.Crew._call, []
+
+    def call(self, one, function, *arguments):
+        found = first(self, one, function, *arguments)
+        if function is remote.receive and not killed:
+            killed.append(one.address)
+            (pid,) = self.client.run(os.getpid, workers=[one.address]).values()
+            os.kill(pid, signal.SIGKILL)
+            until(lambda: one.address not in self.remotes)
+        return found
+
+    monkeypatch.setattr(crew.Crew, "_call", call)
+    with scheduler() as place, apart(place, 1, tmp_path, monkeypatch):
+        assert main(["run", "data=mine", "model=bayes", "features=jung28", f"cluster={place}"]) == 0
+    assert len(killed) == 1 and "3/3" in capsys.readouterr().out
+
+
+@mark_live
+def test_a_command_says_that_others_keep_all_workers_busy(two, slow, monkeypatch, capsys):
+    command, folder = slow
+    process = begun([*command, "model.seconds=6", f"cluster={two}"])
+    until(lambda: len(marks(folder)) == 2)
+    monkeypatch.setattr(crew, "BUSY_S", 0.5)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "sqlite:///other.db")
+    assert main(["run", "model=bayes", "features=jung28", *SMALL, f"cluster={two}"]) == 0
+    assert capsys.readouterr().err.count("other commands may keep them busy") == 1
+    _, error = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, error
+
+
+@mark_live
 def test_a_fold_that_hangs_and_a_worker_that_does(two, slow, capsys, monkeypatch):
     command, folder = slow
     assert main([*command, "model.hang=2", "limit=3", f"cluster={two}"]) == 1
@@ -573,7 +751,7 @@ def test_a_fold_that_hangs_and_a_worker_that_does(two, slow, capsys, monkeypatch
 
     def stopping(self, task):
         """The worker is in order when it is asked, and hangs with its first fold."""
-        until(lambda: sum(one.ready for one in self.remotes.values()) == 2)
+        until(lambda: sum(one.ready for one in self.crew.remotes.values()) == 2)
         submitted(self, task)
         os.kill(stopped, signal.SIGSTOP)
 

@@ -13,7 +13,7 @@ import pytest
 from filelock import FileLock
 from joblib.externals.loky import get_reusable_executor
 
-from bench import registry
+from bench import progress, registry
 from bench.cli import main
 from bench.corpora.library import open_corpus
 from bench.outcomes.store import connect
@@ -22,6 +22,7 @@ from bench.plan.plan import Plan, folds_of, share_cores
 from bench.scratch import home
 from bench.work import loop
 from bench.work.fold import decisions, forget_peak, peak_memory
+from bench.work.workers import Processes
 from tests.conftest import BENCH, InProcess, predictions, random_corpus, runs
 from tests.work.wayward import Wayward
 
@@ -203,10 +204,28 @@ def test_control_c_keeps_the_finished_folds(tmp_path):
 
 
 @pytest.mark.pool
-@pytest.mark.parametrize(("how", "told"), [("fail", "cannot learn without 3"), ("nan", "not finite"), ("die", "died")])
-def test_a_fold_that_fails_is_recorded_and_the_others_go_on(how, told, wayward, capsys):
+@pytest.mark.parametrize(
+    ("how", "told"),
+    [
+        ("fail", "cannot learn without 3"),
+        ("nan", "not finite"),
+        ("die", "died"),
+        ("exit", "SystemExit: enough"),
+    ],
+)
+def test_a_fold_that_fails_is_recorded_and_the_others_go_on(how, told, wayward, capsys, monkeypatch):
     command = ["run", "model=wayward", f"model.{how}=3", *SMALL]
+    first, over = Processes.finished, []
+
+    def finished(self):
+        done = first(self)
+        over.append(done.task.fold.name)
+        assert not {said.name for said in progress.told(self.told)} & {*over}  # none of them is under way any longer
+        return done
+
+    monkeypatch.setattr(Processes, "finished", finished)
     assert main(command) == 1
+    assert sorted(over) == ["1", "2", "3", "4"]
     captured = capsys.readouterr()
     last = captured.err.splitlines()[-1]
     assert "1 failed" in last and "fold 3" in last and told in Path(last.split(" is in ")[1]).read_text()

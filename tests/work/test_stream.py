@@ -293,7 +293,7 @@ def test_stopping_never_looks_at_later_frames(seed, threshold):
 
 
 def replay_fold(cell, corpus, train, test):
-    return do_fold(Stream(), cell, corpus, Fold("2", train, test), 1)
+    return do_fold(Stream(), cell, corpus, Fold("2", train, test), 1, "key")
 
 
 def test_no_test_subject_has_a_say_in_calibration_and_threshold():

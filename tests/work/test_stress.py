@@ -47,7 +47,7 @@ class Recorder(ClassifierMixin, BaseEstimator):
 
 
 def stressed(cell, corpus, fold, faults=FEW, fewer=()):
-    return do_fold(Stress(faults, fewer), cell, corpus, fold, 1)
+    return do_fold(Stress(faults, fewer), cell, corpus, fold, 1, "key")
 
 
 def recorded(corpus, train, test, fewer=(), seed=0):
@@ -101,7 +101,7 @@ def test_clean_captures_and_severity_0_get_the_labels_of_bench_run(model):
     corpus = random_corpus(per_class=2)
     (cell,) = cells({"model": model} | ({"model.epochs": "1", "model.frames": "10"} if model == "cnn85" else {}))
     fold = folds_of(cell, corpus)[1]
-    expected = do_fold(Evaluation(), cell, corpus, fold, 1)
+    expected = do_fold(Evaluation(), cell, corpus, fold, 1, "key")
     assert not expected.error
     expected = scores.captures(expected.predictions)
     found = stressed(cell, corpus, fold)

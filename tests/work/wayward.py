@@ -1,21 +1,24 @@
 """A system that misbehaves when it is told to."""
 
 import os
+import sys
 
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
 
 
 class Wayward(ClassifierMixin, BaseEstimator):
-    """Guesses the first class; fails, dies or gives NaN on the subject it is told to."""
+    """Guesses the first class; fails, exits, dies or gives NaN on the subject it is told to."""
 
-    def __init__(self, fail="", die="", nan=""):
-        self.fail, self.die, self.nan = fail, die, nan
+    def __init__(self, fail="", die="", nan="", exit=""):
+        self.fail, self.die, self.nan, self.exit = fail, die, nan, exit
 
     def fit(self, X, y):
         left_out = {"1", "2", "3", "4"} - set(X.subjects)
         if self.fail in left_out:
             raise RuntimeError(f"cannot learn without {self.fail}")
+        if self.exit in left_out:
+            sys.exit("enough")
         if self.die in left_out:
             os._exit(9)
         self.classes_ = np.unique(y)
