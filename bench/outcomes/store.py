@@ -10,7 +10,6 @@ import json
 import logging
 import os
 import re
-import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -236,15 +235,11 @@ class Store:
     @patient
     def keep(self, run_id: str, path: Path, where: str = "") -> None:
         """Store a file, or the files of a folder, with a run."""
-        folder = _local(self._places[run_id]) if run_id in self._places else None
-        if folder is not None:  # as MLflow does, which first asks its database where
-            target = folder / where if where else folder
-            target.mkdir(parents=True, exist_ok=True)
-            shutil.copytree(path, target, dirs_exist_ok=True) if path.is_dir() else shutil.copy2(path, target)
-        elif path.is_dir():
-            self.client.log_artifacts(run_id, str(path), where or None)
-        else:
-            self.client.log_artifact(run_id, str(path), where or None)
+        from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
+
+        # MLflow's client would ask its database each time where they belong.
+        artifacts = get_artifact_repository(self._places.get(run_id) or self.client.get_run(run_id).info.artifact_uri)
+        (artifacts.log_artifacts if path.is_dir() else artifacts.log_artifact)(str(path), where or None)
 
     @patient
     def begin(self, run_id: str) -> None:
