@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,7 @@ def _said(call: list[str], folder: Path) -> str:
     return said
 
 
+@cache
 def toolchain() -> list[str]:
     """What each program says of its version, which bytes, instructions and rounding depend on."""
     return [

@@ -122,9 +122,8 @@ def test_parameter_counts_by_hand():
     machine = svm(Jung28()).fit(corpus, corpus.gestures)
     found = sizes(machine, 64, 40)
     n = len(machine.named_steps["classifier"].support_)
-    assert found["ram_bytes"] == 4 * (
-        40 + 2 * 64 + 28 + n + 3
-    )  # summed pressure, two frames, features, kernels, scores
+    # summed pressure, two frames, features, kernels, scores
+    assert found["ram_bytes"] == 4 * (40 + 2 * 64 + 28 + n + 3)
     whole = svm(Jung54()).fit(corpus, corpus.gestures)  # spatial peaks are above a share of the whole's maximum
     n = len(whole.named_steps["classifier"].support_)
     assert sizes(whole, 64, 40)["ram_bytes"] == 4 * (40 * 64 + 54 + n + 3)
