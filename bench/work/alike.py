@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import socket
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -9,10 +10,15 @@ from bench.scratch import home
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from types import ModuleType
 
     from bench.corpora.folder import Address
-    from bench.plan.cells import Cell
+    from bench.plan.cells import Cell, Part
+    from bench.source import Code
     from bench.work.experiment import Experiment
+
+
+TYPED = "__main__"  # module of what is typed into a script or a notebook
 
 
 class Facts(NamedTuple):
@@ -37,11 +43,16 @@ class Facts(NamedTuple):
 
 def representatives(asked: Iterable[tuple[Cell, Experiment]]) -> tuple[list[Cell], list[Experiment]]:
     """Cells and kinds of run, one of each that share all their code."""
+    from models import contract
+    from models.tuning import machinery
+
     found: dict[tuple, tuple[Cell, Experiment]] = {}
     for cell, experiment in asked:
         parts = [part for part in (cell.protocol, cell.features, cell.model) if part is not None]
         names = [(p.room, p.name, p.module, id(p.given) if p.given else 0, *sorted(p.parameters)) for p in parts]
-        found.setdefault((type(experiment), cell.tuning is None, *names), (cell, experiment))
+        code = [*experiment.depends(), *(machinery(cell.tuning) if cell.tuning else [])]
+        faults = contract.trained_faults(cell.estimator())
+        found.setdefault((type(experiment), *map(id, code), *names, *faults), (cell, experiment))
     return [cell for cell, _ in found.values()], [experiment for _, experiment in found.values()]
 
 
@@ -75,20 +86,62 @@ def facts(cells: Sequence[Cell], experiments: Sequence[Experiment], corpora: Seq
 
 
 def digest_of(cell: Cell, experiment: Experiment) -> str:
-    """Hash of what a run of a cell computes; classes that were typed in travel with the cell and count for nothing."""
+    """Hash of what a run of a cell computes.
+
+    Classes that were typed in travel with the cell; of those counts only what they use of files.
+    """
     import hashlib
     import json
 
     from bench.source import source_digest
-    from models import contract
 
     same = cell.identity()
     del same["versions"]  # which are told apart by name
-    given = [p.given for p in (cell.protocol, cell.features, cell.model) if p is not None and p.given is not None]
-    if any(kind.__module__ == "__main__" for one in given for kind in contract.classes(one)):
-        del same["parts"]
+    same["parts"] = [_code_of(part) for part in (cell.protocol, cell.features, cell.model) if part is not None]
     code = [same, source_digest(*experiment.depends())]
     return hashlib.sha256(json.dumps(code, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _code_of(part: Part) -> tuple:
+    from bench.source import source_digest
+    from models import contract
+
+    own = contract.classes(part.given) if part.given is not None else []
+    if not any(kind.__module__ == TYPED for kind in own):
+        return part.identity()
+    files: dict[int, Code] = {}
+    for kind in own:
+        _follow(kind, files, set())
+    return *part.identity()[:-1], source_digest(*files.values()) if files else ""
+
+
+def _follow(code: Code, files: dict[int, Code], seen: set[int]) -> None:
+    """Find what typed-in code uses of files that are no installed library: base classes, and names in its functions."""
+    from models import contract
+
+    if id(code) in seen or (inspect.ismodule(code) and not any(map(contract.classes, _defined(code)))):
+        return
+    seen.add(id(code))
+    if inspect.ismodule(code) or code.__module__ != TYPED:
+        if inspect.ismodule(code) or contract.classes(code):
+            files[id(code)] = code
+        return
+    functions = [code]
+    if inspect.isclass(code):
+        for base in code.__mro__[1:]:
+            _follow(base, files, seen)
+        functions = [getattr(v, "__func__", getattr(v, "fget", v)) for v in vars(code).values()]
+    for function in filter(inspect.isfunction, functions):
+        for name in function.__code__.co_names:
+            used = function.__globals__.get(name)
+            if inspect.ismodule(used) or inspect.isclass(used) or inspect.isfunction(used):
+                _follow(used, files, seen)
+
+
+def _defined(module: ModuleType) -> list[Code]:
+    """Classes and functions of a module itself."""
+    code = [v for v in vars(module).values() if inspect.isclass(v) or inspect.isfunction(v)]
+    return [v for v in code if v.__module__ == module.__name__]
 
 
 def difference(systems: Sequence[str], here: Facts, there: Facts) -> str:

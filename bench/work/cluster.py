@@ -27,7 +27,7 @@ from bench.plan.plan import Plan
 from bench.progress import Said, forget, note
 from bench.work import remote
 from bench.work.alike import representatives
-from bench.work.crew import GOES_ON, LOOK_S, Crew, Remote, packed
+from bench.work.crew import GOES_ON, LOOK_S, SILENT_S, Crew, Remote, packed
 from bench.work.remote import Answer
 from bench.work.workers import Done, Task, Todo
 
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from bench.work.machine import Machine
 
 NEXT_S = 600.0  # for another worker, after the last is gone
-SILENT_S = 60.0  # beyond the limit of a fold, after which its worker is taken for hung
 TRIES = {"died": 2, "lost": 3}  # of a fold whose process died, and of one whose worker is gone
 
 
@@ -48,8 +47,7 @@ class Waiting:
         question: as it is sent.
         tried: on which workers it came to no end, by how.
         by: the worker that has it, None while it waits.
-        given: when that one got it, and then when it began, of `time.monotonic`.
-        begun: whether it has begun, as far as is known.
+        given: when that one got it, of `time.monotonic`.
     """
 
     task: Task
@@ -57,7 +55,6 @@ class Waiting:
     tried: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
     by: Remote | None = None
     given: float = 0.0
-    begun: bool = False
 
 
 class Cluster:
@@ -162,26 +159,17 @@ class Cluster:
 
     def _hear(self, said: list) -> None:
         """Note what a worker says of a fold of this command; called in a thread of dask's."""
-        command, of, name, *rest = said
+        command, by, of, name, *rest = said
         with self.changing:
             fold = self.running.get((of, name)) if command == self.crew.name else None
-            if fold is None or fold.by is None:  # another command's, or not done there any longer
-                return
-            if not fold.begun:
-                fold.given, fold.begun = time.monotonic(), True
-                fold.by.until = self._until(fold)
-            hear(self.told, [of, name, *rest])
-
-    def _until(self, fold: Waiting) -> float:
-        """When its worker should have ended a fold long ago; the limit counts from when it begins."""
-        ready = 0.0 if fold.begun else remote.READY_S
-        return fold.given + ready + self.limit + SILENT_S if self.limit else float("inf")
+            if fold is not None and fold.by is not None and fold.by.address == by:  # not one that has lost it
+                hear(self.told, [of, name, *rest])
 
     def _dispatch(self) -> None:
         """Give folds that wait to workers that do nothing; one that ended badly goes to another if there is one."""
         with self.changing:
             ready = [r for r in self.crew.remotes.values() if r.ready]
-            idle = [r for r in ready if r.asked is None]
+            idle = [r for r in ready if not r.asked]
             for waiting in list(self.waiting):
                 bad = {name for names in waiting.tried.values() for name in names}
                 fresh = [r for r in idle if r.name not in bad]
@@ -192,25 +180,19 @@ class Cluster:
                 one = able[0]
                 idle.remove(one)
                 self.waiting.remove(waiting)
-                waiting.by, waiting.given, waiting.begun = one, time.monotonic(), False
-                one.until = self._until(waiting)
+                waiting.by, waiting.given = one, time.monotonic()
                 asked = (waiting.question, self.crew.name, self.crew.threads, self.limit)
-                one.asked = self.crew.begin(one, remote.answer, *asked)
-                one.asked.add_done_callback(partial(self._over, one, waiting))
+                self.crew.begin(one, remote.answer, *asked).add_done_callback(partial(self._over, one, waiting))
 
     def _over(self, one: Remote, waiting: Waiting, asked: Any) -> None:
-        """Called in a thread of dask's."""
-        with self.changing:
-            if one.asked is asked:
-                one.asked, one.until = None, float("inf")
+        """Called in a thread of dask's, of which there is but one."""
         threading.Thread(target=self._fetch, args=(one, waiting, asked), daemon=True).start()
-        try:
-            self._dispatch()
-        except ClusterError:  # or the command has ended
-            pass
 
     def _fetch(self, one: Remote, waiting: Waiting, asked: Any) -> None:
-        """Bring an answer here, in a thread: where a worker has gone with it, dask waits for it."""
+        """Bring an answer here, in a thread: where a worker has gone with it, dask waits for it.
+
+        The worker gets the next fold, unless its process has to be examined first.
+        """
         found = Answer("lost")
         try:
             if asked.status == "finished":
@@ -219,7 +201,15 @@ class Cluster:
                 self.crew.refuse(one, f"it failed: {asked.exception()!r}")
         except Exception as e:  # dask raises what it likes
             logging.getLogger(__name__).debug("no answer of %s: %r", one.address, e)
+        with self.changing:
+            one.asked.discard(asked)
+            if found.status == "unknown":
+                self.crew.examine(one)
         self.answers.put((one, waiting, found))
+        try:
+            self._dispatch()
+        except ClusterError:  # or the command has ended
+            pass
 
     def _done(self, one: Remote, waiting: Waiting, found: Answer) -> Done | None:
         """What came of a fold, None if it has to be done again."""
@@ -233,7 +223,6 @@ class Cluster:
             else:
                 return self._ended(waiting, result, machine)
         if status == "unknown":  # its process is another than the one that was examined
-            self.crew.examine(one)
             self._again(waiting)
             return None
         if status in TRIES:
@@ -241,10 +230,13 @@ class Cluster:
             if len(waiting.tried[status]) < TRIES[status]:
                 self._again(waiting)
                 return None
+        late = f"The fold took longer than limit={self.limit:g} seconds" if self.limit else ""
+        if not found.content:
+            late = f"The fold had not begun after {remote.READY_S / 60:g} minutes: imports, or features of all captures"
         said = {
             "died": "The worker process died twice; out of memory?",
             "lost": f"Its worker was gone {TRIES['lost']} times; does the fold bring the machine down?",
-            "late": f"The fold took longer than limit={self.limit:g} seconds" if self.limit else "",
+            "late": late,
             "raised": found.content.decode(),
         }[status]
         result = FoldResult(task.fold.name, error=said, seconds=time.monotonic() - waiting.given)

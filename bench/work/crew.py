@@ -6,6 +6,7 @@ is asked of one worker by name, so that one that was not examined gets no fold.
 
 from __future__ import annotations
 
+import asyncio
 import json
 import logging
 import pickle
@@ -15,7 +16,8 @@ import threading
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +34,9 @@ if TYPE_CHECKING:
 
 LOOK_S = 1.0  # between two looks at who is there
 FIRST_S = 30.0  # for the first worker to come
-BUSY_S = 10.0  # before it is said that all workers do something else
+BUSY_S = 10.0  # before it is said that no worker has answered yet
+ANSWER_S = 10.0  # that a scheduler has to answer at first
+SILENT_S = 60.0  # without a sign of a worker, or an answer of the scheduler, after which it is taken for hung
 CHUNK = 4 << 20  # bytes of a corpus that are sent at a time
 GOES_ON = "every finished fold is stored and the same command goes on from there"
 
@@ -47,8 +51,9 @@ class Remote:
         threads: that it was started with.
         ready: whether it may do folds.
         refused: why it may not; empty while that is not known.
-        asked: what it does, None while it has nothing to do.
-        until: when it is taken for hung, of `time.monotonic`.
+        examined: whether it is being asked what it has.
+        asked: what it does.
+        sign: the last that dask has seen of it, and since when, of `time.monotonic`.
     """
 
     address: str
@@ -56,8 +61,9 @@ class Remote:
     threads: int
     ready: bool = False
     refused: str = ""
-    asked: Any = None
-    until: float = float("inf")
+    examined: bool = False
+    asked: set[Any] = field(default_factory=set)
+    sign: tuple[float, float] = (0.0, 0.0)
 
 
 class Crew:
@@ -123,7 +129,7 @@ class Crew:
                 raise InputError(f"cluster={self.place}: none of {len(there)} workers can be used; {there[0].refused}")
             waited = time.monotonic() - begun
             if there and waited > BUSY_S and not told:
-                doing = "have not said yet what they have; other commands may keep them busy"
+                doing = "have not answered yet: they import, or do folds of another command"
                 self.say(f"warning: cluster={self.place}: its {len(there)} workers {doing}; waiting, Ctrl-C ends it")
                 told = True
             if not there and waited > FIRST_S:
@@ -155,18 +161,25 @@ class Crew:
             gone = [r for name, r in self.remotes.items() if name not in there]
             for one in gone:
                 del self.remotes[one.address]
-            silent = [r for r in self.remotes.values() if time.monotonic() > r.until and not r.refused]
+            silent = [r for r in self.remotes.values() if self._silent(r, there[r.address]["last_seen"])]
+            waited_for = [asked for one in (*gone, *silent) for asked in one.asked]
         for one in silent:
             self.refuse(one, "it does not answer")
-        for one in (*gone, *silent):
-            if one.asked is not None:
-                one.asked.cancel()  # whoever waits for it hears of it
+        for asked in waited_for:
+            asked.cancel()  # whoever waits for it hears of it
         come = [Remote(name, str(about["name"]), about["nthreads"]) for name, about in there.items()]
         for one in come:
             if one.address not in self.remotes:
                 with self.changing:
                     self.remotes[one.address] = one
                 self.examine(one)
+
+    def _silent(self, one: Remote, seen: float) -> bool:
+        """Whether a worker, which always has time to answer dask, has given no sign for long."""
+        now = time.monotonic()
+        if seen != one.sign[0]:
+            one.sign = seen, now
+        return not one.refused and now - one.sign[1] > SILENT_S
 
     def tell(self) -> None:
         """Say what threads have found: they would write into the bars."""
@@ -183,7 +196,7 @@ class Crew:
         if self.client.status != "running":
             raise self._gone()
         try:  # dask's own `scheduler_info` may be overwritten by another thread before it is returned
-            return self.client.sync(scheduler.identity, n_workers=-1)["workers"]
+            return self.client.sync(scheduler.identity, n_workers=-1, callback_timeout=SILENT_S)["workers"]
         except (OSError, TimeoutError, RuntimeError) as e:
             raise self._gone() from e
 
@@ -191,6 +204,9 @@ class Crew:
         """Find out, in a thread, whether a worker may do folds."""
         with self.changing:
             one.ready = False
+            if one.examined or one.refused or self.remotes.get(one.address) is not one:
+                return
+            one.examined = True
         threading.Thread(target=self._admit, args=(one,), daemon=True).start()
 
     def _admit(self, one: Remote) -> None:
@@ -209,7 +225,7 @@ class Crew:
                     if digest in self._ask(one, question).lacks:
                         self._send(one, self.corpora[digest])
             with self.changing:
-                one.ready = True
+                one.ready, one.examined = not one.refused, False
             self.freed()
         except InputError as e:
             self.refuse(one, str(e))
@@ -217,12 +233,14 @@ class Crew:
             with self.changing:
                 there_still = self.client.status == "running" and self.remotes.get(one.address) is one
             if there_still:
-                self.refuse(one, f"it cannot be asked: {type(e).__name__}: {e}; is touchbench installed there?")
+                why = f"it cannot be asked: {type(e).__name__}: {e}"
+                self.refuse(one, f"{why}; is touchbench installed there, and was it started anew after an upgrade?")
 
     def refuse(self, one: Remote, why: str) -> None:
         """Leave a worker out."""
         with self.changing:
-            one.ready, one.refused = False, f"worker {one.name} is left out: {' '.join(why.split())}"
+            one.ready, one.examined = False, False
+            one.refused = f"worker {one.name} is left out: {' '.join(why.split())}"
         self.lines.put(f"warning: {one.refused}")
 
     def _ask(self, one: Remote, question: bytes) -> Any:
@@ -231,7 +249,10 @@ class Crew:
         Raises:
             InputError: it failed there.
         """
-        found: Answer = self._call(one, remote.answer, question, self.name, self.threads)
+        for _ in range(2):
+            found: Answer = self._call(one, remote.answer, question, self.name, self.threads)
+            if found.status in ("done", "raised"):
+                break
         if found.status != "done":
             raise InputError((found.content.decode().strip().splitlines() or ["its process died"])[-1])
         return pickle.loads(found.content)
@@ -245,28 +266,31 @@ class Crew:
         with self.changing:
             if self.remotes.get(one.address) is not one:
                 raise LookupError("it is gone")
-            asked = one.asked = self.begin(one, function, *arguments)
+            asked = self.begin(one, function, *arguments)
         try:
             return asked.result()
         finally:
-            one.asked = None
+            with self.changing:
+                one.asked.discard(asked)
 
     def begin(self, one: Remote, function: Callable, *arguments: object) -> Any:
-        """Have a function called in a worker itself.
+        """Have a function called in a worker itself; whoever asks holds ``changing``.
 
         Raises:
             ClusterError: the scheduler is gone.
         """
         there: dict[str, Any] = {"workers": [one.address], "allow_other_workers": False}
         try:
-            return self.client.submit(function, *arguments, **there, pure=False)
+            asked = self.client.submit(function, *arguments, **there, pure=False)
+            one.asked.add(asked)
+            return asked
         except Exception as e:  # dask has several
             if self.client.status == "running":
                 raise
             raise self._gone() from e
 
     def _gone(self) -> ClusterError:
-        return ClusterError(f"cluster={self.place}: the scheduler is gone; {GOES_ON}")
+        return ClusterError(f"cluster={self.place}: the scheduler is gone, or does not answer; {GOES_ON}")
 
     def _send(self, one: Remote, corpus: Address) -> None:
         """Send a corpus, a piece of a file after the other."""
@@ -274,7 +298,8 @@ class Crew:
         for name in ("corpus.json", *FILES):
             with (corpus.path / name).open("rb") as file:
                 while content := file.read(CHUNK):
-                    folder = self._call(one, remote.receive, token, name, content)
+                    place = file.tell() - len(content)
+                    folder = self._call(one, remote.receive, token, name, place, content)
         self._ask(one, packed(remote.adopt, folder, corpus.digest))
 
 
@@ -285,32 +310,34 @@ def connected(place: str) -> Client:
         place: its address, or the file that it has written it into.
 
     Raises:
-        InputError: dask is not installed, or nothing answers there.
+        InputError: dask is not installed, or no scheduler answers there.
     """
     try:
-        from distributed import Client, Security
-        from distributed.comm.addressing import parse_address, parse_host_port
-        from distributed.comm.registry import get_backend
+        from distributed import Client
     except ImportError as e:
         raise InputError(f"cluster={place}: dask is not installed; pip install 'touchbench[cluster]'") from e
     for name in ("distributed.client", "distributed.core"):  # what they say of lost connections, we say
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    security = Security()
     try:
         where = address_in(Path(place)) if _named_like_a_file(place) else place
-        scheme, host = parse_address(where)  # a client that does not begin for such reasons would not end either
-        get_backend(scheme)
-        parse_host_port(host)
-        if scheme == "tls" and not security.get_connection_args("client").get("ssl_context"):
-            lacks = "dask has no certificates here; set distributed.comm.tls in its configuration"
-            raise InputError(f"cluster={place}: {lacks}")
-        return Client(where, timeout=10, set_as_default=False, security=security)
-    except (OSError, TimeoutError, ValueError, ImportError) as e:
-        said = " ".join(str(e).split()) or type(e).__name__
+        with ThreadPoolExecutor(1) as thread:  # in a notebook, a loop runs in this one
+            thread.submit(asyncio.run, _greeted(where)).result()
+        return Client(where, timeout=ANSWER_S, set_as_default=False)
+    except Exception as e:  # dask has many
+        said = " ".join(str(e).split()) or f"{type(e).__name__} after {ANSWER_S:g} s"
         raise InputError(
             f"cluster={place}: no scheduler answers ({said[:80]}); give tcp://HOST:8786 of one that runs, or the file "
             "that it was started with (--scheduler-file)"
         ) from e
+
+
+async def _greeted(where: str) -> None:
+    """Ask a scheduler for its name: dask's client waits for ever for what answers otherwise, and ends badly."""
+    from distributed import Security
+    from distributed.core import rpc
+
+    async with rpc(where, connection_args=Security().get_connection_args("client")) as scheduler:
+        await asyncio.wait_for(scheduler.identity(n_workers=0), ANSWER_S)
 
 
 def _named_like_a_file(place: str) -> bool:

@@ -121,18 +121,18 @@ def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate |
     """
     with tempfile.TemporaryDirectory() as folder:
         workers: Workers
-        if backend.cluster:
-            from bench.work.cluster import Cluster
-
-            workers = cluster = Cluster(backend, todo, warn, Path(folder))
-            todo = [(replace(plan, threads=cluster.threads), experiment) for plan, experiment in todo]
-        else:
-            workers = Processes(todo[0][0], Path(folder))  # they start while the store is opened
-            if backend.jobs and backend.jobs > usable_cores():
-                has = f"this machine has {usable_cores()} cores"
-                console.print(f"warning: jobs={backend.jobs}: {has}, more workers would only wait")
         under_way: list[Begun] = []
         try:
+            if backend.cluster:
+                from bench.work.cluster import Cluster
+
+                workers = cluster = Cluster(backend, todo, warn, Path(folder))
+                todo = [(replace(plan, threads=cluster.threads), experiment) for plan, experiment in todo]
+            else:
+                workers = Processes(todo[0][0], Path(folder))  # they start while the store is opened
+                if backend.jobs and backend.jobs > usable_cores():
+                    has = f"this machine has {usable_cores()} cores"
+                    console.print(f"warning: jobs={backend.jobs}: {has}, more workers would only wait")
             with workers:
                 for line in dict.fromkeys(line for plan, _ in todo for line in warnings(plan)):
                     warn(line)
@@ -164,7 +164,7 @@ class Begun(Generic[Shown]):
         bar: of its folds.
         lock: holds it against other processes.
         errors: by name of a fold that failed, where its traceback is.
-        spent: seconds of each fold that is done.
+        spent: seconds of each fold that went well.
     """
 
     place: int
@@ -239,7 +239,7 @@ def work(
             begun = next(b for b in under_way if b.run.key == task.key)
             child = begun.run.add(result, machine)
             begun.left -= 1
-            if result.seconds:  # of one that died nobody may know
+            if not result.error:  # what failed at once says nothing of the others
                 begun.spent.append(result.seconds)
             bar.advance(begun.bar)
             if result.error:

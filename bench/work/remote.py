@@ -54,7 +54,7 @@ class Answer(NamedTuple):
     Attributes:
         status: ``done``, ``raised``, ``died`` (the process), ``late``, ``unwanted``, or ``unknown``: of a process that
             the command has not examined.
-        content: the pickled result of what is done, the traceback of what has raised.
+        content: the pickled result of what is done, the traceback of what has raised, empty if a late fold never began.
     """
 
     status: str
@@ -93,21 +93,23 @@ def answer(question: bytes, command: str, threads: int, limit: float | None = No
         if not wanted():
             return Answer("unwanted")
     try:
-        process = pool(1, threads)
         if _served and command not in _served:
-            process.shutdown(wait=True, kill_workers=True)
-            process = pool(1, threads)
+            pool(1, threads).shutdown(wait=True, kill_workers=True)
         _served.add(command)
         with tempfile.TemporaryDirectory() as folder:
 
             def listen() -> float | None:
-                report(Path(folder), heard, lambda said: worker.log_event(TOPIC, [command, *said]))
+                report(Path(folder), heard, lambda said: worker.log_event(TOPIC, [command, worker.address, *said]))
                 return min((said.began for said in heard.values()), default=None)
 
             heard: dict[tuple[str, str], Said] = {}
-            return watched(process, process.submit(answered, question, folder), wanted, limit, listen)
-    except BrokenProcessPool:  # while it was idle
-        return Answer("died")
+            try:
+                process = pool(1, threads)
+                asked = process.submit(answered, question, folder)
+            except RuntimeError:  # it ended while it was idle
+                process = pool(1, threads)
+                asked = process.submit(answered, question, folder)
+            return watched(process, asked, wanted, limit, listen)
     finally:
         _one.release()
 
@@ -162,7 +164,7 @@ def watched(
             return Answer("died")
         if late or not wanted():
             process.shutdown(wait=True, kill_workers=True)
-            return Answer("late" if late else "unwanted")
+            return Answer("late", b"" if began is None else b"begun") if late else Answer("unwanted")
 
 
 def answered(question: bytes, told: str) -> Answer:
@@ -218,8 +220,8 @@ def fold(
     return do_fold(experiment, cell, corpus, fold, threads, key, *_told), this_machine()
 
 
-def receive(token: str, name: str, content: bytes) -> str:
-    """Add to a file of a corpus that is being sent to this machine; the folder that it comes into.
+def receive(token: str, name: str, place: int, content: bytes) -> str:
+    """Take a piece of a file of a corpus that is being sent to this machine; the folder that it comes into.
 
     Raises:
         InputError: a corpus has no such file.
@@ -235,7 +237,9 @@ def receive(token: str, name: str, content: bytes) -> str:
             if time.time() - max(path.stat().st_mtime for path in (left, *left.iterdir())) > OLD_S:
                 shutil.rmtree(left, ignore_errors=True)
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / name).open("ab") as file:
+    (folder / name).touch()
+    with (folder / name).open("r+b") as file:  # dask may do this twice
+        file.seek(place)
         file.write(content)
     return str(folder)
 

@@ -146,13 +146,13 @@ class Processes:
             try:
                 result = done.result()
             except BrokenProcessPool as e:
+                self._pool(task.plan).shutdown(wait=True, kill_workers=True)
                 for one in self.running.values():  # they say no more, and cannot take back what they said
                     if self.told:
                         forget(self.told, one.key, one.fold.name)
                 if task.plan is not self.alone:
                     # A worker died (out of memory, say) and took the pool with it; which fold it was shows when each
                     # runs alone.
-                    self._pool(task.plan).shutdown(wait=True, kill_workers=True)
                     self.suspects, self.alone, self.running = list(self.running.values()), task.plan, {}
                     continue
                 said = f"The worker process died; out of memory?\n{e}"
