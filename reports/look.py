@@ -1,4 +1,4 @@
-"""What ``bench data show`` draws: mean pressure of each gesture, film strips of captures, captures in motion, one page."""
+"""What ``bench data show`` draws: mean pressure of gestures, film strips, captures in motion, a page with all of it."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from pathlib import Path
 import numpy as np
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.survey import Survey
+from bench.corpora.survey import DURATIONS, PRESSURE, Survey
 from bench.errors import InputError
 from reports.figures import SYNTHETIC, Picture, mark, new_figure, plain, save, short
-from reports.layout import Animation, Heading, Table, Text, page
+from reports.layout import Animation, Block, Heading, Table, Text, page
 
 FILMED = 8  # frames of a strip
 DRAWN = 24  # gestures of a figure
 ACROSS = 7  # panels of a row
 PER_S, IMAGES = 12.5, 100  # of the animation: images a second, and their largest number
+ROWS = 200  # of a table of the page
 COLOURS = "magma"
+ROOT = 0.5  # colours follow the square root of the pressure, or light touch would all be black
 INDEX, MOTION = "index.html", "motion.gif"
 
 
@@ -81,10 +83,10 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
     across = min(ACROSS, len(names))
     down = -(-len(names) // across)
     wide, high = _panel(grid, 1.35)
-    size = (max(4.5, across * (wide + 0.15) + 1.15), down * (high + 0.36) + 0.75)
-    figure, axes = new_figure(size, (down, across), (0.15, size[0] - across * (wide + 0.15), 0.3, 0.75), (0.15, 0.36))
-    figure.suptitle(f"Mean pressure of each gesture, {plain([group])[0]}", fontsize=9, y=1 - 0.1 / size[1], va="top")
-    norm = PowerNorm(0.5, vmin=0, vmax=max(float(means.max()), 1e-9))
+    size = (max(4.5, across * (wide + 0.15) + 1.15), down * (high + 0.36) + 0.45)
+    figure, axes = new_figure(size, (down, across), (0.15, size[0] - across * (wide + 0.15), 0.3, 0.5), (0.15, 0.36))
+    figure.suptitle(f"Mean pressure of each gesture, {plain([group])[0]}", fontsize=9, y=1 - 0.08 / size[1], va="top")
+    norm = PowerNorm(ROOT, vmin=0, vmax=max(float(means.max()), 1e-9))
     for ax, name, values in zip(axes.flat, plain(short(n, 24) for n in names), means, strict=False):
         image = ax.imshow(values, cmap=COLOURS, norm=norm)
         ax.set_title(name, fontsize=8, pad=3)
@@ -121,6 +123,8 @@ def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Pict
         group: the corpus, in words.
         folder: where the files go.
     """
+    from matplotlib.colors import PowerNorm
+
     names = found.gestures[:DRAWN]
     gap = 1 / 12  # between two frames, as a share of one
     wide, high = _panel(corpus.grid, 0.95)
@@ -140,7 +144,7 @@ def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Pict
         for j, frame in enumerate(frames[shown]):
             at = (left + j * wide * (1 + gap)) / size[0]
             ax = figure.add_axes((at, bottom / size[1], wide / size[0], high / size[1]))
-            ax.imshow(frame, cmap=COLOURS, vmin=0, vmax=most, aspect="auto")
+            ax.imshow(frame, cmap=COLOURS, norm=PowerNorm(ROOT, vmin=0, vmax=most, clip=True), aspect="auto")
             ax.set(xticks=[], yticks=[])
         low = bottom - 0.05 - curve
         ax = figure.add_axes((left / size[0], low / size[1], across / size[0], curve / size[1]))
@@ -155,19 +159,27 @@ def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Pict
         ax.yaxis.tick_right()
         ax.spines["left"].set_visible(False)
         ax.spines["right"].set_visible(True)
-        ax.set_yticks([float(total.max())], [f"{total.max():.3g}"])
+        ax.set_yticks([float(total.max())], [_value(total.max())])
+        if i == len(names) - 1:
+            ax.set_xlabel("s", fontsize=7, labelpad=1)
         about = _about(corpus, capture)
-        words = [name, f"capture {capture}", f"subject {about['subject']}", f"colours 0 to {most:.3g}"]
+        words = [name, f"capture {capture}", f"subject {about['subject']}", f"colours 0 to {_value(most)}"]
         figure.text(0.12 / size[0], (bottom + high) / size[1], words[0], fontsize=9, va="top", weight="bold")
         below = "\n".join(plain(short(w, 30) for w in words[1:]))
         figure.text(0.12 / size[0], (bottom + high - 0.2) / size[1], below, fontsize=7, va="top", color="0.35")
     caption = (
         "The capture of each gesture that is nearest to the middle in duration, mean and highest pressure: "
-        f"{FILMED} frames evenly spaced in time, each row with colours of its own, and below them the pressure summed "
-        f"over the taxels against seconds, with its largest value; grey lines stand at the frames."
+        f"{FILMED} frames evenly spaced in time, in colours that follow the square root of "
+        "the pressure, each row on a scale of its own, and below them the pressure summed "
+        "over the taxels against seconds, with its largest value; grey lines stand at the frames."
         f"{_left_out(found.gestures)}"
     )
     return save(figure, folder, "films", "films", group, caption)
+
+
+def _value(number: float) -> str:
+    """A sensor value, or a sum of some, without an exponent where it is not huge."""
+    return f"{number:.0f}" if 100 <= number < 1e7 else f"{number:.3g}"
 
 
 def _about(corpus: Corpus, capture: int) -> dict:
@@ -185,6 +197,7 @@ def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> 
     """
     from matplotlib.animation import PillowWriter
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import PowerNorm
 
     films = [corpus[place(corpus, c)] for c in captures]
     longest = max(map(len, films)) / corpus.rate_hz
@@ -203,9 +216,12 @@ def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> 
     images = []
     for ax, film, capture in zip(axes.flat, films, captures, strict=False):
         most = max(float(film.max()), 1e-9)
-        images.append(ax.imshow(film[0], cmap=COLOURS, vmin=0, vmax=most, aspect="auto"))
+        norm = PowerNorm(ROOT, vmin=0, vmax=most, clip=True)
+        images.append(ax.imshow(film[0], cmap=COLOURS, norm=norm, aspect="auto"))
         about = _about(corpus, capture)
-        words = plain([short(str(about["gesture"]), 20), f"subject {short(str(about['subject']), 12)}, to {most:.3g}"])
+        words = plain(
+            [short(str(about["gesture"]), 20), f"subject {short(str(about['subject']), 12)}, to {_value(most)}"]
+        )
         ax.set_title("\n".join(words), fontsize=7, pad=2)
     for ax in axes.flat:
         ax.set(xticks=[], yticks=[])
@@ -216,22 +232,38 @@ def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> 
     with writer.saving(figure, str(path), dpi=80):
         for t in times:
             clock.set_text(f"{plain([group])[0]}   {t:5.2f} s of {longest:.2f} s")
-            for ax, image, film in zip(axes.flat, images, films, strict=False):
+            for image, film in zip(images, films, strict=True):
                 at = int(t * corpus.rate_hz)
                 image.set_data(film[min(at, len(film) - 1)])
                 image.set_alpha(1.0 if at < len(film) else 0.25)
             writer.grab_frame()
     which = "a typical capture of each gesture" if len(captures) > 1 else f"capture {captures[0]}"
-    caption = f"In motion: {which}, at the speed of the touch; each with colours of its own, pale where it is over."
+    caption = (
+        f"In motion: {which}, at the speed of the touch; each on a colour scale of its own, pale where it is over."
+    )
     if corpus.synthetic:
         caption += f" Synthetic: {SYNTHETIC}."
     return Animation(path, caption)
 
 
-def _blocks(found: Survey, group: str) -> list:
+def _blocks(found: Survey, group: str) -> list[Block]:
     """Words and tables of the page."""
-    first, *_ = str(found).splitlines()
-    blocks = [Heading(f"A look at {group}", 1), Text(f"{first}.")]
+    about = [Text(f"{found.title}.")]
     if found.synthetic:
-        blocks.append(Text("Synthetic: generated captures, not people.", warning=True))
-    return blocks
+        about.append(Text(f"Synthetic: {SYNTHETIC}.", warning=True))
+    said = f" Synthetic: {SYNTHETIC}." if found.synthetic else ""
+    tables = [
+        ("Durations", f"{DURATIONS.capitalize()}.", found.durations),
+        ("Pressure", f"{PRESSURE.capitalize()}.", found.pressure),
+        ("Gaps", f"{found.gap_lines()[0]}.", found.gaps),
+        ("Taxels", f"{found.taxel_lines()[0]}.", found.odd_taxels),
+        ("Duplicates", f"{found.duplicate_lines()[0]}.", found.duplicates),
+    ]
+    blocks: list[Block] = [Heading(f"A look at {group}", 1), *about]
+    for heading, words, table in tables:
+        words = words.removeprefix(f"{heading}: ")
+        caption = words[0].upper() + words[1:] + said
+        more = f" The first {ROWS} rows of {len(table)}." if len(table) > ROWS else ""
+        shown = table.head(ROWS).map(lambda v: f"{v:.4g}" if isinstance(v, float) else str(v))
+        blocks += [Heading(heading), Table(shown, caption + more) if len(table) else Text(caption)]
+    return [*blocks, Heading("Figures")]

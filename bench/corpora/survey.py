@@ -22,6 +22,10 @@ ODD = 3.0  # times more, or less, than the taxels around it: such a taxel is sus
 ALONE = 1.0  # percent of captures in which it alone does not vary: beyond it, a taxel is suspicious
 CROSSED = 10  # combinations for each capture, beyond which nobody meant to record them all
 NEAR = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]  # places of the taxels around one
+DURATIONS = "seconds of a capture of each gesture"
+PRESSURE = (
+    "sensor values; full_scale is the percent of readings at full scale, still the captures in which nothing varies"
+)
 NAMED = 12  # of a kind that are named in print; the tables have all
 
 
@@ -80,21 +84,19 @@ class Survey:
 
     def __str__(self) -> str:
         parts = [
-            [self.title],
-            ["Durations, s", _text(self.durations)],
-            ["Pressure, sensor values; full_scale: % of readings; still: captures in which nothing varies"],
-            self._gap_lines(),
-            self._taxel_lines(),
-            self._duplicate_lines(),
+            [self.title, *(["synthetic: generated captures, not people"] if self.synthetic else [])],
+            [f"Durations: {DURATIONS}", _text(self.durations)],
+            [f"Pressure: {PRESSURE}", _text(self.pressure)],
+            self.gap_lines(),
+            self.taxel_lines(),
+            self.duplicate_lines(),
         ]
-        parts[2].append(_text(self.pressure))
-        if self.synthetic:
-            parts[0].append("synthetic: generated captures, not people")
         return "\n\n".join("\n".join(part) for part in parts)
 
     __repr__ = __str__
 
-    def _gap_lines(self) -> list[str]:
+    def gap_lines(self) -> list[str]:
+        """How even the counts are: a sentence, and the first examples."""
         counts, usual = self.counts, self.usual
         absent, other = counts["captures"] == 0, ~counts["captures"].isin([0, usual])
         named = ", ".join(self.factors[:-1]) + f" and {self.factors[-1]}"
@@ -109,7 +111,8 @@ class Survey:
         lines = [_labels(row) for row in [*whole.to_dict("records"), *rest.to_dict("records")]]
         return [said, *_first(lines)]
 
-    def _taxel_lines(self) -> list[str]:
+    def taxel_lines(self) -> list[str]:
+        """Which taxels are odd: a sentence, and the first examples."""
         odd = self.odd_taxels
         if not len(odd):
             return [f"Taxels: nothing is odd about the {len(self.taxels)}"]
@@ -118,9 +121,10 @@ class Survey:
             f"readings {t['lowest']:g} to {t['highest']:g}; alone still in {t['still']:.3g} % of captures)"
             for t in odd.to_dict("records")
         ]
-        return [f"Taxels: {len(odd)} of {len(self.taxels)} are odd; rows and columns from 0", *_first(lines)]
+        return [f"Taxels: {len(odd)} of {len(self.taxels)} odd; rows and columns from 0", *_first(lines)]
 
-    def _duplicate_lines(self) -> list[str]:
+    def duplicate_lines(self) -> list[str]:
+        """Which captures are the same: a sentence, and the first examples."""
         if not len(self.duplicates):
             return ["Duplicates: no two captures have the same frames"]
         groups = [part for _, part in self.duplicates.groupby("group")]
@@ -131,7 +135,9 @@ class Survey:
             lines[-1] += f" and {len(rows) - NAMED} more" if len(rows) > NAMED else ""
         labels = self.duplicates["differs"].str.split(", ")
         other = self.duplicates[labels.map(lambda names: bool({"subject", "gesture"} & set(names)))]["group"].nunique()
-        said = f"Duplicates: {len(self.duplicates)} captures share their frames with another one, in {len(groups)} groups"
+        said = (
+            f"Duplicates: {len(self.duplicates)} captures share their frames with another one, in {len(groups)} groups"
+        )
         return [f"{said}; {other} of them under another subject or gesture", *_first(lines)]
 
     @staticmethod
