@@ -16,6 +16,7 @@ FILMED = 8  # frames of a strip
 DRAWN = 24  # gestures of a figure
 ACROSS = 7  # panels of a row
 PER_S, IMAGES = 12.5, 100  # of the animation: images a second, and their largest number
+TITLE = 1.3  # inches that a panel's title may take
 ROWS = 200  # of a table of the page
 COLOURS = "magma"
 ROOT = 0.5  # colours follow the square root of the pressure, or light touch would all be black
@@ -83,12 +84,14 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
     across = min(ACROSS, len(names))
     down = -(-len(names) // across)
     wide, high = _panel(grid, 1.35)
-    size = (max(4.5, across * (wide + 0.15) + 1.15), down * (high + 0.36) + 0.45)
-    figure, axes = new_figure(size, (down, across), (0.15, size[0] - across * (wide + 0.15), 0.3, 0.5), (0.15, 0.36))
+    slot = max(wide, TITLE)
+    size = (max(4.5, across * (slot + 0.15) + 1.15), down * (high + 0.36) + 0.45)
+    figure, axes = new_figure(size, (down, across), (0.15, size[0] - across * (slot + 0.15), 0.3, 0.5), (0.15, 0.36))
     figure.suptitle(f"Mean pressure of each gesture, {plain([group])[0]}", fontsize=9, y=1 - 0.08 / size[1], va="top")
-    norm = PowerNorm(ROOT, vmin=0, vmax=max(float(means.max()), 1e-9))
-    for ax, name, values in zip(axes.flat, plain(short(n, 24) for n in names), means, strict=False):
-        image = ax.imshow(values, cmap=COLOURS, norm=norm)
+    norm = PowerNorm(ROOT, vmin=0, vmax=max(float(means.max()), 1e-9), clip=True)
+    for ax, name, values in zip(axes.flat, plain(short(n, 20) for n in names), means, strict=False):
+        image = ax.imshow(values, cmap=COLOURS, norm=norm, aspect="auto")
+        ax.set_box_aspect(high / wide)
         ax.set_title(name, fontsize=8, pad=3)
         for taxel in found.odd_taxels.to_dict("records"):
             ax.plot(taxel["col"], taxel["row"], "x", color="cyan", markersize=5, markeredgewidth=1)
@@ -96,8 +99,8 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
         ax.set(xticks=[], yticks=[])
     for ax in list(axes.flat)[len(names) :]:
         ax.set_axis_off()
-    right = across * (wide + 0.15) + 0.15
-    bar = figure.add_axes((right / size[0], 0.3 / size[1], 0.12 / size[0], min(high * down, 2.0) / size[1]))
+    right = across * (slot + 0.15) + 0.15
+    bar = figure.add_axes((right / size[0], 0.3 / size[1], 0.12 / size[0], min(size[1] - 0.8, 2.0) / size[1]))
     figure.colorbar(image, cax=bar).set_label("sensor value", fontsize=8)
     bar.tick_params(labelsize=7)
     crosses = " Crosses: taxels that the page calls odd." if len(found.odd_taxels) else ""
@@ -109,9 +112,9 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
 
 
 def _panel(grid: tuple[int, int], side: float) -> tuple[float, float]:
-    """Inches of a picture of the grid whose longer side is given; a single line of taxels is not too thin to see."""
+    """Inches, width and height, of a picture of the grid; a single line of taxels is not too thin to see."""
     rows, cols = grid
-    return max(side * cols / max(rows, cols), 0.3), max(side * rows / max(rows, cols), 0.12)
+    return max(side * cols / max(rows, cols), 0.3), max(side * rows / max(rows, cols), 0.3)
 
 
 def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Picture:
@@ -134,7 +137,7 @@ def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Pict
     size = (left + across + 0.75, top + row * len(names) + 0.25)
     figure, _ = new_figure(size, (1, 1), title=f"A typical capture of each gesture, {plain([group])[0]}")
     figure.axes[0].remove()
-    for i, (gesture, name) in enumerate(zip(names, plain(short(n, 24) for n in names), strict=True)):
+    for i, (gesture, name) in enumerate(zip(names, plain(short(n, 19) for n in names), strict=True)):
         capture = found.typical[gesture]
         frames = corpus[place(corpus, capture)]
         ends = len(frames) / corpus.rate_hz
@@ -206,8 +209,9 @@ def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> 
     across = min(ACROSS, len(films))
     down = -(-len(films) // across)
     wide, high = _panel(corpus.grid, 1.3 if len(films) > 1 else 2.6)
-    size = (max(4.2, across * (wide + 0.15) + 0.15), down * (high + 0.5) + 0.6)
-    spare = size[0] - across * (wide + 0.15)
+    slot = max(wide, TITLE)
+    size = (max(4.2, across * (slot + 0.15) + 0.15), down * (high + 0.5) + 0.6)
+    spare = size[0] - across * (slot + 0.15)
     figure, axes = new_figure(size, (down, across), (spare / 2, spare / 2, 0.25, 0.7), (0.15, 0.5))
     FigureCanvasAgg(figure)
     if corpus.synthetic:
@@ -218,6 +222,7 @@ def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> 
         most = max(float(film.max()), 1e-9)
         norm = PowerNorm(ROOT, vmin=0, vmax=most, clip=True)
         images.append(ax.imshow(film[0], cmap=COLOURS, norm=norm, aspect="auto"))
+        ax.set_box_aspect(high / wide)
         about = _about(corpus, capture)
         words = plain(
             [short(str(about["gesture"]), 20), f"subject {short(str(about['subject']), 12)}, to {_value(most)}"]

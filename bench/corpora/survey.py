@@ -109,7 +109,7 @@ class Survey:
         whole = counts[pairs].drop_duplicates(["subject", "gesture"])[["subject", "gesture", "captures"]]
         rest = counts[(absent | other) & ~pairs]
         lines = [_labels(row) for row in [*whole.to_dict("records"), *rest.to_dict("records")]]
-        return [said, *_first(lines)]
+        return [said, *_first(lines, len(lines))]
 
     def taxel_lines(self) -> list[str]:
         """Which taxels are odd: a sentence, and the first examples."""
@@ -121,28 +121,24 @@ class Survey:
             f"readings {t['lowest']:g} to {t['highest']:g}; alone still in {t['still']:.3g} % of captures)"
             for t in odd.to_dict("records")
         ]
-        return [f"Taxels: {len(odd)} of {len(self.taxels)} odd; rows and columns from 0", *_first(lines)]
+        return [f"Taxels: {len(odd)} of {len(self.taxels)} odd; rows and columns from 0", *_first(lines, len(lines))]
 
     def duplicate_lines(self) -> list[str]:
         """Which captures are the same: a sentence, and the first examples."""
         if not len(self.duplicates):
             return ["Duplicates: no two captures have the same frames"]
-        groups = [part for _, part in self.duplicates.groupby("group")]
         lines = []
-        for part in groups:
-            rows = part.drop(columns=["group", "differs"]).to_dict("records")
-            lines.append(_labels(rows[0]) + "".join(f" = {_labels(row, self._shown(part))}" for row in rows[1:NAMED]))
-            lines[-1] += f" and {len(rows) - NAMED} more" if len(rows) > NAMED else ""
-        labels = self.duplicates["differs"].str.split(", ")
-        other = self.duplicates[labels.map(lambda names: bool({"subject", "gesture"} & set(names)))]["group"].nunique()
+        for _, part in self.duplicates[self.duplicates["group"] <= NAMED].groupby("group"):
+            first, *others = part.drop(columns=["group", "differs"]).to_dict("records")
+            shown = ["capture", *part["differs"].iloc[0].split(", ")]
+            lines.append(" = ".join([_labels(first), *(_labels(row, shown) for row in others[:NAMED])]))
+            lines[-1] += f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
+        firsts = self.duplicates.drop_duplicates("group")
+        other = sum(bool({"subject", "gesture"} & set(names.split(", "))) for names in firsts["differs"])
         said = (
-            f"Duplicates: {len(self.duplicates)} captures share their frames with another one, in {len(groups)} groups"
+            f"Duplicates: {len(self.duplicates)} captures share their frames with another one, in {len(firsts)} groups"
         )
-        return [f"{said}; {other} of them under another subject or gesture", *_first(lines)]
-
-    @staticmethod
-    def _shown(part: pd.DataFrame) -> list[str]:
-        return ["capture", *filter(None, part["differs"].iloc[0].split(", "))]
+        return [f"{said}; {other} of them under several subjects or gestures", *_first(lines, len(firsts))]
 
 
 def _text(table: pd.DataFrame) -> str:
@@ -160,9 +156,9 @@ def _labels(row: dict, columns: list[str] | None = None) -> str:
     return ", ".join(words) + count
 
 
-def _first(lines: list[str]) -> list[str]:
-    """Those that are printed, indented."""
-    more = [f"... and {len(lines) - NAMED} more"] if len(lines) > NAMED else []
+def _first(lines: list[str], total: int) -> list[str]:
+    """Those that are printed, indented, and how many there are besides."""
+    more = [f"... and {total - NAMED} more"] if total > NAMED else []
     return [f"  {line}" for line in [*lines[:NAMED], *more]]
 
 
@@ -182,10 +178,10 @@ def survey(corpus: Corpus) -> Survey:
     factors = _factors(corpus.captures)
     taxels = _taxels(read, corpus)
     seconds = corpus.lengths / corpus.rate_hz
-    by_gesture = pd.DataFrame({"gesture": corpus.captures["gesture"].astype(str), "subject": corpus.subjects}).assign(
-        s=seconds, lowest=read.lowest.min(axis=1), highest=read.highest.max(axis=1), still=read.still.all(axis=1)
+    captures = pd.DataFrame({"subject": corpus.subjects, "s": seconds}).assign(
+        lowest=read.lowest.min(axis=1), highest=read.highest.max(axis=1), still=read.still.all(axis=1)
     )
-    groups = by_gesture.groupby("gesture")
+    groups = captures.groupby(code)
     durations = groups.agg(
         captures=("s", "size"),
         subjects=("subject", "nunique"),
@@ -193,6 +189,7 @@ def survey(corpus: Corpus) -> Survey:
         shortest=("s", "min"),
         longest=("s", "max"),
     )
+    durations.insert(0, "gesture", gestures)
     frames = np.bincount(code, corpus.lengths, len(gestures))
     means = (read.sums / frames[:, None]).reshape(-1, *corpus.grid)
     readings = frames * means[0].size
@@ -206,13 +203,13 @@ def survey(corpus: Corpus) -> Survey:
             "still": groups["still"].sum().to_numpy(),
         }
     )
-    course = pd.DataFrame({"s": seconds, "mean": read.level, "highest": by_gesture["highest"]})
+    course = pd.DataFrame({"s": seconds, "mean": read.level, "highest": captures["highest"]})
     return Survey(
         title=repr(corpus).strip("<>") + f", full scale {corpus.full_scale:g}",
         synthetic=corpus.synthetic,
         factors=factors,
         counts=_counts(corpus.captures, factors),
-        durations=durations.reset_index(),
+        durations=durations,
         pressure=pressure,
         taxels=taxels,
         duplicates=_duplicates(read.digests, corpus),
@@ -348,7 +345,7 @@ def _around(values: np.ndarray) -> np.ndarray:
     near = [edged[1 + i : 1 + i + rows, 1 + j : 1 + j + cols] for i, j in NEAR]
     table = np.sort(np.stack(near), axis=0)  # nan last
     known = np.isfinite(table).sum(axis=0)
-    low, high = (np.take_along_axis(table, i[None], axis=0)[0] for i in ((known - 1).clip(0) // 2, known // 2 % 8))
+    low, high = (np.take_along_axis(table, i[None], axis=0)[0] for i in ((known - 1).clip(0) // 2, known // 2))
     return np.where(known > 0, (low + high) / 2, np.nan)
 
 
@@ -356,7 +353,7 @@ def _factors(captures: pd.DataFrame) -> list[str]:
     """Subject, gesture, and the conditions: columns of text that repeat; numbers count, and a split is no condition."""
     found = ["subject", "gesture"]
     combinations = captures["subject"].nunique() * captures["gesture"].nunique()
-    for column in captures.columns.drop([*found, "split"], errors="ignore"):
+    for column in captures.columns.drop([*found, "split", "captures"], errors="ignore"):
         values = captures[column]
         if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values):
             continue
@@ -389,9 +386,8 @@ def _duplicates(digests: list[bytes], corpus: Corpus) -> pd.DataFrame:
     found = about[same.transform("size").to_numpy() > 1].sort_values(["group", "capture"], kind="stable")
     found["group"] = pd.factorize(found["group"])[0] + 1
     labels = found.columns.drop(["group", "capture"])
-    differs = {}
-    for group, part in found.groupby("group"):
-        differs[group] = ", ".join(c for c in labels if part[c].nunique(dropna=False) > 1)
+    several = found.groupby("group")[list(labels)].nunique(dropna=False) > 1
+    differs = {group: ", ".join(labels[row]) for group, row in zip(several.index, several.to_numpy(), strict=True)}
     return found.assign(differs=found["group"].map(differs).astype(object)).reset_index(drop=True)
 
 
