@@ -21,6 +21,7 @@ BLOCK = 1 << 20  # values that are computed at a time, unless a single capture h
 ODD = 3.0  # times more, or less, than the taxels around it: such a taxel is suspicious
 ALONE = 1.0  # percent of captures in which it alone does not vary: beyond it, a taxel is suspicious
 CROSSED = 10  # combinations for each capture, beyond which nobody meant to record them all
+LESS = "varies far less than those around it"
 NEAR = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]  # places of the taxels around one
 DURATIONS = "seconds of a capture of each gesture"
 PRESSURE = (
@@ -121,7 +122,10 @@ class Survey:
             f"readings {t['lowest']:g} to {t['highest']:g}; alone still in {t['still']:.3g} % of captures)"
             for t in odd.to_dict("records")
         ]
-        return [f"Taxels: {len(odd)} of {len(self.taxels)} odd; rows and columns from 0", *_first(lines, len(lines))]
+        said = f"Taxels: {len(odd)} of {len(self.taxels)} odd; rows and columns from 0"
+        if odd["verdict"].isin([LESS]).any():
+            said += "; one that varies far less may be broken, or few touched it"
+        return [said, *_first(lines, len(lines))]
 
     def duplicate_lines(self) -> list[str]:
         """Which captures are the same: a sentence, and the first examples."""
@@ -298,7 +302,7 @@ def _taxels(read: _Readings, corpus: Corpus) -> pd.DataFrame:
             (lowest == highest, "never varies"),
             (never, "never varies within a capture"),
             (still > ALONE, "often does not vary while all around it do"),
-            (ODD * sd < around, "varies far less than those around it"),
+            (ODD * sd < around, LESS),
             (sd > ODD * around, "varies far more than those around it"),
         ]
     row, col = np.indices(corpus.grid).reshape(2, -1)

@@ -76,6 +76,7 @@ def test_the_animation_takes_as_long_as_the_touch(tmp_path):
         assert spent / 1000 == pytest.approx(seconds, abs=0.1 * seconds + 0.02)
 
 
+@pytest.mark.filterwarnings("ignore:Glyph")  # of a font that a machine may not have
 @pytest.mark.parametrize("grid", [(1, 1), (1, 40), (40, 1), (3, 17)])
 def test_odd_names_grids_and_lengths_are_drawn(grid, tmp_path):
     names = ["$x_1$ \\frac <b>&amp;", "a$b", "長い" * 30, "w" * 200]
