@@ -109,7 +109,10 @@ def looked(name: str, where: str, out: Path | None, capture: object, parameters:
         writable(out)
     found = survey(corpus)
     if out is not None:
-        write(corpus, found, out, number)
+        try:
+            write(corpus, found, out, number)
+        except (PermissionError, IsADirectoryError) as e:
+            raise InputError(f"out={out}: {e.filename} cannot be written ({e.strerror}); choose another folder") from e
     return found
 
 

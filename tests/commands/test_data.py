@@ -53,3 +53,9 @@ def test_mistakes_are_one_line_and_write_nothing(words, told, capsys):
     said = capsys.readouterr()
     assert told in said.err and said.err.count("\n") == 1 and not said.out
     assert not Path("look").exists() and not Path("o.csv").exists() and Path("file").read_text() == "mine"
+
+
+def test_a_folder_in_the_place_of_a_file_is_told_in_one_line(capsys):
+    Path("look/films.png").mkdir(parents=True)
+    assert main(["data", "show", "synth", "subjects=1", "variants=normal"]) == 2
+    assert "out=look: look/films.png cannot be written (Is a directory)" in capsys.readouterr().err

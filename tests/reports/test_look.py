@@ -11,7 +11,7 @@ from PIL import Image
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import survey
 from bench.errors import InputError
-from reports import look
+from reports import layout, look
 from tests.conftest import random_corpus
 
 NAMES = ["pressure.png", "pressure.svg", "films.png", "films.svg", "motion.gif", "index.html"]
@@ -33,6 +33,7 @@ def test_all_files_are_there_and_say_that_captures_are_synthetic(drawn):
     assert page.count("not people") >= 8  # on top, of every table, of every figure
     assert not re.findall(r'(?:src|href)="(?!data:|#)', page.partition("</style>")[2].split("<script>")[0])
     (gif,) = re.findall(r'src="data:image/gif;base64,([^"]+)"', page)
+    assert layout.markdown([layout.Animation(paths[4], "moving")], folder) == "![moving](motion.gif)\n"
     assert base64.b64decode(gif) == (folder / "motion.gif").read_bytes()
 
 
