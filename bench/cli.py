@@ -252,6 +252,12 @@ bench data import haart "HAART DataSet.zip"     the HAART release, zip or folder
 bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023
                                                 any long CSV or parquet (subject, gesture, frame, conditions, channels)
                                                 or .npz (frames, offsets, subject, gesture)
+bench data show haart [where=CONDITION] [out=look] [capture=N]
+                                                what it holds: counts and gaps, durations, pressure, broken or odd
+                                                taxels, captures that are the same. Writes into out= the mean pressure
+                                                of each gesture, film strips, an animation (of one capture of each
+                                                gesture, or of capture N, counted from 0) and index.html with all of it
+bench data show synth data.subjects=4           generated captures, with any parameter of data=synth
 bench data verify arm                           whether every stored file is as it was imported; exit code 1 if not
 bench data export synth out.csv format=cost subjects=31 repetitions=6
                                                 any corpus with CoST's columns, in the format of CoST.csv
@@ -302,7 +308,7 @@ COMMANDS = {
     "check": ("bench.commands.check:check", "compare with a stored baseline, a gate for CI", CHECK),
     "systems": ("bench.commands.systems:systems", "list published numbers and the commands that repeat them", SYSTEMS),
     "extract": ("bench.commands.extract:extract", "write a table of features", EXTRACT),
-    "data": ("bench.commands.data:data", "list, import, verify and export corpora", DATA),
+    "data": ("bench.commands.data:data", "list, import, look at, verify and export corpora", DATA),
     "report": ("bench.commands.report:report", "rebuild the published comparison from MLflow", REPORT),
     "gallery": ("bench.commands.gallery:gallery", "draw every kind of figure, from generated captures", GALLERY),
     "ui": ("bench.commands.report:ui", "open MLflow's page on the runs", UI),
