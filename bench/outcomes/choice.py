@@ -335,10 +335,7 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int) -> l
     limits = [_limited(limit, rows, choice.best) for limit in choice.budgets]
     if choice.chosen is None:
         if choice.unranked:
-            return [
-                f"Nothing can be chosen: of no candidate that fits is {by} known; {KNOWN_BY[by]} finds it.",
-                *limits,
-            ]
+            return [f"Nothing can be chosen: {by} is known of no candidate that fits ({UNKNOWN[by]}).", *limits]
         return ["Nothing fits: every candidate is ruled out by a budget.", *limits]
     own, best = rows[choice.chosen], rows[choice.best]
     rule = "one standard error of the paired difference" if margin is None else f"{margin:g} points (p < 0.05)"
