@@ -14,7 +14,6 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from bench.chip.tables import check
 from bench.commands.printing import output, show
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
@@ -52,7 +51,7 @@ class Chosen:
         budgets: the most of each cost.
         margin: points that do not matter, or None.
         subjects: number of them.
-        advice: where nothing fits, what would, and the commands that run it.
+        advice: what may fit besides, and the commands that run it.
     """
 
     choice: Choice
@@ -121,8 +120,7 @@ def chosen(values: Values) -> Chosen:
     if (by == "predict" or "predict" in budgets) and found["cpu"].nunique() > 1:
         warn(f"warning: times are of several processors: {'; '.join(sorted(set(found['cpu'])))}")
     choice = decide(found, subjects, by, budgets, margin)
-    advice = _advice(choice, by, budgets, asked) if choice.chosen is None else []
-    return Chosen(choice, about, by, budgets, margin, len(subjects.columns), advice)
+    return Chosen(choice, about, by, budgets, margin, len(subjects.columns), _advice(choice, by, budgets, asked))
 
 
 def first_steps(values: Values) -> list[str]:
@@ -144,9 +142,15 @@ def _kinds(costs: set[str]) -> list[str]:
 
 
 def _advice(choice: Choice, by: str, budgets: dict[str, float], asked: dict[str, list[str]]) -> list[str]:
-    """What would fit where nothing does, and the commands that run it."""
+    """What may fit besides, and the commands that run it: where nothing fits, or where a budget looks at runs of a kind
+    that nobody has made.
+    """
     table, kinds = choice.table, _kinds({by, *budgets})
     said = []
+    if choice.chosen is not None:
+        kinds = [kind for kind in _kinds({*budgets}) if kind not in set(table["kind"])]
+        if not kinds:
+            return []
     if "cycles" in budgets and (timed := [k for k in ("predict", "decision") if k in budgets]):
         said.append(
             f"cycles is known of what bench chip has exported, {' and '.join(timed)} of what runs in Python, so no "
@@ -164,6 +168,8 @@ def _advice(choice: Choice, by: str, budgets: dict[str, float], asked: dict[str,
             more = f"; the {MOST_AT_HAND} most accurate" if len(runs) > MOST_AT_HAND else ""
             said.append(f"{why[kind]}. Not done yet of {len(runs)} tracked systems{more}:")
             said += [f"  {typed(kind, arguments)}" for arguments in merged(runs[:MOST_AT_HAND])]
+    if choice.chosen is not None:
+        return said
     digest = str(table["digest"].iloc[0])
     return said + _not_run(on, asked, set(table["system"]), sized, kinds[-1] if kinds else "run", digest)
 
@@ -210,7 +216,7 @@ def _not_run(
         smallest = "; ".join(f"{text} {k}, {system}" for text, k, system in least)
         said.append(f"None of {len(known)} systems not run yet would fit; the least that any needs: {smallest}.")
     if grown := [cell.system() for cell, size in sizes if size is None]:
-        said.append(f"Not known before they are run, as they grow with the captures: {', '.join(grown)}.")
+        said.append(f"Not known before they are run, as they grow with the captures or search: {', '.join(grown)}.")
     return said
 
 
@@ -220,6 +226,8 @@ def _by(cost: str) -> Callable[[tuple[Cell, dict[str, float]]], float]:
 
 def _has_c(cell: Cell) -> bool:
     """Whether bench chip can export a system."""
+    from bench.chip.tables import check
+
     try:
         check(cell.estimator())
     except InputError:

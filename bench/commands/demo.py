@@ -38,7 +38,7 @@ def demo(arguments: list[str]) -> int:
         return code
     print(f"\nThe page with all of it (synthetic): {(out / 'report' / 'index.html').resolve().as_uri()}")
     print("With captures of your own, in the columns subject, gesture, frame and one for each taxel:")
-    print(*NEXT, sep="\n", flush=True)
+    print(*(f"  {step}" for step in NEXT), sep="\n", flush=True)
     return 0
 
 
@@ -46,8 +46,8 @@ def _steps() -> Iterator[tuple[str, ...]]:
     """The commands; which systems are replayed and stressed depends on what the first ones find."""
     yield from RUNS
     best = _best()
-    for arguments in best:
-        yield ("stream", *arguments, "out=stream")
+    for place, arguments in enumerate(best, 1):
+        yield ("stream", *arguments, f"out=stream/{place}")
     yield ("stress", *best[0], FAULTS)
     yield ("report",)
     yield from VERDICTS

@@ -167,6 +167,8 @@ def test_where_nothing_fits_the_commands_that_may_are_said(capsys):
     assert cell.system() == "lda · jung28"
     assert main(line.split()[1:]) == 0 and main(["choose", "max_flash=5kB"]) == 0
     assert "costs" in capsys.readouterr().out
+    assert main(["choose", "max_decision=9s", "model=svm"]) == 0  # and it may be sooner
+    assert "\n  bench stream data=synth" in capsys.readouterr().out
     assert main(["choose", "max_decision=1ms", "model=svm"]) == 1
     assert "\n  bench stream data=synth" in capsys.readouterr().out
     assert main(["choose", "by=cycles", "model=svm"]) == 1
