@@ -142,8 +142,9 @@ def _kinds(costs: set[str]) -> list[str]:
 
 
 def _advice(choice: Choice, by: str, budgets: dict[str, float], asked: dict[str, list[str]]) -> list[str]:
-    """What may fit besides, and the commands that run it: where nothing fits, or where a budget looks at runs of a kind
-    that nobody has made.
+    """What may fit besides, and the commands that run it.
+
+    It is told where nothing fits, and of a budget for which runs of a kind are needed that nobody has made.
     """
     table, kinds = choice.table, _kinds({by, *budgets})
     said = []
