@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
@@ -52,6 +53,9 @@ def _fitted(cell: Cell, corpus: Corpus, number: int, shuffled: bool) -> dict[str
     with computing(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of so few captures
         estimator.fit(few, labels)
+    last = estimator.steps[-1][1] if isinstance(estimator, Pipeline) else estimator
+    if "tree_" in vars(last):  # cut back, it may be its root alone both times
+        return None
     found = sizes(estimator, corpus.grid[0] * corpus.grid[1], int(corpus.lengths.max()))
     return {name: found[f"{name}_bytes"] / 1000 for name in ("flash", "ram")}
 
