@@ -64,7 +64,9 @@ CHOOSE = """\
 bench choose [key=value ...]
 
 Finds, among tracked runs on the same captures, the cheapest system that loses at most one standard error of the paired
-difference over subjects to the most accurate one, and says why.
+difference over subjects to the most accurate one, and says why, and what each budget costs in points. If nothing fits,
+it says which budget binds and prints the commands that run what would fit: sizes of systems that do not grow with the
+captures are known from fits to a few of them, which takes up to two minutes. Exit code 1 then.
 
   by=           cost to keep low: flash (default), ram, predict, decision (touch that a decision needs plus computing)
                 or cycles
@@ -280,6 +282,14 @@ bench gallery [out=gallery]
 Draws every kind of figure from generated captures: runs a few systems in a store inside the folder out=, then
 bench stress, bench stream and bench report. Takes some minutes; an interrupted command goes on where it stopped.
 """
+DEMO = """\
+bench demo [out=demo]
+
+The way to a verdict in under two minutes, on generated captures (synthetic: they say nothing about people): runs five
+systems, replays the two best, stresses the best with two faults, draws the page and chooses. Prints each command before
+it runs it, and at the end the address of the page and the commands for captures of your own. All goes into the folder
+out=, with a store of its own; an interrupted command goes on where it stopped.
+"""
 UI = """\
 bench ui [port=5000]
 
@@ -311,6 +321,7 @@ COMMANDS = {
     "data": ("bench.commands.data:data", "list, import, look at, verify and export corpora", DATA),
     "report": ("bench.commands.report:report", "rebuild the published comparison from MLflow", REPORT),
     "gallery": ("bench.commands.gallery:gallery", "draw every kind of figure, from generated captures", GALLERY),
+    "demo": ("bench.commands.demo:demo", "see the way to a verdict in two minutes, on generated captures", DEMO),
     "ui": ("bench.commands.report:ui", "open MLflow's page on the runs", UI),
 }
 LONGEST = 300  # characters of a message
