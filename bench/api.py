@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pandas as pd
 
 from bench.commands import choose as _choose
+from bench.commands import data as _data
 from bench.commands import fit as _fit
 from bench.commands import run as _run
 from bench.commands import stream as _stream
 from bench.commands import stress as _stress
 from bench.commands import tune as _tune
 from bench.corpora.corpus import Corpus
+from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
 from bench.outcomes.runs import tracked
 from bench.outcomes.store import connect
@@ -67,6 +70,31 @@ def corpus(data: str = "synth", where: str = "", target: str = "gesture", **para
     if more:
         raise InputError("give one value of each parameter; a tuple is one value, a list several")
     return captures_of(data, variant, where, target)
+
+
+def look(
+    data: str = "synth",
+    where: str = "",
+    out: str | Path | None = None,
+    capture: int | None = None,
+    **parameters: object,
+) -> Survey:
+    """What a corpus holds, as ``bench data show`` tells it; prints the same words.
+
+    Args:
+        data: an imported corpus, or ``synth``.
+        where: captures to look at, a condition on their columns.
+        out: folder for figures, an animation and a page that holds them; None draws nothing.
+        capture: the one to animate, by its position in the whole corpus; None for a typical one of each gesture.
+        parameters: of ``synth``.
+
+    Returns:
+        Tables ``counts``, ``gaps``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
+
+    Raises:
+        InputError: it is not here, a value cannot be used, or the folder cannot be written.
+    """
+    return _data.looked(data, where, None if out is None else Path(out), capture, parameters)
 
 
 def run(**values: object) -> pd.DataFrame:

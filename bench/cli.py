@@ -64,7 +64,9 @@ CHOOSE = """\
 bench choose [key=value ...]
 
 Finds, among tracked runs on the same captures, the cheapest system that loses at most one standard error of the paired
-difference over subjects to the most accurate one, and says why.
+difference over subjects to the most accurate one, and says why, and what each budget costs in points. If nothing fits,
+it says which budget binds and prints the commands that run what would fit: sizes of systems that do not grow with the
+captures are known from fits to a few of them, which takes up to two minutes. Exit code 1 then.
 
   by=           cost to keep low: flash (default), ram, predict, decision (touch that a decision needs plus computing)
                 or cycles
@@ -252,6 +254,12 @@ bench data import haart "HAART DataSet.zip"     the HAART release, zip or folder
 bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023
                                                 any long CSV or parquet (subject, gesture, frame, conditions, channels)
                                                 or .npz (frames, offsets, subject, gesture)
+bench data show haart [where=CONDITION] [out=look] [capture=N]
+                                                what it holds: counts and gaps, durations, pressure, broken or odd
+                                                taxels, captures that are the same. Writes into out= the mean pressure
+                                                of each gesture, film strips, an animation (of one capture of each
+                                                gesture, or of capture N, counted from 0) and index.html with all of it
+bench data show synth data.subjects=4           generated captures, with any parameter of data=synth
 bench data verify arm                           whether every stored file is as it was imported; exit code 1 if not
 bench data export synth out.csv format=cost subjects=31 repetitions=6
                                                 any corpus with CoST's columns, in the format of CoST.csv
@@ -273,6 +281,14 @@ bench gallery [out=gallery]
 
 Draws every kind of figure from generated captures: runs a few systems in a store inside the folder out=, then
 bench stress, bench stream and bench report. Takes some minutes; an interrupted command goes on where it stopped.
+"""
+DEMO = """\
+bench demo [out=demo]
+
+The way to a verdict in under two minutes, on generated captures (synthetic: they say nothing about people): runs five
+systems, replays the two best, stresses the best with two faults, draws the page and chooses. Prints each command before
+it runs it, and at the end the address of the page and the commands for captures of your own. All goes into the folder
+out=, with a store of its own; an interrupted command goes on where it stopped.
 """
 UI = """\
 bench ui [port=5000]
@@ -302,9 +318,10 @@ COMMANDS = {
     "check": ("bench.commands.check:check", "compare with a stored baseline, a gate for CI", CHECK),
     "systems": ("bench.commands.systems:systems", "list published numbers and the commands that repeat them", SYSTEMS),
     "extract": ("bench.commands.extract:extract", "write a table of features", EXTRACT),
-    "data": ("bench.commands.data:data", "list, import, verify and export corpora", DATA),
+    "data": ("bench.commands.data:data", "list, import, look at, verify and export corpora", DATA),
     "report": ("bench.commands.report:report", "rebuild the published comparison from MLflow", REPORT),
     "gallery": ("bench.commands.gallery:gallery", "draw every kind of figure, from generated captures", GALLERY),
+    "demo": ("bench.commands.demo:demo", "see the way to a verdict in two minutes, on generated captures", DEMO),
     "ui": ("bench.commands.report:ui", "open MLflow's page on the runs", UI),
 }
 LONGEST = 300  # characters of a message

@@ -97,13 +97,18 @@ def save(figure: Figure, folder: Path, name: str, kind: str, group: str, caption
     import matplotlib
 
     if "(synthetic)" in group:
-        figure.text(0.995, 0.004, SYNTHETIC, fontsize=8, color="0.4", ha="right", va="bottom", style="italic")
+        mark(figure)
         caption = f"{caption} Synthetic: generated captures, not people."
     picture = Picture(name, kind, group, caption, folder)
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "touchbench"}):
         figure.savefig(picture.paths[1], metadata={"Date": None})
         figure.savefig(picture.paths[0], dpi=110)
     return picture
+
+
+def mark(figure: Figure) -> None:
+    """Say on the face of a figure that its captures were generated."""
+    figure.text(0.995, 0.004, SYNTHETIC, fontsize=8, color="0.4", ha="right", va="bottom", style="italic")
 
 
 def spread(values: np.ndarray, gap: float, low: float, high: float) -> np.ndarray:

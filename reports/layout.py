@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 from collections.abc import Collection
@@ -59,7 +60,15 @@ class Chart:
     data: dict[str, object]
 
 
-Block = Heading | Text | Table | Picture | Chart
+@dataclass(frozen=True)
+class Animation:
+    """A GIF with a caption."""
+
+    path: Path
+    caption: str
+
+
+Block = Heading | Text | Table | Picture | Chart | Animation
 
 
 def footnotes(texts: list[list[str]]) -> tuple[list[list[int]], list[str]]:
@@ -79,8 +88,9 @@ def _markdown(block: Block, folder: Path) -> str:
             return "#" * block.level + " " + md_escape(block.text)
         case Text():
             return ("> **Warning:** " if block.warning else "") + md_escape(block.text)
-        case Picture():
-            return f"![{md_escape(block.caption)}]({block.paths[0].relative_to(folder).as_posix()})"
+        case Picture() | Animation():
+            path = block.path if isinstance(block, Animation) else block.paths[0]
+            return f"![{md_escape(block.caption)}]({path.relative_to(folder).as_posix()})"
     lines = [md_escape(block.caption), "", md_table(_with_marks(block), block.code)]
     if block.notes:
         lines += ["", *(f"{i}. {md_escape(note)}" for i, note in enumerate(block.notes, 1))]
@@ -146,6 +156,10 @@ def _html(block: Block, number: int) -> str:
             return f'<p class="warning">{escape(block.text)}</p>' if block.warning else f"<p>{escape(block.text)}</p>"
         case Picture():
             drawing = inline_svg(block.paths[1].read_text(encoding="utf-8"), f"f{number}-", block.caption)
+            return _figure(drawing, block.caption)
+        case Animation():
+            content = base64.b64encode(block.path.read_bytes()).decode()
+            drawing = f'<img src="data:image/gif;base64,{content}" alt="{escape(block.caption)}">'
             return _figure(drawing, block.caption)
         case Chart():
             data = json.dumps(block.data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")

@@ -6,7 +6,8 @@ parameter on training subjects.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,14 +17,18 @@ from rich.table import Table
 from bench.commands.printing import output, show
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
+from bench.outcomes.advice import MOST_AT_HAND, WHAT, at_hand, compared_on, merged, typed
 from bench.outcomes.choice import Choice, amount, candidates, decide, sentences
+from bench.outcomes.runs import NothingTracked
 from bench.outcomes.store import connect
 from bench.plan.arguments import BACKEND, Values, backend_of, convert, items, parse
 from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.cells import Cell, cells
+from bench.plan.plan import corpus_of
 from bench.quantities import BUDGETS, COSTS, quantity
 from bench.registry import parameters
-from bench.work.loop import Outcome, warn
+from bench.work.loop import Outcome, console, warn
+from bench.work.probe import known_sizes, unrun
 from models import contract
 
 if TYPE_CHECKING:
@@ -31,6 +36,7 @@ if TYPE_CHECKING:
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", *BUDGETS}
+QUICK = ("bayes", "lda", "svm", "rf")  # models that take seconds
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 
 
@@ -45,6 +51,7 @@ class Chosen:
         budgets: the most of each cost.
         margin: points that do not matter, or None.
         subjects: number of them.
+        advice: what may fit besides, and the commands that run it.
     """
 
     choice: Choice
@@ -53,6 +60,7 @@ class Chosen:
     budgets: dict[str, float]
     margin: float | None
     subjects: int
+    advice: list[str] = field(default_factory=list)
 
     @property
     def system(self) -> str | None:
@@ -61,7 +69,11 @@ class Chosen:
         return None if chosen is None else str(self.choice.table.loc[chosen, "system"])
 
     def __str__(self) -> str:
-        return "\n".join([f"{self.about}:", *sentences(self.choice, self.by, self.margin, self.subjects)])
+        return "\n".join([f"{self.about}:", *self.lines()])
+
+    def lines(self) -> list[str]:
+        """The choice and its reason, or what binds and what to do."""
+        return [*sentences(self.choice, self.by, self.margin, self.subjects), *self.advice]
 
     __repr__ = __str__
 
@@ -75,7 +87,11 @@ def choose(arguments: list[str]) -> int:
     values = parse(arguments, KEYS)
     if "over" in values:
         return show(smallest(values))
-    found = chosen(values)
+    try:
+        found = chosen(values)
+    except NothingTracked:
+        print("A first comparison:", *first_steps(values), sep="\n  ")
+        raise
     _print(found)
     return 0 if found.system else 1
 
@@ -103,7 +119,121 @@ def chosen(values: Values) -> Chosen:
     found, about, subjects = candidates(connect(), asked, budgets.get("decision"), by == "decision")
     if (by == "predict" or "predict" in budgets) and found["cpu"].nunique() > 1:
         warn(f"warning: times are of several processors: {'; '.join(sorted(set(found['cpu'])))}")
-    return Chosen(decide(found, subjects, by, budgets, margin), about, by, budgets, margin, len(subjects.columns))
+    choice = decide(found, subjects, by, budgets, margin)
+    return Chosen(choice, about, by, budgets, margin, len(subjects.columns), _advice(choice, by, budgets, asked))
+
+
+def first_steps(values: Values) -> list[str]:
+    """Commands that make a first comparison of what was asked for, and choose."""
+    given = {k: str(v) for k, v in values.items()}
+    on = {k: v for k, v in given.items() if k.split(".")[0] in WHAT and (k, v) != ("where", "all")}
+    if "shots" in given:
+        on = {"protocol": "personal", **on, "protocol.shots": given["shots"]}
+    systems = {k: given[k] for k in ("model", "features") if k in given}
+    if "model" not in given:
+        systems = {"model": ",".join(QUICK), "features": "jung28", **systems}
+    kinds = _kinds({given.get("by", "flash"), *(BUDGETS[k] for k in BUDGETS if k in given)})
+    return [typed(kind, on | systems) for kind in ("run", *kinds)] + [typed("choose", given)]
+
+
+def _kinds(costs: set[str]) -> list[str]:
+    """Kinds of run, besides those of ``bench run``, that make these costs known, or lower."""
+    return [kind for cost, kind in (("decision", "stream"), ("cycles", "chip")) if cost in costs]
+
+
+def _advice(choice: Choice, by: str, budgets: dict[str, float], asked: dict[str, list[str]]) -> list[str]:
+    """What may fit besides, and the commands that run it.
+
+    It is told where nothing fits, and of a budget for which runs of a kind are needed that nobody has made.
+    """
+    table, kinds = choice.table, _kinds({by, *budgets})
+    said = []
+    if choice.chosen is not None:
+        kinds = [kind for kind in _kinds({*budgets}) if kind not in set(table["kind"])]
+        if not kinds:
+            return []
+    if "cycles" in budgets and (timed := [k for k in ("predict", "decision") if k in budgets]):
+        said.append(
+            f"cycles is known of what bench chip has exported, {' and '.join(timed)} of what runs in Python, so no "
+            "candidate can fit both; ask for one of them."
+        )
+    if not (on := compared_on(table)):
+        return [*said, "The runs were made from Python with objects, so there is no command for more of them."]
+    sized = {k: v for k, v in budgets.items() if k in ("flash", "ram")}
+    for kind in kinds:
+        runs = at_hand(table, kind, sized)
+        if kind == "chip":
+            runs = [arguments for arguments in runs if all(map(_has_c, cells(arguments)))]
+        why = {"stream": "Replayed, a system decides on the beginning of a capture", "chip": "Exported, it has cycles"}
+        if runs:
+            more = f"; the {MOST_AT_HAND} most accurate" if len(runs) > MOST_AT_HAND else ""
+            said.append(f"{why[kind]}. Not done yet of {len(runs)} tracked systems{more}:")
+            said += [f"  {typed(kind, arguments)}" for arguments in merged(runs[:MOST_AT_HAND])]
+    if choice.chosen is not None:
+        return said
+    digest = str(table["digest"].iloc[0])
+    return said + _not_run(on, asked, set(table["system"]), sized, kinds[-1] if kinds else "run", digest)
+
+
+def _not_run(
+    on: dict[str, str], asked: dict[str, list[str]], run: set[str], sized: dict[str, float], kind: str, digest: str
+) -> list[str]:
+    """What is known of the systems that were not run yet.
+
+    Args:
+        on: what they would be compared on.
+        asked: names of models and feature sets to stay among.
+        run: systems that were.
+        sized: budgets of flash and RAM.
+        kind: of run that makes known what else is asked for.
+        digest: of the captures that were run.
+    """
+    try:
+        todo = [cell for cell in unrun(on, asked, run) if kind != "chip" or _has_c(cell)]
+        corpus = corpus_of(todo[0]) if todo else None
+    except InputError as e:
+        return [f"What else would fit cannot be told here: {e}."]
+    if corpus is None:
+        return ["No other system is left to run on these feature sets: raise a budget."]
+    if corpus.digest != digest:
+        return [f"data={on['data']} is no longer what was run, so nothing new can be compared with these runs."]
+    if not sized:
+        small = [cell for cell in todo if cell.model.name in QUICK] or todo
+        return [
+            f"What else would fit is not known before it is run; {len(todo)} systems are left, for example:",
+            *(f"  {typed(kind, arguments)}" for arguments in merged(cell.arguments() for cell in small)),
+        ]
+    console.print(f"fitting {len(todo)} systems that were not run to a few captures, to know their sizes", style="dim")
+    sizes = [(cell, known_sizes(cell, corpus)) for cell in todo]
+    known = [(cell, size) for cell, size in sizes if size is not None]
+    fits = [(cell, size) for cell, size in known if all(size[k] <= most for k, most in sized.items())]
+    said = []
+    if fits:
+        each = [f"{c.system()} ({', '.join(amount(k, size[k]) + ' ' + k for k in sized)})" for c, size in fits]
+        said.append(f"Of {len(todo)} systems not run yet, these would fit, counted without code: {'; '.join(each)}.")
+        said += [f"  {typed(kind, arguments)}" for arguments in merged(cell.arguments() for cell, _ in fits)]
+    elif known:
+        least = [(amount(k, size[k]), k, cell.system()) for k in sized for cell, size in [min(known, key=_by(k))]]
+        smallest = "; ".join(f"{text} {k}, {system}" for text, k, system in least)
+        said.append(f"None of {len(known)} systems not run yet would fit; the least that any needs: {smallest}.")
+    if grown := [cell.system() for cell, size in sizes if size is None]:
+        said.append(f"Not known before they are run, as they grow with the captures or search: {', '.join(grown)}.")
+    return said
+
+
+def _by(cost: str) -> Callable[[tuple[Cell, dict[str, float]]], float]:
+    return lambda found: found[1][cost]
+
+
+def _has_c(cell: Cell) -> bool:
+    """Whether bench chip can export a system."""
+    from bench.chip.tables import check
+
+    try:
+        check(cell.estimator())
+    except InputError:
+        return False
+    return True
 
 
 def _print(found: Chosen) -> None:
@@ -117,7 +247,7 @@ def _print(found: Chosen) -> None:
         amounts = [amount(k, row[k]) for k in COSTS]
         table.add_row(escape(row["system"]), row["unit"], f"{row['accuracy']:.1f}", loss, *amounts, row["verdict"])
     out.print(table)
-    for line in sentences(found.choice, found.by, found.margin, found.subjects):
+    for line in found.lines():
         out.print(line, markup=False, highlight=False, soft_wrap=True)
 
 

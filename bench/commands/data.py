@@ -1,4 +1,4 @@
-"""The command ``bench data``: corpora listed, imported, verified and exported."""
+"""The command ``bench data``: corpora listed, imported, looked at, verified and exported."""
 
 from __future__ import annotations
 
@@ -6,28 +6,46 @@ import sys
 from pathlib import Path
 
 from bench.corpora.cost import write
-from bench.corpora.library import import_corpus, open_corpus, overview, verify
-from bench.errors import InputError
+from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
+from bench.corpora.survey import Survey, survey
+from bench.errors import InputError, nearest
+from bench.plan.arguments import convert
 from bench.plan.cells import corpus_variants
+from bench.plan.plan import captures_of
 from bench.scratch import home
+
+ACTIONS = ("import", "show", "verify", "export")
+OUT = "look"
 
 
 def data(arguments: list[str]) -> int:
-    """List what is here, import a corpus, verify or export one.
+    """List what is here, import a corpus, look at, verify or export one.
 
     Raises:
         InputError: something in the arguments or the files cannot be used.
     """
     match arguments:
         case []:
-            return show()
+            return listed()
         case ["import", kind, source, *options]:
             return read(kind, Path(source), _options(options))
+        case ["show", name, *options] if "=" not in name:
+            return show(name, _options(options))
+        case ["show", *_]:
+            raise InputError(f"bench data show: say which corpus, as in bench data show synth; known: {_known()}")
         case ["verify", name]:
             return check(name)
         case ["export", name, target, *options]:
             return export(name, Path(target), _options(options))
+        case [name, *_] if name in ("synth", *imported()):
+            raise InputError(f"bench data {name}: say what to do with it, such as bench data show {name}")
+        case [word, *_] if word not in ACTIONS:
+            raise InputError(f"bench data {word}: {nearest(word, ACTIONS)}; see bench data --help")
     raise InputError(f"bench data {' '.join(arguments)}: not understood; see bench data --help")
+
+
+def _known() -> str:
+    return ", ".join(["synth", *imported()])
 
 
 def _options(arguments: list[str]) -> dict[str, str]:
@@ -42,7 +60,7 @@ def _options(arguments: list[str]) -> dict[str, str]:
     return options
 
 
-def show() -> int:
+def listed() -> int:
     """Print every corpus with counts, digest, source and licence."""
     print(f"Corpora in {home()}\n")
     print("synth\n  generated on demand, any number of subjects and repetitions; synthetic, says nothing about people")
@@ -56,6 +74,63 @@ def show() -> int:
             f"  digest:  {row['digest']}\n  source:  {row['source']}\n  licence: {row['licence']}"
         )
     return 0
+
+
+def show(name: str, options: dict[str, str]) -> int:
+    """Print what a corpus holds, and draw it."""
+    out = Path(options.pop("out", OUT))
+    found = looked(name, options.pop("where", ""), out, options.pop("capture", None), dict(options))
+    print(found)
+    print(f"\nfigures, an animation and index.html, which holds them all: {out}")
+    return 0
+
+
+def looked(name: str, where: str, out: Path | None, capture: object, parameters: dict[str, object]) -> Survey:
+    """A survey of the captures of a corpus, drawn into a folder if one is given.
+
+    Args:
+        name: of the corpus.
+        where: captures to look at.
+        out: folder for the figures, or None.
+        capture: the one to animate, by its position in the whole corpus; None for one of each gesture.
+        parameters: of ``synth``.
+
+    Raises:
+        InputError: the corpus is not here, something in the values cannot be used, or the folder cannot be written.
+    """
+    from bench.commands.printing import writable
+    from reports.look import place, write
+
+    number = None if capture is None else convert("capture", capture, 0)
+    corpus = captures_of(name, one_variant(name, parameters), where, "gesture")
+    if number is not None:
+        place(corpus, number)
+    if out is not None:
+        writable(out)
+    found = survey(corpus)
+    if out is not None:
+        try:
+            write(corpus, found, out, number)
+        except (PermissionError, IsADirectoryError) as e:
+            raise InputError(f"out={out}: {e.filename} cannot be written ({e.strerror}); choose another folder") from e
+    return found
+
+
+def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
+    """Parameters of the generator as they are typed, with or without ``data.``, and its defaults.
+
+    Raises:
+        InputError: one that is not known, is given twice, or has several values.
+    """
+    given: dict[str, object] = {}
+    for key, value in parameters.items():
+        if (full := f"data.{key.removeprefix('data.')}") in given:
+            raise InputError(f"{key}= is given twice; give it once")
+        given[full] = value
+    variant, *more = corpus_variants(given, name, [name])
+    if more:
+        raise InputError("one corpus at a time; give one value of each parameter")
+    return variant
 
 
 def read(kind: str, source: Path, options: dict[str, str]) -> int:
@@ -89,10 +164,7 @@ def export(name: str, target: Path, options: dict[str, str]) -> int:
     """Write a corpus in the format of CoST.csv."""
     if (form := options.pop("format", "cost")) != "cost":
         raise InputError(f"format={form}: only format=cost can be written")
-    variants = corpus_variants({f"data.{k}": v for k, v in options.items()}, name, [name])
-    if len(variants) > 1:
-        raise InputError("bench data export writes one corpus; give one value of each parameter")
-    corpus = open_corpus(name, variants[0])
+    corpus = open_corpus(name, one_variant(name, dict(options)))
     write(corpus, target)
     kind = "synthetic " if corpus.synthetic else ""
     print(f"{target}: {len(corpus)} {kind}captures, {len(corpus.frames)} rows, digest {corpus.digest[:16]}")

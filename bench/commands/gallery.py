@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shlex
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from bench.commands.printing import writable
@@ -25,19 +27,36 @@ def gallery(arguments: list[str]) -> int:
     Raises:
         InputError: the arguments cannot be used, or the folder cannot be written.
     """
+    out = Path(parse(arguments, {"out"}).get("out", "gallery"))
+    if code := done(out, STEPS):
+        return code
+    print(f"report/ is the page with its figures, stress/ and stream/ have the rest, all in {out}")
+    return 0
+
+
+def done(out: Path, steps: Iterable[Sequence[str]]) -> int:
+    """Do commands inside a folder, with a store of their own there, until one fails; its exit code, else 0.
+
+    Args:
+        out: the folder.
+        steps: commands with their arguments; each is asked for when the one before is done.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
     from bench.cli import main
 
-    out = Path(parse(arguments, {"out"}).get("out", "gallery"))
     writable(out)
     before = os.environ.pop("MLFLOW_TRACKING_URI", None)
     try:
         with contextlib.chdir(out):
-            for step in STEPS:
+            for step in steps:
+                print(f"\n$ bench {shlex.join(step)}", flush=True)
                 if code := main([*step]):
                     return code
+                os.environ.pop("MLFLOW_TRACKING_URI", None)  # MLflow sets it
     finally:
-        os.environ.pop("MLFLOW_TRACKING_URI", None)  # MLflow sets it
+        os.environ.pop("MLFLOW_TRACKING_URI", None)
         if before is not None:
             os.environ["MLFLOW_TRACKING_URI"] = before
-    print(f"report/ is the page with its figures, stress/ and stream/ have the rest, all in {out}")
     return 0

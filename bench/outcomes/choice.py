@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -20,6 +20,45 @@ from bench.quantities import COSTS
 
 SAID = {"capture": "whole captures", "window": "one window"}
 FEW_SUBJECTS = 6  # with five, no sign test can reach p < 0.05
+ORIGIN = {
+    "kind": "touchbench.kind",
+    "digest": "corpus_digest",
+    "command": "touchbench.command",
+    "arguments": "touchbench.arguments",
+}
+UNKNOWN = {  # why a cost is not known
+    "flash": "their runs are older than its count",
+    "ram": "their runs are older than its count",
+    "predict": "C is not timed",
+    "decision": "C is not timed",
+    "cycles": "only bench chip counts them",
+}
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What one budget does to the candidates.
+
+    Attributes:
+        cost: that it is for.
+        most: of it.
+        over: candidates that need more.
+        unknown: candidates of which nobody knows whether they do.
+        least: index of the candidate that needs least, None if it is known of none.
+        without: index of the best one that fits all the other budgets, None if none does.
+        gain: its accuracy minus that of the best one that fits all budgets, mean over subjects in points; NaN if none
+            does.
+        error: the standard error of that.
+    """
+
+    cost: str
+    most: float
+    over: int
+    unknown: int
+    least: int | None
+    without: int | None
+    gain: float
+    error: float
 
 
 @dataclass(frozen=True)
@@ -28,17 +67,21 @@ class Choice:
 
     Attributes:
         table: the candidates with ``loss`` (mean over subjects of best minus own accuracy, in points), ``error`` (its
-            standard error) and ``verdict``, cheapest first.
+            standard error) and ``verdict``, cheapest first; those whose cost is not known stand last.
         chosen: index in it, None if no candidate fits the budgets.
         best: index of the most accurate one that fits them.
         costlier: index of the next costlier one that fits them and is more accurate than the chosen, None if there is
             none.
+        unranked: indices of those that fit the budgets and whose cost is not known, most accurate first.
+        budgets: what each of them does.
     """
 
     table: pd.DataFrame
     chosen: int | None
     best: int | None
     costlier: int | None
+    unranked: list[int] = field(default_factory=list)
+    budgets: list[Budget] = field(default_factory=list)
 
 
 def candidates(
@@ -60,12 +103,13 @@ def candidates(
 
     Returns:
         One row per candidate (``system``, ``unit``, ``accuracy`` in percent as a mean over subjects, ``flash`` and
-        ``ram`` in kB, ``predict`` and ``decision`` in ms, ``cycles`` in thousands of instructions, ``cpu``; NaN where a
-        cost is not known); what they are all on, in words; and accuracies in percent [candidates, subjects].
+        ``ram`` in kB, ``predict`` and ``decision`` in ms, ``cycles`` in thousands of instructions, ``cpu`` and the keys
+        of `ORIGIN`; NaN where a cost is not known); what they are all on, in words; and accuracies in percent
+        [candidates, subjects].
 
     Raises:
-        InputError: no run is tracked for these values, runs on several corpora or protocols are, or a table of one is
-            gone.
+        NothingTracked: no complete run is tracked for these values.
+        InputError: runs on several corpora or protocols are, or a table of one is gone.
     """
     found = []
     for kind in ["cell", "chip", *(["stream"] if most is not None or replays else [])]:
@@ -77,7 +121,7 @@ def candidates(
     linked = _linked(runs)
     kinds = runs[[*COMPARABLE, "protocol"]].drop_duplicates()
     if not len(kinds):
-        raise InputError("no complete run is tracked for these values; make some with bench run, then choose")
+        raise NothingTracked("no complete run is tracked for these values; make some with bench run, then choose")
     if len(kinds) > 1:
         told = "; ".join(f"data={k.data} protocol={k.protocol} ({k.subset})" for k in kinds.head(4).itertuples())
         raise InputError(f"runs on different captures cannot be compared; name one of: {told}")
@@ -92,11 +136,17 @@ def candidates(
         each = [_units(store, run, within) for run in rows_of(group)]
         for unit in each[0]:
             costs = pd.DataFrame([units[unit][0] for units in each]).mean().reindex([*COSTS])
-            rows.append({"system": system, "unit": unit, **costs, "cpu": ", ".join(sorted(set(group["cpu"])))})
+            rows.append({"system": system, "unit": unit, **costs, **_origin(group)})
             accuracy.append(pd.concat([units[unit][1] for units in each], axis=1).mean(axis=1))
     subjects = pd.DataFrame(accuracy).reset_index(drop=True)
     table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
     return table, ", ".join(context_of(rows_of(runs)[0])), subjects
+
+
+def _origin(group: pd.DataFrame) -> dict[str, str]:
+    """Where a candidate comes from: processors, kind of run, captures, command and arguments of its last run."""
+    tags = group.reindex(columns=[*ORIGIN.values()]).fillna("").iloc[-1]
+    return {"cpu": ", ".join(sorted(set(group["cpu"])))} | {name: str(tags[tag]) for name, tag in ORIGIN.items()}
 
 
 def _linked(runs: pd.DataFrame) -> dict[str, dict[str, float]]:
@@ -146,7 +196,8 @@ def _units(store: Store, run: Row, within: float | None) -> dict[str, tuple[dict
     if run["touchbench.kind"] == "stream":
         instants = pd.read_csv(needed(store, run, "instants.csv"))["ms"]
         seen = np.sort(table["instant"].unique())  # frames
-        chosen = instants.index if within is None else instants.index[instants <= within][-1:]
+        soon = instants.index if within is None else instants.index[instants <= within][-1:]
+        chosen = soon if len(soon) else instants.index[:1]  # which says how far it is from soon enough
         cost = size | {"predict": run["decide_ms_p50"]}
         return {
             f"first {instants[i]:.0f} ms": (
@@ -174,7 +225,8 @@ def decide(
 
     Not below means: the mean over subjects of the difference is at most its standard error; or, with a margin, a
     one-sided paired t-test finds it smaller than the margin (p < 0.05). The best one is sought among those that fit the
-    budgets; a candidate whose cost is not known fits none.
+    budgets; a candidate whose cost is not known fits no budget of it. One whose cost ``by`` is not known cannot be the
+    cheapest, so neither chosen nor the best is such a one; its loss is told.
 
     Args:
         table: candidates with ``accuracy`` and a column per cost, as `candidates` gives them.
@@ -190,30 +242,74 @@ def decide(
             f"{k} {amount(k, row[k])} > {amount(k, budgets[k])}" if np.isfinite(row[k]) else f"{k} not known"
             for k in over
         ]
-        if not over and not np.isfinite(row[by]):
-            said = [f"{by} not known"]
         verdicts.append("ruled out: " + ", ".join(said) if said else "")
     table = table.assign(verdict=verdicts, loss=np.nan, error=np.nan)
     fits = table.index[table["verdict"] == ""]
-    if not len(fits):
-        return Choice(table.sort_values(by), None, None, None)
-    cheapest = table.loc[fits].sort_values([by])
-    best = int(cheapest.index[int(cheapest["accuracy"].argmax())])
+    unknown = table.loc[fits][table.loc[fits, by].isna()].sort_values("accuracy", ascending=False)
+    unranked = [int(i) for i in unknown.index]
+    best = _best(table, by, budgets)
+    limits = [_limit(table, subjects, by, budgets, cost, best) for cost in budgets]
+    if best is None:
+        table.loc[unranked, "verdict"] = f"{by} not known"
+        return Choice(table.sort_values(by), None, None, None, unranked, limits)
     near = []
     for i in fits:
         lost = (subjects.loc[best] - subjects.loc[i]).to_numpy()
-        error = lost.std(ddof=1) / np.sqrt(len(lost)) if len(lost) > 1 else np.nan
-        table.loc[i, ["loss", "error"]] = lost.mean(), error
+        table.loc[i, ["loss", "error"]] = loss, error = _paired(lost)
         if i == best or _not_below(lost, error, margin):
             near.append(i)
     order = table.sort_values([by, "accuracy"], ascending=[True, False]).index
-    chosen = next(i for i in order if i in near)
+    chosen = next(i for i in order if i in near and i not in unranked)
     for i in fits:
-        good = "as good, costlier" if i in near else "worse than the best"
-        table.loc[i, "verdict"] = "chosen" if i == chosen else good
+        if i in unranked:
+            verdict = f"{'as good' if i in near else 'worse than the best'}, {by} not known"
+        elif i == chosen:
+            verdict = "chosen"
+        else:
+            verdict = "as good, costlier" if i in near else "worse than the best"
+        table.loc[i, "verdict"] = verdict
     more = [i for i in order if i in fits and table[by][i] > table[by][chosen]]
     costlier = next((i for i in more if table["accuracy"][i] > table["accuracy"][chosen]), None)
-    return Choice(table.loc[order], chosen, best, costlier)
+    return Choice(table.loc[order], chosen, best, costlier, unranked, limits)
+
+
+def fitting(table: pd.DataFrame, budgets: Mapping[str, float]) -> pd.DataFrame:
+    """The candidates that are known to fit all budgets."""
+    within = [table[cost] <= most for cost, most in budgets.items()]
+    return table[np.logical_and.reduce(within)] if within else table
+
+
+def _best(table: pd.DataFrame, by: str, budgets: Mapping[str, float]) -> int | None:
+    """The most accurate one that fits and whose cost is known; of equal ones the cheapest."""
+    ranked = fitting(table, budgets).dropna(subset=[by]).sort_values(by)
+    return int(ranked.index[int(ranked["accuracy"].argmax())]) if len(ranked) else None
+
+
+def _limit(
+    table: pd.DataFrame, subjects: pd.DataFrame, by: str, budgets: dict[str, float], cost: str, best: int | None
+) -> Budget:
+    """What one of the budgets does."""
+    most, needed = budgets[cost], table[cost].dropna()
+    without = _best(table, by, {k: v for k, v in budgets.items() if k != cost})
+    gain = error = np.nan
+    if best is not None and without is not None:
+        gain, error = _paired((subjects.loc[without] - subjects.loc[best]).to_numpy())
+    return Budget(
+        cost,
+        most,
+        int((needed > most).sum()),
+        int(table[cost].isna().sum()),
+        int(needed.index[int(needed.argmin())]) if len(needed) else None,
+        without,
+        gain,
+        error,
+    )
+
+
+def _paired(differences: np.ndarray) -> tuple[float, float]:
+    """Mean over subjects and its standard error."""
+    error = differences.std(ddof=1) / np.sqrt(len(differences)) if len(differences) > 1 else np.nan
+    return float(differences.mean()), float(error)
 
 
 def _not_below(lost: np.ndarray, error: float, margin: float | None) -> bool:
@@ -234,10 +330,13 @@ def amount(cost: str, value: float) -> str:
 
 
 def sentences(choice: Choice, by: str, margin: float | None, subjects: int) -> list[str]:
-    """The choice, its reason, and what the next costlier system would buy."""
-    if choice.chosen is None:
-        return ["Nothing fits: every candidate is ruled out by a budget."]
+    """The choice, its reason, what the next costlier system would buy, and what each budget costs."""
     rows = dict(zip(choice.table.index, rows_of(choice.table), strict=True))
+    limits = [_limited(limit, rows, choice.best) for limit in choice.budgets]
+    if choice.chosen is None:
+        if choice.unranked:
+            return [f"Nothing can be chosen: {by} is known of no candidate that fits ({UNKNOWN[by]}).", *limits]
+        return ["Nothing fits: every candidate is ruled out by a budget.", *limits]
     own, best = rows[choice.chosen], rows[choice.best]
     rule = "one standard error of the paired difference" if margin is None else f"{margin:g} points (p < 0.05)"
     said = [f"Choose {_named(own)}: {own['accuracy']:.1f} % with {by} {amount(by, own[by])}."]
@@ -254,9 +353,37 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int) -> l
             f"The next costlier one that is more accurate, {_named(next_one)}, would buy "
             f"{next_one['accuracy'] - own['accuracy']:.1f} points for {next_one[by] / own[by]:.2g} times the {by}."
         )
+    if choice.unranked:
+        first = rows[choice.unranked[0]]
+        said.append(
+            f"Candidates whose {by} is not known ({UNKNOWN[by]}), which cannot be the cheapest: "
+            f"{len(choice.unranked)}; the most accurate of them is {_named(first)}, {first['accuracy']:.1f} %."
+        )
+    said += limits
     if subjects < FEW_SUBJECTS:
         said.append(f"Only {subjects} subjects: this says little about the next person.")
     return said
+
+
+def _limited(limit: Budget, rows: dict[int, Row], best: int | None) -> str:
+    """What a budget costs, or where nothing fits, how far the candidates are from it."""
+    cost, count = limit.cost, limit.over + limit.unknown
+    said = f"{cost} at most {amount(cost, limit.most)}"
+    unknown = f"of {limit.unknown} it is not known: {UNKNOWN[cost]}" if limit.unknown else ""
+    without = "nothing fits either"
+    if limit.without is not None:
+        row = rows[limit.without]
+        without = f"the best that fits is {_named(row)}, {row['accuracy']:.1f} %"
+    if best is not None:
+        price = f"costs {limit.gain:.1f} ± {limit.error:.1f} points: without it {without}."
+        if limit.without == best:
+            price = "costs nothing: without it the best that fits is the same."
+        return f"{said} {price}" + (f" It rules out {count} candidates ({unknown})." if unknown else "")
+    counts = f"{said} alone rules out {count} of {len(rows)} candidates" + (f" ({unknown})" if unknown else "")
+    if limit.least is not None:
+        row = rows[limit.least]
+        counts += f"; the least that any needs is {amount(cost, row[cost])}, {_named(row)}"
+    return f"{counts}. Without it {without}."
 
 
 def _named(row: Row) -> str:

@@ -7,11 +7,17 @@ from scipy.stats import ttest_rel
 
 from bench.cli import main
 from bench.errors import InputError
+from bench.outcomes.advice import at_hand, merged, typed
 from bench.outcomes.choice import candidates, decide, sentences
 from bench.outcomes.store import connect
+from bench.plan.arguments import parse
+from bench.plan.cells import cells
+from bench.plan.plan import corpus_of, folds_of
 from bench.quantities import quantity
 from bench.work import machine
 from bench.work.machine import Machine
+from bench.work.probe import known_sizes, unrun
+from models.sizes import sizes
 
 SMALL = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
 
@@ -62,6 +68,126 @@ def test_a_margin_asks_for_proof_of_equivalence():
         assert (p < 0.05) == expected
     assert decide(found, subjects, "flash", {}, 3.0).chosen == 1
     assert decide(found, subjects, "flash", {}, 0.5).chosen == 0
+
+
+def test_each_budget_has_its_price_and_what_binds():
+    # Without ram: s0, whose subjects are 10, 14, 10 and 6 points better than those of s2: mean 10, SD sqrt(32 / 3).
+    accuracies = [[90, 84, 70, 76], [80] * 4, [80, 70, 60, 70]]
+    found, subjects = table(accuracies, ram=[40.0, 32.0, 8.0], flash=[9.0, 20.0, 3.0], predict=[1.0, np.nan, 2.0])
+    choice = decide(found, subjects, "flash", {"ram": 32.0, "flash": 10.0}, None)
+    assert choice.chosen == 2
+    ram, flash = choice.budgets
+    assert (ram.over, ram.unknown, ram.least, ram.without) == (1, 0, 2, 0)
+    assert (ram.gain, ram.error) == pytest.approx((10, np.sqrt(32 / 3) / 2))
+    assert (flash.without, flash.gain) == (1, 10)
+    said = sentences(choice, "flash", None, 4)
+    assert any(
+        s.startswith("ram at most 32 kB costs 10.0 ± 1.6 points: without it the best that fits is s0") for s in said
+    )
+    loose = decide(found, subjects, "flash", {"ram": 50.0}, None)
+    assert (loose.budgets[0].without, loose.budgets[0].gain) == (loose.best, 0)
+    assert "ram at most 50 kB costs nothing" in " ".join(sentences(loose, "flash", None, 4))
+    nothing = decide(found, subjects, "flash", {"ram": 4.0, "predict": 1.5}, None)
+    ram, predict = nothing.budgets
+    assert (ram.over, ram.least, ram.without) == (3, 2, 0) and np.isnan(ram.gain)
+    assert (predict.over, predict.unknown, predict.least, predict.without) == (1, 1, 0, None)
+    said = " ".join(sentences(nothing, "flash", None, 4))
+    assert "ram at most 4 kB alone rules out 3 of 3 candidates; the least that any needs is 8 kB, s2" in said
+    assert "predict at most 1.5 ms alone rules out 2 of 3 candidates (of 1 it is not known" in said
+    assert "Without it nothing fits either" in said
+
+
+def test_what_has_no_known_cost_is_compared_and_never_chosen():
+    found, subjects = table([[90] * 4, [80] * 4, [70] * 4], flash=[np.nan, 5.0, 1.0])
+    choice = decide(found, subjects, "flash", {}, None)
+    assert (choice.chosen, choice.best, choice.unranked) == (1, 1, [0])
+    assert list(choice.table.index) == [2, 1, 0] and choice.table["loss"][0] == -10
+    assert choice.table["verdict"][0] == "as good, flash not known"
+    assert "the most accurate of them is s0 (whole captures), 90.0 %" in " ".join(sentences(choice, "flash", None, 4))
+    none, subjects = table([[90] * 4], flash=[np.nan])
+    nothing = decide(none, subjects, "flash", {}, None)
+    assert nothing.chosen is None and "Nothing can be chosen" in sentences(nothing, "flash", None, 4)[0]
+
+
+def test_commands_make_the_same_cells():
+    pairs = [("lda", "jung28"), ("lda", "jung54"), ("bayes", "jung28"), ("bayes", "jung54"), ("svm", "jung54")]
+    asked = [{"data": "synth", "where": "variant == 'rough'", "model": m, "features": f} for m, f in pairs]
+    asked += [{"data": "synth", "where": "variant == 'rough'", "model": m} for m in ("cnn85", "reflex")]
+    found = merged(asked)
+    assert len(found) == 3
+    made = {c.system() for arguments in found for c in cells(arguments)}
+    assert made == {c.system() for arguments in asked for c in cells(arguments)}
+    line = typed("run", {"where": "variant == 'rough'", "model": "a,b"})
+    assert line == """bench run where='variant == '"'"'rough'"'"'' model=a,b"""
+
+
+def test_runs_at_hand_are_those_that_another_command_may_make_fit():
+    rows = [
+        ("a", "cell", "run", '{"model": "a"}', 60, 1),
+        ("b", "cell", "run", '{"model": "b"}', 80, 1),
+        ("c", "cell", "tune", '{"model": "c"}', 90, 1),  # bench stream has no search
+        ("d", "cell", "run", '{"model": "d"}', 90, 9),  # too large anyway
+        ("e", "cell", "run", '{"model": "e"}', 90, 1),  # replayed already
+        ("e", "stream", "stream", '{"model": "e"}', 70, 1),
+        ("f", "cell", "run", "", 90, 1),  # made with objects
+    ]
+    found = pd.DataFrame(rows, columns=["system", "kind", "command", "arguments", "accuracy", "flash"])
+    assert at_hand(found, "stream", {"flash": 5.0}) == [{"model": "b"}, {"model": "a"}]
+
+
+@pytest.mark.parametrize("model", ["lda", "softmax", "bayes", "cnn85"])
+def test_a_size_known_before_the_run_is_that_of_the_run(model):
+    values = {"data": "synth", "data.subjects": "4", "data.repetitions": "4", "data.variants": "normal", "model": model}
+    (cell,) = cells(values | ({"model.epochs": "2"} if model == "cnn85" else {}))
+    corpus = corpus_of(cell)
+    train = corpus[folds_of(cell, corpus)[0].train]
+    fitted = cell.estimator().fit(train, train.gestures)
+    own = sizes(fitted, corpus.grid[0] * corpus.grid[1], int(corpus.lengths.max()))
+    known = known_sizes(cell, corpus)
+    assert known == {"flash": own["flash_bytes"] / 1000, "ram": own["ram_bytes"] / 1000}
+
+
+def test_a_size_that_grows_is_not_known_before_the_run():
+    values = {"data": "synth", "data.subjects": "4", "data.repetitions": "4", "data.variants": "normal"}
+    asked = cells(values | {"model": "svm,rf,xgb,tree,auto", "features": "jung28,jung54"})
+    asked += cells(values | {"model": "tree", "model.level": "90", "features": "jung28"})  # its root alone, of so few
+    assert [known_sizes(cell, corpus_of(cell)) for cell in asked] == [None] * 10
+    left = unrun(values, {"model": ["lda", "svm"], "features": ["jung28"]}, {"svm · jung28"})
+    assert [cell.system() for cell in left] == ["lda · jung28"]
+
+
+def test_where_nothing_fits_the_commands_that_may_are_said(capsys):
+    assert main(["run", "model=svm", "features=jung28", *SMALL]) == 0
+    capsys.readouterr()
+    assert main(["choose", "max_flash=5kB", "model=svm,lda", "features=jung28"]) == 1
+    out = capsys.readouterr().out
+    assert "Of 1 systems not run yet, these would fit, counted without code: lda · jung28 (" in out
+    line = next(line.strip() for line in out.splitlines() if line.startswith("  bench run"))
+    assert "data.subjects=4" in line and "protocol=loso" in line
+    (cell,) = cells(parse(line.split()[2:], {"data", "protocol", "model", "features"}))
+    assert cell.system() == "lda · jung28"
+    assert main(line.split()[1:]) == 0 and main(["choose", "max_flash=5kB"]) == 0
+    assert "costs" in capsys.readouterr().out
+    assert main(["choose", "max_decision=9s", "model=svm"]) == 0  # and it may be sooner
+    assert "\n  bench stream data=synth" in capsys.readouterr().out
+    assert main(["choose", "max_decision=1ms", "model=svm"]) == 1
+    assert "\n  bench stream data=synth" in capsys.readouterr().out
+    assert main(["choose", "by=cycles", "model=svm"]) == 1
+    out = capsys.readouterr().out
+    assert "Nothing can be chosen" in out and "\n  bench chip data=synth" in out
+    assert main(["choose", "max_cycles=1M", "max_predict=1ms"]) == 1
+    assert "no candidate can fit both" in capsys.readouterr().out
+
+
+def test_without_runs_the_first_commands_are_said(capsys):
+    assert main(["choose", "data=haart", "max_decision=300ms"]) == 2
+    said = capsys.readouterr()
+    assert said.err.count("\n") == 1 and "no scored run" in said.err
+    assert said.out.splitlines()[1:] == [
+        "  bench run data=haart model=bayes,lda,svm,rf features=jung28",
+        "  bench stream data=haart model=bayes,lda,svm,rf features=jung28",
+        "  bench choose data=haart max_decision=300ms",
+    ]
 
 
 def test_amounts():
@@ -133,8 +259,8 @@ def test_a_replayed_system_decides_within_the_budget(capsys, tmp_path):
     at_each, *_ = candidates(connect(), {}, replays=True)
     assert len(at_each) > 5 and at_each["unit"][0] == "capture" and "first 244 ms" in set(at_each["unit"])
     assert at_each["decision"][1:].is_monotonic_increasing
-    found, *_ = candidates(connect(), {}, 1.0)
-    assert list(found["unit"]) == ["capture"]
+    found, *_ = candidates(connect(), {}, 1.0)  # the first instant says how far it is from that
+    assert list(found["unit"]) == ["capture", "first 59 ms"]
     assert main(["stream", "model=bayes", "features=jung28", "hop_ms=150", f"out={tmp_path}", *SMALL]) == 0
     found, *_ = candidates(connect(), {}, 345.0)  # replayed in two ways: both are there
     assert set(found["unit"]) == {"capture", "first 244 ms", "first 296 ms"}

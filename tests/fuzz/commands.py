@@ -86,7 +86,14 @@ def line(rng: random.Random) -> list[str]:
     )
     if command == "data":
         words = rng.choice(
-            [[], ["import", "table", "x.csv"], ["import", "cost", "x"], ["export", "synth", "o.csv"], ["no"]]
+            [
+                [],
+                ["import", "table", "x.csv"],
+                ["import", "cost", "x"],
+                ["export", "synth", "o.csv"],
+                ["show", "synth"],
+                ["no"],
+            ]
         )
         pairs = {k: v for k, v in _keys(rng, "data") if rng.random() < 0.5}
         return ["data", *words, *_changed(rng, pairs)]

@@ -105,7 +105,8 @@ def test_mistakes_are_one_line_and_exit_code_2(arguments, message, capsys):
     ("arguments", "message"),
     [
         (["rnu"], "no command is called 'rnu'; did you mean run"),
-        (["data", "imprt"], "not understood"),
+        (["data", "imprt"], "bench data imprt: did you mean import?"),
+        (["data", "export", "synth"], "not understood"),
         (["data", "export", "synth", "x.csv", "seed=1", "seed=2"], "seed= is given twice"),
         (["data", "import", "cots", "x.csv"], "format=cots: not known; did you mean cost"),
         (["data", "import", "cost", "x.csv"], "x.csv: cannot be read"),

@@ -1,0 +1,63 @@
+"""The command ``bench demo``: the way from captures to a verdict, on generated ones, in under two minutes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from bench.commands.gallery import CORPUS, done
+from bench.plan.arguments import parse
+
+SHOWN = (*CORPUS, "protocol=loso")
+RUNS = (
+    ("run", *SHOWN, "model=tree,bayes,lda,svm", "features=jung28"),
+    ("run", *SHOWN, "model=lda", "features=touch", "model.window=0.5"),
+)
+VERDICTS = (
+    ("choose", "data=synth", "protocol=loso"),
+    ("choose", "data=synth", "protocol=loso", "max_flash=64kB", "max_decision=300ms"),
+)
+FAULTS = "faults=dead_taxels,noise"
+REPLAYED = 2  # of the most accurate systems
+NEXT = (
+    "bench data import table my.csv name=mine grid=8x8 rate_hz=54 full_scale=1023",
+    "bench run data=mine protocol=loso model=tree,bayes,lda,svm features=jung28",
+    "bench choose data=mine protocol=loso max_flash=64kB",
+)
+
+
+def demo(arguments: list[str]) -> int:
+    """Compare five systems in a store inside ``out=`` and choose one; goes on where it was interrupted.
+
+    Raises:
+        InputError: the arguments cannot be used, or the folder cannot be written.
+    """
+    out = Path(parse(arguments, {"out"}).get("out", "demo"))
+    print("synthetic: all captures are generated; what comes out says nothing about people")
+    if code := done(out, _steps()):
+        return code
+    print(f"\nThe page with all of it (synthetic): {(out / 'report' / 'index.html').resolve().as_uri()}")
+    print("With captures of your own, in the columns subject, gesture, frame and one for each taxel:")
+    print(*(f"  {step}" for step in NEXT), sep="\n", flush=True)
+    return 0
+
+
+def _steps() -> Iterator[tuple[str, ...]]:
+    """The commands; which systems are replayed and stressed depends on what the first ones find."""
+    yield from RUNS
+    best = _best()
+    for place, arguments in enumerate(best, 1):
+        yield ("stream", *arguments, f"out=stream/{place}")
+    yield ("stress", *best[0], FAULTS)
+    yield ("report",)
+    yield from VERDICTS
+
+
+def _best() -> list[list[str]]:
+    """Arguments of the most accurate systems of this folder's store."""
+    from bench.outcomes.advice import at_hand
+    from bench.outcomes.choice import candidates
+    from bench.outcomes.store import connect
+
+    table, *_ = candidates(connect(), {})
+    return [[f"{key}={value}" for key, value in found.items()] for found in at_hand(table, "stream", {})[:REPLAYED]]

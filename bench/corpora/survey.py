@@ -1,0 +1,403 @@
+"""What a corpus holds, before any model sees it: counts and gaps, durations, pressure, broken taxels, duplicates.
+
+Pure functions of a `Corpus`. Frames are read once, in blocks of whole captures, so that memory does not grow with their
+number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import blake2b
+
+import numpy as np
+import pandas as pd
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+
+BLOCK = 1 << 20  # values that are computed at a time, unless a single capture has more
+ODD = 3.0  # times more, or less, than the taxels around it: such a taxel is suspicious
+ALONE = 1.0  # percent of captures in which it alone does not vary: beyond it, a taxel is suspicious
+CROSSED = 10  # combinations for each capture, beyond which nobody meant to record them all
+LESS = "varies far less than those around it"
+NEAR = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]  # places of the taxels around one
+DURATIONS = "seconds of a capture of each gesture"
+PRESSURE = (
+    "sensor values; full_scale is the percent of readings at full scale, still the captures in which nothing varies"
+)
+NAMED = 12  # of a kind that are named in print; the tables have all
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What a corpus holds; prints as sentences and short tables.
+
+    Attributes:
+        title: corpus, sizes and rate in one line, as `Corpus` prints.
+        synthetic: whether the captures were generated.
+        factors: the columns that ``counts`` crosses: ``subject``, ``gesture`` and conditions.
+        counts: a row for each combination of the factors, whether recorded or not, with its number of ``captures``.
+        durations: by gesture: ``captures``, ``subjects``, and seconds ``median``, ``shortest``, ``longest``.
+        pressure: by gesture, in sensor values: ``lowest``, ``mean`` and ``highest`` reading; ``full_scale``, percent of
+            readings at full scale; ``still``, captures in which nothing varies.
+        taxels: a row for each taxel, row by row: ``row`` and ``col`` from 0, ``lowest``, ``mean``, ``highest``;
+            ``full_scale``, percent of frames at full scale; ``sd`` around the mean of each capture; ``around``, the
+            median SD of the up to eight taxels around it that do vary; ``still``, percent of captures in which it does
+            not vary while all of those around it do; ``verdict``, empty where nothing is odd.
+        duplicates: a row for each capture whose frames are those of another one: ``group``, ``capture``, its labels,
+            and ``differs``, the columns that tell the captures of a group apart.
+        means: mean pressure of each gesture, each frame counted once, float64 [gestures, rows, cols].
+        typical: by gesture, the capture nearest to the middle in duration, mean and highest pressure.
+    """
+
+    title: str
+    synthetic: bool
+    factors: list[str]
+    counts: pd.DataFrame
+    durations: pd.DataFrame
+    pressure: pd.DataFrame
+    taxels: pd.DataFrame
+    duplicates: pd.DataFrame
+    means: np.ndarray
+    typical: dict[str, int]
+
+    @property
+    def gestures(self) -> list[str]:
+        """In the order of ``means`` and of the tables."""
+        return self.durations["gesture"].tolist()
+
+    @cached_property
+    def usual(self) -> int:
+        """The commonest number of captures of a combination, of those that were recorded."""
+        return int(self.counts.loc[self.counts["captures"] > 0, "captures"].mode().iloc[0])
+
+    @property
+    def gaps(self) -> pd.DataFrame:
+        """Rows of ``counts`` that have another number of captures than most: none, fewer or more."""
+        return self.counts[self.counts["captures"] != self.usual].reset_index(drop=True)
+
+    @property
+    def odd_taxels(self) -> pd.DataFrame:
+        """Rows of ``taxels`` with a verdict."""
+        return self.taxels[self.taxels["verdict"] != ""].reset_index(drop=True)
+
+    def __str__(self) -> str:
+        parts = [
+            [self.title, *(["synthetic: generated captures, not people"] if self.synthetic else [])],
+            [f"Durations: {DURATIONS}", _text(self.durations)],
+            [f"Pressure: {PRESSURE}", _text(self.pressure)],
+            self.gap_lines(),
+            self.taxel_lines(),
+            self.duplicate_lines(),
+        ]
+        return "\n\n".join("\n".join(part) for part in parts)
+
+    __repr__ = __str__
+
+    def gap_lines(self) -> list[str]:
+        """How even the counts are: a sentence, and the first examples."""
+        counts, usual = self.counts, self.usual
+        absent, other = counts["captures"] == 0, ~counts["captures"].isin([0, usual])
+        named = ", ".join(self.factors[:-1]) + f" and {self.factors[-1]}"
+        said = (
+            f"Gaps: of {len(counts)} combinations of {named}, {len(counts) - absent.sum() - other.sum()} have "
+            f"{_number(usual, 'capture')}, {other.sum()} another number, {absent.sum()} none"
+        )
+        # A gesture that a subject never did is one gap, not one for each condition.
+        pairs = counts.groupby(["subject", "gesture"], sort=False)["captures"].transform("sum") == 0
+        whole = counts[pairs].drop_duplicates(["subject", "gesture"])[["subject", "gesture", "captures"]]
+        rest = counts[(absent | other) & ~pairs]
+        lines = [_labels(row) for row in [*whole.to_dict("records"), *rest.to_dict("records")]]
+        return [said, *_first(lines, len(lines))]
+
+    def taxel_lines(self) -> list[str]:
+        """Which taxels are odd: a sentence, and the first examples."""
+        odd = self.odd_taxels
+        if not len(odd):
+            return [f"Taxels: nothing is odd about the {len(self.taxels)}"]
+        lines = [
+            f"row {t['row']}, col {t['col']}: {t['verdict']} (SD {t['sd']:.3g}, around it {t['around']:.3g}; "
+            f"readings {t['lowest']:g} to {t['highest']:g}; alone still in {t['still']:.3g} % of captures)"
+            for t in odd.to_dict("records")
+        ]
+        said = f"Taxels: {len(odd)} of {len(self.taxels)} odd; rows and columns from 0"
+        if odd["verdict"].isin([LESS]).any():
+            said += "; one that varies far less may be broken, or few touched it"
+        return [said, *_first(lines, len(lines))]
+
+    def duplicate_lines(self) -> list[str]:
+        """Which captures are the same: a sentence, and the first examples."""
+        if not len(self.duplicates):
+            return ["Duplicates: no two captures have the same frames"]
+        lines = []
+        for _, part in self.duplicates[self.duplicates["group"] <= NAMED].groupby("group"):
+            first, *others = part.drop(columns=["group", "differs"]).to_dict("records")
+            shown = ["capture", *part["differs"].iloc[0].split(", ")]
+            lines.append(" = ".join([_labels(first), *(_labels(row, shown) for row in others[:NAMED])]))
+            lines[-1] += f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
+        firsts = self.duplicates.drop_duplicates("group")
+        other = sum(bool({"subject", "gesture"} & set(names.split(", "))) for names in firsts["differs"])
+        said = (
+            f"Duplicates: {len(self.duplicates)} captures share their frames with another one, in {len(firsts)} groups"
+        )
+        return [f"{said}; {other} of them under several subjects or gestures", *_first(lines, len(firsts))]
+
+
+def _text(table: pd.DataFrame) -> str:
+    return table.to_string(index=False, float_format=lambda v: f"{v:.4g}")
+
+
+def _number(n: int, word: str) -> str:
+    return f"{n} {word}{'' if n == 1 else 's'}"
+
+
+def _labels(row: dict, columns: list[str] | None = None) -> str:
+    """A row of a table in words; a count comes last."""
+    words = [f"{k} {v}" for k, v in row.items() if k != "captures" and (columns is None or k in columns)]
+    count = f": {_number(row['captures'], 'capture') if row['captures'] else 'none'}" if "captures" in row else ""
+    return ", ".join(words) + count
+
+
+def _first(lines: list[str], total: int) -> list[str]:
+    """Those that are printed, indented, and how many there are besides."""
+    more = [f"... and {total - NAMED} more"] if total > NAMED else []
+    return [f"  {line}" for line in [*lines[:NAMED], *more]]
+
+
+def survey(corpus: Corpus) -> Survey:
+    """Count, time and measure the captures of a corpus.
+
+    Args:
+        corpus: or some captures of one; those that share frames with others are measured as often as they stand there.
+
+    Raises:
+        InputError: there is no capture.
+    """
+    if not len(corpus):
+        raise InputError(f"{corpus.name} has no captures to look at")
+    gestures, code = np.unique(corpus.captures["gesture"].astype(str).to_numpy(dtype=object), return_inverse=True)
+    read = _Readings(corpus, code, len(gestures))
+    factors = _factors(corpus.captures)
+    taxels = _taxels(read, corpus)
+    seconds = corpus.lengths / corpus.rate_hz
+    captures = pd.DataFrame({"subject": corpus.subjects, "s": seconds}).assign(
+        lowest=read.lowest.min(axis=1), highest=read.highest.max(axis=1), still=read.still.all(axis=1)
+    )
+    groups = captures.groupby(code)
+    durations = groups.agg(
+        captures=("s", "size"),
+        subjects=("subject", "nunique"),
+        median=("s", "median"),
+        shortest=("s", "min"),
+        longest=("s", "max"),
+    )
+    durations.insert(0, "gesture", gestures)
+    frames = np.bincount(code, corpus.lengths, len(gestures))
+    means = (read.sums / frames[:, None]).reshape(-1, *corpus.grid)
+    readings = frames * means[0].size
+    pressure = pd.DataFrame(
+        {
+            "gesture": gestures,
+            "lowest": groups["lowest"].min().to_numpy(),
+            "mean": means.mean(axis=(1, 2)),
+            "highest": groups["highest"].max().to_numpy(),
+            "full_scale": 100 * read.full.sum(axis=1) / readings,
+            "still": groups["still"].sum().to_numpy(),
+        }
+    )
+    course = pd.DataFrame({"s": seconds, "mean": read.level, "highest": captures["highest"]})
+    return Survey(
+        title=repr(corpus).strip("<>") + f", full scale {corpus.full_scale:g}",
+        synthetic=corpus.synthetic,
+        factors=factors,
+        counts=_counts(corpus.captures, factors),
+        durations=durations,
+        pressure=pressure,
+        taxels=taxels,
+        duplicates=_duplicates(read.digests, corpus),
+        means=means,
+        typical={str(g): int(corpus.index[i]) for g, i in zip(gestures, _typical(course, code), strict=True)},
+    )
+
+
+def blocks(corpus: Corpus, most: int = BLOCK) -> Iterator[tuple[slice, np.ndarray]]:
+    """Runs of captures with their frames, one after the other.
+
+    Args:
+        corpus: whose captures need not lie next to each other.
+        most: values of a block, unless it is a single capture.
+
+    Yields:
+        Positions of the captures, and their frames [frames, taxels] in the corpus's own type.
+    """
+    ends = np.cumsum(corpus.lengths)
+    taxels = int(np.prod(corpus.grid))
+    begin = 0
+    while begin < len(corpus):
+        before = ends[begin] - corpus.lengths[begin]
+        end = max(begin + 1, int(np.searchsorted(ends, before + most // taxels, side="right")))
+        frames = np.concatenate([corpus[i] for i in range(begin, end)])
+        yield slice(begin, end), frames.reshape(len(frames), taxels)
+        begin = end
+
+
+class _Readings:
+    """All that is read off the frames, in one pass.
+
+    Attributes:
+        lowest: smallest reading of each taxel in each capture, [captures, taxels]; ``highest`` the largest.
+        still: whether a taxel has one value throughout a capture, bool [captures, taxels].
+        level: mean reading of each capture, float64 [captures].
+        sums: of the readings of each gesture, float64 [gestures, taxels].
+        full: frames at full scale, int64 [gestures, taxels].
+        within: squared differences from the mean of the taxel in the capture, summed, float64 [taxels].
+        digests: of the bytes of each capture.
+    """
+
+    def __init__(self, corpus: Corpus, code: np.ndarray, gestures: int) -> None:
+        taxels = int(np.prod(corpus.grid))
+        self.lowest, self.highest = (np.empty((len(corpus), taxels), corpus.frames.dtype) for _ in range(2))
+        self.level = np.empty(len(corpus))
+        self.sums, self.full = np.zeros((gestures, taxels)), np.zeros((gestures, taxels), np.int64)
+        self.within = np.zeros(taxels)
+        self.digests: list[bytes] = []
+        for part, frames in blocks(corpus):
+            lengths = corpus.lengths[part]
+            first = np.cumsum(lengths) - lengths
+            self.lowest[part] = np.minimum.reduceat(frames, first, axis=0)
+            self.highest[part] = np.maximum.reduceat(frames, first, axis=0)
+            # From the first frame of each capture on: squares of large, nearly constant readings would lose digits.
+            start = frames[first].astype(np.float64)
+            moved = frames - np.repeat(start, lengths, axis=0)
+            away = np.add.reduceat(moved, first, axis=0)
+            sums = away + start * lengths[:, None]
+            squares = np.add.reduceat(np.square(moved, out=moved), first, axis=0)
+            self.within += (squares - away**2 / lengths[:, None]).clip(0).sum(axis=0)
+            self.level[part] = sums.sum(axis=1) / (lengths * taxels)
+            np.add.at(self.sums, code[part], sums)
+            full = np.add.reduceat(frames >= corpus.full_scale, first, axis=0, dtype=np.int64)
+            np.add.at(self.full, code[part], full)
+            self.digests += [
+                blake2b(frames[a : a + n].tobytes(), digest_size=16).digest()
+                for a, n in zip(first, lengths, strict=True)
+            ]
+        self.still = self.lowest == self.highest
+
+
+def _taxels(read: _Readings, corpus: Corpus) -> pd.DataFrame:
+    """The table of `Survey.taxels`."""
+    frames = int(corpus.lengths.sum())
+    lowest, highest = read.lowest.min(axis=0), read.highest.max(axis=0)
+    sd = np.sqrt(read.within / frames)
+    several = corpus.lengths > 1  # a single frame shows no change
+    never = read.still[several].all(axis=0) if several.any() else lowest == highest
+    still = 100 * (read.still & _surrounded(~read.still, corpus.grid))[several].sum(axis=0) / max(1, several.sum())
+    around = _around(np.where(never, np.nan, sd).reshape(corpus.grid)).ravel()
+    full = lowest >= corpus.full_scale
+    with np.errstate(invalid="ignore"):  # comparisons with nan, where nothing around varies, are false
+        verdicts = [
+            (full, "always at full scale"),
+            (lowest == highest, "never varies"),
+            (never, "never varies within a capture"),
+            (still > ALONE, "often does not vary while all around it do"),
+            (ODD * sd < around, LESS),
+            (sd > ODD * around, "varies far more than those around it"),
+        ]
+    row, col = np.indices(corpus.grid).reshape(2, -1)
+    return pd.DataFrame(
+        {
+            "row": row,
+            "col": col,
+            "lowest": lowest,
+            "mean": read.sums.sum(axis=0) / frames,
+            "highest": highest,
+            "full_scale": 100 * read.full.sum(axis=0) / frames,
+            "sd": sd,
+            "around": around,
+            "still": still,
+            "verdict": np.select([where for where, _ in verdicts], [words for _, words in verdicts], ""),
+        }
+    )
+
+
+def _surrounded(varies: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
+    """Whether all of the up to eight taxels around each one vary; false where there are none.
+
+    Args:
+        varies: bool [captures, taxels].
+        grid: rows and columns.
+
+    Returns:
+        bool [captures, taxels].
+    """
+    if grid == (1, 1):
+        return np.zeros_like(varies)
+    rows, cols = grid
+    edged = np.pad(varies.reshape(-1, rows, cols), ((0, 0), (1, 1), (1, 1)), constant_values=True)
+    found = np.ones((len(varies), rows, cols), bool)
+    for i, j in NEAR:
+        found &= edged[:, 1 + i : 1 + i + rows, 1 + j : 1 + j + cols]
+    return found.reshape(varies.shape)
+
+
+def _around(values: np.ndarray) -> np.ndarray:
+    """Median of the up to eight values around each one, nan left out; nan where there are none [rows, cols]."""
+    rows, cols = values.shape
+    edged = np.pad(values, 1, constant_values=np.nan)
+    near = [edged[1 + i : 1 + i + rows, 1 + j : 1 + j + cols] for i, j in NEAR]
+    table = np.sort(np.stack(near), axis=0)  # nan last
+    known = np.isfinite(table).sum(axis=0)
+    low, high = (np.take_along_axis(table, i[None], axis=0)[0] for i in ((known - 1).clip(0) // 2, known // 2))
+    return np.where(known > 0, (low + high) / 2, np.nan)
+
+
+def _factors(captures: pd.DataFrame) -> list[str]:
+    """Subject, gesture, and the conditions: columns of text that repeat; numbers count, and a split is no condition."""
+    found = ["subject", "gesture"]
+    combinations = captures["subject"].nunique() * captures["gesture"].nunique()
+    for column in captures.columns.drop([*found, "split", "captures"], errors="ignore"):
+        values = captures[column]
+        if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values):
+            continue
+        several = values.nunique(dropna=False)
+        if several > 1 and combinations * several <= CROSSED * len(captures):
+            found.append(column)
+            combinations *= several
+    return found
+
+
+def _counts(captures: pd.DataFrame, factors: list[str]) -> pd.DataFrame:
+    """The number of captures of every combination, also of those that nobody recorded."""
+    words = captures[factors].astype(object)
+    words = words.where(words.notna(), "").astype(str)
+    every = pd.MultiIndex.from_product([sorted(set(words[f]), key=_counted) for f in factors], names=factors)
+    return words.groupby(factors).size().reindex(every, fill_value=0).rename("captures").reset_index()
+
+
+def _counted(name: str) -> tuple[int, str]:
+    """Sorts subject 10 behind subject 9."""
+    return (len(name) if name.isdigit() else 0, name)
+
+
+def _duplicates(digests: list[bytes], corpus: Corpus) -> pd.DataFrame:
+    """The table of `Survey.duplicates`."""
+    about = corpus.captures.drop(columns=["capture", "group", "differs"], errors="ignore").reset_index(drop=True)
+    about.insert(0, "capture", corpus.index)
+    same = pd.Series(digests).groupby(digests, sort=False)
+    about.insert(0, "group", same.ngroup().to_numpy())
+    found = about[same.transform("size").to_numpy() > 1].sort_values(["group", "capture"], kind="stable")
+    found["group"] = pd.factorize(found["group"])[0] + 1
+    labels = found.columns.drop(["group", "capture"])
+    several = found.groupby("group")[list(labels)].nunique(dropna=False) > 1
+    differs = {group: ", ".join(labels[row]) for group, row in zip(several.index, several.to_numpy(), strict=True)}
+    return found.assign(differs=found["group"].map(differs).astype(object)).reset_index(drop=True)
+
+
+def _typical(course: pd.DataFrame, code: np.ndarray) -> list[int]:
+    """Position of the capture of each gesture whose ranks are nearest to the middle."""
+    ranks = course.groupby(code).rank(pct=True)
+    size = np.bincount(code)[code]
+    away = (ranks.sub((1 + 1 / size) / 2, axis=0)).abs().sum(axis=1)
+    return away.groupby(code).idxmin().tolist()
