@@ -13,7 +13,7 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
@@ -245,6 +245,17 @@ class Store:
             self.client.log_artifacts(run_id, str(path), where or None)
         else:
             self.client.log_artifact(run_id, str(path), where or None)
+
+    @patient
+    def keep_view(self, name: str, view: Mapping[str, object]) -> str:
+        """Keep how MLflow's page is to show the runs; what the page's address must carry to show them so.
+
+        Args:
+            name: of the view.
+            view: what MLflow's button *Share* keeps of a page: columns, widths, filter, order.
+        """
+        self.client.set_experiment_tag(self.experiment_id, f"mlflow.sharedViewState.{name}", json.dumps(view))
+        return f"viewStateShareKey={name}"
 
     @patient
     def begin(self, run_id: str) -> None:
