@@ -7,6 +7,7 @@ import re
 import sys
 from pathlib import Path
 
+from bench.commands.printing import then
 from bench.errors import InputError
 from bench.outcomes.store import connect, store_uri
 from bench.plan.arguments import parse
@@ -41,8 +42,12 @@ def report(arguments: list[str]) -> int:
     out = Path(parse(arguments, {"out"}).get("out", "report"))
     from reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
-    for path in write_report(connect(), out):
-        print(path)
+    paths = write_report(connect(), out)
+    counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
+    page = out / "index.html"
+    print(f"{page}: all runs; beside it .md and .tex, {counts['.csv']} CSV files, {counts['.png']} figures")
+    print(f"open: {page.resolve().as_uri()}")
+    then("bench ui")
     return 0
 
 
@@ -59,6 +64,6 @@ def ui(arguments: list[str]) -> int:
     shown = store.keep_view("touchbench", VIEW)
     # MLflow's front page is about language models; this one is the table of runs.
     page = f"http://127.0.0.1:{port}/#/experiments/{store.experiment_id}/runs?workflowType=machine_learning&{shown}"
-    print(f"{page}\nAccuracy, interval and sizes of all runs, in the browser at this address; Ctrl-C ends it.", flush=True)
+    print(f"{page}\nopen it in a browser: accuracy, interval and sizes of all runs; Ctrl-C ends it", flush=True)
     command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store_uri(), "--port", port]
     os.execv(sys.executable, [*command, "--host", "127.0.0.1"])
