@@ -11,10 +11,11 @@ from collections.abc import Iterable
 
 from bench.cli import COMMANDS
 from bench.errors import InputError, nearest
-from bench.quantities import COSTS
+from bench.quantities import BUDGETS, COSTS
 from bench.registry import names
 from bench.scratch import home
 
+KEY = re.compile(r"(?<![\w.])((?:[a-z]+\.)?[a-z_]+)=")
 ANSWER = "answer"  # bench completion answer WORD... prints what the last of the words may become
 SHELLS = {
     "bash": """\
@@ -102,27 +103,42 @@ def answer(words: list[str]) -> list[str]:
     """
     *before, word = words or [""]
     if not before:
-        return [name for name in (*COMMANDS, "--help", "--version") if name.startswith(word)]
+        return [name for name in (*COMMANDS, *(["--help", "--version"] if word else [])) if name.startswith(word)]
     command = before[0]
     if command not in COMMANDS:
         return []
     key, equals, value = word.partition("=")
     if not equals:
         given = {w.partition("=")[0] for w in before[1:]}
-        said = [*_words(before), *(f"{k}=" for k in keys(command) if k not in given), "--help"]
-        return [each for each in said if each.startswith(word)]
+        said = _words(before) or [f"{k}=" for k in keys(before) if k not in given]
+        return [each for each in [*said, *(["--help"] if word else [])] if each.startswith(word)]
     joint = "+" if key in PLUS else ","
     done, comma, last = value.rpartition(joint)
     return [f"{key}={done}{comma}{v}" for v in values(key) if v.startswith(last) and v not in done.split(joint)]
 
 
-def keys(command: str) -> list[str]:
-    """The keys that the help of a command names, and the parameters that every model takes."""
-    text = COMMANDS[command][2]
-    found = re.findall(r"(?<![\w.])((?:model\.)?[a-z_]+)=", text)
-    if "model" in found:
-        found += re.findall(r"\b(model\.[a-z]+)=", COMMANDS["run"][2])
-    return list(dict.fromkeys(found))
+def keys(before: list[str]) -> list[str]:
+    """The keys of a command: those that head a line of its help, or that its usage names.
+
+    Args:
+        before: the words that are typed, a command and what follows.
+    """
+    text = COMMANDS[before[0]][2]
+    usage = f"bench {' '.join(before[:2])}" if before[0] == "data" else f"bench {before[0]}"
+    found: list[str] = []
+    for line in text.splitlines():
+        if line.startswith(usage):
+            found += KEY.findall(line.split("  ")[0])
+        elif heads := re.match(rf"  ((?:{KEY.pattern}\S*\s+)+)", line):
+            found += KEY.findall(heads[1])
+    if "max_flash" in found:
+        found += BUDGETS
+    if "Keys of bench run" in text:
+        found += keys(["run"])
+    if "model" in found and before[0] != "choose":  # which takes those of the protocol alone
+        told = [line for line in COMMANDS["run"][2].splitlines() if not line.startswith("  bench")]
+        found += re.findall(r"\b(model\.[a-z]+)=", "\n".join(told))
+    return [key for key in dict.fromkeys(found) if key != "key"]
 
 
 def values(key: str) -> Iterable[str]:
