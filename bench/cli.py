@@ -273,6 +273,7 @@ Rebuilds the published comparison from MLflow and the papers' numbers alone, int
                   papers' tables recomputed, all runs, an interactive chart of accuracy against each cost, paired
                   statistics, figures, and the command behind every row
   comparison.md   the same as markdown
+  comparison.tex  a LaTeX table for each corpus, subset, protocol and unit, with booktabs
   *.csv           comparison (all runs), published, recomputed, statistics, provenance
   figures/        every figure as PNG and SVG
 """
@@ -294,7 +295,7 @@ UI = """\
 bench ui [port=5000]
 
 Serves MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI, on this machine only, and prints the
-address of the table of runs there. Ctrl-C ends it.
+address of the table of runs there, with accuracy, interval and sizes in view. Ctrl-C ends it.
 """
 COMPLETION = """\
 bench completion bash|zsh|fish
