@@ -133,7 +133,7 @@ def first_steps(values: Values) -> list[str]:
         on = {"protocol": "personal", **on, "protocol.shots": given["shots"]}
     systems = {k: given[k] for k in ("model", "features") if k in given}
     if "model" not in given:
-        systems = {**FIRST, **systems}
+        systems = FIRST | systems
     kinds = _kinds({given.get("by", "flash"), *(BUDGETS[k] for k in BUDGETS if k in given)})
     return [typed(kind, on | systems) for kind in ("run", *kinds)] + [typed("choose", given)]
 
@@ -233,7 +233,7 @@ def _print(found: Chosen) -> None:
     for row in found.choice.table.to_dict("records"):
         loss = "-" if np.isnan(row["loss"]) else f"{row['loss']:.1f} ± {row['error']:.1f}"
         row_of = {"system": row["system"], "labels": row["unit"], "accuracy %": f"{row['accuracy']:.1f}"}
-        row_of |= {"below the best": loss} | {k: amount(k, row[k]) for k in COSTS} | {"verdict": row["verdict"]}
+        row_of |= {"below best": loss} | {k: amount(k, row[k]) for k in COSTS} | {"verdict": row["verdict"]}
         rows.append(row_of)
     spare = [k for k in ("cycles", "predict", "ram", "decision", "flash") if k != found.by and k not in found.budgets]
     bold = [i for i, index in enumerate(found.choice.table.index) if index == found.choice.chosen]
