@@ -237,7 +237,7 @@ def _print(found: Chosen) -> None:
         rows.append(row_of)
     spare = [k for k in ("cycles", "predict", "ram", "decision", "flash") if k != found.by and k not in found.budgets]
     bold = [i for i, index in enumerate(found.choice.table.index) if index == found.choice.chosen]
-    title = f"{found.about}; {within}; cheapest by {found.by} first"
+    title = f"{found.about}; {within}; cheapest by {found.by} first; accuracy is the mean over subjects"
     grid(output(), title, rows, ("system", "labels", "verdict"), spare, bold)
     say(*found.lines())
     if found.choice.chosen is not None:
