@@ -131,7 +131,7 @@ def first_steps(values: Values) -> list[str]:
     on = {k: v for k, v in given.items() if k.split(".")[0] in WHAT and (k, v) != ("where", "all")}
     if "shots" in given:
         on = {"protocol": "personal", **on, "protocol.shots": given["shots"]}
-    systems = {k: given[k] for k in ("model", "features") if k in given}
+    systems: dict[str, str] = {k: given[k] for k in ("model", "features") if k in given}
     if "model" not in given:
         systems = FIRST | systems
     kinds = _kinds({given.get("by", "flash"), *(BUDGETS[k] for k in BUDGETS if k in given)})
