@@ -25,6 +25,7 @@ from bench.plan.plan import captures_of
 from bench.work.fit import Fitted
 from bench.work.loop import Outcome
 from reports.comparison import comparison, published
+from reports.latex import latex as latex
 
 SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in percent
 
@@ -192,7 +193,7 @@ def results(**values: object) -> pd.DataFrame:
         runs = runs[runs[columns.get(key, key)].isin([str(v) for v in items(key, value)])]
     if not len(runs):
         raise InputError("no run is tracked for these values; make some with bench.run")
-    return comparison(runs, published()).drop(columns="group")
+    return comparison(runs, published())
 
 
 def table_of(outcomes: list[Outcome]) -> pd.DataFrame:

@@ -273,6 +273,7 @@ Rebuilds the published comparison from MLflow and the papers' numbers alone, int
                   papers' tables recomputed, all runs, an interactive chart of accuracy against each cost, paired
                   statistics, figures, and the command behind every row
   comparison.md   the same as markdown
+  comparison.tex  a LaTeX table for each corpus, subset, protocol and unit, with booktabs
   *.csv           comparison (all runs), published, recomputed, statistics, provenance
   figures/        every figure as PNG and SVG
 """
@@ -294,7 +295,17 @@ UI = """\
 bench ui [port=5000]
 
 Serves MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI, on this machine only, and prints the
-address of the table of runs there. Ctrl-C ends it.
+address of the table of runs there, with accuracy, interval and sizes in view. Ctrl-C ends it.
+"""
+COMPLETION = """\
+bench completion bash|zsh|fish
+
+Prints a script that lets the shell complete commands, keys and names (models, features, protocols, corpora that are
+here, faults) at TAB.
+
+  eval "$(bench completion bash)"                                      in ~/.bashrc
+  eval "$(bench completion zsh)"                                       in ~/.zshrc
+  bench completion fish > ~/.config/fish/completions/bench.fish
 """
 COMMANDS = {
     "run": ("bench.commands.run:run", "run recognisers under a protocol and track them", RUN),
@@ -323,6 +334,13 @@ COMMANDS = {
     "gallery": ("bench.commands.gallery:gallery", "draw every kind of figure, from generated captures", GALLERY),
     "demo": ("bench.commands.demo:demo", "see the way to a verdict in two minutes, on generated captures", DEMO),
     "ui": ("bench.commands.report:ui", "open MLflow's page on the runs", UI),
+    "completion": ("bench.commands.completion:completion", "let the shell complete commands and names", COMPLETION),
+}
+GROUPS = {  # of the overview; a command that is in none stands under "more"
+    "start here": ("demo", "run", "choose", "report"),
+    "your captures": ("data", "extract"),
+    "compare": ("systems", "tune", "stress", "stream", "chip", "ui"),
+    "ship": ("fit", "predict", "adapt", "export"),
 }
 LONGEST = 300  # characters of a message
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -335,8 +353,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if not arguments or arguments[0] in ("-h", "--help", "help"):
             print("bench: which recogniser of touch gestures should I ship?\n")
-            print("\n".join(f"  bench {name:8}{summary}" for name, (_, summary, _) in COMMANDS.items()))
-            print("\nbench COMMAND --help says more of each.")
+            print(_overview())
             return 0
         if arguments[0] == "--version":
             from importlib.metadata import version
@@ -350,6 +367,7 @@ def main(arguments: list[str] | None = None) -> int:
         if {"-h", "--help"} & set(rest):
             print(_help(name), end="")
             return 0
+        _check_dashes(rest)
         if any("\0" in argument for argument in rest):
             raise InputError("an argument holds a NUL character; take it out")
         module, function = COMMANDS[name][0].split(":")
@@ -383,6 +401,29 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt as e:
         print(f"bench: {e or 'interrupted'}", file=sys.stderr)
         return 130
+
+
+def _overview() -> str:
+    """All commands, those to begin with first."""
+    grouped = {name for group in GROUPS.values() for name in group}
+    more = tuple(name for name in COMMANDS if name not in grouped)
+    lines = []
+    for title, group in {**GROUPS, "more": more}.items():
+        lines += [f"{title}:", *(f"  bench {name:12}{COMMANDS[name][1]}" for name in group), ""]
+    return "\n".join([*lines, "bench COMMAND --help says more of each."])
+
+
+def _check_dashes(arguments: list[str]) -> None:
+    """Say how an option is written here that was typed as most programs want it.
+
+    Raises:
+        InputError: there is one.
+    """
+    for place, argument in enumerate(arguments):
+        if argument.startswith("--") and argument.strip("-"):
+            key, equals, value = argument.lstrip("-").replace("-", "_").partition("=")
+            value = value if equals else next((a for a in arguments[place + 1 :] if not a.startswith("-")), "VALUE")
+            raise InputError(f"{argument}: options are written key=value, without dashes: {key}={value}")
 
 
 def _open_output() -> None:

@@ -57,6 +57,7 @@ def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
                     "flash_bytes": run.get("flash_bytes", np.nan),
                     "ram_bytes": run.get("ram_bytes", np.nan),
                     "peak_rss_bytes": run.get("peak_rss_bytes", np.nan),
+                    "captures": run.get("captures", np.nan),
                     "subjects": run.get("subjects", np.nan),
                     "published": _published(run, unit, numbers),
                     "folds": f"{run['folds']:.0f}/{run['folds'] + run['folds_failed']:.0f}",

@@ -20,6 +20,7 @@ from bench.scratch import owner, sweep
 from reports import behaviour, curves, details, ranks, recomputed, speed
 from reports.comparison import comparison, published, shown
 from reports.figures import Picture
+from reports.latex import latex
 from reports.layout import Block, Chart, Heading, Table, Text, footnotes, markdown, page
 from reports.newcomers import newcomer_blocks
 from reports.provenance import provenance, software
@@ -32,7 +33,7 @@ ROWS = 300  # of a table on the page; the CSV files hold all
 
 
 def write_report(store: Store, folder: Path) -> list[Path]:
-    """Write ``index.html``, ``comparison.md``, a CSV file for each table and the figures as PNG and SVG.
+    """Write ``index.html``, ``comparison.md``, ``comparison.tex``, a CSV file for each table, figures as PNG and SVG.
 
     Args:
         store: where the runs are.
@@ -68,9 +69,16 @@ def _write(store: Store, folder: Path, runs: pd.DataFrame, papers: pd.DataFrame)
     for name, table in tables.items():
         write_sheet(table, folder / f"{name}.csv")
     (folder / "comparison.md").write_text(markdown(blocks, folder), encoding="utf-8")
+    (folder / "comparison.tex").write_text(latex(tables["comparison"]), encoding="utf-8")
     (folder / "index.html").write_text(page(blocks, blocks[0].text), encoding="utf-8")
     pictures = sorted(path.relative_to(folder) for b in blocks if isinstance(b, Picture) for path in b.paths)
-    return [*pictures, *(Path(f"{name}.csv") for name in tables), Path("comparison.md"), Path("index.html")]
+    return [
+        *pictures,
+        *(Path(f"{name}.csv") for name in tables),
+        Path("comparison.md"),
+        Path("comparison.tex"),
+        Path("index.html"),
+    ]
 
 
 def assemble(

@@ -1,6 +1,8 @@
 """What the command does with its streams and with what cannot be shown: one line, whatever it is about."""
 
+import json
 import os
+import re
 import resource
 import subprocess
 from functools import partial
@@ -8,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli import main
+from bench.cli import COMMANDS, main
+from bench.outcomes.store import connect
 from tests.conftest import BENCH
 
 SMALL = ["data=synth", "data.subjects=2", "data.variants=normal"]
@@ -49,6 +52,54 @@ def test_a_name_that_is_no_text_is_printed_somehow(tmp_path):
     for arguments in (["data", "export", "synth", out, "subjects=2", "variants=normal"], ["data"]):
         done = subprocess.run([*BENCH, *arguments], capture_output=True, env=utf8)
         assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["run", "--model", "svm"], "model=svm"),
+        (["run", "--model=svm"], "model=svm"),
+        (["stream", "--hop-ms", "125"], "hop_ms=125"),
+        (["choose", "data=synth", "--max-flash", "256kB"], "max_flash=256kB"),
+        (["run", "--jobs"], "jobs=VALUE"),
+    ],
+)
+def test_options_as_other_programs_have_them_are_told_as_they_are_written_here(arguments, told, capsys):
+    assert main(arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith(f"key=value, without dashes: {told}")
+
+
+def test_every_command_stands_once_in_the_overview_and_those_to_begin_with_come_first(capsys):
+    assert main(["--help"]) == 0
+    said = capsys.readouterr().out
+    listed = [line.split()[1] for line in said.splitlines() if line.startswith("  bench ")]
+    assert sorted(listed) == sorted(COMMANDS) and all(len(line) <= 100 for line in said.splitlines())
+    first = said[said.index("start here:") : said.index("your captures:")]
+    assert said.splitlines()[2] == "start here:" and "bench demo" in first and "bench stress" not in first
+
+
+def test_the_ui_opens_a_view_with_columns_that_runs_have_and_names_tell_kinds_apart(monkeypatch, capsys):
+    monkeypatch.setattr("os.execv", lambda *_: None)  # MLflow's server, which would take the place of this process
+    for command in ("run", "stress", "stream", "fit"):
+        more = {"stress": ["faults=noise"], "fit": ["stopping=no"]}.get(command, [])
+        assert main([command, "model=lda", "features=jung28", *SMALL[:1], "data.subjects=3", *SMALL[2:], *more]) == 0
+    capsys.readouterr()
+    main(["ui", "port=5001"])
+    address = capsys.readouterr().out.splitlines()[0]
+    store = connect()
+    key = address.partition("viewStateShareKey=")[2]
+    view = json.loads(store.client.get_experiment(store.experiment_id).tags[f"mlflow.sharedViewState.{key}"])
+    shown = store.runs(view["searchFilter"])  # as the page asks for them
+    assert {run.info.run_name.split()[0] for run in shown} == {"run", "stress", "stream", "fit"} and len(shown) == 4
+    assert all(run.info.run_name.split()[1] == "lda" and len(run.info.run_name) < 45 for run in shown)
+    (evaluated,) = [run for run in shown if run.info.run_name.startswith("run ")]
+    for column in view["selectedColumns"]:
+        kind, name = re.fullmatch("(metrics|params)[.]`(.+)`", column).groups()
+        assert name in getattr(evaluated.data, kind), column
+    assert view["columnOrder"][1] == "metrics.`accuracy`"
+    visible = sum(view["columnWidths"][c] for c in view["columnOrder"][:5])  # name, accuracy, interval, flash
+    assert visible < 1000 - 105 - 150  # pixels that MLflow has for them at 1600, without its boxes and dates
 
 
 @pytest.mark.parametrize("port", ["0", "65536", "99999999999", "٣", "-1"])

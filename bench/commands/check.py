@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 from rich.console import Console
 
-from bench.commands.printing import show
+from bench.commands.printing import failures
 from bench.commands.run import evaluated
 from bench.errors import InputError
 from bench.outcomes import gate
@@ -79,7 +79,7 @@ def _run(runs: list[str], backend: Backend) -> tuple[list[Measured], int]:
         for cell in understood(run):
             asked.setdefault(repr(cell), (cell, run))
     outcomes = evaluated([cell for cell, _ in asked.values()], backend)
-    code = show(outcomes)
+    code = failures(outcomes)
     store = connect()
     found: dict[tuple[str, ...], Measured] = {}
     for outcome, (_, run) in zip(outcomes, asked.values(), strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bench.commands import closing
 from bench.commands.printing import show
 from bench.errors import InputError
 from bench.plan.arguments import KEYS as RUN_KEYS
@@ -19,7 +20,10 @@ def chip(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used, or a program is not installed.
     """
-    return show(measured(parse(arguments, KEYS)))
+    outcomes = measured(parse(arguments, KEYS))
+    code = show(outcomes)
+    closing.exported(outcomes)
+    return code
 
 
 def measured(values: Values) -> list[Outcome[None]]:

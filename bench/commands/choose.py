@@ -6,18 +6,18 @@ parameter on training subjects.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.markup import escape
-from rich.table import Table
 
-from bench.commands.printing import output, show
+from bench.commands import closing
+from bench.commands.printing import grid, output, say, show, then
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
-from bench.outcomes.advice import MOST_AT_HAND, WHAT, at_hand, compared_on, merged, typed
+from bench.outcomes.advice import FIRST, MOST_AT_HAND, WHAT, at_hand, compared_on, merged, typed
 from bench.outcomes.choice import Choice, amount, candidates, decide, sentences
 from bench.outcomes.runs import NothingTracked
 from bench.outcomes.store import connect
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", *BUDGETS}
-QUICK = ("bayes", "lda", "svm", "rf")  # models that take seconds
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 
 
@@ -86,7 +85,10 @@ def choose(arguments: list[str]) -> int:
     """
     values = parse(arguments, KEYS)
     if "over" in values:
-        return show(smallest(values))
+        outcomes = smallest(values)
+        code = show(outcomes)
+        closing.evaluated(outcomes)
+        return code
     try:
         found = chosen(values)
     except NothingTracked:
@@ -129,9 +131,9 @@ def first_steps(values: Values) -> list[str]:
     on = {k: v for k, v in given.items() if k.split(".")[0] in WHAT and (k, v) != ("where", "all")}
     if "shots" in given:
         on = {"protocol": "personal", **on, "protocol.shots": given["shots"]}
-    systems = {k: given[k] for k in ("model", "features") if k in given}
+    systems: dict[str, str] = {k: given[k] for k in ("model", "features") if k in given}
     if "model" not in given:
-        systems = {"model": ",".join(QUICK), "features": "jung28", **systems}
+        systems = FIRST | systems
     kinds = _kinds({given.get("by", "flash"), *(BUDGETS[k] for k in BUDGETS if k in given)})
     return [typed(kind, on | systems) for kind in ("run", *kinds)] + [typed("choose", given)]
 
@@ -163,7 +165,7 @@ def _advice(choice: Choice, by: str, budgets: dict[str, float], asked: dict[str,
     for kind in kinds:
         runs = at_hand(table, kind, sized)
         if kind == "chip":
-            runs = [arguments for arguments in runs if all(map(_has_c, cells(arguments)))]
+            runs = [each for each in runs if all(closing.has_c(cell.estimator()) for cell in cells(each))]
         why = {"stream": "Replayed, a system decides on the beginning of a capture", "chip": "Exported, it has cycles"}
         if runs:
             more = f"; the {MOST_AT_HAND} most accurate" if len(runs) > MOST_AT_HAND else ""
@@ -189,7 +191,7 @@ def _not_run(
         digest: of the captures that were run.
     """
     try:
-        todo = [cell for cell in unrun(on, asked, run) if kind != "chip" or _has_c(cell)]
+        todo = [cell for cell in unrun(on, asked, run) if kind != "chip" or closing.has_c(cell.estimator())]
         corpus = corpus_of(todo[0]) if todo else None
     except InputError as e:
         return [f"What else would fit cannot be told here: {e}."]
@@ -198,7 +200,7 @@ def _not_run(
     if corpus.digest != digest:
         return [f"data={on['data']} is no longer what was run, so nothing new can be compared with these runs."]
     if not sized:
-        small = [cell for cell in todo if cell.model.name in QUICK] or todo
+        small = [cell for cell in todo if cell.model.name in FIRST["model"].split(",")] or todo
         return [
             f"What else would fit is not known before it is run; {len(todo)} systems are left, for example:",
             *(f"  {typed(kind, arguments)}" for arguments in merged(cell.arguments() for cell in small)),
@@ -225,30 +227,22 @@ def _by(cost: str) -> Callable[[tuple[Cell, dict[str, float]]], float]:
     return lambda found: found[1][cost]
 
 
-def _has_c(cell: Cell) -> bool:
-    """Whether bench chip can export a system."""
-    from bench.chip.tables import check
-
-    try:
-        check(cell.estimator())
-    except InputError:
-        return False
-    return True
-
-
 def _print(found: Chosen) -> None:
-    out = output()
     within = ", ".join(f"{k} at most {amount(k, v)}" for k, v in found.budgets.items()) or "no budget"
-    table = Table(title=f"{found.about}; {within}; cheapest by {found.by} first")
-    for name in ("system", "labels", "accuracy %", "below the best", *COSTS, "verdict"):
-        table.add_column(name, justify="left" if name in ("system", "labels", "verdict") else "right")
+    rows = []
     for row in found.choice.table.to_dict("records"):
         loss = "-" if np.isnan(row["loss"]) else f"{row['loss']:.1f} ± {row['error']:.1f}"
-        amounts = [amount(k, row[k]) for k in COSTS]
-        table.add_row(escape(row["system"]), row["unit"], f"{row['accuracy']:.1f}", loss, *amounts, row["verdict"])
-    out.print(table)
-    for line in found.lines():
-        out.print(line, markup=False, highlight=False, soft_wrap=True)
+        row_of = {"system": row["system"], "labels": row["unit"], "accuracy %": f"{row['accuracy']:.1f}"}
+        row_of |= {"below best": loss} | {k: amount(k, row[k]) for k in COSTS} | {"verdict": row["verdict"]}
+        rows.append(row_of)
+    spare = [k for k in ("cycles", "predict", "ram", "decision", "flash") if k != found.by and k not in found.budgets]
+    bold = [i for i, index in enumerate(found.choice.table.index) if index == found.choice.chosen]
+    title = f"{found.about}; {within}; cheapest by {found.by} first; accuracy is the mean over subjects"
+    grid(output(), title, rows, ("system", "labels", "verdict"), spare, bold)
+    say(*found.lines())
+    if found.choice.chosen is not None:
+        one = dict(found.choice.table.loc[found.choice.chosen])
+        then(*closing.shipped(json.loads(one["arguments"] or "{}"), one["command"], one["unit"]))
 
 
 def smallest(values: Values) -> list[Outcome]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from bench.corpora.cost import write
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
+from bench.outcomes.advice import FIRST, typed
 from bench.plan.arguments import convert
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
@@ -73,15 +75,20 @@ def listed() -> int:
             f"{row['frames']} frames of {row['grid']} at {row['rate_hz']:g} Hz\n  columns: {row['columns']}\n"
             f"  digest:  {row['digest']}\n  source:  {row['source']}\n  licence: {row['licence']}"
         )
+    print(f"\nnext: bench data show {(imported() or ['synth'])[0]}")
     return 0
 
 
 def show(name: str, options: dict[str, str]) -> int:
     """Print what a corpus holds, and draw it."""
-    out = Path(options.pop("out", OUT))
-    found = looked(name, options.pop("where", ""), out, options.pop("capture", None), dict(options))
+    out, where = Path(options.pop("out", OUT)), options.pop("where", "")
+    found = looked(name, where, out, options.pop("capture", None), dict(options))
     print(found)
-    print(f"\nfigures, an animation and index.html, which holds them all: {out}")
+    print(f"\nfigures, an animation and a page that holds them all; open: {(out / 'index.html').resolve().as_uri()}")
+    on = {"data": name} | {f"data.{k.removeprefix('data.')}": v for k, v in options.items()}
+    if where:
+        on["where"] = where
+    print(f"next: {typed('run', on | {'protocol': 'loso'} | FIRST)}")
     return 0
 
 
@@ -141,7 +148,7 @@ def read(kind: str, source: Path, options: dict[str, str]) -> int:
     print(
         f"{corpus.name}: {len(corpus)} captures, {len(set(corpus.subjects))} subjects, "
         f"{len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of {corpus.grid[0]}x{corpus.grid[1]} "
-        f"at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}"
+        f"at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}\nnext: bench data show {corpus.name}"
     )
     return 0
 
@@ -168,4 +175,5 @@ def export(name: str, target: Path, options: dict[str, str]) -> int:
     write(corpus, target)
     kind = "synthetic " if corpus.synthetic else ""
     print(f"{target}: {len(corpus)} {kind}captures, {len(corpus.frames)} rows, digest {corpus.digest[:16]}")
+    print(f"next: bench data import cost {shlex.quote(str(target))} name=copy")
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 from bench.errors import InputError
@@ -41,5 +42,5 @@ def export(arguments: list[str]) -> int:
         for name, text in files.items():
             (beside / name).write_text(text, encoding="utf-8")
     print(f"{out}: {', '.join(sorted(p.name for p in out.iterdir()))}")
-    print(f"next: make -C {out} check; make -C {out} flash")
+    print(f"next: make -C {shlex.quote(str(out))} check flash")
     return 0

@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench.commands.closing import has_c
+from bench.commands.printing import then
 from bench.corpora.table import read_unlabelled
 from bench.errors import InputError
+from bench.outcomes.advice import quoted
 from bench.plan.arguments import Values, number, options_of, parse
 from bench.plan.cells import Cell, cells
 from bench.scratch import new_folder, replacing
@@ -32,6 +35,9 @@ def fit(arguments: list[str]) -> int:
     print(found)
     if out is not None:
         print(out)
+    place = quoted(found.uri if out is None else str(out))
+    in_c = [f"bench export {place} out=in_c"] if has_c(found.recogniser.estimator) else []
+    then(f"bench predict {place} new.csv", *in_c)
     return 0
 
 
@@ -80,7 +86,9 @@ def predict(arguments: list[str]) -> int:
             write_sheet(table, beside, "%.6g")
     except OSError as e:
         raise InputError(f"out={values['out']}: cannot be written ({e.strerror or e}); choose another file") from e
-    print(f"{values['out']}: {len(table)} captures labelled")
+    counts = ", ".join(f"{count} {label}" for label, count in table["label"].value_counts().items())
+    print(f"{values['out']}: {len(table)} captures labelled: {counts}")
+    then(f"sensor | bench stream source=- model={quoted(arguments[0])}")
     return 0
 
 
@@ -106,6 +114,7 @@ def adapt(arguments: list[str]) -> int:
     seconds = save_adapted(arguments[0], recogniser, corpus, None if known is None else known.to_numpy(), out)
     said = "without labels" if known is None else "with labels"
     print(f"{out}: adapted to {len(corpus)} captures {said} in {seconds:.2f} s")
+    then(f"bench predict {quoted(str(out))} new.csv")
     return 0
 
 

@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from bench.commands.printing import writable
+from bench.commands.printing import led, writable
 from bench.plan.arguments import parse
 
 CORPUS = ("data=synth", "data.subjects=6", "data.variants=normal", "data.repetitions=2")
@@ -31,6 +31,7 @@ def gallery(arguments: list[str]) -> int:
     if code := done(out, STEPS):
         return code
     print(f"report/ is the page with its figures, stress/ and stream/ have the rest, all in {out}")
+    print(f"open: {(out / 'report' / 'index.html').resolve().as_uri()}")
     return 0
 
 
@@ -52,7 +53,9 @@ def done(out: Path, steps: Iterable[Sequence[str]]) -> int:
         with contextlib.chdir(out):
             for step in steps:
                 print(f"\n$ bench {shlex.join(step)}", flush=True)
-                if code := main([*step]):
+                with led():
+                    code = main([*step])
+                if code:
                     return code
                 os.environ.pop("MLFLOW_TRACKING_URI", None)  # MLflow sets it
     finally:

@@ -2,24 +2,73 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from bench.errors import InputError
+from bench.outcomes.comparable import comparable, context_of
 from bench.work.loop import Outcome, console
 
 FAILED = 3  # folds that are named
+WIDTH = 100  # columns of a file or a log, which has no width of its own
+WORDS = 34  # columns of text, before it takes more lines rather than the place of another column
+COMPARED = ("cell", "stream", "chip")  # kinds of run whose best one is marked
+ACCURACY = ("captures", "clean", "whole", "in C")  # what kinds of run call the accuracy of whole captures
+NAMES = {"captures": "accuracy %", "windows": "of windows", "flash": "flash kB"}
+SPARE = (  # columns that a narrow terminal does not get, the first to go first
+    "own hop ms",
+    "mean ms",
+    "a second",
+    "decision ms",
+    "windows",
+    "macro-F1",
+    "SD",
+    "start",
+    "2000 ms",
+    "250 ms",
+    "other labels",
+    "instructions a frame",
+    "trained on",
+    "subset",
+)
+_led = [False]  # whether another command leads from one command to the next
 
 
 def output() -> Console:
     """Where results are printed."""
     out = Console()
-    if not out.is_terminal:  # a file or a log has no width to fit into
-        out.width = 200
+    if not out.is_terminal:
+        out.width = WIDTH
     return out
+
+
+def say(*lines: str) -> None:
+    """Print lines as they are, long ones too: what is cut by a terminal's edge cannot be pasted."""
+    out = output()
+    for line in lines:
+        out.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def then(*commands: str) -> None:
+    """Print what to type next."""
+    if commands and not _led[0]:
+        say(*(f"{'next: ' if not place else '      '}{command}" for place, command in enumerate(commands)))
+
+
+@contextmanager
+def led() -> Iterator[None]:
+    """Commands in between do not say what to type next: whoever calls them does."""
+    before, _led[0] = _led[0], True
+    try:
+        yield
+    finally:
+        _led[0] = before
 
 
 def writable(folder: Path) -> Path:
@@ -35,7 +84,68 @@ def writable(folder: Path) -> Path:
     return folder
 
 
-def show(outcomes: list[Outcome]) -> int:
+def grid(
+    out: Console,
+    title: str,
+    rows: Sequence[dict[str, str]],
+    left: Collection[str] = (),
+    spare: Sequence[str] = (),
+    bold: Collection[int] = (),
+) -> None:
+    """Print a table that fits; what it has no room for is named below it.
+
+    Args:
+        out: where; its width counts.
+        title: above the table.
+        rows: text by heading; all have the same headings. A column without any text but dashes is not shown.
+        left: headings of text, which stands left; numbers stand right.
+        spare: headings that may be left out, the first to go first.
+        bold: places of rows that stand out.
+    """
+    names = [n for n in rows[0] if n not in spare or any(row[n] not in ("-", "") for row in rows)]
+    wide = {n: max(cell_len(text) for text in (n, *(row[n] for row in rows))) for n in names}
+    wide |= {n: min(wide[n], WORDS) for n in left if n in wide}  # words go on in the next line
+    gone = []
+    for name in (n for n in spare if n in names):
+        if sum(wide[n] + 3 for n in names) + 1 <= out.width:
+            break
+        names.remove(name)
+        gone.append(name)
+    table = Table()
+    for name in names:
+        table.add_column(escape(name), justify="left" if name in left else "right", overflow="fold")
+    for place, row in enumerate(rows):  # rich would take svm[C=8.0] for markup
+        table.add_row(*(escape(row[n]) for n in names), style="bold" if place in bold else None)
+    out.print(title, style="bold", markup=False, highlight=False)
+    out.print(table)
+    if gone:
+        needed = sum(wide[n] + 3 for n in [*names, *gone]) + 1
+        words = f"no room for {', '.join(gone)}: a terminal of {needed} columns has it"
+        out.print(words, style="dim", markup=False, highlight=False)
+
+
+def contexts(outcomes: Sequence[Outcome]) -> list[list[int]]:
+    """Places of the runs that were measured, those together that may be compared: same captures, same protocol."""
+    found: dict[tuple, list[int]] = {}
+    for place, outcome in enumerate(outcomes):
+        if outcome.findings:
+            same = {**outcome.tags, "corpus_digest": outcome.plan.corpus.digest, **outcome.experiment.options()}
+            found.setdefault(comparable(same), []).append(place)
+    return list(found.values())
+
+
+def best(outcomes: Sequence[Outcome]) -> list[int]:
+    """Places of the most accurate complete runs of each context in which there is something to compare."""
+    found = []
+    for places in contexts(outcomes):
+        whole = [p for p in places if not outcomes[p].errors]
+        if len(whole) > 1:
+            most = max(outcomes[p].metrics["accuracy"] for p in whole)
+            found += [p for p in whole if outcomes[p].metrics["accuracy"] == most]
+    return found
+
+
+def show(outcomes: Sequence[Outcome]) -> int:
     """Print what was chosen in each fold, a row for each run, and what failed; the exit code.
 
     Args:
@@ -44,10 +154,15 @@ def show(outcomes: list[Outcome]) -> int:
     out = output()
     for outcome in outcomes:
         if outcome.chosen and not outcome.experiment.options():  # else it is what the experiment learned
-            out.print(_choices(outcome))
-    out.print(_rows(outcomes))
+            _choices(out, outcome)
+    _rows(out, outcomes)
     if any(outcome.plan.corpus.synthetic for outcome in outcomes):
         out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
+    return failures(outcomes)
+
+
+def failures(outcomes: Sequence[Outcome]) -> int:
+    """Print which folds failed and where the first traceback is; the exit code."""
     failed = {f"{_named(o)}: fold {name}": where for o in outcomes for name, where in o.errors.items()}
     if not failed:
         return 0
@@ -68,33 +183,47 @@ def _named(outcome: Outcome) -> str:
     return f"{cell.system()}, {cell.data}, {cell.protocol}"
 
 
-def _rows(outcomes: list[Outcome]) -> Table:
-    table = Table(title=outcomes[0].experiment.heading)
-    for name in ("system", "data", "subset", "protocol"):
-        table.add_column(name)
-    rows = [outcome.experiment.row(outcome.metrics) for outcome in outcomes]
-    for name in (*rows[0], "folds"):
-        table.add_column(name, justify="right")
-    for outcome, row in zip(outcomes, rows, strict=True):
-        cell, good = outcome.plan.cell, len(outcome.results)
-        table.add_row(
-            escape(cell.system()),  # rich would take svm[C=8.0] for markup
-            cell.data + ("*" if outcome.plan.corpus.synthetic else ""),
-            escape((cell.where or "all") + (f", {cell.target}" if cell.target != "gesture" else "")),
-            escape(str(cell.protocol)),
-            *map(escape, row.values()),
-            f"{good}/{len(outcome.plan.folds)}",
-        )
-    return table
+def _rows(out: Console, outcomes: Sequence[Outcome]) -> None:
+    """What they are all on stands above the table, what differs in it."""
+    abouts = []
+    for outcome in outcomes:
+        cell, star = outcome.plan.cell, "*" * outcome.plan.corpus.synthetic
+        subset = (cell.where or "all") + (f", {cell.target}" if cell.target != "gesture" else "")
+        abouts.append({"data": cell.data + star, "subset": subset, "protocol": str(cell.protocol)})
+    differing = [name for name in abouts[0] if len({about[name] for about in abouts}) > 1]
+    marked = best(outcomes) if outcomes[0].experiment.kind in COMPARED else []
+    rows = []
+    for place, (outcome, about) in enumerate(zip(outcomes, abouts, strict=True)):
+        row = {"system": outcome.plan.cell.system() + " (best)" * (place in marked)}
+        row |= {name: about[name] for name in differing} | _measured(outcome)
+        rows.append(row | {"folds": f"{len(outcome.results)}/{len(outcome.plan.folds)}"})
+    title = outcomes[0].experiment.heading
+    if not differing:
+        data, subset, protocol = context_of(outcomes[0].tags)
+        title = f"{data}, {'all captures' if subset == 'all' else subset}, {protocol}\n{title}"
+    if any("[" in row.get(name, "") for row in rows for name in ACCURACY):
+        title += "; in brackets 95 % intervals over subjects"
+    named = [{NAMES.get(name, name): text for name, text in row.items()} for row in rows]
+    spare = [NAMES.get(name, name) for name in SPARE]
+    grid(out, title, named, ("system", *abouts[0], "worst fault"), spare, marked)
 
 
-def _choices(outcome: Outcome) -> Table:
+def _measured(outcome: Outcome) -> dict[str, str]:
+    """What the kind of run shows, with the interval of the accuracy and the size where they were measured."""
+    metrics, row = outcome.metrics, outcome.experiment.row(outcome.metrics)
+    if {"accuracy_low", "accuracy_high"} <= metrics.keys():
+        for name in (n for n in ACCURACY if n in row):
+            row[name] += f" [{100 * metrics['accuracy_low']:.1f}, {100 * metrics['accuracy_high']:.1f}]"
+    if outcome.experiment.kind == "cell":
+        row["flash"] = f"{metrics['flash_bytes'] / 1000:,.1f}" if "flash_bytes" in metrics else "-"
+    return row
+
+
+def _choices(out: Console, outcome: Outcome) -> None:
     """What a search has chosen on the training part of each fold."""
-    table = Table(title=escape(f"Chosen in each training part: {_named(outcome)}"))
     names = list(dict.fromkeys(name for row in outcome.chosen.values() for name in row))
-    for name in ("fold", *names):
-        table.add_column(escape(name))
+    rows = []
     for fold, row in outcome.chosen.items():
-        cells = [row.get(name, "") for name in names]
-        table.add_row(fold, *(f"{c:.4g}" if isinstance(c, float) else escape(str(c)) for c in cells))
-    return table
+        cells = {n: row.get(n, "") for n in names}
+        rows.append({"fold": fold} | {n: f"{c:.4g}" if isinstance(c, float) else str(c) for n, c in cells.items()})
+    grid(out, f"Chosen in each training part: {_named(outcome)}", rows, ("fold", *names), names[::-1])

@@ -7,9 +7,30 @@ import re
 import sys
 from pathlib import Path
 
+from bench.commands.printing import then
 from bench.errors import InputError
 from bench.outcomes.store import connect, store_uri
 from bench.plan.arguments import parse
+
+NAME, WIDE = "attributes.`Run Name`", 300  # pixels, instead of 190: kind, system, data and protocol fit
+COLUMNS = {  # of MLflow's table of runs, and their widths in pixels
+    "metrics.`accuracy`": 80,
+    "metrics.`accuracy_low`": 100,
+    "metrics.`accuracy_high`": 100,
+    "metrics.`flash_bytes`": 85,
+    "metrics.`ram_bytes`": 90,
+    "metrics.`predict_ms_p50`": 90,
+    "metrics.`macro_f1`": 90,
+    "params.`data`": 80,
+    "params.`where`": 120,
+    "params.`protocol`": 90,
+}
+VIEW = {
+    "selectedColumns": [*COLUMNS],
+    "columnOrder": [NAME, *COLUMNS],
+    "columnWidths": {NAME: WIDE, **COLUMNS},
+    "searchFilter": "tags.`touchbench.cell` LIKE '%'",  # runs without their folds
+}
 
 
 def report(arguments: list[str]) -> int:
@@ -21,8 +42,12 @@ def report(arguments: list[str]) -> int:
     out = Path(parse(arguments, {"out"}).get("out", "report"))
     from reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
-    for path in write_report(connect(), out):
-        print(path)
+    paths = write_report(connect(), out)
+    counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
+    page = out / "index.html"
+    print(f"{page}: all runs; beside it .md and .tex, {counts['.csv']} CSV files, {counts['.png']} figures")
+    print(f"open: {page.resolve().as_uri()}")
+    then("bench ui")
     return 0
 
 
@@ -35,8 +60,10 @@ def ui(arguments: list[str]) -> int:
     port = parse(arguments, {"port"}).get("port", "5000")
     if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
         raise InputError(f"port={port[:60]}: give a number from 1 to 65535")
-    experiment = connect().experiment_id
+    store = connect()
+    shown = store.keep_view("touchbench", VIEW)
     # MLflow's front page is about language models; this one is the table of runs.
-    print(f"http://127.0.0.1:{port}/#/experiments/{experiment}/runs?workflowType=machine_learning", flush=True)
+    page = f"http://127.0.0.1:{port}/#/experiments/{store.experiment_id}/runs?workflowType=machine_learning&{shown}"
+    print(f"{page}\nopen it in a browser: accuracy, interval and sizes of all runs; Ctrl-C ends it", flush=True)
     command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store_uri(), "--port", port]
     os.execv(sys.executable, [*command, "--host", "127.0.0.1"])

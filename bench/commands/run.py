@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bench.commands import closing
 from bench.commands.printing import show
 from bench.plan.arguments import KEYS, Backend, Values, backend_of, parse
 from bench.plan.cells import Cell, cells
@@ -16,7 +17,10 @@ def run(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
-    return show(evaluated_values(parse(arguments, KEYS)))
+    outcomes = evaluated_values(parse(arguments, KEYS))
+    code = show(outcomes)
+    closing.evaluated(outcomes)
+    return code
 
 
 def evaluated_values(values: Values) -> list[Outcome]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from bench.commands.printing import console, show, writable
+from bench.commands import closing
+from bench.commands.printing import say, show, writable
 from bench.errors import InputError
 from bench.outcomes.store import connect
 from bench.plan.arguments import KEYS as RUN_KEYS
@@ -40,8 +41,10 @@ def stream(arguments: list[str]) -> int:
         raise InputError(f"window_ms={values['window_ms']}: only with source=-; leave it out")
     outcomes, out = streamed(values)
     code = show(outcomes)
-    for path in write_streaming(connect(), [o.run_id for o in outcomes if o.findings], out):
-        console.print(str(path), markup=False, highlight=False, soft_wrap=True)
+    paths = write_streaming(connect(), [o.run_id for o in outcomes if o.findings], out)
+    if paths:
+        say(f"figure and tables: {', '.join(map(str, paths))}")
+    closing.streamed(outcomes)
     return code
 
 

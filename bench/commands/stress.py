@@ -5,16 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pandas as pd
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
-from bench.commands.printing import output, show, writable
+from bench.commands import closing
+from bench.commands.printing import contexts, say, show, writable
 from bench.corpora.faults import Fault, known
 from bench.errors import InputError, nearest
 from bench.outcomes import stability
-from bench.outcomes.comparable import comparable
 from bench.outcomes.stability import Analysis
 from bench.outcomes.store import connect
 from bench.plan.arguments import KEYS as RUN_KEYS
@@ -35,14 +30,13 @@ def stress(arguments: list[str]) -> int:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
     outcomes, out = stressed(parse(arguments, KEYS))
-    screen = output()
+    closing.stressed(outcomes)
+    code = show(outcomes)
     for folder, members in grouped(outcomes, out).items():
-        analyses = [outcome.analysis for outcome in members]
-        screen.print(escape(stability_tables.title(analyses[0])), style="bold")
-        for heading, note, table in stability_tables.sections(analyses):
-            _print(screen, heading, note, table)
-        screen.print(f"tables and figures: {escape(str(folder))}", soft_wrap=True)
-    return show(outcomes)
+        title = stability_tables.title(members[0].analysis)
+        say(f"{title}: which subjects, classes, conditions and faults fail: {folder / 'stability.md'}, with figures")
+    closing.hardened(outcomes)
+    return code
 
 
 def stressed(values: Values) -> tuple[list[Outcome[Analysis]], Path]:
@@ -64,16 +58,10 @@ def stressed(values: Values) -> tuple[list[Outcome[Analysis]], Path]:
 
 def grouped(outcomes: list[Outcome[Analysis]], out: Path) -> dict[Path, list[Outcome[Analysis]]]:
     """What went well by the folder of its tables: one for each corpus, subset and protocol."""
-    contexts: dict[tuple, list[Outcome[Analysis]]] = {}
-    for outcome in outcomes:
-        if outcome.findings:
-            plan = outcome.plan
-            same = comparable({**outcome.tags, "corpus_digest": plan.corpus.digest})
-            contexts.setdefault(same, []).append(outcome)
     found: dict[Path, list[Outcome[Analysis]]] = {}
-    for members in contexts.values():
-        folder = out
-        if len(contexts) > 1:
+    for places in (each := contexts(outcomes)):
+        members, folder = [outcomes[place] for place in places], out
+        if len(each) > 1:
             words = " ".join(members[0].analysis.context)
             name = re.sub(r"[^A-Za-z0-9]+", "-", words).strip("-").lower()
             folder = out / name if out / name not in found else out / f"{name}-{len(found) + 1}"
@@ -111,16 +99,3 @@ def _write(folder: Path, members: list[Outcome[Analysis]]) -> None:
         if seeds := stability.seeds([a for a in analyses if a.system == analysis.system]).to_dict("records"):
             found = {"seed_accuracy_sd": seeds[0]["sd"], "seed_labels_changed": seeds[0]["changed"]}
             store.log(outcome.run_id, found)
-
-
-def _print(screen: Console, heading: str, note: str, table: pd.DataFrame) -> None:
-    if len(table):
-        shown = Table(title=escape(heading), caption=escape(note), title_justify="left", caption_justify="left")
-        for name in table.columns:
-            text = table[name].str.fullmatch(r"[-><\d. e+]+|no margin").all()
-            shown.add_column(escape(name), justify="right" if text else "left")
-        for row in table.itertuples(index=False):
-            shown.add_row(*(escape(cell) for cell in row))
-        screen.print(shown)
-    else:
-        screen.print(f"{escape(heading)}: {escape(note)}", soft_wrap=True)

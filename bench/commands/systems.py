@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 from typing import Any
 
 import pandas as pd
 
 from bench.errors import InputError
+from bench.outcomes.advice import quoted
 from bench.registry import names
 from reports.comparison import published
 
@@ -25,12 +25,14 @@ def systems(arguments: list[str]) -> int:
         raise InputError(f"bench systems takes no arguments, here is {arguments[0]!r}")
     rows = published()
     rows = rows.assign(command=[command(row) for row in rows.itertuples()])
-    width = rows["id"].str.len().max()
     for reference, part in rows.groupby("reference", sort=False):
         print(f"\n{reference}")
         for row in part.itertuples():
-            print(f"  {row.id:{width}}  {_number(row):11}  {row.command}")
-    print("\nNumbers are percent, ± SD over subjects. Which data, subset and unit they mean: reports/published.csv")
+            print(f"  {_number(row)}  {row.id}\n    {row.command}")
+    there = int((rows["command"].str[:1] != "-").sum())
+    print(f"\n{len(rows)} published numbers, in percent, ± SD over subjects; {there} have a command.")
+    print("Which data, subset and unit they mean: reports/published.csv")
+    print("next: bench report, which puts what was run beside them")
     return 0
 
 
@@ -44,7 +46,7 @@ def command(row: Published) -> str:
         return f"- protocol not published; the system is model={row.system}"
     parts = ["bench run", f"data={row.data}"]
     if row.subset_key != "all":
-        parts.append("where=" + shlex.quote(row.subset_key))
+        parts.append("where=" + quoted(row.subset_key))
     if row.target_key != "gesture":
         parts.append(f"target={row.target_key}")
     return " ".join([*parts, f"protocol={row.protocol_key}", f"model={row.system}"])

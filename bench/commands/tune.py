@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
+from bench.commands import closing
 from bench.commands.printing import show
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
@@ -29,7 +30,10 @@ def tune(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
-    return show(searched(parse(arguments, KEYS)))
+    outcomes = searched(parse(arguments, KEYS))
+    code = show(outcomes)
+    closing.evaluated(outcomes)
+    return code
 
 
 def searched(values: Values) -> list[Outcome]:

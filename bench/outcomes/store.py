@@ -12,7 +12,7 @@ import os
 import re
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
@@ -240,6 +240,17 @@ class Store:
         # MLflow's client would ask its database each time where they belong.
         artifacts = get_artifact_repository(self._places.get(run_id) or self.client.get_run(run_id).info.artifact_uri)
         (artifacts.log_artifacts if path.is_dir() else artifacts.log_artifact)(str(path), where or None)
+
+    @patient
+    def keep_view(self, name: str, view: Mapping[str, object]) -> str:
+        """Keep how MLflow's page is to show the runs; what the page's address must carry to show them so.
+
+        Args:
+            name: of the view.
+            view: what MLflow's button *Share* keeps of a page: columns, widths, filter, order.
+        """
+        self.client.set_experiment_tag(self.experiment_id, f"mlflow.sharedViewState.{name}", json.dumps(view))
+        return f"viewStateShareKey={name}"
 
     @patient
     def begin(self, run_id: str) -> None:

@@ -105,7 +105,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
     with only_one(key):
         for cut_off in store.runs(f"tags.`touchbench.cell` = '{key}' and attributes.status = 'RUNNING'"):
             store.delete(cut_off.info.run_id)
-        run_id = store.create(f"{cell.system()} | {cell.data} | all captures", tags)
+        run_id = store.create(f"fit {cell.system()} | {cell.data} | all captures", tags)
         machine = this_machine()._asdict()
         store.log(run_id, metrics, params_of(cell, corpus, threads) | machine | {"captures": len(corpus)})
         log_captures(store, run_id, cell, corpus, "training")

@@ -135,7 +135,7 @@ class TrackedRun(Generic[Shown]):
             "touchbench.kind": self.experiment.kind,
             "touchbench.cell": key,
         }
-        run_id = self.store.create(cell.title(), tags | self.tags)
+        run_id = self.store.create(f"{self.experiment.command(cell)} {cell.title()}", tags | self.tags)
         params = params_of(cell, corpus, self.plan.threads) | {"protocol": cell.protocol.name}
         params |= {f"protocol.{k}": v for k, v in cell.protocol.parameters.items()}
         self.store.log(run_id, params=params | self.experiment.options())

@@ -109,7 +109,7 @@ def test_the_ui_serves_the_runs_under_the_address_it_prints(tmp_path):
         import mlflow
 
         runs = mlflow.MlflowClient(place).search_runs([address.split("/experiments/")[1].split("/")[0]])
-    assert {r.info.run_name for r in runs} >= {"bayes · jung54 | synth | loso", "1", "2"}
+    assert {r.info.run_name for r in runs} >= {"run bayes · jung54 | synth | loso", "1", "2"}
 
 
 def test_a_saved_system_is_served(tmp_path, capsys):

@@ -80,8 +80,9 @@ def test_a_published_system_says_its_features():
 
 def test_values_are_judged_together(monkeypatch):
     """A hop that is too long for the default window is none for the listed ones."""
-    monkeypatch.setattr("bench.commands.tune.evaluated", lambda cells, backend: len(planned(cells, backend.jobs)))
-    monkeypatch.setattr("bench.commands.tune.show", lambda outcomes: outcomes)
+    monkeypatch.setattr("bench.commands.tune.evaluated", lambda cells, backend: planned(cells, backend.jobs))
+    monkeypatch.setattr("bench.commands.tune.show", len)
+    monkeypatch.setattr("bench.commands.closing.evaluated", lambda plans: None)
     assert main(["tune", "model=cnn85", "model.frames=100,200", "model.hop=90", *SMALL]) == 1
     assert main(["tune", "model=zhou2016_gm_lstm", "model.frames=2,3", "model.average=1", *SMALL]) == 1
 
@@ -145,13 +146,14 @@ def test_mistakes_are_one_line_and_exit_code_2(arguments, message, capsys):
 def test_every_published_number_has_its_command_or_a_reason(capsys):
     assert main(["systems"]) == 0
     out = capsys.readouterr().out
-    rows = published()
+    rows, lines = published(), out.splitlines()
     assert len(rows) >= 65
     for row in rows.itertuples():
-        line = next(x for x in out.splitlines() if x.split()[:1] == [row.id])
-        assert command(row) in line
+        (place,) = [i for i, line in enumerate(lines) if line.split()[-1:] == [row.id]]
+        line = lines[place + 1].strip()
+        assert command(row) == line
         assert f"model={row.system}" in line or line.rstrip().endswith(("build it", "not here yet", "elsewhere"))
-    assert "bench run data=cost where='variant == '\"'\"'rough'\"'\"'' protocol=loso model=jung2014_bayes" in out
+    assert "bench run data=cost where=\"variant == 'rough'\" protocol=loso model=jung2014_bayes" in out
     assert "bench run data=cost target=gesture+variant protocol=loso model=jung2017_bayes" in out
     assert "bench run data=haart protocol=challenge model=ta2015_rf" in out
 

@@ -88,8 +88,10 @@ def test_a_saved_system_answers_as_the_estimator(tmp_path, capsys):
     table.to_csv("new.csv", index=False)
     capsys.readouterr()
     assert main(["predict", uri, "new.csv", "out=labels.csv"]) == 0
+    first, following = capsys.readouterr().out.splitlines()
+    assert first.startswith(f"labels.csv: {len(some)} captures labelled: ") and f"model={uri}" in following
     assert main(["predict", "saved", "new.csv"]) == 0
-    printed = capsys.readouterr().out.split("\n", 1)[1]
+    printed = capsys.readouterr().out
     assert printed == Path("labels.csv").read_text()
     labels = pd.read_csv("labels.csv")
     assert labels["label"].tolist() == found["label"].tolist()

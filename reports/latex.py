@@ -1,0 +1,122 @@
+"""Comparison tables in LaTeX, with booktabs: one for each corpus, subset, protocol and unit."""
+
+from __future__ import annotations
+
+import re
+
+import pandas as pd
+
+TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
+ESCAPED = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"\char34{}",
+    "'": r"\textquotesingle{}",
+    "`": r"\textasciigrave{}",
+    "·": r"$\cdot$",
+    "±": r"$\pm$",
+    "\N{MULTIPLICATION SIGN}": r"$\times$",
+} | {sign: rf"\{sign}" for sign in "&%$#_{}"}
+HEAD = """\
+% One table for each corpus, subset, protocol and unit. Needs \\usepackage{booktabs}.
+"""
+
+
+def latex(table: pd.DataFrame) -> str:
+    """Tables that compare systems, each with a caption that says what was compared.
+
+    Args:
+        table: as `bench.results` gives it: a row per run and unit, accuracies in percent. Rows on the same captures,
+            under the same protocol and in the same unit come into one table.
+
+    Returns:
+        Text for a document that loads booktabs.
+    """
+    same = [name for name in (*TOGETHER, "group") if name in table]
+    parts = [part for _, part in table.groupby(same, sort=False)]
+    return HEAD + "".join(f"\n{_one(part, number)}" for number, part in enumerate(parts, 1))
+
+
+def escaped(text: object) -> str:
+    """Text that LaTeX sets as it is."""
+    return "".join(ESCAPED.get(c, c) for c in " ".join(str(text).split()) if c.isprintable())
+
+
+def _one(part: pd.DataFrame, number: int) -> str:
+    rows = part.to_dict("records")
+    columns = {"system": [escaped(_named(row)) for row in rows]}
+    columns["accuracy"] = [_one_decimal(row["accuracy"]) for row in rows]
+    if part["low"].notna().any():
+        columns[r"95\,\% interval"] = [_interval(row["low"], row["high"]) for row in rows]
+    columns["SD"] = [_one_decimal(row["subject_sd"]) for row in rows]
+    columns["macro-F1"] = [_one_decimal(row["macro_f1"]) for row in rows]
+    columns["kB"] = [_one_decimal(row["flash_bytes"] / 1000) for row in rows]
+    columns["ms"] = [_one_decimal(row["predict_ms_p50"]) for row in rows]
+    best = part["accuracy"].max()
+    lines = []
+    for row, cells in zip(rows, zip(*columns.values(), strict=True), strict=True):
+        name, accuracy, *rest = cells
+        accuracy = rf"\textbf{{{accuracy}}}" if row["accuracy"] == best and len(rows) > 1 else accuracy
+        lines.append(" & ".join([name, accuracy, *rest]) + r" \\")
+    return "\n".join(
+        [
+            r"\begin{table}",
+            r"\centering\small\setlength{\tabcolsep}{4pt}",
+            rf"\caption{{{_caption(part)}}}",
+            rf"\label{{tab:touchbench-{number}}}",
+            rf"\begin{{tabular}}{{l{'r' * (len(columns) - 1)}}}",
+            r"\toprule",
+            " & ".join(columns) + r" \\",
+            r"\midrule",
+            *lines,
+            r"\bottomrule",
+            r"\end{tabular}",
+            r"\end{table}",
+            "",
+        ]
+    )
+
+
+def _caption(part: pd.DataFrame) -> str:
+    """Data, subset, protocol, unit, number of captures and subjects, and what the interval is of."""
+    one = part.iloc[0]
+    corpus = re.search(r"corpus [0-9a-f]+$", str(one.get("group", "")))
+    subset = "all captures" if one["subset"] == "all" else f"captures with {one['subset']}"
+    where = f"{one['data']}{f' ({corpus[0]})' if corpus else ''}, {subset}, {one['protocol']}"
+    tested = f"{_numbers(part['captures'])} captures of {_numbers(part['subjects'])} subjects, scored by {one['unit']}"
+    said = [f"Recognition of touch on {where}: {tested}."]
+    if "(synthetic)" in str(one["data"]):
+        said.append("The captures are generated and say nothing about people.")
+    interval = " with a 95 % bootstrap interval over subjects" if part["low"].notna().any() else ""
+    pooled = "windows" if one["unit"] == "window" else "captures"
+    said.append(
+        f"In percent: accuracy, pooled over {pooled}{interval}; SD over subjects; macro-F1. kB: learnt numbers, "
+        "without code. ms: median time of one capture, from raw frames to label, on one thread."
+    )
+    return escaped(" ".join(said)).replace(r"95 \%", r"95\,\%")
+
+
+def _numbers(column: pd.Series) -> str:
+    """A number that all rows share, or from which to which they go."""
+    known = sorted({int(n) for n in column.dropna()})
+    return " to ".join(dict.fromkeys(map(str, (known[0], known[-1])))) if known else "an unknown number of"
+
+
+def _named(row: dict) -> str:
+    """A system with what makes its row another one: a seed, failed folds."""
+    done, _, folds = str(row["folds"]).partition("/")
+    words = [f"seed {row['seed']}"] if row["seed"] not in ("0", "none") else []
+    words += [f"{row['folds']} folds"] if done != folds else []
+    return ", ".join([str(row["system"]), *words])
+
+
+def _one_decimal(number: float) -> str:
+    return "--" if pd.isna(number) else f"{number:.1f}"
+
+
+def _interval(low: float, high: float) -> str:
+    return "--" if pd.isna(low) else f"{low:.1f}--{high:.1f}"
