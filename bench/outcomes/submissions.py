@@ -1,7 +1,7 @@
 """Submissions: a folder with the predictions of one system for one task, and where they come from.
 
-docs/leaderboard.md describes it. Whoever reads one trusts none of it: files are small plain files, every row of the task is there exactly once, and every
-score is computed here from the labels.
+docs/leaderboard.md describes it. Whoever reads one trusts none of it: files are small plain files, every row of the
+task is there exactly once, and every score is computed here from the labels.
 """
 
 from __future__ import annotations
@@ -179,7 +179,9 @@ def _read_table(path: Path, rows: int) -> pd.DataFrame:
         if path.suffix == ".csv":
             if max(content.find(b"\n"), 0) > LARGEST_HEADER:
                 raise InputError(f"{path.name}: its first line is no header")
-            return pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8", index_col=False, nrows=rows + 1)
+            return pd.read_csv(
+                path, dtype=str, keep_default_na=False, encoding="utf-8", index_col=False, nrows=rows + 1
+            )
         columns = ParquetFile(path).columns  # refuses what unpacks to far more than it is
         about = pq.read_metadata(path)
         if about.num_rows != rows:
@@ -210,7 +212,9 @@ def _checked(given: pd.DataFrame, task: Task, expected: pd.DataFrame) -> pd.Data
         raise InputError(f"{_row(joined[missing], keys)} is missing")
     rows = given.iloc[joined["position"].astype(int)].reset_index(drop=True)
     if "true" in rows and (wrong := rows["true"].astype(str) != expected["true"]).any():
-        raise InputError(f"true of {_row(expected[wrong], keys)} is {expected[wrong]['true'].iloc[0]}, not what it says")
+        raise InputError(
+            f"true of {_row(expected[wrong], keys)} is {expected[wrong]['true'].iloc[0]}, not what it says"
+        )
     if answers == ["predicted"]:
         said = rows["predicted"].astype(str)
         if (strange := ~said.isin(classes)).any():

@@ -168,7 +168,6 @@ def rows_of(task: Task) -> pd.DataFrame:
     return captures.merge(each, how="cross")[["capture", *task.keys, "subject", "true"]]
 
 
-@lru_cache(maxsize=1)
 def published_cost() -> Corpus:
     """CoST as it was published.
 
@@ -176,10 +175,10 @@ def published_cost() -> Corpus:
         InputError: it is not here, or differs.
     """
     corpus = open_corpus("cost", {})
-    if corpus.info.get("format") != "cost" or (differs := corpus.info.get("warnings", [])):
-        what = "" if corpus.info.get("format") != "cost" else f" ({differs[0]})"
+    differs = corpus.info.get("warnings", []) if corpus.info.get("format") == "cost" else ["another format"]
+    if differs:
         raise InputError(
-            f"data=cost is not CoST as published{what}; import the file with MD5 {cost.PUBLISHED_MD5} as it is"
+            f"data=cost is not CoST as published ({differs[0]}); import the file with MD5 {cost.PUBLISHED_MD5}"
         )
     return corpus
 
