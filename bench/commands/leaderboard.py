@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from bench.commands.printing import output
@@ -16,6 +15,7 @@ from bench.plan.arguments import options_of, parse
 from bench.plan.cells import cells
 from bench.plan.tasks import Task, task_of
 from bench.scratch import made_whole, new_folder, replacing
+from bench.work.loop import warn
 from reports.leaderboard import board, reference
 from reports.provenance import command as command_of
 
@@ -90,7 +90,7 @@ def leaderboard(arguments: list[str]) -> int:
     except OSError as e:
         raise InputError(f"out={out}: cannot be written ({e.strerror}); choose another place") from e
     for line in left_out:
-        print(f"left out: {line}", file=sys.stderr)
+        warn(f"left out: {line}")
     said = output()
     for submission in found:
         accuracy = 100 * submissions.score(submission)["accuracy"]
@@ -108,7 +108,7 @@ def collected(given: list[Path]) -> tuple[list[Submission], list[str]]:
     """The submissions that folders are or hold, and a line for each that cannot be used.
 
     Raises:
-        InputError: a folder is not there, or neither is nor holds a submission.
+        InputError: a folder is not there.
     """
     places: dict[Path, Path] = {}
     for folder in given:
@@ -117,7 +117,7 @@ def collected(given: list[Path]) -> tuple[list[Submission], list[str]]:
         own = (p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
         inside = [folder] if (folder / ABOUT).exists() else sorted(own)
         if not inside:
-            raise InputError(f"{folder}: there is no {ABOUT}, and no folder that could hold one")
+            warn(f"{folder}: no submission is in it")
         places |= {place.resolve(): place for place in inside}
     found, left_out = [], []
     for place in places.values():

@@ -116,11 +116,9 @@ def _damaged(task: Task, stored: pd.DataFrame) -> pd.DataFrame:
     most = stored.groupby("fold")["train_subjects"].transform("max")
     whole = stored[stored["train_subjects"] == most].astype({"severity": str})
     known = tasks.faults()
-    for (fault, severity), part in whole.groupby(["fault", "severity"], sort=False):
-        if known.get((fault, severity)) != (amount := part["amount"].iloc[0]):
-            raise InputError(
-                f"{fault} at severity {severity} was {amount or 'nothing'} in this run, not as in {task.name}"
-            )
+    for fault, severity, amount in whole[["fault", "severity", "amount"]].drop_duplicates().to_numpy():
+        if known.get((fault, severity)) != amount:
+            raise InputError(f"{fault} at severity {severity} is {amount} in the run, not so in {task.name}")
     return whole[["capture", "fault", "severity", "true", "predicted"]]
 
 
