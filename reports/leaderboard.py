@@ -18,7 +18,7 @@ INTRODUCTION = (
     "Every score is computed here from submitted labels; what a submission says of itself (parameters, flash, who, "
     "date, revision, command) is shown as it says it. That no tested person was trained on cannot be seen from labels: "
     "the command lets you repeat a row. Brackets hold 95 % bootstrap intervals over subjects, the same people for all "
-    "systems of a task; ten people seldom tell neighbours in a table apart."
+    "systems of a task: ten people seldom tell neighbours in a table apart, three (haart-challenge-v1) hardly anything."
 )
 
 

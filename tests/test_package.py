@@ -1,5 +1,6 @@
 """What a stranger installs: wheel and sdist, without the clone, in an environment of their own."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -26,8 +27,9 @@ pytestmark = pytest.mark.live
 
 
 def said(*command, **how):
-    """Standard output of a command that must go well, within ten minutes."""
-    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=600, **how)
+    """Standard output of a command that must go well, within ten minutes, and sees nothing of this environment."""
+    env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV", "MLFLOW_TRACKING_URI")}
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=600, env=env, **how)
     assert done.returncode == 0, f"{command}: {done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     return done.stdout
 
