@@ -90,6 +90,11 @@ def test_reference_is_what_the_docs_say():
     assert accuracy["svm · jung54"].round(1) == 67.8 and accuracy["xgb · jung54"].round(1) == 74.4  # docs/haart.md
     assert table["command"].str.match(r"bench (run|stream|stress) data=haart protocol=").all()
     assert table["revision"].str.fullmatch("[0-9a-f]{12}").all()
+    told = (ROOT / "docs" / "haart.md").read_text()
+    early = table.xs("haart-early-v1")[["at 500 ms", "at 1000 ms", "at 2000 ms"]].round(1)
+    for system, words in {"reflex": "`reflex`", "rocket": "`rocket`", "svm · jung54": "`svm` on `jung54`"}.items():
+        (line,) = [row for row in told.splitlines() if row.startswith(f"| {words} | ") and row.count("|") == 9]
+        assert early.loc[system].tolist() == [float(n) for n in line.split("|")[7].split("/")]
     assert len(accuracy) >= 8 and table["accuracy"].between(14.3, 100).all()
     one = found["haart-loso-v1/svm-jung54"]
     assert 100 * (one["true"] == one["predicted"]).mean() == pytest.approx(accuracy["svm · jung54"])
@@ -273,3 +278,14 @@ def test_the_example_of_the_docs_is_a_submission():
     (folder / "predictions.csv").write_text("\n".join(lines))
     assert submissions.score(submissions.read(folder))["accuracy"] == 1
     assert all(f"`{name}`" in text for name in tasks.TASKS)
+
+
+def test_the_script_of_the_docs_writes_what_the_format_asks_for(monkeypatch):
+    (code,) = re.findall(r"```python\n(import numpy.*?)```", (ROOT / "docs" / "leaderboard.md").read_text(), re.DOTALL)
+    corpus = random_corpus(subjects=3, per_class=8)
+    monkeypatch.setattr(bench, "corpus", lambda name: corpus, raising=False)
+    names = {}
+    exec(code, names)
+    table = pd.read_csv("predictions.csv")
+    assert sorted(table["capture"]) == list(range(len(corpus))) and set(table["predicted"]) <= set(corpus.gestures)
+    assert len(names["worse"]) == len(names["test"])
