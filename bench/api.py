@@ -26,6 +26,7 @@ from bench.work.fit import Fitted
 from bench.work.loop import Outcome
 from reports.comparison import comparison, published
 from reports.latex import latex as latex
+from reports.leaderboard import OWN, reference, scores_of
 
 SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in percent
 
@@ -177,15 +178,21 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
     return table_of(_choose.smallest(given)) if "over" in given else _choose.chosen(given)
 
 
-def results(**values: object) -> pd.DataFrame:
+def results(of: str = "", **values: object) -> pd.DataFrame | Found:
     """Tracked evaluations, one row per run and unit, accuracies in percent, published numbers beside them.
 
+    ``bench.results("reference")`` are the results that come with touchbench: a row per frozen task and system, and by
+    ``<task>/<name>`` the labels of every capture.
+
     Args:
+        of: ``reference``, or nothing for the store.
         values: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to keep.
 
     Raises:
         InputError: nothing is tracked for them.
     """
+    if of:
+        return _reference(of, values)
     given = _values(values, set(_choose.AMONG))
     runs = tracked(connect())
     columns = {"where": "subset"} | {part: f"{part}_name" for part in ("protocol", "features", "model")}
@@ -194,6 +201,14 @@ def results(**values: object) -> pd.DataFrame:
     if not len(runs):
         raise InputError("no run is tracked for these values; make some with bench.run")
     return comparison(runs, published())
+
+
+def _reference(of: str, values: dict[str, object]) -> Found:
+    if of != OWN or values:
+        what = f"{of!r}: give {OWN!r}" if of != OWN else f"{next(iter(values))}=: not with {OWN!r}"
+        raise InputError(f"{what}, or nothing for the runs of the store")
+    found = reference()
+    return Found(scores_of(found), {f"{one.task.name}/{one.name}": one.table for one in found})
 
 
 def table_of(outcomes: list[Outcome]) -> pd.DataFrame:

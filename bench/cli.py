@@ -277,6 +277,33 @@ Rebuilds the published comparison from MLflow and the papers' numbers alone, int
   *.csv           comparison (all runs), published, recomputed, statistics, provenance
   figures/        every figure as PNG and SVG
 """
+SUBMIT = """\
+bench submit task=NAME who=NAME out=FOLDER model=... [features=...] [seed=] [run=ID]
+
+Writes what a finished run said as a folder that answers a frozen task: predictions.parquet (a row per capture, no
+frames) and submission.json (where they come from). Runs nothing: it takes the run that is stored, and refuses one whose
+data, subset, protocol or unit are not those of the task.
+
+  task=       haart-loso-v1, haart-challenge-v1, haart-personal-v1, cost-loso-v1: of bench run;
+              haart-early-v1: of bench stream; haart-faults-v1: of bench stress
+  who=        whose result it is; shown on the leaderboard
+  out=        a folder that is new or empty
+  model= features= seed=   as the run was made, with its parameters (model.C=8)
+  run=        instead: a run by its id, such as one of bench tune
+
+  bench run data=haart protocol=loso model=svm features=jung54
+  bench submit task=haart-loso-v1 model=svm features=jung54 who="A. Name, Lab" out=submissions/my-svm
+"""
+LEADERBOARD = """\
+bench leaderboard [FOLDER ...] [out=leaderboard.html]
+
+Computes every score anew from submitted predictions and writes one page that loads nothing: a table for each frozen
+task, with the results that come with touchbench. FOLDER is a submission or holds some. A submission that is not what
+docs/leaderboard.md says is left out with a line; exit code 1 then. HAART need not be here, CoST must be imported.
+
+  bench leaderboard
+  bench leaderboard submissions out=leaderboard.html
+"""
 GALLERY = """\
 bench gallery [out=gallery]
 
@@ -331,6 +358,8 @@ COMMANDS = {
     "extract": ("bench.commands.extract:extract", "write a table of features", EXTRACT),
     "data": ("bench.commands.data:data", "list, import, look at, verify and export corpora", DATA),
     "report": ("bench.commands.report:report", "rebuild the published comparison from MLflow", REPORT),
+    "submit": ("bench.commands.leaderboard:submit", "write a stored run as an answer to a frozen task", SUBMIT),
+    "leaderboard": ("bench.commands.leaderboard:leaderboard", "rescore submissions into one page", LEADERBOARD),
     "gallery": ("bench.commands.gallery:gallery", "draw every kind of figure, from generated captures", GALLERY),
     "demo": ("bench.commands.demo:demo", "see the way to a verdict in two minutes, on generated captures", DEMO),
     "ui": ("bench.commands.report:ui", "open MLflow's page on the runs", UI),
@@ -341,6 +370,7 @@ GROUPS = {  # of the overview; a command that is in none stands under "more"
     "your captures": ("data", "extract"),
     "compare": ("systems", "tune", "stress", "stream", "chip", "ui"),
     "ship": ("fit", "predict", "adapt", "export"),
+    "publish": ("submit", "leaderboard"),
 }
 LONGEST = 300  # characters of a message
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

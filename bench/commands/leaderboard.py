@@ -1,0 +1,130 @@
+"""The commands ``bench submit`` and ``bench leaderboard``: results that others can check, and the page of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bench.commands.printing import output
+from bench.corpora.limits import called
+from bench.errors import InputError
+from bench.outcomes import answers, submissions
+from bench.outcomes.advice import typed
+from bench.outcomes.store import connect
+from bench.outcomes.submissions import ABOUT, Submission
+from bench.plan.arguments import options_of, parse
+from bench.plan.cells import cells
+from bench.plan.tasks import Task, task_of
+from bench.scratch import made_whole, new_folder, replacing
+from bench.work.loop import warn
+from reports.leaderboard import board, reference
+from reports.provenance import command as command_of
+
+SUBMIT = {"task", "who", "out", "run", "model", "features", "seed"}
+
+
+def submit(arguments: list[str]) -> int:
+    """Write the predictions of a stored run as a folder that answers a task.
+
+    Raises:
+        InputError: something in the arguments cannot be used, no stored run answers the task, or the folder cannot be
+            written.
+    """
+    values = parse(arguments, SUBMIT)
+    needs = {"task": "a frozen task", "who": 'whose result it is, as in who="A. Name, Lab"', "out": "a new folder"}
+    for key, what in needs.items():
+        if key not in values:
+            raise InputError(f"bench submit needs {key}=, {what}; see bench submit --help")
+    task = task_of(values["task"])
+    out = new_folder(Path(values["out"]))
+    wanted, how = _wanted(task, values)
+    store = connect()
+    run = answers.find(store, task, wanted, how)
+    about = answers.about(task, run, values["who"], command_of(dict(run)))
+    table = answers.table(store, task, run)
+    with made_whole(out) as beside:
+        beside.mkdir()
+        submissions.write(beside, about, table)
+        found = submissions.score(submissions.read(beside))
+    print(f"{out}: {about['system']}, {task.name}: {100 * found['accuracy']:.1f} % of {task.score}")
+    print(f"next: bench leaderboard {out}")
+    return 0
+
+
+def _wanted(task: Task, values: dict[str, str]) -> tuple[dict[str, str], str]:
+    """What identifies the run, and the command that makes one."""
+    named = {k: v for k, v in values.items() if k not in ("task", "who", "out", "run")}
+    if "run" in values:
+        if named:
+            raise InputError(f"run= names the run; leave out {next(iter(named))}=")
+        return {"run_id": values["run"]}, f"bench {task.command} data={task.data} {_protocol(task)}"
+    on = {"data": task.data} | dict(word.split("=") for word in _protocol(task).split())
+    asked = cells(on | named)
+    if len(asked) > 1:
+        raise InputError(f"these values name {len(asked)} systems; give one value of each")
+    cell = asked[0]
+    seed = "none" if cell.seed is None else str(cell.seed)
+    return {"system": cell.system(), "seed": seed}, typed(task.command, on | named)
+
+
+def _protocol(task: Task) -> str:
+    """``personal[shots=3]`` as it is typed."""
+    name, _, rest = task.protocol.rstrip("]").partition("[")
+    return " ".join([f"protocol={name}", *(f"protocol.{part}" for part in rest.split(", ") if part)])
+
+
+def leaderboard(arguments: list[str]) -> int:
+    """Rescore folders of submissions and write the page; exit code 1 if one was left out.
+
+    Raises:
+        InputError: something in the arguments cannot be used, or the page cannot be written.
+    """
+    options = [a for a in arguments if a.startswith("out=")]
+    values = options_of(options, ("out",))
+    found, left_out = collected([Path(a) for a in arguments if a not in options])
+    out = Path(values.get("out", "leaderboard.html"))
+    text = board([*reference(), *found], left_out)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(out) as beside:
+            beside.write_text(text, encoding="utf-8")
+    except OSError as e:
+        raise InputError(f"out={out}: cannot be written ({e.strerror}); choose another place") from e
+    for line in left_out:
+        warn(f"left out: {line}")
+    said = output()
+    for submission in found:
+        accuracy = 100 * submissions.score(submission)["accuracy"]
+        said.print(
+            f"{submission.task.name}: {submission.about['system']}, {accuracy:.1f} % of {submission.task.score}",
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )
+    print(out)
+    return 1 if left_out else 0
+
+
+def collected(given: list[Path]) -> tuple[list[Submission], list[str]]:
+    """The submissions that folders are or hold, and a line for each that cannot be used.
+
+    Raises:
+        InputError: a folder is not there.
+    """
+    places: dict[Path, Path] = {}
+    for folder in given:
+        if not folder.is_dir():
+            raise InputError(f"{folder}: there is no such folder; give submissions, or folders that hold some")
+        own = (p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
+        inside = [folder] if (folder / ABOUT).exists() else sorted(own)
+        if not inside:
+            warn(f"{folder}: no submission is in it")
+        places |= {place.resolve(): place for place in inside}
+    found, left_out = [], []
+    for place in places.values():
+        try:
+            if place.is_symlink() and place not in given:  # it may lead anywhere
+                raise InputError(f"{called(place)}: is a link, not a folder")
+            found.append(submissions.read(place))
+        except InputError as e:
+            left_out.append(str(e))
+    return found, left_out

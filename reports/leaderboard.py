@@ -1,0 +1,101 @@
+"""The leaderboard: submissions, rescored, as one table for each task on one page that loads nothing."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bench.outcomes.submissions import ABOUT, Submission, read, score
+from bench.plan.tasks import TASKS, Task
+from reports.layout import Block, Heading, Table, Text, page
+
+OWN = "reference"  # folder of the results that come with touchbench
+WORST = "worst fault: "
+INTRODUCTION = (
+    "Every score is computed here from submitted labels; what a submission says of itself (parameters, flash, who, "
+    "date, revision, command) is shown as it says it. That no tested person was trained on cannot be seen from labels: "
+    "the command lets you repeat a row. Brackets hold 95 % bootstrap intervals over subjects, the same people for all "
+    "systems of a task: ten people seldom tell neighbours in a table apart, three (haart-challenge-v1) hardly anything."
+)
+
+
+def reference() -> list[Submission]:
+    """The results that come with touchbench."""
+    room = Path(str(files("reports") / OWN))
+    return [read(path.parent) for path in sorted(room.glob(f"*/*/{ABOUT}"))]
+
+
+def scores_of(submissions: list[Submission]) -> pd.DataFrame:
+    """One row per submission, best first within each task; accuracies in percent."""
+    rows = []
+    for one in submissions:
+        task, about, found = one.task, one.about, score(one)
+        fixed = {"task": task.name, "system": about["system"], "data": task.data, "subset": "all"}
+        fixed |= {"protocol": task.about, "unit": task.unit}
+        said = {k: about.get(k, np.nan) for k in ("parameters", "flash_bytes", "ram_bytes")}
+        said |= {k: about.get(k, "") for k in ("who", "date", "revision", "command")}
+        rows.append(fixed | {k: 100 * v for k, v in found.items()} | said | {"name": one.name})
+    table = pd.DataFrame(rows)
+    order = [list(TASKS).index(name) for name in table["task"]]
+    ranked = table.assign(order=order).sort_values(["order", "accuracy"], ascending=[True, False], kind="stable")
+    return ranked.drop(columns="order").reset_index(drop=True)
+
+
+def board(submissions: list[Submission], left_out: list[str]) -> str:
+    """The page.
+
+    Args:
+        submissions: to be shown.
+        left_out: a line for each folder that could not be used.
+    """
+    blocks: list[Block] = [Heading("Leaderboard", 1), Text(INTRODUCTION)]
+    if left_out:
+        blocks.append(Text(f"Left out: {'; '.join(left_out)}", warning=True))
+    for task in TASKS.values():
+        blocks += _of_task(task, [one for one in submissions if one.task == task])
+    return page(blocks, "touchbench leaderboard")
+
+
+def _of_task(task: Task, submissions: list[Submission]) -> list[Block]:
+    corpus = f"digest {task.digest[:16]}" if task.digest else "as published, known by the MD5 of its file"
+    about = (
+        f"Data: {task.data}, {corpus}, all captures. Protocol: {task.about}. Unit: {task.unit}. "
+        f"Accuracy and macro-F1 are of {task.score}."
+    )
+    blocks: list[Block] = [Heading(task.name), Text(about)]
+    if not submissions:
+        return [*blocks, Text("Nobody has submitted a result yet.")]
+    caption = f"{task.name}: {len(submissions)} systems, best first"
+    return [*blocks, Table(_shown(scores_of(submissions)), caption, code=("command",))]
+
+
+def _shown(found: pd.DataFrame) -> pd.DataFrame:
+    """The scores of one task as text."""
+    rows = []
+    for row in found.to_dict("records"):
+        parts = {f"{k} %": f"{v:.1f}" for k, v in row.items() if str(k).startswith(("at ", "clean")) and v == v}
+        worst = [f"{str(k).removeprefix(WORST)} {v:.1f}" for k, v in row.items() if str(k).startswith(WORST) and v == v]
+        rows.append(
+            {
+                "system": row["system"],
+                "accuracy % [95 %]": f"{row['accuracy']:.1f} [{row['low']:.1f}, {row['high']:.1f}]",
+                "macro-F1 %": f"{row['macro_f1']:.1f}",
+                "subjects: mean ± SD": f"{row['subject_mean']:.1f} ± {row['subject_sd']:.1f}",
+                **parts,
+                **({"worst fault %": worst[0].replace("_", " ")} if worst else {}),
+                "parameters": _whole(row["parameters"]),
+                "flash kB": _whole(row["flash_bytes"] / 1000),
+                "who": row["who"],
+                "date": row["date"],
+                "revision": row["revision"] or "-",
+                "command": row["command"] or "-",
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _whole(number: float) -> str:
+    return "-" if pd.isna(number) else f"{number:,.0f}".replace(",", " ")

@@ -1,0 +1,106 @@
+"""What a stranger installs: wheel and sdist, without the clone, in an environment of their own."""
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+ROOMS = ("bench", "features", "models", "protocols", "reports")
+FILES = ("pyproject.toml", "README.md", "LICENSE")
+SMALL = ["data.subjects=3", "data.variants=normal", "data.repetitions=2"]
+RESULTS = """\
+import bench
+from pathlib import Path
+assert Path({place!r}) in Path(bench.__file__).parents, bench.__file__
+found = bench.results("reference")
+print(len(found.table), len(found.more))
+"""
+
+pytestmark = pytest.mark.live
+
+
+def said(*command, **how):
+    """Standard output of a command that must go well, within ten minutes, and sees nothing of this environment."""
+    env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV", "MLFLOW_TRACKING_URI")}
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=600, env=env, **how)
+    assert done.returncode == 0, f"{command}: {done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    return done.stdout
+
+
+def new_environment(place):
+    """Python and pip, nothing else."""
+    said(sys.executable, "-m", "venv", place)
+    return place / "bin" / "python"
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """The wheel, which ``build`` makes from the sdist, and the sdist, from nothing but what the project tracks."""
+    folder = tmp_path_factory.mktemp("built")
+    source = folder / "source"
+    source.mkdir()
+    for room in ROOMS:
+        shutil.copytree(ROOT / room, source / room, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in FILES:
+        shutil.copy(ROOT / name, source)
+    python = new_environment(folder / "maker")
+    said(python, "-m", "pip", "install", "-q", "build")
+    said(python, "-m", "build", "--outdir", folder / "dist", source)
+    (wheel,) = (folder / "dist").glob("*.whl")
+    (sdist,) = (folder / "dist").glob("*.tar.gz")
+    return wheel, sdist
+
+
+def test_all_files_of_the_rooms_are_in_both(built):
+    wheel, sdist = built
+    there = {p.relative_to(ROOT).as_posix() for room in ROOMS for p in (ROOT / room).rglob("*") if p.is_file()}
+    wanted = {p for p in there if "__pycache__" not in p} - {"reports/baseline.json"}  # the gate of this project
+    packed = set(zipfile.ZipFile(wheel).namelist())
+    assert not wanted - packed
+    strangers = {name for name in packed - wanted if not name.split("/")[0].endswith(".dist-info")}
+    assert not strangers
+    with tarfile.open(sdist) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert not wanted - names and set(FILES) <= names
+    assert wheel.stat().st_size < 3_000_000
+
+
+@pytest.mark.parametrize("which", ["wheel", "sdist"])
+def test_it_runs_where_the_clone_is_not(built, which, tmp_path):
+    place = tmp_path / "installed"
+    python = new_environment(place)
+    said(python, "-m", "pip", "install", "-q", "--no-deps", built[which == "sdist"])
+    # Its dependencies are those of this environment: a path in a .pth file brings packages, and no editable install.
+    own = Path(said(python, "-c", "import sysconfig; print(sysconfig.get_paths()['purelib'])").strip())
+    paths = {sysconfig.get_paths()["purelib"], sysconfig.get_paths()["platlib"]}
+    (own / "dependencies.pth").write_text("\n".join(sorted(paths)))
+    work = tmp_path / "work"
+    work.mkdir()
+
+    def bench(*arguments):
+        return said(place / "bin" / "bench", *arguments, cwd=work)
+
+    assert "bench leaderboard" in bench("--help") and bench("--version").startswith("touchbench ")
+    rows, tables = said(python, "-c", RESULTS.format(place=str(place)), cwd=work).split()
+    assert int(rows) == int(tables) >= 20
+    assert "leaderboard.html" in bench("leaderboard")
+    if which == "sdist":  # the same files, as the other test shows
+        return
+    assert "svm" in bench("run", "model=svm,lda", "features=jung28", *SMALL)
+    assert "accuracy" in bench("choose")
+    bench("report")
+    page = (work / "report" / "index.html").read_text()
+    assert "prefers-color-scheme" in page or "color-scheme" in page and 'id="chart-data"' in page
+    bench("fit", "model=lda", "features=jung28", "stopping=no", "out=rec", *SMALL)
+    bench("export", "rec", "out=rec_c")
+    assert {"touch.h", "touch.c", "tables.h", "main.c", "Makefile"} <= {p.name for p in (work / "rec_c").iterdir()}
+    assert sum(p.stat().st_size for p in (work / "rec").rglob("*")) < 20_000_000  # not all that is installed
+    bench("data", "show", "synth", *SMALL)
+    assert (work / "look" / "index.html").exists()
