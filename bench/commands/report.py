@@ -10,18 +10,20 @@ from pathlib import Path
 from bench.errors import InputError
 from bench.outcomes.store import connect, store_uri
 from bench.plan.arguments import parse
+from bench.quantities import BUDGETS, quantity
 
 
 def report(arguments: list[str]) -> int:
-    """Rebuild the published comparison as a page with its tables and figures.
+    """Write the verdict on the tracked runs as a page, with its tables and figures.
 
     Raises:
         InputError: something in the arguments cannot be used, or the folder cannot be written.
     """
-    out = Path(parse(arguments, {"out"}).get("out", "report"))
+    values = parse(arguments, {"out", *BUDGETS})
+    budgets = {BUDGETS[key]: quantity(key, values[key]) for key in BUDGETS if key in values}
     from reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
-    for path in write_report(connect(), out):
+    for path in write_report(connect(), Path(values.get("out", "report")), budgets):
         print(path)
     return 0
 
