@@ -75,16 +75,17 @@ def contexts(store: Store, kind: str) -> dict[str, list[Run]]:
     found = {}
     for members in ordered[:CONTEXTS]:
         best = sorted(members.values(), key=lambda r: -r.data.metrics["accuracy"])[:METHODS]
-        found[_context(best[0], len(members) - len(best))] = best
+        left_out = len(members) - len(best)
+        found[context_words(best[0]) + (f", {left_out} less accurate methods left out" if left_out else "")] = best
     return found
 
 
-def _context(run: Run, left_out: int) -> str:
+def context_words(run: Run) -> str:
+    """What a run is on, and how captures were replayed."""
     params = run.data.params
     parts = [*context_of(run.data.tags)]
     parts += ["from the middle of the capture"] if params.get("stream.start") == "middle" else []
     parts += [f"a decision every {hop} ms"] if (hop := params.get("stream.hop_ms", "None")) != "None" else []
-    parts += [f"{left_out} less accurate methods left out"] if left_out else []
     return ", ".join(parts)
 
 

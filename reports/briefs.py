@@ -9,7 +9,7 @@ from bench.outcomes import statistics
 from bench.outcomes.comparable import method_of
 from bench.outcomes.stopping import SHOWN_MS
 from bench.outcomes.store import Store
-from reports.behaviour import contexts, under
+from reports.behaviour import context_words, contexts, under
 from reports.groups import Group
 from reports.newcomers import WITHOUT, Curves
 from reports.words import listed
@@ -32,15 +32,15 @@ def briefs(store: Store, groups: dict[str, Group], curves: list[Curves]) -> list
 
 def early(store: Store) -> str:
     """What replayed systems get when they need not see the whole capture, on the first of all comparable captures."""
-    for context, runs in contexts(store, "stream").items():
+    for runs in contexts(store, "stream").values():
         best = max(runs, key=lambda r: r.data.metrics.get("adaptive_accuracy", -1))
         measured = best.data.metrics
         if "adaptive_accuracy" not in measured:
             continue
         said = (
-            f"On {context}, {method_of(best.data.tags)} labels {100 * measured['adaptive_accuracy']:.1f} % of captures "
-            f"correctly when it decides as soon as waiting gains too little, after {measured['adaptive_ms']:.0f} ms of "
-            f"touch on average, and {100 * measured['accuracy']:.1f} % of whole captures."
+            f"On {context_words(best)}, {method_of(best.data.tags)} labels "
+            f"{100 * measured['adaptive_accuracy']:.1f} % of captures correctly when it decides as soon as waiting gains too "
+            f"little, after {measured['adaptive_ms']:.0f} ms of touch on average, and {100 * measured['accuracy']:.1f} % of whole captures."
         )
         half = f"accuracy_at_{SHOWN_MS[1]}_ms"
         soon = [r for r in runs if half in r.data.metrics]
@@ -55,7 +55,7 @@ def early(store: Store) -> str:
 
 def faults(store: Store) -> str:
     """Who loses least under faults, and to which it loses most, on the first of all comparable captures."""
-    for context, runs in contexts(store, "stress").items():
+    for runs in contexts(store, "stress").values():
         losses = {method_of(r.data.tags): under(r, "loss.") for r in runs}
         met = next((set(loss) for loss in losses.values() if loss), set())
         means = {m: 100 * np.mean([*loss.values()]) for m, loss in losses.items() if loss and set(loss) == met}
@@ -64,9 +64,9 @@ def faults(store: Store) -> str:
         least, most = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
         worst = max(losses[least], key=losses[least].__getitem__)
         least_said = f"{least} loses {means[least]:.1f} points"
-        said = f"On {context}, {least_said} of accuracy, mean over {len(met)} faults at five severities"
+        said = f"On {context_words(runs[0])}, {least_said} of accuracy, mean over {len(met)} faults at five severities"
         if len(means) > 1:
-            said += f", the least of {len(means)} systems ({most}: {means[most]:.1f})"
+            said += f", the least of {len(means)} systems (the most: {most}, {means[most]:.1f})"
         return f"{said}; most under {worst.replace('_', ' ')}, {100 * losses[least][worst]:.1f} points."
     return ""
 

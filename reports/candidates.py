@@ -11,8 +11,8 @@ import pandas as pd
 from bench.errors import InputError
 from bench.outcomes import statistics
 from bench.outcomes.advice import compared_on, typed
-from bench.outcomes.choice import SAID, Choice, amount, candidates, decide, sentences
-from bench.outcomes.comparable import COMPARABLE, facts_of
+from bench.outcomes.choice import SAID, Choice, candidates, decide, sentences
+from bench.outcomes.comparable import COMPARABLE, Row, facts_of
 from bench.outcomes.store import Store
 from bench.quantities import COSTS
 from reports.layout import Answer
@@ -39,6 +39,7 @@ class Considered:
         subjects: accuracies in percent [candidates, subjects].
         budgets: the most of each cost.
         mixed: whether captures of one subject are on both sides.
+        command: that chooses the same; empty where none is known to.
     """
 
     group: str
@@ -46,24 +47,20 @@ class Considered:
     subjects: pd.DataFrame
     budgets: Mapping[str, float]
     mixed: bool
+    command: str
 
     def answer(self) -> Answer:
         """The verdict with its reasons, and the command that says the same."""
-        table, choice = self.choice.table, self.choice
-        lines = sentences(choice, BY, None, self.subjects.shape[1])
-        if len(table) == 1:
-            row = table.iloc[0]
+        table = self.choice.table
+        lines = sentences(self.choice, BY, None, self.subjects.shape[1])
+        if table["system"].nunique() == 1:
             lines = [
-                f"Only {named(row)} is tracked here: {row['accuracy']:.1f} %"
-                + (f" with {BY} {amount(BY, row[BY])}" if np.isfinite(row[BY]) else "")
-                + ". A choice needs another system.",
-                *(lines[-len(choice.budgets) :] if choice.budgets else []),
+                f"Only {table['system'].iloc[0]} is tracked here, so there is no other to compare it with.",
+                *lines,
             ]
         if self.mixed:
             lines.append("Captures of one subject are in training and test: nothing of this holds for a new person.")
-        on = compared_on(table)
-        asked = {f"max_{cost}": _typed(cost, most) for cost, most in self.budgets.items()}
-        return Answer(self.group, lines, typed("choose", on | asked) if on else "")
+        return Answer(self.group, lines, self.command)
 
 
 def considered(store: Store, group: str, runs: pd.DataFrame, budgets: Mapping[str, float]) -> Considered | Answer:
@@ -72,26 +69,46 @@ def considered(store: Store, group: str, runs: pd.DataFrame, budgets: Mapping[st
     Args:
         store: where the runs are.
         group: in words.
-        runs: of the group.
+        runs: all that are tracked, as `bench.outcomes.runs.with_groups` makes them.
         budgets: the most of each cost, in the units of `bench.quantities.COSTS`.
     """
-    first = runs.iloc[0].to_dict()
+    first = runs[runs["group"] == group].iloc[0].to_dict()
     try:
         table, _, subjects = candidates(store, {name: [first[name]] for name in COMPARABLE}, budgets.get("decision"))
     except InputError as e:
         return Answer(group, [f"Nothing can be chosen here: {e}."])
     choice = decide(table, subjects, BY, dict(budgets), None)
-    return Considered(group, choice, subjects, budgets, facts_of(first).mixes_subjects)
+    command = _command(compared_on(table), first, runs, budgets)
+    return Considered(group, choice, subjects, budgets, facts_of(first).mixes_subjects, command)
+
+
+def _command(on: Mapping[str, str], first: Row, runs: pd.DataFrame, budgets: Mapping[str, float]) -> str:
+    """The command that chooses among the runs of a group; empty where its words mean others, too.
+
+    Args:
+        on: what was typed for data and protocol.
+        first: a run of the group.
+        runs: all that are tracked.
+        budgets: the most of each cost.
+    """
+    protocol = {k: v for k, v in on.items() if k.split(".")[0] == "protocol"}
+    named_by = ["data", "subset", "target", "protocol_name", *(k for k in protocol if "." in k)]
+    same = runs[(runs[named_by] == pd.Series({k: first[k] for k in named_by})).all(axis=1)]
+    if "data" not in on or len(same[[*COMPARABLE, "protocol"]].drop_duplicates()) > 1:
+        return ""
+    asked = {"data": on["data"]}
+    if first["subset"] != "all" or set(runs.loc[runs["data"] == first["data"], "subset"]) != {"all"}:
+        asked["where"] = first["subset"]
+    if first["target"] != "gesture":
+        asked["target"] = first["target"]
+    most = {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in budgets.items()}
+    return typed("choose", asked | protocol | most)
 
 
 def named(row: pd.Series | Mapping[str, object]) -> str:
     """A candidate: the system, and what it labels unless that is whole captures."""
     unit = str(row["unit"])
     return str(row["system"]) + ("" if unit == "capture" else f" ({SAID.get(unit, unit)})")
-
-
-def _typed(cost: str, most: float) -> str:
-    return f"{most:g}{COSTS[cost]}"
 
 
 def chart_data(found: list[Considered], models: Mapping[str, str], papers: pd.DataFrame) -> dict[str, object]:

@@ -109,7 +109,7 @@
       element("path", {class: "grid", d: `M${left} ${Y(v)}H${right}`}, svg);
       element("text", {x: left - 6, y: Y(v) + 4, "text-anchor": "end"}, svg, v + " %");
     }
-    element("text", {x: (left + right) / 2, y: bottom + 36, "text-anchor": "middle"}, svg, data.costs[cost.value]);
+    element("text", {x: (left + right) / 2, y: bottom + 36, "text-anchor": "middle"}, svg, right - left > 400 ? data.costs[cost.value] : data.costs[cost.value].split(/[:(]/)[0]);
   }
 
   function mark(p, x, y) {
@@ -129,7 +129,7 @@
     order.forEach((p, i) => {
       element("path", {class: "tie", d: `M${X(p.cost) + 6} ${Y(p.y[0])}L${right + 12} ${places[i]}`}, names);
       const name = (p.chosen ? "choice: " : "") + p.name;
-      const text = element("text", {x: right + 16, y: places[i] + 4, class: (best.includes(p) ? "best" : "") + (p.out ? " out" : "")}, names, name);
+      const text = element("text", {x: right + 16, y: places[i] + 4, class: (best.includes(p) || p.chosen ? "best" : "") + (p.out ? " out" : "")}, names, name);
       for (let n = name.length; n > 3 && text.getComputedTextLength() > width - right - 18; n--)
         text.textContent = name.slice(0, n - 1) + "…";
     });
@@ -140,7 +140,7 @@
     const rank = p => p.chosen ? 0 : p.out ? 3 : best.includes(p) ? 1 : 2;
     for (const p of [...order].sort((a, b) => rank(a) - rank(b))) {
       const name = (p.chosen ? "choice: " : "") + p.name;
-      const text = element("text", {class: best.includes(p) ? "best" : ""}, names, name);
+      const text = element("text", {class: (best.includes(p) || p.chosen ? "best" : "") + (p.out ? " out" : "")}, names, name);
       for (let n = name.length; n > 3 && text.getComputedTextLength() > (right - left) * 0.6; n--) text.textContent = name.slice(0, n - 1) + "…";
       const w = text.getComputedTextLength(), x = X(p.cost), y = Y(p.y[0]), off = p.chosen ? 14 : 8;
       const place = [[x + off, y + 4], [x - off - w, y + 4], [x - w / 2, y - off - 2], [x - w / 2, y + off + 11]].find(([a, b]) =>

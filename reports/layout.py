@@ -220,9 +220,9 @@ def _html(block: Block, number: int, named: list[Heading]) -> str:
             data = json.dumps(block.data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
             there = ", ".join(f"figures/{picture.paths[1].name}" for picture in block.pictures)
             return (
-                f'<script type="application/json" id="chart-data">{data}</script>\n'
                 f'<div id="chart" class="chart"><noscript>This chart needs JavaScript; beside this page lie '
-                f"{escape(there)}.</noscript></div>"
+                f"{escape(there)}.</noscript></div>\n"
+                f'<script type="application/json" id="chart-data">{data}</script>'
             )
     return _table(block, number)
 

@@ -84,7 +84,7 @@ def assemble(
     """All blocks of the report in order, and the tables that go into CSV files; figures are drawn into ``folder``."""
     largest, left_out = largest_groups(runs)
     groups = {g: group_of(store, part, papers, folder, i) for i, (g, part) in enumerate(largest.items(), 1)}
-    choices = [considered(store, g, part, budgets) for g, part in largest.items()]
+    choices = [considered(store, g, runs, budgets) for g in largest]
     curves = curves_of(store, runs)
     beside = against(papers, runs, store)
     table = comparison(runs, papers)
@@ -137,7 +137,7 @@ COST = (
 
 
 def _titled(title: str, blocks: list[Block]) -> list[Block]:
-    return [Heading(title[0].upper() + title[1:], 3), *blocks]
+    return [Heading(title, 3), *blocks]
 
 
 def _corpora(runs: pd.DataFrame) -> str:

@@ -12,7 +12,15 @@ from reports.ranks import statistics_table
 from reports.words import bounded, count, listed, one, signed, sized, two, with_sd
 
 NAMES = {"cost": "CoST", "haart": "HAART"}
-SHARED = ["data", "subset", "protocol", "unit"]  # of published numbers that stand together
+SHARED = ["data", "subset", "protocol", "words"]  # of published numbers that stand together
+UNITS = {
+    "capture": "captures",
+    "subject mean": "captures, mean over subjects",
+    "capture vote": "captures, majority vote",
+    "window": "windows",
+    "window macro precision": "windows, macro precision",
+    "window macro recall": "windows, macro recall",
+}
 
 
 def published_blocks(beside: pd.DataFrame) -> list[Block]:
@@ -23,15 +31,14 @@ def published_blocks(beside: pd.DataFrame) -> list[Block]:
     Args:
         beside: as `reports.verdicts.against` makes it.
     """
-    beside = beside.assign(away=beside["verdict"] == "data not here")
+    units = [UNITS.get(r.unit_key, r.unit) for r in beside.itertuples()]
+    beside = beside.assign(away=beside["verdict"] == "data not here", words=units)
     together = beside.groupby(["away", *SHARED], sort=False).ngroup()
     order = np.lexsort([together, beside["data"], beside["away"]])  # the last key first
     beside = beside.iloc[order]
     frame = pd.DataFrame(
         {
-            "system": [
-                f"{r.reference}: {r.classifier} on {sized(r.features, r.n_features)}" for r in beside.itertuples()
-            ],
+            "system": [f"{r.reference}: {r.classifier}" for r in beside.itertuples()],
             "published % ± SD": [with_sd(r.published, r.published_sd) for r in beside.itertuples()],
             "ours % [95 %]": [bounded(r.ours, r.low, r.high) for r in beside.itertuples()],
             "verdict": [_verdict(r) for r in beside.itertuples()],
@@ -39,6 +46,7 @@ def published_blocks(beside: pd.DataFrame) -> list[Block]:
             "our SD": beside["ours_sd"].map(one),
             "subjects": beside["subjects"].map(count),
             "seed": beside["seed"].replace("", "-"),
+            "features": [sized(r.features, r.n_features) for r in beside.itertuples()],
             "CNN85's Table 4": [with_sd(r.table4, r.table4_sd) for r in beside.itertuples()],
         }
     )
@@ -76,7 +84,7 @@ def published_blocks(beside: pd.DataFrame) -> list[Block]:
             caption,
             marks,
             notes,
-            groups=[f"{NAMES.get(r.data, r.data)}: {r.subset}; {r.protocol}; {r.unit}" for r in beside.itertuples()],
+            groups=[f"{NAMES.get(r.data, r.data)}: {r.subset}; {r.protocol}; {r.words}" for r in beside.itertuples()],
             away=list(beside["away"]),
             switch=f"Show also the {away} published numbers on {others}, where nothing is tracked here" if away else "",
         ),
