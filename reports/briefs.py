@@ -37,10 +37,11 @@ def early(store: Store) -> str:
         measured = best.data.metrics
         if "adaptive_accuracy" not in measured:
             continue
+        early, whole = (100 * measured[name] for name in ("adaptive_accuracy", "accuracy"))
         said = (
-            f"On {context_words(best)}, {method_of(best.data.tags)} labels "
-            f"{100 * measured['adaptive_accuracy']:.1f} % of captures correctly when it decides as soon as waiting gains too "
-            f"little, after {measured['adaptive_ms']:.0f} ms of touch on average, and {100 * measured['accuracy']:.1f} % of whole captures."
+            f"On {context_words(best)}, {method_of(best.data.tags)} labels {early:.1f} % of captures correctly when it "
+            f"decides as soon as waiting gains too little, after {measured['adaptive_ms']:.0f} ms of touch on average, "
+            f"and {whole:.1f} % of whole captures."
         )
         half = f"accuracy_at_{SHOWN_MS[1]}_ms"
         soon = [r for r in runs if half in r.data.metrics]
@@ -133,5 +134,5 @@ def _many(subjects: pd.DataFrame) -> str:
     if len(behind):
         said += f"; {'both' if len(top) == 2 else 'all'} beat {listed([*behind])}"
     if between:
-        said += f"; only some of them beat {listed(between)}"
+        said += f"; only {f'{top[0]} beats' if len(top) == 2 else 'some of them beat'} {listed(between)}"
     return f"{said} {test}."

@@ -173,7 +173,6 @@ def page(blocks: list[Block], title: str) -> str:
         f'<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
-        '<link rel="icon" href="data:,">\n'
         f"<style>\n{room.joinpath('page.css').read_text(encoding='utf-8')}</style></head><body><main>\n"
         f"{text}\n</main>\n"
         f"<script>\n{room.joinpath('chart.js').read_text(encoding='utf-8')}</script>\n</body></html>\n"

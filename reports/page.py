@@ -28,6 +28,7 @@ from reports.papers import published_blocks, recomputed_blocks
 from reports.provenance import provenance, software
 from reports.sheet import write_sheet
 from reports.verdicts import against
+from reports.words import listed
 
 ROWS = 300  # of a table on the page; the CSV files hold all
 
@@ -92,9 +93,8 @@ def assemble(
     blocks: list[Block] = [Heading(f"Which recogniser to take: {_corpora(runs)}", 1), *warnings(runs)]
     blocks += [Heading("Verdict"), *(c.answer() if isinstance(c, Considered) else c for c in choices)]
     if left_out:
-        blocks.append(
-            Text(f"The {GROUPS} largest groups of runs have a verdict; these have none: {'; '.join(left_out)}.")
-        )
+        which = listed([f"“{name}”" for name in left_out])
+        blocks.append(Text(f"The {GROUPS} largest groups of runs have a verdict here; without one: {which}."))
     if drawn := [c for c in choices if isinstance(c, Considered)]:
         models = dict(zip(runs["system"], runs["model_name"], strict=True))
         chart = chart_data(drawn, models, papers)

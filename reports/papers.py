@@ -84,7 +84,7 @@ def published_blocks(beside: pd.DataFrame) -> list[Block]:
             caption,
             marks,
             notes,
-            groups=[f"{NAMES.get(r.data, r.data)}: {r.subset}; {r.protocol}; {r.words}" for r in beside.itertuples()],
+            groups=[_on(r) for r in beside.itertuples()],
             away=list(beside["away"]),
             switch=f"Show also the {away} published numbers on {others}, where nothing is tracked here" if away else "",
         ),
@@ -96,6 +96,13 @@ def published_blocks(beside: pd.DataFrame) -> list[Block]:
             "others."
         ),
     ]
+
+
+def _on(row: object) -> str:
+    """Data, subset, protocol and unit of a published number, in words."""
+    parts = {"subset": row.subset, "protocol": row.protocol, "unit": row.words}
+    told = [f"{name} not published" if text == "unknown" else text for name, text in parts.items()]
+    return f"{NAMES.get(row.data, row.data)}: {'; '.join(told)}"
 
 
 def _verdict(row: object) -> str:

@@ -97,7 +97,8 @@ def candidates(
     Args:
         store: where the runs are.
         asked: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to choose among, and
-            ``shots`` that are known of a new person; parameters of the protocol by their dotted names.
+            ``shots`` that are known of a new person; parameters of the protocol by their dotted names; or values of
+            `COMPARABLE`.
         most: milliseconds until a decision is out.
         replays: whether replayed systems are candidates; they are with ``most``.
 
@@ -119,7 +120,8 @@ def candidates(
         tracked(store)  # which says so
     runs = pd.concat(found, ignore_index=True)
     linked = _linked(runs)
-    kinds = runs[[*COMPARABLE, "protocol"]].drop_duplicates()
+    told = [] if "protocol_label" in asked else ["protocol"]  # parameters that change nothing are not in the label
+    kinds = runs[[*COMPARABLE, *told]].drop_duplicates()
     if not len(kinds):
         raise NothingTracked("no complete run is tracked for these values; make some with bench run, then choose")
     if len(kinds) > 1:

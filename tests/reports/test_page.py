@@ -304,5 +304,5 @@ def test_lengths_of_windows_in_frames_and_milliseconds(store):
 def test_markup_in_names_is_text():
     assert layout.md_escape("a|b *c* [d](e) <f>\ng") == r"a\|b \*c\* \[d\](e) \<f\> g"
     block = layout.Table(pd.DataFrame({"a": ["<b>", "x|`y`"]}), "c", code=("a",))
-    assert "<td><code>&lt;b&gt;</code></td>" in layout.page([layout.Heading("t", 1), block], "t")
+    assert '<th scope="row"><code>&lt;b&gt;</code></th>' in layout.page([layout.Heading("t", 1), block], "t")
     assert r"`` x\|`y` ``" in layout.markdown([block], Path("."))
