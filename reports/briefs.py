@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pandas as pd
 
@@ -58,14 +60,15 @@ def faults(store: Store) -> str:
     """Who loses least under faults, and to which it loses most, on the first of all comparable captures."""
     for runs in contexts(store, "stress").values():
         losses = {method_of(r.data.tags): under(r, "loss.") for r in runs}
-        met = next((set(loss) for loss in losses.values() if loss), set())
-        means = {m: 100 * np.mean([*loss.values()]) for m, loss in losses.items() if loss and set(loss) == met}
-        if not means:
+        sets = Counter(frozenset(loss) for loss in losses.values() if loss)
+        if not sets:
             continue
+        met = max(sets, key=lambda each: (sets[each], len(each)))  # most systems met these
+        means = {m: 100 * np.mean([*loss.values()]) for m, loss in losses.items() if set(loss) == met}
         least, most = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
         worst = max(losses[least], key=losses[least].__getitem__)
         least_said = f"{least} loses {means[least]:.1f} points"
-        said = f"On {context_words(runs[0])}, {least_said} of accuracy, mean over {len(met)} faults at five severities"
+        said = f"On {context_words(runs[0])}, {least_said} of accuracy, mean over {len(met)} fault{'s' * (len(met) != 1)} at five severities"
         if len(means) > 1:
             said += f", the least of {len(means)} systems (the most: {most}, {means[most]:.1f})"
         return f"{said}; most under {worst.replace('_', ' ')}, {100 * losses[least][worst]:.1f} points."

@@ -35,7 +35,7 @@ class Loads(HTMLParser):
         self.loaded += [found[k] for k in ("src", "srcset", "data", "poster", "action") if k in found]
         if tag != "a":
             self.loaded += [found[k] for k in ("href", "xlink:href") if k in found]
-        if tag not in ("meta", "br", "img"):
+        if tag not in ("meta", "br", "img", "input"):
             self.open.append(tag)
 
     def handle_startendtag(self, tag, attributes):
