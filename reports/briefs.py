@@ -67,8 +67,9 @@ def faults(store: Store) -> str:
         means = {m: 100 * np.mean([*loss.values()]) for m, loss in losses.items() if set(loss) == met}
         least, most = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
         worst = max(losses[least], key=losses[least].__getitem__)
+        met_said = f"{len(met)} fault{'s' * (len(met) != 1)}"
         least_said = f"{least} loses {means[least]:.1f} points"
-        said = f"On {context_words(runs[0])}, {least_said} of accuracy, mean over {len(met)} fault{'s' * (len(met) != 1)} at five severities"
+        said = f"On {context_words(runs[0])}, {least_said} of accuracy, mean over {met_said} at five severities"
         if len(means) > 1:
             said += f", the least of {len(means)} systems (the most: {most}, {means[most]:.1f})"
         return f"{said}; most under {worst.replace('_', ' ')}, {100 * losses[least][worst]:.1f} points."
