@@ -63,7 +63,13 @@ class Considered:
         return Answer(self.group, lines, self.command)
 
 
-def considered(store: Store, group: str, runs: pd.DataFrame, budgets: Mapping[str, float]) -> Considered | Answer:
+def considered(
+    store: Store,
+    group: str,
+    runs: pd.DataFrame,
+    budgets: Mapping[str, float],
+    runs_of: Mapping[str, pd.DataFrame] | None = None,
+) -> Considered | Answer:
     """What was chosen among the systems of a group, or why nothing can be.
 
     Args:
@@ -71,10 +77,12 @@ def considered(store: Store, group: str, runs: pd.DataFrame, budgets: Mapping[st
         group: in words.
         runs: all that are tracked, as `bench.outcomes.runs.with_groups` makes them.
         budgets: the most of each cost, in the units of `bench.quantities.COSTS`.
+        runs_of: `bench.outcomes.runs.tracked` by kind, where somebody has read it.
     """
     first = runs[runs["group"] == group].iloc[0].to_dict()
     try:
-        table, _, subjects = candidates(store, {name: [first[name]] for name in COMPARABLE}, budgets.get("decision"))
+        asked = {name: [first[name]] for name in COMPARABLE}
+        table, _, subjects = candidates(store, asked, budgets.get("decision"), runs_of=runs_of)
     except InputError as e:
         return Answer(group, [f"Nothing can be chosen here: {e}."])
     choice = decide(table, subjects, BY, dict(budgets), None)

@@ -10,7 +10,7 @@ import pandas as pd
 
 from bench.outcomes import scores, statistics
 from bench.outcomes.comparable import COMPARABLE, facts_of, seed_number
-from bench.outcomes.runs import NothingTracked, by_subject, predictions, rows_of, tracked
+from bench.outcomes.runs import by_subject, predictions, rows_of
 from bench.outcomes.store import Store
 from reports import curves, details, ranks, speed
 from reports.figures import Picture
@@ -64,12 +64,15 @@ def largest_groups(runs: pd.DataFrame) -> tuple[dict[str, pd.DataFrame], list[st
     return {g: runs[runs["group"] == g] for g in order[:GROUPS]}, list(order[GROUPS:])
 
 
-def group_of(store: Store, runs: pd.DataFrame, papers: pd.DataFrame, folder: Path, number: int) -> Group:
+def group_of(
+    store: Store, runs: pd.DataFrame, chips: pd.DataFrame | None, papers: pd.DataFrame, folder: Path, number: int
+) -> Group:
     """Statistics and figures of the runs of one group.
 
     Args:
         store: where they are.
         runs: of the group, as `bench.outcomes.runs.with_groups` makes them.
+        chips: all runs of ``bench chip``, None where there is none.
         papers: `reports.comparison.published`.
         folder: where figures go.
         number: of the group, in the names of files.
@@ -99,8 +102,8 @@ def group_of(store: Store, runs: pd.DataFrame, papers: pd.DataFrame, folder: Pat
         compared.append(ranks.difference_diagram(tested, group, folder, f"{name}-ranks", len(subjects) - len(kept)))
         rows = rows.assign(mean_rank=rows["system"].map(tested.mean), friedman_p=tested.p)
     points = speed.points(runs, subjects, papers)
-    if len(chips := on_chip(store, runs)):
-        found = speed.chip_points(chips, lambda runs: by_subject(store, runs)[0])
+    if chips is not None and len(own := chips.merge(runs[[*COMPARABLE]].drop_duplicates(), on=[*COMPARABLE])):
+        found = speed.chip_points(own, lambda runs: by_subject(store, runs)[0])
         points = pd.concat([points, found]).sort_values("accuracy", ascending=False, ignore_index=True)
     return Group(
         subjects,
@@ -111,15 +114,6 @@ def group_of(store: Store, runs: pd.DataFrame, papers: pd.DataFrame, folder: Pat
         [speed.speed_chart(points, group, folder, f"{name}-speed")],
         detail_figures(store, runs, subjects, group, folder, name),
     )
-
-
-def on_chip(store: Store, group: pd.DataFrame) -> pd.DataFrame:
-    """Runs of systems as C on the captures and under the protocol of a group; none where nothing was exported."""
-    try:
-        runs = tracked(store, "chip")
-    except NothingTracked:
-        return pd.DataFrame()
-    return runs.merge(group[[*COMPARABLE]].drop_duplicates(), on=[*COMPARABLE])
 
 
 def fold_table(store: Store, runs: pd.DataFrame, kept: pd.DataFrame, ratio: float | None) -> pd.DataFrame | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.outcomes import statistics
-from bench.outcomes.runs import NothingTracked, tracked, with_groups
+from bench.outcomes.runs import of_kinds, tracked, with_groups
 from bench.outcomes.store import Store
 from bench.scratch import owner, sweep
 from reports import behaviour, recomputed
@@ -83,9 +82,13 @@ def assemble(
     store: Store, runs: pd.DataFrame, papers: pd.DataFrame, folder: Path, budgets: Mapping[str, float]
 ) -> tuple[list[Block], dict[str, pd.DataFrame]]:
     """All blocks of the report in order, and the tables that go into CSV files; figures are drawn into ``folder``."""
+    others = of_kinds(store, ("stress", "stream", "chip"))
     largest, left_out = largest_groups(runs)
-    groups = {g: group_of(store, part, papers, folder, i) for i, (g, part) in enumerate(largest.items(), 1)}
-    choices = [considered(store, g, runs, budgets) for g in largest]
+    groups = {
+        g: group_of(store, part, others.get("chip"), papers, folder, i)
+        for i, (g, part) in enumerate(largest.items(), 1)
+    }
+    choices = [considered(store, g, runs, budgets, others | {"cell": runs}) for g in largest]
     curves = curves_of(store, runs)
     beside = against(papers, runs, store)
     table = comparison(runs, papers)
@@ -113,11 +116,7 @@ def assemble(
         "Published numbers, recomputed": recomputed_blocks(papers),
     }.items():
         blocks += [Heading(title), *found] if found else []
-    everything = [runs]
-    for kind in ("stress", "stream", "chip"):
-        with suppress(NothingTracked):
-            everything.append(with_groups(tracked(store, kind)))
-    from_runs = provenance(pd.concat(everything, ignore_index=True))
+    from_runs = provenance(pd.concat([runs, *map(with_groups, others.values())], ignore_index=True))
     blocks += [Heading("Provenance"), *provenance_blocks(runs, from_runs)]
     rows = [group.rows.assign(group=name) for name, group in groups.items()]
     return blocks, {

@@ -59,9 +59,11 @@ def published_blocks(beside: pd.DataFrame) -> list[Block]:
     judged = beside[beside["ours"].notna()]
     counts = judged["verdict"].value_counts()
     said = [f"{n} {verdict}" for verdict, n in counts.items()]
-    elsewhere = sorted(set(beside.loc[beside["away"], "data"]))
-    away = int(beside["away"].sum())
-    others = listed([NAMES.get(name, name) for name in elsewhere])
+    elsewhere = [NAMES.get(name, name) for name in sorted(set(beside.loc[beside["away"], "data"]))]
+    switch = ""
+    if elsewhere:
+        count_away = int(beside["away"].sum())
+        switch = f"Show also the {count_away} published numbers on {listed(elsewhere)}, where nothing is tracked here"
     return [
         Text(
             f"{len(judged)} of our results stand beside a published number: {listed(said)}."
@@ -86,7 +88,7 @@ def published_blocks(beside: pd.DataFrame) -> list[Block]:
             notes,
             groups=[_on(r) for r in beside.itertuples()],
             away=list(beside["away"]),
-            switch=f"Show also the {away} published numbers on {others}, where nothing is tracked here" if away else "",
+            switch=switch,
         ),
         Text(
             "The verdict compares the printed number with the 95 % interval of ours: within interval, above (ours "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +12,7 @@ from scipy.stats import ttest_1samp
 from bench.errors import InputError
 from bench.outcomes import scores
 from bench.outcomes.comparable import COMPARABLE, Row, context_of
-from bench.outcomes.runs import NothingTracked, needed, rows_of, subject_accuracy, tracked
+from bench.outcomes.runs import NothingTracked, needed, of_kinds, rows_of, subject_accuracy, tracked
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
 from bench.quantities import COSTS
@@ -85,7 +84,11 @@ class Choice:
 
 
 def candidates(
-    store: Store, asked: Mapping[str, list[str]], most: float | None = None, replays: bool = False
+    store: Store,
+    asked: Mapping[str, list[str]],
+    most: float | None = None,
+    replays: bool = False,
+    runs_of: Mapping[str, pd.DataFrame] | None = None,
 ) -> tuple[pd.DataFrame, str, pd.DataFrame]:
     """Every way in which a tracked system labels what it is given.
 
@@ -101,6 +104,7 @@ def candidates(
             `COMPARABLE`.
         most: milliseconds until a decision is out.
         replays: whether replayed systems are candidates; they are with ``most``.
+        runs_of: `bench.outcomes.runs.tracked` by kind, where somebody has read it.
 
     Returns:
         One row per candidate (``system``, ``unit``, ``accuracy`` in percent as a mean over subjects, ``flash`` and
@@ -112,10 +116,9 @@ def candidates(
         NothingTracked: no complete run is tracked for these values.
         InputError: runs on several corpora or protocols are, or a table of one is gone.
     """
-    found = []
-    for kind in ["cell", "chip", *(["stream"] if most is not None or replays else [])]:
-        with suppress(NothingTracked):
-            found.append(_asked(tracked(store, kind), asked))
+    read = ["cell", "chip", *(["stream"] if most is not None or replays else [])]
+    runs_of = of_kinds(store, read) if runs_of is None else runs_of
+    found = [_asked(runs_of[kind], asked) for kind in read if kind in runs_of]
     if not found:
         tracked(store)  # which says so
     runs = pd.concat(found, ignore_index=True)

@@ -239,6 +239,18 @@ def test_published_numbers_stand_beside_the_runs_they_belong_to(store):
     assert table.loc["synth (synthetic)", "published"] == ""
 
 
+def test_numbers_on_corpora_that_nothing_is_tracked_on_wait_behind_a_switch(quick, store):
+    for corpora, hidden in ((["haart"], {"CoST"}), (["cost"], set())):
+        for data in corpora:
+            tracked_run(store, "ta2015_rf", made_up(7), data=data, synthetic="false", protocol="challenge")
+        report(store)
+        text, _ = read()
+        groups = re.findall(r'<tbody( class="away")?>(?:\s*)<tr class="group"><th[^>]*><span>(CoST|HAART): ', text)
+        assert {name for away, name in groups if away} == hidden and {name for _, name in groups} == {"CoST", "HAART"}
+        assert ('type="checkbox"' in text) == bool(hidden)
+    assert "2 of our results stand beside a published number" in text
+
+
 def test_the_command_of_a_run_is_what_was_tracked():
     told = {
         "touchbench.command": "stress",
