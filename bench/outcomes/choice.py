@@ -123,8 +123,8 @@ def candidates(
         tracked(store)  # which says so
     runs = pd.concat(found, ignore_index=True)
     linked = _linked(runs)
-    told = [] if "protocol_label" in asked else ["protocol"]  # parameters that change nothing are not in the label
-    kinds = runs[[*COMPARABLE, *told]].drop_duplicates()
+    named = [] if "protocol_label" in asked else ["protocol"]  # parameters that change nothing are not in the label
+    kinds = runs[[*COMPARABLE, *named]].drop_duplicates()
     if not len(kinds):
         raise NothingTracked("no complete run is tracked for these values; make some with bench run, then choose")
     if len(kinds) > 1:
