@@ -193,15 +193,15 @@ def _units(store: Store, run: Row, within: float | None) -> dict[str, tuple[dict
         return own.rename(index=str) * 100
 
     size = {name: run.get(f"{name}_bytes", np.nan) / 1000 for name in ("flash", "ram")}
-    whole = size | {"predict": run["predict_ms_p50"], "decision": run["capture_decision_ms"]}
-    if run["touchbench.kind"] == "cell" and not run.get("windows", 0) > 0 and (told := subject_accuracy(store, run)):
-        return {"capture": (whole, pd.Series(told))}  # of hundreds of runs, reading predictions takes a minute
-    table = pd.read_parquet(needed(store, run, "predictions.parquet"))
-    if run["touchbench.kind"] == "chip":
+    path, kind = needed(store, run, "predictions.parquet"), run["touchbench.kind"]
+    if kind == "cell" and not run.get("windows", 0) > 0 and (told := subject_accuracy(store, run)):
+        return {"capture": (_whole(run, size), pd.Series(told))}  # reading the predictions of 1000 runs takes a minute
+    table = pd.read_parquet(path)
+    if kind == "chip":
         cost = {name: run[f"chip_{name}_bytes"] / 1000 for name in ("flash", "ram")}
         cost["cycles"] = run["chip_most_instructions"] / 1000
         return {f"in C, {run['chip.bits']} bits": (cost, of(scores.captures(table)))}
-    if run["touchbench.kind"] == "stream":
+    if kind == "stream":
         instants = pd.read_csv(needed(store, run, "instants.csv"))["ms"]
         seen = np.sort(table["instant"].unique())  # frames
         soon = instants.index if within is None else instants.index[instants <= within][-1:]
@@ -214,11 +214,16 @@ def _units(store: Store, run: Row, within: float | None) -> dict[str, tuple[dict
             )
             for i in chosen
         }
-    found = {"capture": (whole, of(scores.captures(table)))}
+    found = {"capture": (_whole(run, size), of(scores.captures(table)))}
     if run.get("windows", 0) > 0:
         window = size | {"predict": run["decide_ms_p50"], "decision": run["decision_ms"]}
         found["window"] = window, of(scores.windows(table))
     return found
+
+
+def _whole(run: Row, size: dict[str, float]) -> dict[str, float]:
+    """Costs of labelling whole captures."""
+    return size | {"predict": run["predict_ms_p50"], "decision": run["capture_decision_ms"]}
 
 
 def decide(
