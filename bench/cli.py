@@ -265,13 +265,13 @@ bench data export synth out.csv format=cost subjects=31 repetitions=6
                                                 any corpus with CoST's columns, in the format of CoST.csv
 """
 REPORT = """\
-bench report [out=report]
+bench report [out=report] [max_flash=64kB] [max_ram=32kB] [max_predict=5ms] [max_decision=500ms] [max_cycles=1M]
 
-Rebuilds the published comparison from MLflow and the papers' numbers alone, into the folder out=:
+Writes what is tracked, with the papers' numbers, into the folder out=:
 
-  index.html      everything on one page that loads nothing: every published number beside ours with a verdict, the
-                  papers' tables recomputed, all runs, an interactive chart of accuracy against each cost, paired
-                  statistics, figures, and the command behind every row
+  index.html      one page that loads nothing: the verdict of bench choose within the budgets, a chart of accuracy
+                  against each cost, all runs, what was found in a sentence each, every published number beside ours,
+                  figures, paired statistics, the papers' tables recomputed, and the command behind every row
   comparison.md   the same as markdown
   comparison.tex  a LaTeX table for each corpus, subset, protocol and unit, with booktabs
   *.csv           comparison (all runs), published, recomputed, statistics, provenance
@@ -357,9 +357,9 @@ COMMANDS = {
     "systems": ("bench.commands.systems:systems", "list published numbers and the commands that repeat them", SYSTEMS),
     "extract": ("bench.commands.extract:extract", "write a table of features", EXTRACT),
     "data": ("bench.commands.data:data", "list, import, look at, verify and export corpora", DATA),
-    "report": ("bench.commands.report:report", "rebuild the published comparison from MLflow", REPORT),
     "submit": ("bench.commands.leaderboard:submit", "write a stored run as an answer to a frozen task", SUBMIT),
     "leaderboard": ("bench.commands.leaderboard:leaderboard", "rescore submissions into one page", LEADERBOARD),
+    "report": ("bench.commands.report:report", "the verdict, all runs and published numbers on one page", REPORT),
     "gallery": ("bench.commands.gallery:gallery", "draw every kind of figure, from generated captures", GALLERY),
     "demo": ("bench.commands.demo:demo", "see the way to a verdict in two minutes, on generated captures", DEMO),
     "ui": ("bench.commands.report:ui", "open MLflow's page on the runs", UI),

@@ -23,7 +23,7 @@ def stress_blocks(store: Store, folder: Path) -> list[Block]:
     """The loss under each fault, and where each method fails first, of the newest complete stress runs."""
     blocks: list[Block] = []
     for number, (context, runs) in enumerate(contexts(store, "stress").items(), 1):
-        losses = pd.DataFrame({method_of(r.data.tags): _under(r, "loss.") for r in runs}).T
+        losses = pd.DataFrame({method_of(r.data.tags): under(r, "loss.") for r in runs}).T
         clean = [r.data.metrics["accuracy"] for r in runs]
         caption = "Points of accuracy lost under each fault, mean over five severities: the costliest fault first."
         if losses.size:  # else learning curves alone
@@ -68,38 +68,40 @@ def contexts(store: Store, kind: str) -> dict[str, list[Run]]:
     """
     runs = store.of_kind(kind, finished=True)
     groups: dict[tuple, dict[str, Run]] = {}
-    for run in sorted(runs, key=lambda r: (seed_number(r.data.tags["seed"]), -len(_under(r, "loss.")))):
+    for run in sorted(runs, key=lambda r: (seed_number(r.data.tags["seed"]), -len(under(r, "loss.")))):
         same = comparable(run.data.params | run.data.tags)
         groups.setdefault(same, {}).setdefault(run.data.tags["system"], run)
     ordered = sorted(groups.values(), key=lambda g: (next(iter(g.values())).data.tags["synthetic"], -len(g)))
     found = {}
     for members in ordered[:CONTEXTS]:
         best = sorted(members.values(), key=lambda r: -r.data.metrics["accuracy"])[:METHODS]
-        found[_context(best[0], len(members) - len(best))] = best
+        left_out = len(members) - len(best)
+        found[context_words(best[0]) + (f", {left_out} less accurate methods left out" if left_out else "")] = best
     return found
 
 
-def _context(run: Run, left_out: int) -> str:
+def context_words(run: Run) -> str:
+    """What a run is on, and how captures were replayed."""
     params = run.data.params
     parts = [*context_of(run.data.tags)]
     parts += ["from the middle of the capture"] if params.get("stream.start") == "middle" else []
     parts += [f"a decision every {hop} ms"] if (hop := params.get("stream.hop_ms", "None")) != "None" else []
-    parts += [f"{left_out} less accurate methods left out"] if left_out else []
     return ", ".join(parts)
 
 
-def _under(run: Run, prefix: str) -> dict[str, float]:
+def under(run: Run, prefix: str) -> dict[str, float]:
+    """Metrics of a run whose names begin alike, by the rest of their names."""
     return {k.removeprefix(prefix): v for k, v in run.data.metrics.items() if k.startswith(prefix)}
 
 
 def _failing(run: Run) -> dict[str, str]:
-    measured, halves = run.data.metrics, sorted(_under(run, "half_margin.").items(), key=lambda item: item[1])
+    measured, halves = run.data.metrics, sorted(under(run, "half_margin.").items(), key=lambda item: item[1])
     return {
         "method": method_of(run.data.tags),
         "clean %": f"{100 * measured['accuracy']:.1f}",
         "half of the margin is lost at": ", ".join(f"{k.replace('_', ' ')} {v:.1f}" for k, v in halves) or "nowhere",
         "failing of tested slices": f"{measured['failing_slices']:.0f} of {measured['tested_slices']:.0f}",
-        **{f"worst {k}": f"{100 * v:.1f}" for k, v in _under(run, "worst.").items()},
+        **{f"worst {k}": f"{100 * v:.1f}" for k, v in under(run, "worst.").items()},
     }
 
 

@@ -86,27 +86,31 @@ def _published(run: dict, unit: str, numbers: dict[tuple, list]) -> str:
 
 
 def shown(table: pd.DataFrame) -> pd.DataFrame:
-    """The same as text, for people."""
+    """The same as text, for people who know the group of each row."""
     return pd.DataFrame(
         {
             "system": table["system"],
-            "data": table["data"],
-            "subset": table["subset"],
-            "protocol": table["protocol"],
+            "accuracy % [95 %]": [_with_interval(r) for r in table.itertuples()],
             "unit": table["unit"],
             "seed": table["seed"],
-            "accuracy % [95 %]": [_with_interval(r) for r in table.itertuples()],
-            "subjects: mean ± SD": [_with_sd(r) for r in table.itertuples()],
-            "n": table["subjects"].map(_whole),
-            "macro-F1 %": table["macro_f1"].map("{:.1f}".format),
-            "fit s": table["fit_seconds"].map("{:.2f}".format),
+            "flash kB": (table["flash_bytes"] / 1e3).map(_three),
+            "RAM kB": (table["ram_bytes"] / 1e3).map(_three),
             "predict ms p50 / p95": [f"{r.predict_ms_p50:.2f} / {r.predict_ms_p95:.2f}" for r in table.itertuples()],
             "decision ms": table["decision_ms"].map("{:.0f}".format),
+            "fit s": table["fit_seconds"].map("{:.2f}".format),
+            "macro-F1 %": table["macro_f1"].map("{:.1f}".format),
+            "subjects: mean ± SD": [_with_sd(r) for r in table.itertuples()],
+            "n": table["subjects"].map(_whole),
             "parameters": table["parameters"].map(_whole),
             "published %": table["published"].replace("", "-"),
             "folds": table["folds"],
         }
     )
+
+
+def _three(number: float) -> str:
+    """With three digits that count."""
+    return "-" if pd.isna(number) else f"{number:.3g}" if number < 100 else _whole(number)
 
 
 def _whole(number: float) -> str:

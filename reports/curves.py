@@ -55,19 +55,17 @@ def training_figure(found: dict[str, dict], group: str, folder: Path, name: str)
             for values in history.get(metric, {}).values():
                 ax.plot(*values.T, color="tab:blue", alpha=0.55, linewidth=0.9, marker="." if len(values) < 3 else None)
             if metric not in history:
-                ax.text(
-                    0.5, 0.5, f"{metric}: not tracked", transform=ax.transAxes, ha="center", fontsize=8, color="0.5"
-                )
+                ax.text(0.5, 0.5, f"{metric}: not tracked", transform=ax.transAxes, ha="center", color="0.5")
                 ax.set_axis_off()
             elif metric == "rate":
                 ax.set_yscale("log")
                 ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
                 ax.yaxis.set_major_formatter("{x:g}")
                 ax.yaxis.set_minor_formatter(NullFormatter())
-            ax.set_ylabel(HISTORY[metric].replace("held-out ", "held-out\n"), fontsize=8)
+            ax.set_ylabel(HISTORY[metric].replace("held-out ", "held-out\n"))
             ax.grid(alpha=0.25)
-        axes[0, column].set_title(plain([system])[0], fontsize=8)
-        axes[-1, column].set_xlabel("epoch", fontsize=9)
+        axes[0, column].set_title(plain([system])[0])
+        axes[-1, column].set_xlabel("epoch")
     return save(figure, folder, name, "training", group, CAPTION)
 
 
@@ -138,11 +136,11 @@ def length_figure(found: dict[str, pd.DataFrame], group: str, folder: Path, name
     table = next(iter(found.values()))
     ms = table["ms"].iloc[0] / table["frames"].iloc[0]
     above = ax.secondary_xaxis("top", functions=(lambda f: f * ms, lambda t: t / ms))
-    above.set_xlabel("ms", fontsize=9)
-    ax.set_xlabel("frames of a window", fontsize=9)
-    ax.set_ylabel("captures labelled correctly, %", fontsize=9)
+    above.set_xlabel("ms")
+    ax.set_xlabel("frames of a window")
+    ax.set_ylabel("captures labelled correctly, %")
     ax.grid(alpha=0.25)
-    ax.legend(fontsize=8, frameon=False)
+    ax.legend(frameon=False)
     caption = (
         "Captures labelled correctly by window length, with 95 % bootstrap intervals over subjects. A length picked "
         "from this curve has seen the test subjects; bench choose picks it inside the training part."

@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 
 from bench.outcomes import scores
-from reports.figures import LINE, MARKERS, Picture, new_figure, plain, save, width_of
+from reports.figures import LINE, MARKERS, WIDEST, Picture, new_figure, plain, save, width_of
 
 BINS = 10
 WRITTEN = 20  # classes up to which the numbers fit into their cells
 
 
 def confusion_figure(counts: pd.DataFrame, system: str, group: str, folder: Path, name: str) -> Picture:
-    """Counts and percent of each true class, side by side.
+    """Counts and percent of each true class, side by side or, of many classes, one above the other.
 
     Args:
         counts: of captures [true, predicted].
@@ -29,16 +29,20 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str, folder: Path
     k = len(counts)
     side = max(2.4, 0.34 * min(k, WRITTEN))
     edge = width_of(counts.columns) + 0.4
-    size = (2 * side + 2 * edge + 0.4, side + edge + 0.75)
-    figure, axes = new_figure(size, (1, 2), (edge, 0.2, edge, 0.75), (edge + 0.2, 0), f"{plain([system])[0]}\n{group}")
-    for ax, shown, words in zip(axes[0], (values, share), ("captures", "% of the true gesture"), strict=True):
+    title = f"{plain([system])[0]}\n{group}"
+    margins, between = (edge, 0.2, edge, 0.75), (edge + 0.2, edge + 0.4)
+    if 2 * (side + edge) + 0.4 <= WIDEST:
+        figure, axes = new_figure((2 * (side + edge) + 0.4, side + edge + 0.75), (1, 2), margins, between, title)
+    else:
+        figure, axes = new_figure((side + edge + 0.2, 2 * (side + edge) + 1.15), (2, 1), margins, between, title)
+    for ax, shown, words in zip(axes.flat, (values, share), ("captures", "% of the true gesture"), strict=True):
         ax.pcolormesh(np.arange(k + 1) - 0.5, np.arange(k + 1) - 0.5, share, cmap="Blues", vmin=0, vmax=100)
         ax.set(aspect="equal", ylim=(k - 0.5, -0.5))
-        ax.set_xticks(np.arange(k), plain(counts.columns), rotation=90, fontsize=8)
-        ax.set_yticks(np.arange(k), plain(counts.index), fontsize=8)
-        ax.set_xlabel("predicted", fontsize=9)
-        ax.set_ylabel("true", fontsize=9)
-        ax.set_title(words, fontsize=9)
+        ax.set_xticks(np.arange(k), plain(counts.columns), rotation=90)
+        ax.set_yticks(np.arange(k), plain(counts.index))
+        ax.set_xlabel("predicted")
+        ax.set_ylabel("true")
+        ax.set_title(words)
         if k <= WRITTEN:
             for i, j in np.ndindex(k, k):
                 if shown[i, j]:
@@ -48,7 +52,6 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str, folder: Path
                         f"{shown[i, j]:.0f}",
                         ha="center",
                         va="center",
-                        fontsize=7,
                         color="white" if share[i, j] > 60 else "black",
                     )
     unwritten = "" if k <= WRITTEN else " The numbers are in the run's confusion.csv."
@@ -96,7 +99,7 @@ def gesture_figure(tables: dict[str, pd.DataFrame], group: str, folder: Path, na
     """
     classes = list(next(iter(tables.values())).index)
     size = (9, LINE * 1.2 * len(classes) * max(2, len(tables)) + 0.9 + 0.25 * len(tables))
-    margins = (width_of(classes, 9) + 0.25, 0.15, 0.55 + 0.25 * len(tables), 0.35)
+    margins = (width_of(classes) + 0.25, 0.15, 0.55 + 0.25 * len(tables), 0.35)
     figure, axes = new_figure(size, margins=margins, title=group)
     ax = axes[0, 0]
     for i, (system, table) in enumerate(tables.items()):
@@ -114,12 +117,12 @@ def gesture_figure(tables: dict[str, pd.DataFrame], group: str, folder: Path, na
             capsize=2,
             label=plain([system])[0],
         )
-    ax.set_yticks(np.arange(len(classes)), plain(classes), fontsize=9)
+    ax.set_yticks(np.arange(len(classes)), plain(classes))
     ax.set_ylim(len(classes) - 0.4, -0.6)
     ax.set_xlim(-2, 102)
-    ax.set_xlabel("captures of the gesture labelled correctly, %", fontsize=9)
+    ax.set_xlabel("captures of the gesture labelled correctly, %")
     ax.grid(axis="x", alpha=0.25)
-    figure.legend(loc="lower center", ncols=1, fontsize=8, frameon=False)
+    figure.legend(loc="lower center", ncols=1, frameon=False)
     caption = "Captures of each gesture labelled correctly, with 95 % bootstrap intervals over subjects, one seed each."
     return save(figure, folder, name, "gestures", group, caption)
 
@@ -164,9 +167,9 @@ def calibration_figure(
         ax.plot(table["confidence"], table["accuracy"], color=f"C{i}", linewidth=1)
         ax.scatter(table["confidence"], table["accuracy"], 10 + 150 * table["n"] / table["n"].sum(), f"C{i}")
         ax.set(xlim=(-0.04, 1.06), ylim=(-0.04, 1.06), aspect="equal")
-        ax.set_title(f"{plain([system])[0]}\nexpected calibration error {gap:.3f}", fontsize=8)
-        ax.set_xlabel("highest probability", fontsize=9)
-        ax.set_ylabel("share labelled correctly", fontsize=9)
+        ax.set_title(f"{plain([system])[0]}\nexpected calibration error {gap:.3f}")
+        ax.set_xlabel("highest probability")
+        ax.set_ylabel("share labelled correctly")
         ax.grid(alpha=0.25)
     caption = (
         "Reliability of the probabilities of whole captures in ten bins; the area of a dot is its share of captures, "

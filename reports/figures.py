@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SYNTHETIC = "synthetic captures, not people"
-LINE = 0.165  # inches that a line of 8 point text needs
+TEXT = 9  # points of all words and numbers of a figure; the page draws all figures on one scale
+WIDEST = 11.0  # inches that a page of 1200 pixels has room for
+LINE = 0.175  # inches that a line of it needs
 MARKERS = "osD^v"
 
 
@@ -83,23 +85,28 @@ def new_figure(
         },
     )
     if title:
-        figure.suptitle(title.replace("$", r"\$"), fontsize=9, y=1 - 0.08 / height, va="top")
+        figure.suptitle(title.replace("$", r"\$"), y=1 - 0.08 / height, va="top")
     return figure, axes
 
 
-def width_of(names: Iterable[str], size: float = 8) -> float:
+def width_of(names: Iterable[str]) -> float:
     """Inches that the longest of some names takes, about."""
-    return max(map(len, plain(names)), default=0) * size * 0.0088
+    return max(map(len, plain(names)), default=0) * TEXT * 0.0088
 
 
 def save(figure: Figure, folder: Path, name: str, kind: str, group: str, caption: str) -> Picture:
-    """Write a figure as PNG and SVG; one of generated captures says so on its face."""
+    """Write a figure as PNG and SVG, all its text in one size; one of generated captures says so on its face."""
     import matplotlib
+    from matplotlib.text import Text
 
     if "(synthetic)" in group:
         mark(figure)
         caption = f"{caption} Synthetic: generated captures, not people."
     picture = Picture(name, kind, group, caption, folder)
+    for ax in figure.axes:
+        ax.tick_params(labelsize=TEXT)  # of ticks that are made while it is drawn, too
+    for text in figure.findobj(Text):
+        text.set_fontsize(TEXT)
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "touchbench"}):
         figure.savefig(picture.paths[1], metadata={"Date": None})
         figure.savefig(picture.paths[0], dpi=110)
@@ -108,7 +115,7 @@ def save(figure: Figure, folder: Path, name: str, kind: str, group: str, caption
 
 def mark(figure: Figure) -> None:
     """Say on the face of a figure that its captures were generated."""
-    figure.text(0.995, 0.004, SYNTHETIC, fontsize=8, color="0.4", ha="right", va="bottom", style="italic")
+    figure.text(0.995, 0.004, SYNTHETIC, fontsize=TEXT, color="0.4", ha="right", va="bottom", style="italic")
 
 
 def spread(values: np.ndarray, gap: float, low: float, high: float) -> np.ndarray:

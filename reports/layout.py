@@ -44,6 +44,9 @@ class Table:
         marks: for each row, the numbers of its footnotes.
         notes: the footnotes, from 1.
         code: columns that hold commands.
+        groups: for each row, what it shares with its neighbours, which stands above them.
+        away: for each row, whether the page shows it only when asked to.
+        switch: the words to ask with.
     """
 
     frame: pd.DataFrame
@@ -51,13 +54,33 @@ class Table:
     marks: list[list[int]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     code: tuple[str, ...] = ()
+    groups: list[str] = field(default_factory=list)
+    away: list[bool] = field(default_factory=list)
+    switch: str = ""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a reader came for: a sentence, its reasons, and the command that gives the same."""
+
+    title: str
+    lines: list[str]
+    command: str = ""
+
+
+@dataclass(frozen=True)
+class Briefs:
+    """Findings in a sentence each, by the heading under which there is more."""
+
+    sentences: list[tuple[str, str]]
 
 
 @dataclass(frozen=True)
 class Chart:
-    """The interactive chart of `reports.speed.chart_data`."""
+    """The interactive chart of `reports.candidates.chart_data`; where there is no script, pictures stand for it."""
 
     data: dict[str, object]
+    pictures: list[Picture] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -68,7 +91,7 @@ class Animation:
     caption: str
 
 
-Block = Heading | Text | Table | Picture | Chart | Animation
+Block = Heading | Text | Answer | Briefs | Table | Picture | Chart | Animation
 
 
 def footnotes(texts: list[list[str]]) -> tuple[list[list[int]], list[str]]:
@@ -78,8 +101,8 @@ def footnotes(texts: list[list[str]]) -> tuple[list[list[int]], list[str]]:
 
 
 def markdown(blocks: list[Block], folder: Path) -> str:
-    """The blocks as markdown; figures are linked relative to ``folder``, the interactive chart is left out."""
-    return "\n\n".join(_markdown(b, folder) for b in blocks if not isinstance(b, Chart)) + "\n"
+    """The blocks as markdown; figures are linked relative to ``folder``, pictures stand for the interactive chart."""
+    return "\n\n".join(filter(None, (_markdown(b, folder) for b in blocks))) + "\n"
 
 
 def _markdown(block: Block, folder: Path) -> str:
@@ -91,6 +114,13 @@ def _markdown(block: Block, folder: Path) -> str:
         case Picture() | Animation():
             path = block.path if isinstance(block, Animation) else block.paths[0]
             return f"![{md_escape(block.caption)}]({path.relative_to(folder).as_posix()})"
+        case Chart():
+            return "\n\n".join(_markdown(picture, folder) for picture in block.pictures)
+        case Answer():
+            said = [f"**{md_escape(block.title)}**", *map(md_escape, block.lines)]
+            return "\n\n".join(said + ([_code(block.command)] if block.command else []))
+        case Briefs():
+            return "\n".join(f"- **{md_escape(topic)}.** {md_escape(text)}" for topic, text in block.sentences)
     lines = [md_escape(block.caption), "", md_table(_with_marks(block), block.code)]
     if block.notes:
         lines += ["", *(f"{i}. {md_escape(note)}" for i, note in enumerate(block.notes, 1))]
@@ -119,25 +149,32 @@ def _code(text: str) -> str:
 
 
 def _with_marks(block: Table) -> pd.DataFrame:
-    if not any(block.marks):
-        return block.frame
-    return block.frame.assign(notes=[", ".join(map(str, m)) for m in block.marks])
+    """The table as plain rows: what groups them is a column, so are the numbers of footnotes."""
+    frame = block.frame.assign(notes=[", ".join(map(str, m)) for m in block.marks]) if any(block.marks) else block.frame
+    if not block.groups:
+        return frame
+    return pd.concat([pd.Series(block.groups, frame.index, name="on"), frame], axis=1)
 
 
 def page(blocks: list[Block], title: str) -> str:
-    """The blocks as one HTML page: styles, script and figures are in it, nothing is loaded from anywhere."""
+    """The blocks as one HTML page: styles, script and figures are in it, nothing is loaded from anywhere.
+
+    Its contents stand behind the first section, so that nothing comes before what a reader came for.
+    """
     room = files("reports")
-    headings = [b for b in blocks if isinstance(b, Heading) and b.level == 2]
-    links = "".join(f'<li><a href="#{anchor(h.text)}">{escape(h.text)}</a></li>' for h in headings)
-    body = "\n".join(_html(b, i) for i, b in enumerate(blocks))
-    first, _, rest = body.partition("</h1>")
+    named = [b for b in blocks if isinstance(b, Heading) and b.level == 2]
+    links = "".join(f'<li><a href="#{anchor(h.text)}">{escape(h.text)}</a></li>' for h in named)
+    body = [_html(b, i, named) for i, b in enumerate(blocks)]
+    if len(named) > 2:
+        body.insert(blocks.index(named[1]), f'<nav aria-label="Contents"><ul>{links}</ul></nav>')
+    text = "\n".join(body)
     return (
         "<!doctype html>\n"
         f'<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
-        f"<style>\n{room.joinpath('page.css').read_text(encoding='utf-8')}</style></head><body>\n"
-        f"{first}</h1><nav><ul>{links}</ul></nav>{rest}\n"
+        f"<style>\n{room.joinpath('page.css').read_text(encoding='utf-8')}</style></head><body><main>\n"
+        f"{text}\n</main>\n"
         f"<script>\n{room.joinpath('chart.js').read_text(encoding='utf-8')}</script>\n</body></html>\n"
     )
 
@@ -147,13 +184,30 @@ def anchor(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
-def _html(block: Block, number: int) -> str:
+def _html(block: Block, number: int, named: list[Heading]) -> str:
     match block:
         case Heading():
             name = f' id="{anchor(block.text)}"' if block.level == 2 else ""
             return f"<h{block.level}{name}>{escape(block.text)}</h{block.level}>"
         case Text():
             return f'<p class="warning">{escape(block.text)}</p>' if block.warning else f"<p>{escape(block.text)}</p>"
+        case Answer():
+            first, *rest = block.lines
+            told = "".join(f"<p>{escape(line)}</p>" for line in rest)
+            again = f"<p>The same in a terminal: <code>{escape(block.command)}</code></p>" if block.command else ""
+            return (
+                f'<div class="answer"><h3>{escape(block.title)}</h3>'
+                f'<p class="first">{escape(first)}</p>{told}{again}</div>'
+            )
+        case Briefs():
+            there = {h.text for h in named}
+            items = "".join(
+                f"<li><strong>{escape(topic)}.</strong> {escape(text)}"
+                + (f' <a href="#{anchor(topic)}">More on {escape(topic.lower())}</a>' if topic in there else "")
+                + "</li>"
+                for topic, text in block.sentences
+            )
+            return f'<ul class="briefs">{items}</ul>'
         case Picture():
             drawing = inline_svg(block.paths[1].read_text(encoding="utf-8"), f"f{number}-", block.caption)
             return _figure(drawing, block.caption)
@@ -163,46 +217,73 @@ def _html(block: Block, number: int) -> str:
             return _figure(drawing, block.caption)
         case Chart():
             data = json.dumps(block.data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+            there = ", ".join(f"figures/{picture.paths[1].name}" for picture in block.pictures)
             return (
-                f'<script type="application/json" id="chart-data">{data}</script>\n'
-                '<div id="chart" class="chart"><noscript>This chart needs JavaScript; the figures of each group show '
-                "the same.</noscript></div>"
+                f'<div id="chart" class="chart"><noscript>This chart needs JavaScript; beside this page lie '
+                f"{escape(there)}.</noscript></div>\n"
+                f'<script type="application/json" id="chart-data">{data}</script>'
             )
     return _table(block, number)
 
 
 def _figure(drawing: str, caption: str) -> str:
-    return f'<figure><div class="scroll paper">{drawing}</div><figcaption>{escape(caption)}</figcaption></figure>'
+    return (
+        f'<figure><div class="scroll paper" tabindex="0">{drawing}</div>'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
 
 
 def inline_svg(text: str, prefix: str, caption: str) -> str:
-    """A drawing of matplotlib to stand among others in one page: without prologue and metadata, names of its own."""
+    """A drawing of matplotlib to stand among others in one page: without prologue and metadata, names of its own.
+
+    Its width is given in inches, so that the page draws all on one scale and their text in one size.
+    """
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r">\s+<", "><", text)
     text = re.sub(r'((?<![\w-])id="|url\(#|href="#)', rf"\g<1>{prefix}", text)
-    return text.replace("<svg ", f'<svg role="img" aria-label="{escape(caption)}" ', 1).strip()
+    found = re.match(r'<svg[^>]*? width="([\d.]+)pt"', text)
+    width = f' style="--inches: {float(found[1]) / 72:.2f}"' if found else ""
+    return text.replace("<svg ", f'<svg role="img" aria-label="{escape(caption)}"{width} ', 1).strip()
 
 
 def _table(block: Table, number: int) -> str:
     names = [*block.frame.columns] + (["notes"] if any(block.marks) else [])
+    away = block.away or [False] * len(block.frame)
     head = "".join(f'<th scope="col">{escape(str(n))}</th>' for n in names)
-    rows = []
+    parts: list[str] = []
+    before = ""
     for position, row in enumerate(block.frame.values.tolist()):
-        cells = [
-            f"<td><code>{escape(str(c))}</code></td>" if k in block.code else f"<td>{escape(str(c))}</td>"
+        group = block.groups[position] if block.groups else ""
+        if not position or (group, away[position]) != (before, away[position - 1]):
+            parts.append(f"</tbody><tbody{_away(away[position])}>")
+            if group:
+                spans = f'colspan="{len(names)}" scope="rowgroup"'
+                parts.append(f'<tr class="group"><th {spans}><span>{escape(group)}</span></th></tr>')
+        before = group
+        first, *rest = (
+            f"<code>{escape(str(c))}</code>" if k in block.code else escape(str(c))
             for k, c in zip(block.frame, row, strict=True)
-        ]
+        )
         if any(block.marks):
-            cells.append(
-                "<td>" + ", ".join(f'<a href="#t{number}-{m}">{m}</a>' for m in block.marks[position]) + "</td>"
-            )
-        rows.append("<tr>" + "".join(cells) + "</tr>")
-    notes = "".join(f'<li id="t{number}-{i}">{escape(n)}</li>' for i, n in enumerate(block.notes, 1))
-    return (
-        f'<div class="scroll" tabindex="0"><table><caption>{escape(block.caption)}</caption>\n'
-        f"<thead><tr>{head}</tr></thead><tbody>\n"
-        + "\n".join(rows)
-        + "\n</tbody></table></div>"
-        + (f'<ol class="notes">{notes}</ol>' if notes else "")
+            rest.append(", ".join(f'<a href="#t{number}-{m}">{m}</a>' for m in block.marks[position]))
+        parts.append(f'<tr><th scope="row">{first}</th>' + "".join(f"<td>{c}</td>" for c in rest) + "</tr>")
+    body = "\n".join(parts).removeprefix("</tbody>") + "</tbody>" if parts else ""
+    shown = {m for marks, hidden in zip(block.marks, away, strict=False) if not hidden for m in marks}
+    notes = "".join(
+        f'<li id="t{number}-{i}" value="{i}"{_away(i not in shown)}>{escape(n)}</li>'
+        for i, n in enumerate(block.notes, 1)
     )
+    table = (
+        f'<div class="scroll" tabindex="0" role="group" aria-labelledby="c{number}">'
+        f'<table><caption id="c{number}">{escape(block.caption)}</caption>\n'
+        f"<thead><tr>{head}</tr></thead>{body}</table></div>" + (f'<ol class="notes">{notes}</ol>' if notes else "")
+    )
+    if not block.switch:
+        return table
+    switch = f'<input type="checkbox" id="s{number}"><label for="s{number}">{escape(block.switch)}</label>'
+    return f'<div class="switched">{switch}\n{table}</div>'
+
+
+def _away(hidden: bool) -> str:
+    return ' class="away"' if hidden else ""

@@ -21,34 +21,46 @@ DRAWN = ["protocol.draws", "protocol.weight"]  # which matter where there are sh
 SHOWN = 5  # systems of a figure
 
 
-def newcomer_blocks(store: Store, runs: pd.DataFrame, folder: Path) -> list[Block]:
-    """A figure and a table for each set of comparable runs that has at least two calibrations of a system.
+Curves = tuple[str, dict[str, pd.DataFrame]]  # a set of comparable runs in words, and the curve of each system
+
+
+def curves_of(store: Store, runs: pd.DataFrame) -> list[Curves]:
+    """The curves of systems that have at least two calibrations, for each set of comparable runs; the best first.
 
     Args:
         store: where the runs are.
         runs: as `bench.outcomes.runs.tracked` gives them.
-        folder: where figures go.
     """
-    blocks: list[Block] = []
     personal = runs[runs["protocol_name"].isin(["personal", "transfer"]) & (runs["status"] == "FINISHED")]
-    if personal.empty:
-        return blocks
-    for number, part in enumerate(comparable(personal), 1):
+    sets = []
+    for part in comparable(personal) if len(personal) else []:
         first = rows_of(part)[-1]
         data, subset, *_ = context_of({str(k): str(v) for k, v in first.items()})
         skin = f" on another skin than {first['protocol.source']}" if first["protocol_name"] == "transfer" else ""
         draws = f", {first['protocol.draws']} draws" if first["protocol.shots"] != "0" else ""
         context = f"{data}{'' if subset == 'all' else f', {subset}'}, a new person{skin}{draws}"
         found = {system: curve_of(store, rows) for system, rows in part.groupby("system", sort=False)}
-        found = {system: curve for system, curve in found.items() if len(curve) > 1}
-        if not found:
-            continue
-        best = sorted(found, key=lambda system: -found[system]["accuracy"].max())
+        best = sorted((system for system in found if len(found[system]) > 1), key=lambda s: -found[s]["accuracy"].max())
+        if best:
+            sets.append((context, {system: found[system] for system in best}))
+    return sets
+
+
+def newcomer_blocks(sets: list[Curves], folder: Path) -> list[Block]:
+    """A figure and a table for each set of curves.
+
+    Args:
+        sets: of `curves_of`.
+        folder: where figures go.
+    """
+    blocks: list[Block] = []
+    for number, (context, found) in enumerate(sets, 1):
         caption = "Accuracy of people who were in no training part, mean and 95 % interval over them, against captures "
         caption += f"of each class that are known of the person ({WITHOUT}: half of their captures, without labels)."
-        left = f" {len(best) - SHOWN} less accurate systems left out." if len(best) > SHOWN else ""
-        blocks.append(drawn({s: found[s] for s in best[:SHOWN]}, context, caption + left, folder, number))
-        blocks.append(Table(table_of({s: found[s] for s in best}), f"{context}: {TOLD}"))
+        left = f" {len(found) - SHOWN} less accurate systems left out." if len(found) > SHOWN else ""
+        few = dict([*found.items()][:SHOWN])
+        blocks.append(drawn(few, context, caption + left, folder, number))
+        blocks.append(Table(table_of(found), f"{context}: {TOLD}"))
     return blocks
 
 
@@ -158,6 +170,6 @@ def drawn(found: dict[str, pd.DataFrame], context: str, caption: str, folder: Pa
     axis.set_xticks(range(len(ticks)), ticks)
     axis.set_xlabel("captures of each class that are known of the person")
     axis.set_ylabel("accuracy, %")
-    axis.set_title(fill(context, 72), fontsize=9)
-    axis.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1))
+    axis.set_title(fill(context, 72))
+    axis.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1))
     return save(figure, folder, f"0-newcomer-{number}", "newcomer", context, caption)

@@ -1,4 +1,4 @@
-"""Systems beside each other, subject by subject: critical-difference diagram and strip plot."""
+"""Systems beside each other, subject by subject: a table, critical-difference diagram and strip plot."""
 
 from __future__ import annotations
 
@@ -9,6 +9,32 @@ import pandas as pd
 
 from bench.outcomes import statistics
 from reports.figures import LINE, Picture, new_figure, plain, save, width_of
+from reports.words import bounded, one, p_value, span
+
+STATISTICS = (
+    "Difference is in points with its 95 % t-interval; corrected is the same with Nadeau and Bengio's variance, "
+    "which allows for training captures that folds share (- where there is one fold); p is Wilcoxon's signed rank "
+    "test, Holm's correction is for all systems of the table; dz is Cohen's effect size of paired differences with "
+    "its 95 % interval, r the matched-pairs rank-biserial correlation. Seeds are averaged within subjects."
+)
+
+
+def statistics_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """`bench.outcomes.statistics.against_best` as text."""
+    frame = {
+        "system": rows["system"],
+        "mean over subjects %": rows["accuracy"].map(one),
+        "difference": [bounded(r.difference, r.low, r.high, sign=True) for r in rows.itertuples()],
+        "corrected": [span(r.nb_low, r.nb_high) for r in rows.itertuples()],
+        "p corrected": rows["nb_p"].map(p_value),
+        "p Wilcoxon": rows["p"].map(p_value),
+        "p Holm": rows["p_holm"].map(p_value),
+        "dz": [bounded(r.dz, r.dz_low, r.dz_high, sign=True, digits=2) for r in rows.itertuples()],
+        "r": rows["rank_biserial"].map(lambda v: "-" if np.isnan(v) else f"{v:+.2f}"),
+    }
+    if "seeds" in rows:
+        frame["seeds"] = rows["seeds"]
+    return pd.DataFrame(frame)
 
 
 def difference_diagram(ranks: statistics.Ranks, group: str, folder: Path, name: str, left_out: int = 0) -> Picture:
@@ -26,18 +52,18 @@ def difference_diagram(ranks: statistics.Ranks, group: str, folder: Path, name: 
     figure, axes = new_figure((9.5, LINE * 1.15 * (k + 1.4) + 0.85), margins=margins, title=group)
     ax = axes[0, 0]
     ax.plot(ranks.mean, np.arange(k), "o", color="tab:blue", markersize=5, zorder=3)
-    ax.set_yticks(np.arange(k), plain(ranks.mean.index), fontsize=8)
+    ax.set_yticks(np.arange(k), plain(ranks.mean.index))
     ax.set_ylim(k - 0.4, -1.8)
     low, high = 1, k
     step = (high - low) * 0.035
     ax.plot([low, low + ranks.critical], [-1.1, -1.1], color="0.2", linewidth=2, marker="|")
-    ax.text(low + ranks.critical + step / 2, -1.1, f"critical difference {ranks.critical:.1f}", fontsize=8, va="center")
+    ax.text(low + ranks.critical + step / 2, -1.1, f"critical difference {ranks.critical:.1f}", va="center")
     for position, (first, last) in enumerate(cliques):
         x = high + step * (1.2 + position)
         ax.plot([x, x], [first - 0.25, last + 0.25], color="0.2", linewidth=3, solid_capstyle="butt")
     ax.set_xlim(low - step, high + step * (len(cliques) + 2))
     ax.set_xticks(range(1, k + 1, max(1, round(k / 12))))
-    ax.set_xlabel(f"mean rank over {ranks.subjects} subjects (1 is best)", fontsize=9)
+    ax.set_xlabel(f"mean rank over {ranks.subjects} subjects (1 is best)")
     ax.grid(axis="both", alpha=0.25)
     found = "not defined" if np.isnan(ranks.p) else f"p = {ranks.p:.2g}"
     caption = (
@@ -65,9 +91,9 @@ def strip_plot(subjects: pd.DataFrame, group: str, folder: Path, name: str) -> P
     low, high = np.array([statistics.interval(v) for v in values]).T.clip(0, 100)
     ax.hlines(rows, low, high, color="tab:blue", linewidth=3, alpha=0.35, zorder=1)
     ax.plot(values.mean(axis=1), rows, "o", color="tab:blue", markersize=5)
-    ax.set_yticks(np.arange(len(kept)), plain(kept.index), fontsize=8)
+    ax.set_yticks(np.arange(len(kept)), plain(kept.index))
     ax.set_ylim(len(kept) - 0.4, -0.6)
-    ax.set_xlabel("captures of the subject labelled correctly, %", fontsize=9)
+    ax.set_xlabel("captures of the subject labelled correctly, %")
     ax.grid(axis="x", alpha=0.25)
     left = len(subjects) - len(kept)
     caption = (

@@ -143,44 +143,18 @@ def _panel(ax: object, table: pd.DataFrame, cost: str, high: float) -> None:
         ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     ax.xaxis.set_minor_locator(NullLocator())
-    reach = max(y.max() - y.min(), 5) * 1.1
-    middle = (y.max() + y.min()) / 2
-    low, top = middle - reach / 2, middle + reach / 2
-    ax.set_ylim(low, top)  # bars may leave the panel, points do not
+    lowest, highest = (y - bars[0]).min(), (y + bars[1]).max()  # no interval is cut off
+    reach = max(highest - lowest, 5) * 1.06
+    low, top = (lowest + highest - reach) / 2, (lowest + highest + reach) / 2
+    ax.set_ylim(low, top)
     gap = (top - low) * LINE / high
     order = np.argsort(y, kind="stable")
     places = spread(y[order], gap, low + gap / 2, top - gap / 2)
     names = plain(table["system"])
     for i, place in zip(order, places, strict=True):
-        ax.text(edge, place, names[i], fontsize=8, va="center", fontweight="bold" if i in best else "normal")
+        ax.text(edge, place, names[i], va="center", fontweight="bold" if i in best else "normal")
     ties = [[(x[i], y[i]), (edge, place)] for i, place in zip(order, places, strict=True)]
     ax.add_collection(LineCollection(ties, colors="0.7", linewidths=0.5, zorder=1, clip_on=False))
-    ax.set_xlabel(COSTS[cost][0], fontsize=9)
-    ax.set_ylabel("captures labelled correctly, %", fontsize=9)
+    ax.set_xlabel(COSTS[cost][0])
+    ax.set_ylabel("captures labelled correctly, %")
     ax.grid(alpha=0.25)
-
-
-def chart_data(tables: dict[str, pd.DataFrame]) -> dict[str, object]:
-    """What the interactive chart of the page draws, as plain values.
-
-    Args:
-        tables: `points` by group.
-    """
-    groups = []
-    costs = {c: words for c, (words, _) in COSTS.items() if any((table[c] > 0).any() for table in tables.values())}
-    for group, table in tables.items():
-        rows = [
-            {
-                "name": row["system"],
-                "kind": row["kind"],
-                "y": [_number(row[k]) for k in ("accuracy", "low", "high")],
-                "x": [_number(row[c]) for c in costs],
-            }
-            for row in table.to_dict("records")
-        ]
-        groups.append({"name": group, "points": rows})
-    return {"costs": [*costs.values()], "groups": groups}
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.5g}") if np.isfinite(value) else None

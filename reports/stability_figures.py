@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from bench.outcomes.stability import Analysis
 
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
+NAME = 36  # characters of a line of a method's name
 PANELS = 4  # side by side
 NAMES = ("heat_map", "severities", "training_subjects", "capture_length")
 KINDS = ("png", "svg")
@@ -57,10 +59,12 @@ def heat_map(losses: pd.DataFrame, clean: list[float], context: str) -> Figure:
     """
     points = 100 * losses[losses.mean().sort_values(ascending=False, kind="stable").index]
     methods, faults = points.shape
-    figure = Figure(figsize=(4.2 + 0.62 * faults, 2.6 + 0.42 * methods), layout="constrained")
+    figure = Figure(figsize=(3.6 + 0.43 * faults, 1.9 + 0.5 * methods), layout="constrained")
     ax = figure.subplots()
-    image = ax.imshow(points, cmap="Greys", vmin=min(0, points.min().min()), vmax=max(points.max().max(), 1))
-    image.axes.set_aspect("auto")
+    edges = np.arange(faults + 1) - 0.5, np.arange(methods + 1) - 0.5
+    limits = {"vmin": min(0, points.min().min()), "vmax": max(points.max().max(), 1)}
+    image = ax.pcolormesh(*edges, points, cmap="Greys", **limits)
+    ax.invert_yaxis()
     for i, j in np.ndindex(methods, faults):
         value = points.iloc[i, j]
         dark = image.norm(value) > 0.55
@@ -69,7 +73,8 @@ def heat_map(losses: pd.DataFrame, clean: list[float], context: str) -> Figure:
     ax.set_xticks(
         range(faults), [f.replace("_", " ") for f in points.columns], rotation=40, ha="right", rotation_mode="anchor"
     )
-    ax.set_yticks(range(methods), [f"{m} ({100 * c:.0f} % clean)" for m, c in zip(points.index, clean, strict=True)])
+    names = [f"{m} ({100 * c:.0f} % clean)" for m, c in zip(points.index, clean, strict=True)]
+    ax.set_yticks(range(methods), [fill(name, NAME) for name in names])
     ax.set_xticks(np.arange(faults - 1) + 0.5, minor=True)
     ax.set_yticks(np.arange(methods - 1) + 0.5, minor=True)
     ax.grid(which="minor", color="white", linewidth=1.5)

@@ -87,7 +87,7 @@ def draw(rows: list[dict[str, object]]) -> object:
         groups.setdefault((*comparable(row), row["start"]), []).append(row)
     systems = list(dict.fromkeys(method_of(row) for row in rows))
     names = len(systems) + 3
-    fig = Figure(figsize=(11.5, 4.4 * len(groups) + 0.22 * names), layout="constrained")
+    fig = Figure(figsize=(11, 4.4 * len(groups) + 0.22 * names), layout="constrained")
     axes = fig.subplots(len(groups), 2, squeeze=False, sharey="row")
     for (seen, mean), (group, members) in zip(axes, groups.items(), strict=True):
         low, high = (1000 / rate for rate in PUBLISHED_PER_SECOND[::-1])

@@ -63,6 +63,7 @@ def against(papers: pd.DataFrame, runs: pd.DataFrame, store: Store) -> pd.DataFr
                 "subset",
                 "protocol",
                 "unit",
+                "unit_key",
                 "features",
                 "n_features",
                 "classifier",

@@ -11,6 +11,7 @@ from bench.commands.printing import then
 from bench.errors import InputError
 from bench.outcomes.store import connect, store_uri
 from bench.plan.arguments import parse
+from bench.quantities import BUDGETS, quantity
 
 NAME, WIDE = "attributes.`Run Name`", 300  # pixels, instead of 190: kind, system, data and protocol fit
 COLUMNS = {  # of MLflow's table of runs, and their widths in pixels
@@ -34,15 +35,17 @@ VIEW = {
 
 
 def report(arguments: list[str]) -> int:
-    """Rebuild the published comparison as a page with its tables and figures.
+    """Write the verdict on the tracked runs as a page, with its tables and figures.
 
     Raises:
         InputError: something in the arguments cannot be used, or the folder cannot be written.
     """
-    out = Path(parse(arguments, {"out"}).get("out", "report"))
+    values = parse(arguments, {"out", *BUDGETS})
+    budgets = {BUDGETS[key]: quantity(key, values[key]) for key in BUDGETS if key in values}
     from reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
-    paths = write_report(connect(), out)
+    out = Path(values.get("out", "report"))
+    paths = write_report(connect(), out, budgets)
     counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
     page = out / "index.html"
     print(f"{page}: all runs; beside it .md and .tex, {counts['.csv']} CSV files, {counts['.png']} figures")

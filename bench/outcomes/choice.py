@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +12,7 @@ from scipy.stats import ttest_1samp
 from bench.errors import InputError
 from bench.outcomes import scores
 from bench.outcomes.comparable import COMPARABLE, Row, context_of
-from bench.outcomes.runs import NothingTracked, needed, rows_of, tracked
+from bench.outcomes.runs import NothingTracked, needed, of_kinds, rows_of, subject_accuracy, tracked
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
 from bench.quantities import COSTS
@@ -85,7 +84,11 @@ class Choice:
 
 
 def candidates(
-    store: Store, asked: Mapping[str, list[str]], most: float | None = None, replays: bool = False
+    store: Store,
+    asked: Mapping[str, list[str]],
+    most: float | None = None,
+    replays: bool = False,
+    runs_of: Mapping[str, pd.DataFrame] | None = None,
 ) -> tuple[pd.DataFrame, str, pd.DataFrame]:
     """Every way in which a tracked system labels what it is given.
 
@@ -97,9 +100,11 @@ def candidates(
     Args:
         store: where the runs are.
         asked: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to choose among, and
-            ``shots`` that are known of a new person; parameters of the protocol by their dotted names.
+            ``shots`` that are known of a new person; parameters of the protocol by their dotted names; or values of
+            `COMPARABLE`.
         most: milliseconds until a decision is out.
         replays: whether replayed systems are candidates; they are with ``most``.
+        runs_of: `bench.outcomes.runs.tracked` by kind, where somebody has read it.
 
     Returns:
         One row per candidate (``system``, ``unit``, ``accuracy`` in percent as a mean over subjects, ``flash`` and
@@ -111,15 +116,15 @@ def candidates(
         NothingTracked: no complete run is tracked for these values.
         InputError: runs on several corpora or protocols are, or a table of one is gone.
     """
-    found = []
-    for kind in ["cell", "chip", *(["stream"] if most is not None or replays else [])]:
-        with suppress(NothingTracked):
-            found.append(_asked(tracked(store, kind), asked))
+    read = ["cell", "chip", *(["stream"] if most is not None or replays else [])]
+    runs_of = of_kinds(store, read) if runs_of is None else runs_of
+    found = [_asked(runs_of[kind], asked) for kind in read if kind in runs_of]
     if not found:
         tracked(store)  # which says so
     runs = pd.concat(found, ignore_index=True)
     linked = _linked(runs)
-    kinds = runs[[*COMPARABLE, "protocol"]].drop_duplicates()
+    named = [] if "protocol_label" in asked else ["protocol"]  # parameters that change nothing are not in the label
+    kinds = runs[[*COMPARABLE, *named]].drop_duplicates()
     if not len(kinds):
         raise NothingTracked("no complete run is tracked for these values; make some with bench run, then choose")
     if len(kinds) > 1:
@@ -182,18 +187,21 @@ def _units(store: Store, run: Row, within: float | None) -> dict[str, tuple[dict
 
     A replayed one labels at the last instant within so many ms, or at each.
     """
-    table = pd.read_parquet(needed(store, run, "predictions.parquet"))
 
     def of(labelled: pd.DataFrame) -> pd.Series:
         own = scores.per_subject(labelled).set_index("subject")["accuracy"]
         return own.rename(index=str) * 100
 
-    if run["touchbench.kind"] == "chip":
+    size = {name: run.get(f"{name}_bytes", np.nan) / 1000 for name in ("flash", "ram")}
+    path, kind = needed(store, run, "predictions.parquet"), run["touchbench.kind"]
+    if kind == "cell" and not run.get("windows", 0) > 0 and (told := subject_accuracy(store, run)):
+        return {"capture": (_whole(run, size), pd.Series(told))}  # reading the predictions of 1000 runs takes a minute
+    table = pd.read_parquet(path)
+    if kind == "chip":
         cost = {name: run[f"chip_{name}_bytes"] / 1000 for name in ("flash", "ram")}
         cost["cycles"] = run["chip_most_instructions"] / 1000
         return {f"in C, {run['chip.bits']} bits": (cost, of(scores.captures(table)))}
-    size = {name: run.get(f"{name}_bytes", np.nan) / 1000 for name in ("flash", "ram")}
-    if run["touchbench.kind"] == "stream":
+    if kind == "stream":
         instants = pd.read_csv(needed(store, run, "instants.csv"))["ms"]
         seen = np.sort(table["instant"].unique())  # frames
         soon = instants.index if within is None else instants.index[instants <= within][-1:]
@@ -206,16 +214,16 @@ def _units(store: Store, run: Row, within: float | None) -> dict[str, tuple[dict
             )
             for i in chosen
         }
-    found = {
-        "capture": (
-            size | {"predict": run["predict_ms_p50"], "decision": run["capture_decision_ms"]},
-            of(scores.captures(table)),
-        )
-    }
+    found = {"capture": (_whole(run, size), of(scores.captures(table)))}
     if run.get("windows", 0) > 0:
         window = size | {"predict": run["decide_ms_p50"], "decision": run["decision_ms"]}
         found["window"] = window, of(scores.windows(table))
     return found
+
+
+def _whole(run: Row, size: dict[str, float]) -> dict[str, float]:
+    """Costs of labelling whole captures."""
+    return size | {"predict": run["predict_ms_p50"], "decision": run["capture_decision_ms"]}
 
 
 def decide(

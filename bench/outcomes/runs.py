@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +43,15 @@ def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
     options = [c for c in found.columns if c.startswith(("stream.", f"{kind}.")) or c in ("faults", "train_subjects")]
     same = [*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name", *options]
     return found.drop(columns="complete").drop_duplicates(same, keep="last").sort_values("started")
+
+
+def of_kinds(store: Store, kinds: Iterable[str]) -> dict[str, pd.DataFrame]:
+    """`tracked` of each kind that there is a run of."""
+    found = {}
+    for kind in kinds:
+        with suppress(NothingTracked):
+            found[kind] = tracked(store, kind)
+    return found
 
 
 def rows_of(runs: pd.DataFrame) -> list[Row]:

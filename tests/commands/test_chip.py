@@ -70,8 +70,8 @@ def test_what_c_says_is_tracked_chosen_and_drawn(costs, capsys):
     data = json.loads(page.split('id="chart-data">')[1].split("</script>")[0])
     (group,) = data["groups"]
     drawn = {p["name"]: p["x"] for p in group["points"]}
-    place = next(i for i, words in enumerate(data["costs"]) if words.startswith("instructions"))
-    assert drawn["C, 8 bits: bayes · jung28"][place] == 60_000 and drawn["bayes · jung28"][place] is None
+    place = next(i for i, words in enumerate(data["costs"]) if words.startswith("thousand instructions"))
+    assert drawn["bayes · jung28 (in C, 8 bits)"][place] == 60 and drawn["bayes · jung28"][place] is None
 
 
 def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):

@@ -89,9 +89,9 @@ def test_streams_are_drawn_by_start_and_hop_with_their_learned_stop(store, tmp_p
 def test_the_page_has_them_where_there_are_any(store):
     tracked_run(store, "a", made_up(3))
     page.write_report(store, Path("report"))
-    assert ">Stress</h2>" not in Path("report/index.html").read_text()
+    assert ">Faults</h2>" not in Path("report/index.html").read_text()
     other_run(store, "stress", "svm", stressed(0.6, {"noise": 0.1}), at=1)
     paths = page.write_report(store, Path("report"))
     text = Path("report/index.html").read_text()
-    assert ">Stress</h2>" in text and ">Stream</h2>" not in text
+    assert ">Faults</h2>" in text and ">Early decisions</h2>" not in text
     assert Path("report/figures/0-stress-1.png") in paths

@@ -11,7 +11,7 @@ from bench.outcomes.runs import tracked
 from bench.outcomes.store import connect
 from reports import newcomers
 from reports.layout import Table
-from reports.newcomers import WITHOUT, comparable, curve_of, enough, newcomer_blocks
+from reports.newcomers import WITHOUT, comparable, curve_of, curves_of, enough, newcomer_blocks
 
 SMALL = {"data": "synth", "data.subjects": "4", "data.repetitions": "2", "where": "gesture in ['pat', 'rub', 'grab']"}
 
@@ -64,7 +64,7 @@ def test_what_has_no_shots_stands_beside_every_way_to_draw_some():
 
 def test_captures_without_labels_alone_are_no_curve(tmp_path):
     run(**SMALL, protocol="personal", model="lda", features="touch", **{"protocol.unlabelled": True})
-    assert newcomer_blocks(connect(), tracked(connect()), tmp_path) == []
+    assert newcomer_blocks(curves_of(connect(), tracked(connect())), tmp_path) == []
     assert main(["report", f"out={tmp_path / 'report'}"]) == 0
 
 
@@ -85,13 +85,15 @@ def test_runs_become_a_figure_and_a_table(tmp_path):
         **{"protocol.unlabelled": True, "protocol.draws": 2},
     )
     run(**SMALL, protocol="personal", model="lda", features="jung54", **{"protocol.draws": 2})  # one point is no line
-    blocks = newcomer_blocks(connect(), tracked(connect()), tmp_path)
+    blocks = newcomer_blocks(curves_of(connect(), tracked(connect())), tmp_path)
     assert len(blocks) == 2 and "Synthetic" in blocks[0].caption and all(p.exists() for p in blocks[0].paths)
     assert isinstance(blocks[1], Table) and blocks[1].frame["known"].tolist() == ["0", WITHOUT, "1"]
     assert set(blocks[1].frame["system"]) == {"lda · touch"}
     assert blocks[1].frame["gain"][0] == "-" and blocks[1].frame["enough"][0] in ("0", "1")
     assert main(["report", f"out={tmp_path / 'report'}"]) == 0
-    assert "A new person" in (tmp_path / "report" / "comparison.md").read_text()
+    text = (tmp_path / "report" / "comparison.md").read_text()
+    gain = blocks[1].frame["gain"].iloc[-1].split(" ")[0]
+    assert f"1 known captures of each class change the accuracy of lda · touch by {gain} points" in text
 
 
 @pytest.mark.parametrize("command", ["stress", "stream"])

@@ -35,7 +35,7 @@ class Loads(HTMLParser):
         self.loaded += [found[k] for k in ("src", "srcset", "data", "poster", "action") if k in found]
         if tag != "a":
             self.loaded += [found[k] for k in ("href", "xlink:href") if k in found]
-        if tag not in ("meta", "br", "img"):
+        if tag not in ("meta", "br", "img", "input"):
             self.open.append(tag)
 
     def handle_startendtag(self, tag, attributes):
@@ -239,6 +239,18 @@ def test_published_numbers_stand_beside_the_runs_they_belong_to(store):
     assert table.loc["synth (synthetic)", "published"] == ""
 
 
+def test_numbers_on_corpora_that_nothing_is_tracked_on_wait_behind_a_switch(quick, store):
+    for corpora, hidden in ((["haart"], {"CoST"}), (["cost"], set())):
+        for data in corpora:
+            tracked_run(store, "ta2015_rf", made_up(7), data=data, synthetic="false", protocol="challenge")
+        report(store)
+        text, _ = read()
+        groups = re.findall(r'<tbody( class="away")?>(?:\s*)<tr class="group"><th[^>]*><span>(CoST|HAART): ', text)
+        assert {name for away, name in groups if away} == hidden and {name for _, name in groups} == {"CoST", "HAART"}
+        assert ('type="checkbox"' in text) == bool(hidden)
+    assert "2 of our results stand beside a published number" in text
+
+
 def test_the_command_of_a_run_is_what_was_tracked():
     told = {
         "touchbench.command": "stress",
@@ -304,5 +316,5 @@ def test_lengths_of_windows_in_frames_and_milliseconds(store):
 def test_markup_in_names_is_text():
     assert layout.md_escape("a|b *c* [d](e) <f>\ng") == r"a\|b \*c\* \[d\](e) \<f\> g"
     block = layout.Table(pd.DataFrame({"a": ["<b>", "x|`y`"]}), "c", code=("a",))
-    assert "<td><code>&lt;b&gt;</code></td>" in layout.page([layout.Heading("t", 1), block], "t")
+    assert '<th scope="row"><code>&lt;b&gt;</code></th>' in layout.page([layout.Heading("t", 1), block], "t")
     assert r"`` x\|`y` ``" in layout.markdown([block], Path("."))

@@ -1,0 +1,168 @@
+"""Which system to take, as ``bench choose`` says it, and every candidate as a mark of the page's chart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from bench.errors import InputError
+from bench.outcomes import statistics
+from bench.outcomes.advice import compared_on, typed
+from bench.outcomes.choice import SAID, Choice, candidates, decide, sentences
+from bench.outcomes.comparable import COMPARABLE, Row, facts_of
+from bench.outcomes.store import Store
+from bench.quantities import COSTS
+from reports.layout import Answer
+from reports.speed import front
+
+BY = "flash"  # the cost that is to be low, unless bench choose is told another
+MOST = 40  # candidates that the chart draws, besides those of a front
+WORDS = {
+    "flash": "kB of flash: learnt numbers; of C all that is linked",
+    "ram": "kB of RAM during one decision",
+    "predict": "ms to compute a label (p50, one thread)",
+    "decision": "ms until the label: touch observed and computing",
+    "cycles": "thousand instructions of the costliest frame as C",
+}
+
+
+@dataclass(frozen=True)
+class Considered:
+    """The candidates of a group of runs, and what was chosen.
+
+    Attributes:
+        group: in words.
+        choice: as `bench.outcomes.choice.decide` made it.
+        subjects: accuracies in percent [candidates, subjects].
+        budgets: the most of each cost.
+        mixed: whether captures of one subject are on both sides.
+        command: that chooses the same; empty where none is known to.
+    """
+
+    group: str
+    choice: Choice
+    subjects: pd.DataFrame
+    budgets: Mapping[str, float]
+    mixed: bool
+    command: str
+
+    def answer(self) -> Answer:
+        """The verdict with its reasons, and the command that says the same."""
+        table = self.choice.table
+        lines = sentences(self.choice, BY, None, self.subjects.shape[1])
+        if table["system"].nunique() == 1:
+            lines = [
+                f"Only {table['system'].iloc[0]} is tracked here, so there is no other to compare it with.",
+                *lines,
+            ]
+        if self.mixed:
+            lines.append("Captures of one subject are in training and test: nothing of this holds for a new person.")
+        return Answer(self.group, lines, self.command)
+
+
+def considered(
+    store: Store,
+    group: str,
+    runs: pd.DataFrame,
+    budgets: Mapping[str, float],
+    runs_of: Mapping[str, pd.DataFrame] | None = None,
+) -> Considered | Answer:
+    """What was chosen among the systems of a group, or why nothing can be.
+
+    Args:
+        store: where the runs are.
+        group: in words.
+        runs: all that are tracked, as `bench.outcomes.runs.with_groups` makes them.
+        budgets: the most of each cost, in the units of `bench.quantities.COSTS`.
+        runs_of: `bench.outcomes.runs.tracked` by kind, where somebody has read it.
+    """
+    first = runs[runs["group"] == group].iloc[0].to_dict()
+    try:
+        asked = {name: [first[name]] for name in COMPARABLE}
+        table, _, subjects = candidates(store, asked, budgets.get("decision"), runs_of=runs_of)
+    except InputError as e:
+        return Answer(group, [f"Nothing can be chosen here: {e}."])
+    choice = decide(table, subjects, BY, dict(budgets), None)
+    command = _command(compared_on(table), first, runs, budgets)
+    return Considered(group, choice, subjects, budgets, facts_of(first).mixes_subjects, command)
+
+
+def _command(on: Mapping[str, str], first: Row, runs: pd.DataFrame, budgets: Mapping[str, float]) -> str:
+    """The command that chooses among the runs of a group; empty where its words mean others, too.
+
+    Args:
+        on: what was typed for data and protocol.
+        first: a run of the group.
+        runs: all that are tracked.
+        budgets: the most of each cost.
+    """
+    protocol = {k: v for k, v in on.items() if k.split(".")[0] == "protocol"}
+    named_by = ["data", "subset", "target", "protocol_name", *(k for k in protocol if "." in k)]
+    same = runs[(runs[named_by] == pd.Series({k: first[k] for k in named_by})).all(axis=1)]
+    if "data" not in on or len(same[[*COMPARABLE, "protocol"]].drop_duplicates()) > 1:
+        return ""
+    asked = {"data": on["data"]}
+    if first["subset"] != "all" or set(runs.loc[runs["data"] == first["data"], "subset"]) != {"all"}:
+        asked["where"] = first["subset"]
+    if first["target"] != "gesture":
+        asked["target"] = first["target"]
+    most = {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in budgets.items()}
+    return typed("choose", asked | protocol | most)
+
+
+def named(row: pd.Series | Mapping[str, object]) -> str:
+    """A candidate: the system, and what it labels unless that is whole captures."""
+    unit = str(row["unit"])
+    return str(row["system"]) + ("" if unit == "capture" else f" ({SAID.get(unit, unit)})")
+
+
+def chart_data(found: list[Considered], models: Mapping[str, str], papers: pd.DataFrame) -> dict[str, object]:
+    """What the interactive chart of the page draws, as plain values.
+
+    Args:
+        found: the candidates of each group.
+        models: name of the model of each system.
+        papers: `reports.comparison.published`, to tell which systems are published ones.
+    """
+    published = set(papers["system"]) - {""}
+    costs = [c for c in COSTS if any((each.choice.table[c] > 0).any() for each in found)]
+    groups = []
+    for each in found:
+        kept = _drawn(each.choice)
+        points = []
+        for i, row in zip(kept.index, kept.to_dict("records"), strict=True):
+            system = row["system"]
+            model = models.get(system, "")
+            kind = "published" if system in published else "changed" if model in published else "other"
+            low, high = statistics.interval(each.subjects.loc[i].to_numpy(dtype=float))
+            points.append(
+                {
+                    "name": named(row),
+                    "kind": "chip" if row["kind"] == "chip" else kind,
+                    "verdict": row["verdict"],
+                    "chosen": i == each.choice.chosen,
+                    "out": row["verdict"].startswith("ruled out"),
+                    "y": [_number(v) for v in (row["accuracy"], max(low, 0), min(high, 100))],
+                    "x": [_number(row[c]) for c in costs],
+                }
+            )
+        budgets = [each.budgets.get(c) for c in costs]
+        left = len(each.choice.table) - len(kept)
+        groups.append({"name": each.group, "budgets": budgets, "left": left, "points": points})
+    return {"costs": [WORDS[c] for c in costs], "groups": groups}
+
+
+def _drawn(choice: Choice) -> pd.DataFrame:
+    """The most accurate candidates, with all that are on a front or chosen."""
+    table = choice.table
+    accuracy = table["accuracy"].to_numpy()
+    best = {i for c in COSTS for i in table.index[front(table[c].to_numpy(dtype=float), accuracy)]}
+    best |= {choice.chosen, *table.sort_values("accuracy", ascending=False).index[:MOST]}
+    return table[table.index.isin(best)]
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.5g}") if np.isfinite(value) else None

@@ -1,0 +1,98 @@
+"use strict";
+// What a browser makes of a page, as JSON: node look.cjs CHROMIUM PAGE PDF. NODE_PATH leads to the npm packages.
+const {pathToFileURL} = require("node:url");
+const puppeteer = require("puppeteer-core");
+const axe = require("axe-core");
+
+const [chromium, file, pdf] = process.argv.slice(2);
+const address = pathToFileURL(file).href;
+
+async function opened(browser, found, width, scheme) {
+  const page = await browser.newPage();
+  page.on("console", message => found.console.push(message.text()));
+  page.on("pageerror", error => found.console.push(String(error)));
+  page.on("request", request => {
+    if (request.url() !== address && !request.url().startsWith("data:")) found.requests.push(request.url());
+  });
+  await page.emulateMediaFeatures([{name: "prefers-color-scheme", value: scheme}]);
+  await page.setViewport({width, height: 900});
+  await page.goto(address);
+  await page.waitForSelector("#chart svg path");
+  return page;
+}
+
+function measured() {  // in the page
+  const inView = e => { const r = e.getBoundingClientRect(); return r.width > 0 && r.left >= 0 && r.right <= innerWidth; };
+  const table = document.querySelector(".switched table");
+  const column = [...table.querySelectorAll("thead th")].findIndex(th => th.textContent === "verdict");
+  const cells = [...table.querySelectorAll("tbody:not(.away) tr:not(.group)")].map(row => row.children[column]);
+  const plot = document.querySelector("#chart svg").getBoundingClientRect();
+  const bars = [...document.querySelectorAll("#chart .bar")].map(bar => bar.getBoundingClientRect());
+  const size = text => {
+    const svg = text.ownerSVGElement, scale = svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;
+    return parseFloat(getComputedStyle(text).fontSize) * scale;
+  };
+  const small = [...document.querySelectorAll("table, figcaption, .notes")].map(e => parseFloat(getComputedStyle(e).fontSize));
+  return {
+    sideways: document.documentElement.scrollWidth - innerWidth,
+    verdicts: cells.map(inView),
+    bars: bars.length,
+    cut: bars.filter(bar => bar.top < plot.top || bar.bottom > plot.bottom).length,
+    sizes: [...new Set([...[...document.querySelectorAll("svg text")].map(size), ...small].map(s => Math.round(s * 5) / 5))],
+    first: document.querySelector("h2").getBoundingClientRect().top,
+  };
+}
+
+async function keys(page) {
+  const shown = () => page.$$eval(".switched tbody tr", rows => rows.filter(row => row.offsetParent).length);
+  const told = () => page.$eval("#chart p", p => p.textContent);
+  const at = selector => page.evaluate(s => document.activeElement.matches(s), selector);
+  const reach = async selector => {
+    for (let i = 0; i < 200 && !await at(selector); i++) await page.keyboard.press("Tab");
+    return at(selector);
+  };
+  const found = {hint: await told()};
+  found.mark = await reach("#chart [role=img]");
+  found.first = await told();
+  await page.keyboard.press("ArrowRight");
+  found.second = await told();
+  found.rows = [await shown()];
+  found.switch = await reach(".switched input");
+  for (let i = 0; i < 2; i++) {
+    await page.keyboard.press("Space");
+    found.rows.push(await shown());
+  }
+  found.costs = [];
+  for (const option of await page.$$eval("#chart label:nth-of-type(2) option", options => options.map(o => o.value))) {
+    await page.select("#chart label:nth-of-type(2) select", option);
+    found.costs.push(await page.$$eval("#chart [role=img]", marks => marks.length));
+  }
+  return found;
+}
+
+(async () => {
+  const browser = await puppeteer.launch({executablePath: chromium, args: ["--no-sandbox", "--disable-gpu"]});
+  const found = {console: [], requests: [], views: {}, violations: {}};
+  try {
+    for (const scheme of ["light", "dark"]) for (const width of [1200, 390]) {
+      const page = await opened(browser, found, width, scheme), name = `${scheme} ${width}`;
+      found.views[name] = await page.evaluate(measured);
+      await page.evaluate(axe.source);
+      const result = await page.evaluate(() => axe.run(document, {resultTypes: ["violations"]}));
+      found.violations[name] = result.violations.map(v => [v.id, v.nodes.length, v.nodes[0].html.slice(0, 200)]);
+      if (scheme === "light" && width === 1200) found.keys = await keys(page);
+      await page.close();
+    }
+    const page = await opened(browser, found, 1200, "dark");
+    await page.emulateMediaType("print");
+    found.print = await page.evaluate(() => ({
+      headings: [...document.querySelectorAll("h2, h3")].map(h => getComputedStyle(h).breakAfter),
+      whole: [...document.querySelectorAll("figure, .chart, tr")].map(e => getComputedStyle(e).breakInside),
+      ink: getComputedStyle(document.body).color,
+    }));
+    await page.pdf({path: pdf, preferCSSPageSize: true});
+  } finally {
+    await browser.close();
+  }
+  console.log(JSON.stringify(found));
+})().catch(error => { console.error(error); process.exit(1); });

@@ -1,0 +1,104 @@
+"""The report page in headless Chromium: what it loads, whether it can be read, driven by keys, and printed."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from bench.outcomes.store import connect
+from reports.page import write_report
+from tests.reports.store import made_up, tracked_run
+from tests.reports.test_behaviour import other_run, stressed
+
+pytestmark = pytest.mark.live
+PACKAGES = Path(__file__).parents[2] / "build" / "browser"  # npm install --prefix build/browser, as in .ci/run
+HAART = {"data": "haart", "synthetic": "false"}
+NAMES = ("svm · jung54", "rf[trees=50] · jung28", "lda[window=1.0, repair=stuck+dead, bits=8] · touch", "<b>&'\" · x")
+
+
+def missing():
+    """What the tests lack, in words."""
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if chromium is None or shutil.which("node") is None:
+        return None, "Chromium and node are needed"
+    if not all((PACKAGES / "node_modules" / name).is_dir() for name in ("axe-core", "puppeteer-core")):
+        return None, f"npm packages of tests/browser/package.json are not in {PACKAGES.parent.name}/{PACKAGES.name}"
+    return chromium, ""
+
+
+CHROMIUM, LACKING = missing()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A report on what a store may hold, with budgets of which one binds."""
+    place = tmp_path_factory.mktemp("page")
+    before = os.getcwd()
+    os.chdir(place)
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{place / 'mlflow.db'}")
+            store = connect()
+            for i, system in enumerate(NAMES):
+                table = made_up(10, skill=0.5 + 0.1 * i, seed=i, windows=1 + 2 * (i == 2))
+                tracked_run(store, system, table, cost=4.0**i, **HAART)
+            tracked_run(store, "ta2015_rf", made_up(3), protocol="challenge", protocol_label="challenge", **HAART)
+            tracked_run(store, "svm · jung54", made_up(6))
+            for system, lost in (("svm", 0.1), ("rf", 0.2)):
+                other_run(store, "stress", system, stressed(0.7, {"noise": lost, "shift": 0.05}), at=1)
+            write_report(store, Path("report"), {"flash": 100.0, "predict": 2.0})
+    finally:
+        os.chdir(before)
+    return place / "report"
+
+
+@pytest.fixture(scope="module")
+def seen(folder):
+    """What the browser saw."""
+    command = ["node", str(Path(__file__).with_name("look.cjs")), CHROMIUM, str(folder / "index.html")]
+    env = os.environ | {"NODE_PATH": str(PACKAGES / "node_modules")}
+    done = subprocess.run([*command, str(folder / "page.pdf")], capture_output=True, text=True, env=env, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.real_store
+@pytest.mark.skipif(bool(LACKING), reason=LACKING or "-")
+class TestPage:
+    def test_it_is_small_and_loads_nothing(self, folder, seen):
+        assert (folder / "index.html").stat().st_size < 2e6
+        assert seen["console"] == [] and seen["requests"] == []
+
+    def test_it_has_no_fault_that_axe_finds(self, seen):
+        assert seen["violations"] == {f"{s} {w}": [] for s in ("light", "dark") for w in (1200, 390)}
+
+    def test_verdicts_are_in_view_and_nothing_else_goes_sideways(self, seen):
+        for name, view in seen["views"].items():
+            assert view["sideways"] <= 0, name
+            assert len(view["verdicts"]) > 5 and all(view["verdicts"]), name
+
+    def test_no_interval_is_cut_off_and_small_text_has_one_size(self, seen):
+        for name, view in seen["views"].items():
+            assert view["bars"] >= 4 and view["cut"] == 0, name
+            assert all(12.5 < size < 13.5 for size in view["sizes"]), (name, view["sizes"])
+
+    def test_the_verdict_is_what_one_sees_first(self, seen):
+        assert all(view["first"] < 300 for view in seen["views"].values())
+
+    def test_switch_and_chart_work_by_keyboard(self, seen):
+        keys = seen["keys"]
+        assert keys["mark"] and keys["switch"]
+        assert len({keys["hint"], keys["first"], keys["second"]}) == 3 and "kB of flash" in keys["first"]
+        few, many, again = keys["rows"]
+        assert few == again and many - few > 40  # CoST has 55 published numbers
+        assert len(keys["costs"]) == 4 and all(keys["costs"])
+
+    def test_it_prints(self, folder, seen):
+        assert set(seen["print"]["headings"]) == set(seen["print"]["whole"]) == {"avoid"}
+        assert seen["print"]["ink"] == "rgb(0, 0, 0)"  # from a dark page, too
+        pages = re.findall(rb"/Type\s*/Page\b", (folder / "page.pdf").read_bytes())
+        assert 5 < len(pages) < 40

@@ -1,0 +1,89 @@
+"""What the page says in a sentence, against numbers that are known beforehand."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from reports.briefs import EARLY, FAULTS, PEOPLE, STATISTICS, briefs, early, faults, told_apart
+from reports.groups import Group
+from tests.reports.test_behaviour import other_run, stressed
+
+
+def group(rows, mixed=False):
+    """Accuracies of systems by name, a number per subject."""
+    table = pd.DataFrame(rows, dtype=float).T
+    return Group(table.loc[table.mean(axis=1).sort_values(ascending=False, kind="stable").index], mixed)
+
+
+EVEN, ODD = [70, 60] * 6, [60, 70] * 6
+
+
+def test_two_that_take_turns_are_not_told_apart_and_both_beat_the_third():
+    # Mean ranks 1.5, 1.5 and 3 of 12 subjects; Nemenyi's critical difference is 2.343 sqrt(3 * 4 / (6 * 12)) = 0.96.
+    said = told_apart(group({"rf": EVEN, "xgb": ODD, "svm": [50] * 12}))
+    assert said == "rf and xgb cannot be told apart; both beat svm (Nemenyi's test over 12 subjects, 5 %)."
+
+
+def test_one_that_is_always_first():
+    said = told_apart(group({"rf": [90] * 12, "xgb": ODD, "svm": EVEN}))
+    assert said.startswith("rf beats ") and "xgb and svm" in said.replace("svm and xgb", "xgb and svm")
+
+
+def test_those_that_only_the_first_beats():
+    # Mean ranks 1.5, 2 and 2.5 of 36 subjects; the critical difference is 2.343 sqrt(3 * 4 / (6 * 36)) = 0.55.
+    rows = {"a": [3] * 6 + [2] * 6, "b": [2] * 6 + [3] * 3 + [1] * 3, "c": [1] * 9 + [3] * 3}
+    assert pd.DataFrame(rows).T.rank(ascending=False).mean(axis=1).tolist() == [1.5, 2.0, 2.5]
+    said = told_apart(group({k: v * 3 for k, v in rows.items()}))
+    assert said == "a and b cannot be told apart; only a beats c (Nemenyi's test over 36 subjects, 5 %)."
+
+
+def test_many_that_do_not_differ():
+    rng = np.random.default_rng(0)
+    said = told_apart(group({f"s{i}": rng.permutation(20) for i in range(5)}))
+    assert said.startswith("None of 5 systems can be told from another (Friedman's test over 20 subjects, p = 0.")
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ({"a": [1, 2]}, "a has nothing to be compared with."),
+        ({"a": [1, 2, 3], "b": [3, 2, 1]}, "3 subjects are too few to tell 2 systems apart."),
+        # Ten differences of one sign: p = 2 / 2 ** 10; as many of each sign and equal size: p = 1.
+        ({"a": [60] * 10, "b": range(50, 60)}, "a beats b (Wilcoxon's signed rank test over 10 subjects, p = 0.002)."),
+        ({"a": EVEN, "b": ODD}, "a and b cannot be told apart (Wilcoxon's signed rank test over 12 subjects, p = 1)."),
+    ],
+)
+def test_one_two_and_few(rows, said):
+    assert told_apart(group(rows)) == said
+
+
+def test_mixed_subjects_are_said_with_it():
+    assert "nothing holds for a new person" in told_apart(group({"a": [60] * 10, "b": range(50, 60)}, mixed=True))
+
+
+def test_who_loses_least_under_faults(store):
+    other_run(store, "stress", "svm", stressed(0.8, {"noise": 0.3, "dead_taxels": 0.1}), at=1)
+    other_run(store, "stress", "rf", stressed(0.7, {"noise": 0.05, "dead_taxels": 0.15}), at=1)
+    other_run(store, "stress", "tree", stressed(0.9, {"noise": 0.01}), at=1)  # met fewer faults: not comparable
+    said = faults(store)
+    assert "rf loses 10.0 points of accuracy, mean over 2 faults" in said and "the least of 2 systems" in said
+    assert "(the most: svm, 20.0)" in said and said.endswith("most under dead taxels, 15.0 points.")
+
+
+def test_what_is_known_early(store):
+    def streamed(system, **metrics):
+        params = {"stream.start": "onset", "stream.hop_ms": "None"}
+        other_run(store, "stream", system, metrics | {"decide_ms_p50": 1.0}, at=1, params=params)
+
+    streamed("svm", accuracy=0.8, adaptive_accuracy=0.79, adaptive_ms=1234.4, accuracy_at_500_ms=0.3)
+    streamed("rf", accuracy=0.75, adaptive_accuracy=0.74, adaptive_ms=900.0, accuracy_at_500_ms=0.6)
+    said = early(store)
+    assert "svm labels 79.0 % of captures" in said and "after 1234 ms" in said and "80.0 % of whole captures" in said
+    assert said.endswith("rf gets 60.0 % after 500 ms, most of all.")
+
+
+def test_topics_come_only_with_something_to_say(store):
+    assert briefs(store, {}, []) == []
+    found = dict(briefs(store, {"here": group({"a": [60, 80], "b": [50, 50]})}, []))
+    assert set(found) == {PEOPLE, STATISTICS} and not {EARLY, FAULTS} & set(found)
+    assert "a, the most accurate, labels between 60.0 % (subject 0) and 80.0 % (subject 1)" in found[PEOPLE]
