@@ -90,7 +90,7 @@
 
   function hint(points, budget, left) {
     const has = kind => points.some(p => p.kind === kind);
-    const said = [has("published") && "filled circles: published systems run here", has("changed") && "hollow circles: these with other settings",
+    const said = [has("published") && "filled circles: published systems run here", has("changed") && "hollow circles: published systems with other settings",
       has("other") && "squares: other systems", has("chip") && "triangles: measured as C", "line and bold names: no other is cheaper and more accurate",
       points.some(p => p.chosen) && "ring: the choice", budget && "shaded: over the budget", points.some(p => p.out) && "pale: ruled out by a budget"];
     const words = said.filter(Boolean).join("; ");
