@@ -54,7 +54,9 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
         typed = f"```{block.language}\n{block.text}```\n"
         if block.left_out:
             return f'{typed}\n<p class="note">Not run for this page: {html.escape(block.left_out)}.</p>\n'
-        return typed + (f'\n<div class="output" markdown>\n{fenced(cut(output, block))}\n</div>\n' if block.shown else "")
+        return typed + (
+            f'\n<div class="output" markdown>\n{fenced(cut(output, block))}\n</div>\n' if block.shown else ""
+        )
 
     return examples.BLOCK.sub(replaced, markdown).replace("<!-- help of every command -->", helped())
 
@@ -82,6 +84,12 @@ def fenced(text: str) -> str:
     return f"````text\n{text}\n````"
 
 
+def progress(output: dict) -> bool:
+    """Whether an output of a cell is a progress bar or a line of it."""
+    shown = output.get("data", {})
+    return output.get("name") == "stderr" or (output["output_type"] == "display_data" and "image/png" not in shown)
+
+
 def notebook(path: Path) -> dict[str, str | bytes]:
     """Run a notebook in a folder of its own; its page and pictures by name.
 
@@ -107,7 +115,7 @@ def notebook(path: Path) -> dict[str, str | bytes]:
             os.environ.clear()
             os.environ.update(before)
         for cell in book.cells:  # progress is no result
-            cell["outputs"] = [o for o in cell.get("outputs", []) if o.get("name") != "stderr"]
+            cell["outputs"] = [o for o in cell.get("outputs", []) if not progress(o)]
         text, resources = MarkdownExporter().from_notebook_node(book)
     text = text.replace(str(folder.resolve()), "/home/you").replace(name, "/home/you")
     return {path.with_suffix(".md").name: text, **resources["outputs"]}
