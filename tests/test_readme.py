@@ -61,9 +61,8 @@ def test_it_is_short_and_what_it_links_to_is_there():
 
 def test_its_run_of_seconds_gives_the_verdict_that_it_prints(capsys):
     """Words as they stand there; numbers may differ by a point, as another processor rounds otherwise."""
-    block, shown = re.search(
-        r"```sh\n(bench run [^`]*bench choose [^`]*)```\n\n```text\n(.*?)```", README, re.DOTALL
-    ).groups()
+    pattern = r"```sh\n(bench run [^`]*bench choose [^`]*)```\n\n```text\n(.*?)```"
+    block, shown = re.search(pattern, README, re.DOTALL).groups()
     for line in block.splitlines():
         assert main(line.split()[1:]) == 0
     found = capsys.readouterr().out.splitlines()[-len(shown.splitlines()) :]

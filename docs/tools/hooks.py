@@ -45,12 +45,13 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Put what the blocks of a page printed below them, and why a block was not run."""
-    found = printed.get(page.file.src_uri, [])
-    shown = iter(found)
+    if page.file.src_uri not in printed:  # the notebook's, which has its outputs
+        return markdown
+    outputs = iter(printed[page.file.src_uri])
 
     def replaced(match: re.Match[str]) -> str:
         block = examples.block(match)
-        output = next(shown)
+        output = next(outputs)
         typed = f"```{block.language}\n{block.text}```\n"
         if block.left_out:
             return f'{typed}\n<p class="note">Not run for this page: {html.escape(block.left_out)}.</p>\n'

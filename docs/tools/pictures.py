@@ -1,7 +1,7 @@
 """Draws the pictures of the documentation from data, into ``docs/pictures`` and ``docs/speed.png``.
 
     python docs/tools/pictures.py concepts    # generated captures and five quick systems, in a store of its own
-    python docs/tools/pictures.py speed       # the README's chart, from the HAART runs in the store of MLFLOW_TRACKING_URI
+    python docs/tools/pictures.py speed       # the README's chart, from the HAART runs of the store in use
 
 The results are committed; draw them again after a change of what they show, and look at them.
 """
