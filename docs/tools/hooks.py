@@ -14,6 +14,7 @@ import os
 import re
 import sys
 import tempfile
+import textwrap
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -81,8 +82,12 @@ def cut(output: str, block: examples.Block) -> str:
 
 
 def fenced(text: str) -> str:
-    """Output as a block that nothing in it can end."""
-    return f"````text\n{text}\n````"
+    """Output as a block that nothing in it can end; sentences are wrapped as a terminal wraps them, tables are not."""
+    lines = []
+    for line in text.split("\n"):
+        sentence = len(line) > 100 and "  " not in line and not any(c in line for c in "│┃━─")
+        lines += textwrap.wrap(line, 100) if sentence else [line]
+    return "\n".join(["````text", *lines, "````"])
 
 
 def progress(output: dict) -> bool:

@@ -149,7 +149,7 @@ def chart(data: str, budget: float, path: Path) -> None:
     choice = bench.choose(data=data, protocol="loso", max_flash=f"{budget / 1000:g}kB")
     x, y = table["flash_bytes"].to_numpy(), table["accuracy"].to_numpy()
     on = speed.front(x, y)
-    names = 0.85 * figures.width_of(table["system"], 9) + 0.35
+    names = 0.95 * figures.width_of(table["system"], 9) + 0.35
     figure, axes = figures.new_figure((8.3, max(3.4, 0.27 * len(table) + 1.2)), (1, 1), (0.65, names, 0.55, 0.75))
     axis = axes[0, 0]
     axis.axvspan(budget / 1000, 1e9, color="0.93", zorder=0)
