@@ -1,4 +1,4 @@
-"""What the README promises, as it is written there."""
+"""What the README and the pages of docs/ promise, as it is written there."""
 
 import re
 import subprocess
@@ -18,6 +18,7 @@ from tests.conftest import runs
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
+DOCS = {path.name: path.read_text() for path in (ROOT / "docs").glob("*.md")}
 SNIPPETS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 
 
@@ -47,8 +48,33 @@ def test_its_parameter_can_be_searched_though_it_has_no_probabilities(corpus):
 
 
 def test_every_command_is_introduced():
+    said = README + "".join(DOCS.values())
     for command in COMMANDS:
-        assert f"bench {command}" in README, command
+        assert f"bench {command}" in said, command
+
+
+def test_it_is_short_and_what_it_links_to_is_there():
+    assert README.count("\n") <= 120
+    links = re.findall(r"\]\(([^)#]+)", README)
+    assert len(links) > 15 and all((ROOT / link).exists() for link in links), links
+
+
+def test_its_run_of_seconds_gives_the_verdict_that_it_prints(capsys):
+    """Words as they stand there; numbers may differ by a point, as another processor rounds otherwise."""
+    pattern = r"```sh\n(bench run [^`]*bench choose [^`]*)```\n\n```text\n(.*?)```"
+    block, shown = re.search(pattern, README, re.DOTALL).groups()
+    for line in block.splitlines():
+        assert main(line.split()[1:]) == 0
+    found = capsys.readouterr().out.splitlines()[-len(shown.splitlines()) :]
+    number = r"\d+(?:\.\d+)?"
+    for said, line in zip(shown.splitlines(), found, strict=True):
+        assert re.sub(number, "#", said) == re.sub(number, "#", line)
+        for a, b in zip(re.findall(number, said), re.findall(number, line), strict=True):
+            assert abs(float(a) - float(b)) <= 1, (said, line)
+
+
+def test_the_page_of_systems_of_ones_own_has_the_same_example():
+    assert f"```python\n# my.py\n{SNIPPETS[0]}```" in DOCS["your_system.md"]
 
 
 def test_commands_are_single_lines_and_ci_runs_the_readmes():
@@ -60,7 +86,7 @@ def test_commands_are_single_lines_and_ci_runs_the_readmes():
 
 @pytest.mark.skipif(bool(lacking("make", "gcc")), reason=lacking("make", "gcc"))
 def test_from_captures_to_running_c_as_written(capsys, monkeypatch):
-    block = next(b for b in re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL) if "bench export" in b)
+    block = next(b for b in re.findall(r"```sh\n(.*?)```", DOCS["chip.md"], flags=re.DOTALL) if "bench export" in b)
     lines = [line.partition("#")[0].strip() for line in block.splitlines()]
     assert len(lines) == 5
     small = ["data=synth", "data.subjects=3", "data.variants=normal", "model.units=2", "model.copies=1", "stopping=no"]
@@ -82,12 +108,12 @@ def test_every_name_of_the_table_exists():
 
     for room in ("corpora", "features", "models", "protocols"):
         for name in names(room):
-            assert f"`{name}`" in README, name
+            assert f"`{name}`" in DOCS["parts.md"], name
 
 
 def test_the_python_example_runs_as_written(capsys):
     names = {}
-    exec(SNIPPETS[1], names)
+    exec(re.findall(r"```python\n(.*?)```", DOCS["api.md"], flags=re.DOTALL)[0], names)
     assert names["table"]["system"].tolist() == ["svm · jung54", "rf[trees=50] · jung54"]
     assert "Choose " in capsys.readouterr().out
 

@@ -1,0 +1,127 @@
+"""What MkDocs does for this site: it runs the examples of every page and the notebook, and puts in what they print.
+
+An example that fails ends the build. ``EXAMPLES`` names a file of ``docs/tools/examples.py out=FILE``, so that what the
+tests have just run is not run again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import io
+import json
+import os
+import re
+import sys
+import tempfile
+import textwrap
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+TOOLS = Path(__file__).parent
+sys.path[:0] = [str(TOOLS), str(TOOLS.parent.parent)]
+
+import examples  # noqa: E402
+
+from bench.cli import COMMANDS, main  # noqa: E402
+
+printed: dict[str, list[str] | str] = {}
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Run everything; add the page of the notebook and its pictures."""
+    pages = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
+    given = os.environ.get("EXAMPLES")
+    printed.update(json.loads(Path(given).read_text()) if given else examples.run(pages))
+    if failed := [said for said in printed.values() if isinstance(said, str)]:
+        raise PluginError("\n".join(failed))
+    for name, content in notebook(TOOLS.parent / "walk.ipynb").items():
+        files.append(File.generated(config, name, content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    """Put what the blocks of a page printed below them, and why a block was not run."""
+    if page.file.src_uri not in printed:  # the notebook's, which has its outputs
+        return markdown
+    outputs = iter(printed[page.file.src_uri])
+
+    def replaced(match: re.Match[str]) -> str:
+        block = examples.block(match)
+        output = next(outputs)
+        typed = f"```{block.language}\n{block.text}```\n"
+        if block.left_out:
+            return f'{typed}\n<p class="note">Not run for this page: {html.escape(block.left_out)}.</p>\n'
+        return typed + (
+            f'\n<div class="output" markdown>\n{fenced(cut(output, block))}\n</div>\n' if block.shown else ""
+        )
+
+    return examples.BLOCK.sub(replaced, markdown).replace("<!-- help of every command -->", helped())
+
+
+def helped() -> str:
+    """A section for each command, with what its ``--help`` prints."""
+    parts = []
+    for name in COMMANDS:
+        with contextlib.redirect_stdout(io.StringIO()) as said:
+            main([name, "--help"])
+        parts.append(f"## bench {name}\n\n{fenced(said.getvalue().rstrip())}\n")
+    return "\n".join(parts)
+
+
+def cut(output: str, block: examples.Block) -> str:
+    """The lines of an output that are shown, with a mark where some are left out."""
+    lines = output.rstrip().split("\n")
+    if not block.lines or len(lines) <= block.lines:
+        return "\n".join(lines)
+    return "\n".join([*lines[: block.lines], "…"] if block.end == "first" else ["…", *lines[-block.lines :]])
+
+
+def fenced(text: str) -> str:
+    """Output as a block that nothing in it can end; sentences are wrapped as a terminal wraps them, tables are not."""
+    lines = []
+    for line in text.split("\n"):
+        sentence = len(line) > 100 and "  " not in line and not any(c in line for c in "│┃━─")
+        lines += textwrap.wrap(line, 100) if sentence else [line]
+    return "\n".join(["````text", *lines, "````"])
+
+
+def progress(output: dict) -> bool:
+    """Whether an output of a cell is a progress bar or a line of it."""
+    shown = output.get("data", {})
+    return output.get("name") == "stderr" or (output["output_type"] == "display_data" and "image/png" not in shown)
+
+
+def notebook(path: Path) -> dict[str, str | bytes]:
+    """Run a notebook in a folder of its own; its page and pictures by name.
+
+    Raises:
+        PluginError: a cell raises.
+    """
+    import nbformat
+    from nbclient import NotebookClient
+    from nbclient.exceptions import CellExecutionError
+    from nbconvert import MarkdownExporter
+
+    book = nbformat.read(path, as_version=4)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        before = dict(os.environ)
+        os.environ.pop("MLFLOW_TRACKING_URI", None)
+        os.environ.update(examples.environment(folder))
+        try:
+            NotebookClient(book, timeout=300, resources={"metadata": {"path": name}}).execute()
+        except CellExecutionError as e:
+            raise PluginError(f"{path.name}: {e}") from e
+        finally:
+            os.environ.clear()
+            os.environ.update(before)
+        for cell in book.cells:  # progress is no result
+            cell["outputs"] = [o for o in cell.get("outputs", []) if not progress(o)]
+        text, resources = MarkdownExporter().from_notebook_node(book)
+    text = text.replace(str(folder.resolve()), "/home/you").replace(name, "/home/you")
+    return {path.with_suffix(".md").name: text, **resources["outputs"]}
