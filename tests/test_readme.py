@@ -65,7 +65,9 @@ def test_its_run_of_seconds_gives_the_verdict_that_it_prints(capsys):
     block, shown = re.search(pattern, README, re.DOTALL).groups()
     for line in block.splitlines():
         assert main(line.split()[1:]) == 0
-    found = capsys.readouterr().out.splitlines()[-len(shown.splitlines()) :]
+    lines = capsys.readouterr().out.splitlines()
+    begin = next(place for place, line in enumerate(lines) if line.startswith("Choose"))
+    found = lines[begin : begin + len(shown.splitlines())]
     number = r"\d+(?:\.\d+)?"
     for said, line in zip(shown.splitlines(), found, strict=True):
         assert re.sub(number, "#", said) == re.sub(number, "#", line)

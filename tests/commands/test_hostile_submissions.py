@@ -47,7 +47,11 @@ def test_a_wrong_table_is_left_out_with_a_line(table, said, capsys):
     assert line.startswith("left out: wrong: ") and said in line
     assert "haart-challenge-v1: mine, 100.0 % of 251 captures" in out
     text = Path("leaderboard.html").read_text()
-    assert "<td>mine</td>" in text and "Left out: wrong" in text and "<script>" not in re.sub("<script>\n.*", "", text)
+    assert (
+        '<th scope="row">mine</th>' in text
+        and "Left out: wrong" in text
+        and "<script>" not in re.sub("<script>\n.*", "", text)
+    )
 
 
 @pytest.mark.parametrize(

@@ -230,7 +230,7 @@ def test_the_page_has_every_task_and_ranks_by_what_it_computed():
     for name in tasks.TASKS:
         assert f'<h2 id="{name}">' in text
     part = text[text.index('id="haart-challenge-v1"') : text.index('id="haart-early-v1"')]
-    systems = re.findall(r"<tr><td>(.*?)</td><td>([0-9.]+) ", part)
+    systems = re.findall(r'<tr><th scope="row">(.*?)</th><td>([0-9.]+) ', part)
     assert systems[0] == ("all right", "100.0") and systems[-1] == ("always pat", f"{100 * 36 / 251:.1f}")
     assert [float(a) for _, a in systems] == sorted((float(a) for _, a in systems), reverse=True)
     assert "Nobody has submitted a result yet" in text[text.index('id="cost-loso-v1"') :]

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
+from bench.commands import printing
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import known
 from bench.corpora.steps import Repair, Windows
@@ -124,7 +125,8 @@ def test_more_copies_than_memory_are_refused_before_anything_is_run(model, capsy
     assert "model.copies=1000000: needs at least" in capsys.readouterr().err
 
 
-def test_stress_says_on_how_many_of_the_tested_faults_it_was_trained(capsys):
+def test_stress_says_on_how_many_of_the_tested_faults_it_was_trained(capsys, monkeypatch):
+    monkeypatch.setattr(printing, "WIDTH", 140)
     small = ["data.subjects=3", "data.variants=normal", "faults=noise,shift"]
     assert main(["stress", *small, "model=lda", "features=jung28", "model.faults=noise", "model.copies=1"]) == 0
     (run,) = runs("stress")[1]
