@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.commands.printing import output
+from bench.commands.printing import say
 from bench.corpora.limits import called
 from bench.errors import InputError
 from bench.outcomes import answers, submissions
@@ -91,15 +91,9 @@ def leaderboard(arguments: list[str]) -> int:
         raise InputError(f"out={out}: cannot be written ({e.strerror}); choose another place") from e
     for line in left_out:
         warn(f"left out: {line}")
-    said = output()
     for submission in found:
         accuracy = 100 * submissions.score(submission)["accuracy"]
-        said.print(
-            f"{submission.task.name}: {submission.about['system']}, {accuracy:.1f} % of {submission.task.score}",
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+        say(f"{submission.task.name}: {submission.about['system']}, {accuracy:.1f} % of {submission.task.score}")
     print(out)
     return 1 if left_out else 0
 

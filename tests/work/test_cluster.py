@@ -826,7 +826,7 @@ def test_a_worker_that_is_killed_while_a_corpus_is_sent_stops_nothing(tmp_path, 
 
 
 @mark_live
-def test_a_command_says_that_others_keep_all_workers_busy(two, slow, monkeypatch, capsys):
+def test_a_command_without_an_answer_of_any_worker_says_so_once(two, slow, monkeypatch, capsys):
     command, folder = slow
     process = begun([*command, "model.seconds=6", f"cluster={two}"])
     until(lambda: len(marks(folder)) == 2)
