@@ -17,13 +17,13 @@ from bench.commands import tune as _tune
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
-from bench.outcomes.runs import tracked
+from bench.outcomes.runs import selected, tracked, without_runs
 from bench.outcomes.store import connect
 from bench.plan.arguments import check_key, items
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.work.fit import Fitted
-from bench.work.loop import Outcome
+from bench.work.loop import Outcome, warn
 from reports.comparison import comparison, published
 from reports.latex import latex as latex
 from reports.leaderboard import OWN, reference, scores_of
@@ -167,7 +167,7 @@ def fit(**values: object) -> Fitted:
 
 
 def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
-    """The cheapest tracked system that is not measurably worse than the best, as ``bench choose`` tells it.
+    """The cheapest tracked system that is within one standard error of the best, as ``bench choose`` tells it.
 
     With ``over=``, runs are made as ``bench choose over=`` makes them; see `run` for what they give.
 
@@ -195,9 +195,10 @@ def results(of: str = "", **values: object) -> pd.DataFrame | Found:
         return _reference(of, values)
     given = _values(values, set(_choose.AMONG))
     runs = tracked(connect())
-    columns = {"where": "subset"} | {part: f"{part}_name" for part in ("protocol", "features", "model")}
-    for key, value in given.items():
-        runs = runs[runs[columns.get(key, key)].isin([str(v) for v in items(key, value)])]
+    asked = {key: items(key, value) for key, value in given.items()}
+    for lacking in without_runs([runs], asked):
+        warn(f"warning: {lacking}: no run of it is tracked")
+    runs = selected(runs, asked)
     if not len(runs):
         raise InputError("no run is tracked for these values; make some with bench.run")
     return comparison(runs, published())

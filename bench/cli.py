@@ -77,6 +77,7 @@ captures are known from fits to a few of them, which takes up to two minutes. Ex
                 exported. The clock of the chip divided by the frames of a second is the most it could do: leave room
                 for instructions that take more than a cycle, and for all else that it does
   margin=       points of accuracy that do not matter: a one-sided paired t-test (p < 0.05) replaces the SE
+  unit=         capture (default), or window: percent of single windows, of the systems that decide on such
   shots=        among runs of protocol=personal (or transfer) of which so many captures of a new person are known;
                 protocol.draws=, protocol.source= and the like choose among them
   data= where= target= protocol= model= features=   choose among the runs

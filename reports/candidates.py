@@ -10,10 +10,11 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.outcomes import statistics
-from bench.outcomes.advice import compared_on, typed
+from bench.outcomes.advice import compared_on
 from bench.outcomes.choice import SAID, Choice, candidates, decide, sentences
 from bench.outcomes.comparable import COMPARABLE, Row, facts_of
 from bench.outcomes.store import Store
+from bench.plan.arguments import typed
 from bench.quantities import COSTS
 from reports.layout import Answer
 from reports.speed import front

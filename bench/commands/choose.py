@@ -1,4 +1,4 @@
-"""The command ``bench choose``: the cheapest system that is not measurably worse than the best one.
+"""The command ``bench choose``: the cheapest system that is within one standard error of the best one.
 
 Without ``over=`` it reads tracked runs; with it, it makes runs whose every fold chooses the smallest value of one
 parameter on training subjects.
@@ -12,16 +12,17 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.progress import track
 
 from bench.commands import closing
 from bench.commands.printing import grid, output, say, show, then
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
-from bench.outcomes.advice import FIRST, MOST_AT_HAND, WHAT, at_hand, compared_on, merged, typed
+from bench.outcomes.advice import FIRST, MOST_AT_HAND, WHAT, at_hand, compared_on, merged
 from bench.outcomes.choice import Choice, amount, candidates, decide, sentences
-from bench.outcomes.runs import NothingTracked
+from bench.outcomes.runs import NothingTracked, of_kinds, without_runs
 from bench.outcomes.store import connect
-from bench.plan.arguments import BACKEND, Values, backend_of, convert, items, parse
+from bench.plan.arguments import BACKEND, Values, backend_of, convert, items, parse, typed
 from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.cells import Cell, cells
 from bench.plan.plan import corpus_of
@@ -35,7 +36,9 @@ if TYPE_CHECKING:
     from models.space import How, Tuning
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
-KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", *BUDGETS}
+KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", "unit", *BUDGETS}
+UNITS = ("capture", "window")
+WINDOW = "0.5"  # seconds, of systems that keep whole captures in too much RAM
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 
 
@@ -109,6 +112,9 @@ def chosen(values: Values) -> Chosen:
     by = str(values.get("by", "flash"))
     if by not in COSTS:
         raise InputError(f"by={by}: {nearest(by, COSTS)}")
+    unit = str(values.get("unit", "capture"))
+    if unit not in UNITS:
+        raise InputError(f"unit={unit}: {nearest(unit, UNITS)}")
     budgets = {BUDGETS[k]: quantity(k, values[k]) for k in BUDGETS if k in values}
     margin = quantity("margin", values["margin"]) if "margin" in values else None
     asked = {k: items(k, values[k]) for k in AMONG if k in values}
@@ -118,11 +124,20 @@ def chosen(values: Values) -> Chosen:
             raise InputError(f"shots={shots}: give 0 or more")
         asked |= {"shots": [str(shots)], "protocol": asked.get("protocol", ["personal"])}
     asked |= {k: items(k, v) for k, v in values.items() if k.startswith("protocol.")}
-    found, about, subjects = candidates(connect(), asked, budgets.get("decision"), by == "decision")
+    store = connect()
+    runs_of = of_kinds(store, ("cell", "chip", "stream"))
+    for lacking in without_runs(list(runs_of.values()), asked):
+        warn(f"warning: {lacking}: no run of it is tracked")
+    found, about, subjects = candidates(
+        store, asked, budgets.get("decision"), by == "decision", runs_of, unit == "window"
+    )
     if (by == "predict" or "predict" in budgets) and found["cpu"].nunique() > 1:
         warn(f"warning: times are of several processors: {'; '.join(sorted(set(found['cpu'])))}")
     choice = decide(found, subjects, by, budgets, margin)
-    return Chosen(choice, about, by, budgets, margin, len(subjects.columns), _advice(choice, by, budgets, asked))
+    advice = _advice(choice, by, budgets, asked)
+    if unit == "capture" and "decision" in {by, *budgets} and choice.table["windows"].any():
+        advice.append("One window alone is labelled sooner, and is scored in percent of windows: see unit=window.")
+    return Chosen(choice, about, by, budgets, margin, len(subjects.columns), advice)
 
 
 def first_steps(values: Values) -> list[str]:
@@ -149,11 +164,12 @@ def _advice(choice: Choice, by: str, budgets: dict[str, float], asked: dict[str,
     It is told where nothing fits, and of a budget for which runs of a kind are needed that nobody has made.
     """
     table, kinds = choice.table, _kinds({by, *budgets})
-    said = []
+    sized = {k: v for k, v in budgets.items() if k in ("flash", "ram")}
+    said = _in_windows(choice, sized) if "ram" in sized else []
     if choice.chosen is not None:
         kinds = [kind for kind in _kinds({*budgets}) if kind not in set(table["kind"])]
         if not kinds:
-            return []
+            return said
     if "cycles" in budgets and (timed := [k for k in ("predict", "decision") if k in budgets]):
         said.append(
             f"cycles is known of what bench chip has exported, {' and '.join(timed)} of what runs in Python, so no "
@@ -161,7 +177,6 @@ def _advice(choice: Choice, by: str, budgets: dict[str, float], asked: dict[str,
         )
     if not (on := compared_on(table)):
         return [*said, "The runs were made from Python with objects, so there is no command for more of them."]
-    sized = {k: v for k, v in budgets.items() if k in ("flash", "ram")}
     for kind in kinds:
         runs = at_hand(table, kind, sized)
         if kind == "chip":
@@ -175,6 +190,34 @@ def _advice(choice: Choice, by: str, budgets: dict[str, float], asked: dict[str,
         return said
     digest = str(table["digest"].iloc[0])
     return said + _not_run(on, asked, set(table["system"]), sized, kinds[-1] if kinds else "run", digest)
+
+
+def _in_windows(choice: Choice, sized: dict[str, float]) -> list[str]:
+    """Commands for systems that need too much RAM for whole captures, and less for windows of them.
+
+    Args:
+        choice: that was made; only systems that are more accurate than the chosen one are worth a command.
+        sized: budgets of flash and RAM.
+    """
+    table = choice.table
+    least = -1.0 if choice.chosen is None else table["accuracy"][choice.chosen]
+    large = table[(table["ram"] > sized["ram"]) & (table["accuracy"] > least)]
+    found: list[tuple[str, dict[str, str]]] = []
+    for arguments in at_hand(large, "", {}):
+        if "model.window" in arguments or len(found) == MOST_AT_HAND:
+            continue
+        try:
+            (cell,) = cells(arguments | {"model.window": WINDOW})
+            size = known_sizes(cell, corpus_of(cell))
+        except InputError:  # it takes no windows, or its captures are gone
+            continue
+        if cell.system() not in set(table["system"]) and size and all(size[k] <= most for k, most in sized.items()):
+            found.append((f"{cell.system()} ({amount('ram', size['ram'])})", cell.arguments()))
+    if not found:
+        return []
+    what = f"Of windows of {WINDOW} s these would need less RAM than of whole captures, counted without code"
+    commands = [f"  {typed('run', arguments)}" for arguments in merged(arguments for _, arguments in found)]
+    return [f"{what}: {'; '.join(system for system, _ in found)}.", *commands]
 
 
 def _not_run(
@@ -206,7 +249,7 @@ def _not_run(
             *(f"  {typed(kind, arguments)}" for arguments in merged(cell.arguments() for cell in small)),
         ]
     console.print(f"fitting {len(todo)} systems that were not run to a few captures, to know their sizes", style="dim")
-    sizes = [(cell, known_sizes(cell, corpus)) for cell in todo]
+    sizes = [(cell, known_sizes(cell, corpus)) for cell in track(todo, "sizes", console=console, transient=True)]
     known = [(cell, size) for cell, size in sizes if size is not None]
     fits = [(cell, size) for cell, size in known if all(size[k] <= most for k, most in sized.items())]
     said = []
@@ -233,12 +276,15 @@ def _print(found: Chosen) -> None:
     for row in found.choice.table.to_dict("records"):
         loss = "-" if np.isnan(row["loss"]) else f"{row['loss']:.1f} ± {row['error']:.1f}"
         row_of = {"system": row["system"], "labels": row["unit"], "accuracy %": f"{row['accuracy']:.1f}"}
-        row_of |= {"below best": loss} | {k: amount(k, row[k]) for k in COSTS} | {"verdict": row["verdict"]}
+        costs = {k: amount(k, row[k]) + "*" * (row["linked"] and k in ("flash", "ram")) for k in COSTS}
+        row_of |= {"below best": loss} | costs | {"verdict": row["verdict"]}
         rows.append(row_of)
     spare = [k for k in ("cycles", "predict", "ram", "decision", "flash") if k != found.by and k not in found.budgets]
     bold = [i for i, index in enumerate(found.choice.table.index) if index == found.choice.chosen]
     title = f"{found.about}; {within}; cheapest by {found.by} first; accuracy is the mean over subjects"
     grid(output(), title, rows, ("system", "labels", "verdict"), spare, bold)
+    if 0 < found.choice.table["linked"].sum() < len(rows):
+        output().print("* as linked in C, code included; the other sizes are counted without code", style="dim")
     say(*found.lines())
     if found.choice.chosen is not None:
         one = dict(found.choice.table.loc[found.choice.chosen])
@@ -247,7 +293,7 @@ def _print(found: Chosen) -> None:
 
 def smallest(values: Values) -> list[Outcome]:
     """Run each system with the smallest value that suffices, chosen in every fold, beside the system as it is."""
-    if given := {"by", "margin", "shots", *BUDGETS} & set(values):
+    if given := {"by", "margin", "shots", "unit", *BUDGETS} & set(values):
         raise InputError(f"{given.pop()}= chooses among tracked runs; leave it out, or leave out over=")
     over, inner = str(values["over"]), str(values.get("inner", "3"))
     listed = values.get(f"model.{over}")

@@ -10,9 +10,10 @@ import numpy as np
 
 from bench.commands.printing import best, contexts, say, then
 from bench.errors import InputError
-from bench.outcomes.advice import FIRST, WHAT, typed
+from bench.outcomes.advice import FIRST, WHAT
 from bench.outcomes.comparable import context_of
 from bench.outcomes.store import connect
+from bench.plan.arguments import typed
 from bench.plan.cells import cells
 from bench.work.loop import Outcome
 from models import contract

@@ -10,8 +10,8 @@ from bench.corpora.cost import write
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
-from bench.outcomes.advice import FIRST, typed
-from bench.plan.arguments import convert
+from bench.outcomes.advice import FIRST
+from bench.plan.arguments import convert, typed
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.scratch import home

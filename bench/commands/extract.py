@@ -7,8 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.errors import InputError
-from bench.outcomes.advice import typed
-from bench.plan.arguments import parse
+from bench.plan.arguments import parse, typed
 from bench.plan.cells import cells
 from bench.plan.plan import captures_of
 from bench.scratch import replacing

@@ -9,8 +9,7 @@ from bench.commands.closing import has_c
 from bench.commands.printing import then
 from bench.corpora.table import read_unlabelled
 from bench.errors import InputError
-from bench.outcomes.advice import quoted
-from bench.plan.arguments import Values, number, options_of, parse
+from bench.plan.arguments import Values, number, options_of, parse, quoted
 from bench.plan.cells import Cell, cells
 from bench.scratch import new_folder, replacing
 from reports.sheet import write_sheet

@@ -8,10 +8,9 @@ from bench.commands.printing import say
 from bench.corpora.limits import called
 from bench.errors import InputError
 from bench.outcomes import answers, submissions
-from bench.outcomes.advice import typed
 from bench.outcomes.store import connect
 from bench.outcomes.submissions import ABOUT, Submission
-from bench.plan.arguments import options_of, parse
+from bench.plan.arguments import labelled, options_of, parse, typed
 from bench.plan.cells import cells
 from bench.plan.tasks import Task, task_of
 from bench.scratch import made_whole, new_folder, replacing
@@ -56,20 +55,14 @@ def _wanted(task: Task, values: dict[str, str]) -> tuple[dict[str, str], str]:
     if "run" in values:
         if named:
             raise InputError(f"run= names the run; leave out {next(iter(named))}=")
-        return {"run_id": values["run"]}, f"bench {task.command} data={task.data} {_protocol(task)}"
-    on = {"data": task.data} | dict(word.split("=") for word in _protocol(task).split())
+        return {"run_id": values["run"]}, typed(task.command, {"data": task.data} | labelled("protocol", task.protocol))
+    on = {"data": task.data} | labelled("protocol", task.protocol)
     asked = cells(on | named)
     if len(asked) > 1:
         raise InputError(f"these values name {len(asked)} systems; give one value of each")
     cell = asked[0]
     seed = "none" if cell.seed is None else str(cell.seed)
     return {"system": cell.system(), "seed": seed}, typed(task.command, on | named)
-
-
-def _protocol(task: Task) -> str:
-    """``personal[shots=3]`` as it is typed."""
-    name, _, rest = task.protocol.rstrip("]").partition("[")
-    return " ".join([f"protocol={name}", *(f"protocol.{part}" for part in rest.split(", ") if part)])
 
 
 def leaderboard(arguments: list[str]) -> int:

@@ -120,7 +120,7 @@ def grid(
     out.print(table)
     if gone:
         needed = sum(wide[n] + 3 for n in [*names, *gone]) + 1
-        words = f"no room for {', '.join(gone)}: a terminal of {needed} columns has it"
+        words = f"columns left out: {', '.join(gone)}; a terminal {needed} wide has room for them"
         out.print(words, style="dim", markup=False, highlight=False)
 
 

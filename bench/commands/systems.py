@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from bench.errors import InputError
-from bench.outcomes.advice import quoted
+from bench.plan.arguments import quoted
 from bench.registry import names
 from reports.comparison import published
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Iterable, Mapping
 
 import pandas as pd
@@ -14,17 +13,6 @@ Arguments = Mapping[str, str]
 WHAT = ("data", "where", "target", "protocol")  # keys that say what systems are compared on
 FIRST = {"model": "bayes,lda,svm,rf", "features": "jung28"}  # systems that take seconds, to compare with
 MOST_AT_HAND = 5  # runs that are worth another command
-
-
-def typed(command: str, arguments: Arguments) -> str:
-    """A command as it is typed."""
-    return " ".join(["bench", command, *(f"{key}={quoted(value)}" for key, value in arguments.items())])
-
-
-def quoted(value: str) -> str:
-    """A value as a shell takes it: in double quotes where it has single ones, as conditions have."""
-    double = "'" in value and not set('"$`\\!') & set(value)
-    return f'"{value}"' if double else shlex.quote(value)
 
 
 def compared_on(candidates: pd.DataFrame) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Which system to take: the cheapest that is not measurably worse than the best one."""
+"""Which system to take: the cheapest that is within one standard error of the best one."""
 
 from __future__ import annotations
 
@@ -12,9 +12,19 @@ from scipy.stats import ttest_1samp
 from bench.errors import InputError
 from bench.outcomes import scores
 from bench.outcomes.comparable import COMPARABLE, Row, context_of
-from bench.outcomes.runs import NothingTracked, needed, of_kinds, rows_of, subject_accuracy, tracked
+from bench.outcomes.runs import (
+    COLUMNS,
+    NothingTracked,
+    needed,
+    of_kinds,
+    rows_of,
+    selected,
+    subject_accuracy,
+    tracked,
+)
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
+from bench.plan.arguments import labelled, quoted
 from bench.quantities import COSTS
 
 SAID = {"capture": "whole captures", "window": "one window"}
@@ -89,10 +99,10 @@ def candidates(
     most: float | None = None,
     replays: bool = False,
     runs_of: Mapping[str, pd.DataFrame] | None = None,
+    windows: bool = False,
 ) -> tuple[pd.DataFrame, str, pd.DataFrame]:
-    """Every way in which a tracked system labels what it is given.
+    """Every way in which a tracked system labels captures, or windows of them: percents of the two are not compared.
 
-    A system that decides on windows is there twice: labelling whole captures, and by one window alone, which is sooner.
     What ``bench chip`` has exported labels as C, with bytes and instructions that were measured. Systems that ``bench
     stream`` has replayed are there, too, if they are asked for: deciding on as much of the beginning of a capture as a
     budget of time allows, or at every instant. Seeds of a system are averaged.
@@ -105,47 +115,65 @@ def candidates(
         most: milliseconds until a decision is out.
         replays: whether replayed systems are candidates; they are with ``most``.
         runs_of: `bench.outcomes.runs.tracked` by kind, where somebody has read it.
+        windows: label single windows, in percent of windows, of the systems that decide on such.
 
     Returns:
         One row per candidate (``system``, ``unit``, ``accuracy`` in percent as a mean over subjects, ``flash`` and
-        ``ram`` in kB, ``predict`` and ``decision`` in ms, ``cycles`` in thousands of instructions, ``cpu`` and the keys
-        of `ORIGIN`; NaN where a cost is not known); what they are all on, in words; and accuracies in percent
+        ``ram`` in kB, ``predict`` and ``decision`` in ms, ``cycles`` in thousands of instructions, ``linked``, whether
+        its bytes are as linked, with code, ``windows``, whether it decides on windows, ``cpu`` and the keys of
+        `ORIGIN`; NaN where a cost is not known); what they are all on, in words; and accuracies in percent
         [candidates, subjects].
 
     Raises:
         NothingTracked: no complete run is tracked for these values.
         InputError: runs on several corpora or protocols are, or a table of one is gone.
     """
-    read = ["cell", "chip", *(["stream"] if most is not None or replays else [])]
+    read = ["cell"] if windows else ["cell", "chip", *(["stream"] if most is not None or replays else [])]
     runs_of = of_kinds(store, read) if runs_of is None else runs_of
     found = [_asked(runs_of[kind], asked) for kind in read if kind in runs_of]
     if not found:
         tracked(store)  # which says so
     runs = pd.concat(found, ignore_index=True)
+    if windows:
+        runs = runs[_windowed(runs)]
     linked = _linked(runs)
     named = [] if "protocol_label" in asked else ["protocol"]  # parameters that change nothing are not in the label
     kinds = runs[[*COMPARABLE, *named]].drop_duplicates()
     if not len(kinds):
         raise NothingTracked("no complete run is tracked for these values; make some with bench run, then choose")
     if len(kinds) > 1:
-        told = "; ".join(f"data={k.data} protocol={k.protocol} ({k.subset})" for k in kinds.head(4).itertuples())
-        raise InputError(f"runs on different captures cannot be compared; name one of: {told}")
+        told = dict.fromkeys(_on(k) for k in rows_of(kinds))
+        raise InputError(f"runs on different captures cannot be compared; name one of: {'; '.join([*told][:4])}")
     rows, accuracy = [], []
     options = runs.reindex(columns=["stream.hop_ms", "chip.bits"]).fillna("")
     for (system, *_), group in runs.groupby(
         [runs["system"], runs["touchbench.kind"], *(options[name] for name in options)], sort=True
     ):
         within = None if most is None else most - group["decide_ms_p50"].max()  # one instant for all seeds
-        if group["touchbench.kind"].iloc[0] != "chip":
+        is_c = group["touchbench.kind"].iloc[0] == "chip"
+        if not is_c:
             group = group.assign(**linked.get(str(system), {}))
-        each = [_units(store, run, within) for run in rows_of(group)]
+        each = [_units(store, run, within, windows) for run in rows_of(group)]
         for unit in each[0]:
             costs = pd.DataFrame([units[unit][0] for units in each]).mean().reindex([*COSTS])
-            rows.append({"system": system, "unit": unit, **costs, **_origin(group)})
+            about = {"linked": is_c or system in linked, "windows": _windowed(group).any()}
+            rows.append({"system": system, "unit": unit, **costs, **about, **_origin(group)})
             accuracy.append(pd.concat([units[unit][1] for units in each], axis=1).mean(axis=1))
     subjects = pd.DataFrame(accuracy).reset_index(drop=True)
     table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
     return table, ", ".join(context_of(rows_of(runs)[0])), subjects
+
+
+def _windowed(runs: pd.DataFrame) -> pd.Series:
+    """Whether each run decided on windows."""
+    return runs["windows"] > 0 if "windows" in runs else pd.Series(False, runs.index)
+
+
+def _on(run: Row) -> str:
+    """What tells captures and protocol of a run from others, as `bench choose` takes it."""
+    asked = {"data": str(run["data"]), "where": str(run["subset"])} | labelled("protocol", str(run["protocol"]))
+    asked |= {"target": str(run["target"])} if run["target"] != "gesture" else {}
+    return " ".join(f"{key}={quoted(value)}" for key, value in asked.items())
 
 
 def _origin(group: pd.DataFrame) -> dict[str, str]:
@@ -168,21 +196,18 @@ def _linked(runs: pd.DataFrame) -> dict[str, dict[str, float]]:
 def _asked(runs: pd.DataFrame, asked: Mapping[str, list[str]]) -> pd.DataFrame:
     """The complete runs among some that were asked for; replays only from the onset."""
     runs = runs[runs["status"] == "FINISHED"]
-    columns = {"where": "subset", "shots": "protocol.shots"}
-    columns |= {part: f"{part}_name" for part in ("protocol", "features", "model")}
-    if lacking := [
-        key for key in asked if columns.get(key, key).startswith("protocol.") and columns.get(key, key) not in runs
-    ]:
+    keys = {key: COLUMNS.get(key, key) for key in asked}
+    if lacking := [key for key, column in keys.items() if column.startswith("protocol.") and column not in runs]:
         raise InputError(f"{lacking[0]}: no run of a protocol that has it is tracked")
     if "shots" in asked:
         runs = runs[runs["protocol.unlabelled"] != "True"]
     wanted = {"target": ["gesture"], **asked} | ({"stream.start": ["onset"]} if "stream.start" in runs else {})
-    for key, values in wanted.items():
-        runs = runs[runs[columns.get(key, key)].isin([str(v) for v in values])]
-    return runs
+    return selected(runs, wanted)
 
 
-def _units(store: Store, run: Row, within: float | None) -> dict[str, tuple[dict[str, float], pd.Series]]:
+def _units(
+    store: Store, run: Row, within: float | None, windows: bool
+) -> dict[str, tuple[dict[str, float], pd.Series]]:
     """Costs and accuracy by subject, in percent, of each way in which a run labels.
 
     A replayed one labels at the last instant within so many ms, or at each.
@@ -194,7 +219,7 @@ def _units(store: Store, run: Row, within: float | None) -> dict[str, tuple[dict
 
     size = {name: run.get(f"{name}_bytes", np.nan) / 1000 for name in ("flash", "ram")}
     path, kind = needed(store, run, "predictions.parquet"), run["touchbench.kind"]
-    if kind == "cell" and not run.get("windows", 0) > 0 and (told := subject_accuracy(store, run)):
+    if kind == "cell" and not windows and (told := subject_accuracy(store, run)):
         return {"capture": (_whole(run, size), pd.Series(told))}  # reading the predictions of 1000 runs takes a minute
     table = pd.read_parquet(path)
     if kind == "chip":
@@ -214,11 +239,10 @@ def _units(store: Store, run: Row, within: float | None) -> dict[str, tuple[dict
             )
             for i in chosen
         }
-    found = {"capture": (_whole(run, size), of(scores.captures(table)))}
-    if run.get("windows", 0) > 0:
-        window = size | {"predict": run["decide_ms_p50"], "decision": run["decision_ms"]}
-        found["window"] = window, of(scores.windows(table))
-    return found
+    if windows:
+        costs = size | {"predict": run["decide_ms_p50"], "decision": run["decision_ms"]}
+        return {"window": (costs, of(scores.windows(table)))}
+    return {"capture": (_whole(run, size), of(scores.captures(table)))}
 
 
 def _whole(run: Row, size: dict[str, float]) -> dict[str, float]:
@@ -270,11 +294,11 @@ def decide(
     chosen = next(i for i in order if i in near and i not in unranked)
     for i in fits:
         if i in unranked:
-            verdict = f"{'as good' if i in near else 'worse than the best'}, {by} not known"
+            verdict = f"{'as good' if i in near else 'below the best'}, {by} not known"
         elif i == chosen:
             verdict = "chosen"
         else:
-            verdict = "as good, costlier" if i in near else "worse than the best"
+            verdict = "as good, costlier" if i in near else "below the best"
         table.loc[i, "verdict"] = verdict
     more = [i for i in order if i in fits and table[by][i] > table[by][chosen]]
     costlier = next((i for i in more if table["accuracy"][i] > table["accuracy"][chosen]), None)
@@ -359,7 +383,8 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int) -> l
         next_one = rows[choice.costlier]
         said.append(
             f"The next costlier one that is more accurate, {_named(next_one)}, would buy "
-            f"{next_one['accuracy'] - own['accuracy']:.1f} points for {next_one[by] / own[by]:.2g} times the {by}."
+            f"{next_one['accuracy'] - own['accuracy']:.1f} points for {by} {amount(by, next_one[by])} in place of "
+            f"{amount(by, own[by])}."
         )
     if choice.unranked:
         first = rows[choice.unranked[0]]

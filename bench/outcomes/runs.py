@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -13,6 +13,11 @@ import pandas as pd
 from bench.errors import InputError
 from bench.outcomes.comparable import COMPARABLE, SAME_SYSTEM, Row, context_of
 from bench.outcomes.store import Store
+from bench.plan.arguments import PARTS
+from bench.plan.cells import Part
+
+COLUMNS = {"where": "subset", "shots": "protocol.shots"}  # of a table of runs, where it is not called as it is asked
+COLUMNS |= {part: f"{part}_name" for part in PARTS}
 
 
 class NothingTracked(InputError):
@@ -32,7 +37,7 @@ def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
         | r.data.metrics
         | {"run_id": r.info.run_id, "status": r.info.status, "started": r.info.start_time}
         | {"artifacts": r.info.artifact_uri}
-        | {f"{part}_name": r.data.params.get(part, "") for part in ("protocol", "features", "model")}
+        | {f"{part}_name": r.data.params.get(part, "") for part in PARTS}
         for r in store.of_kind(kind)
         if "accuracy" in r.data.metrics
     ]
@@ -52,6 +57,42 @@ def of_kinds(store: Store, kinds: Iterable[str]) -> dict[str, pd.DataFrame]:
         with suppress(NothingTracked):
             found[kind] = tracked(store, kind)
     return found
+
+
+def selected(runs: pd.DataFrame, asked: Mapping[str, Iterable[object]]) -> pd.DataFrame:
+    """The runs that have one of the values of each key.
+
+    A part of a file goes by ``file.py:Name`` from wherever it is asked for, and by the name that tables show.
+
+    Args:
+        runs: as `tracked` makes them.
+        asked: values of ``data``, ``where``, ``target``, ``protocol``, ``features``, ``model``, or of a column.
+    """
+    for key, values in asked.items():
+        found = runs[COLUMNS.get(key, key)]
+        if key in PARTS:
+            wanted = {goes_by for value in values for goes_by in (str(value), _whole_path(str(value)))}
+            runs = runs[[bool(_names(PARTS[key], name) & wanted) for name in found]]
+        else:
+            runs = runs[found.isin([str(v) for v in values])]
+    return runs
+
+
+def without_runs(tables: Iterable[pd.DataFrame], asked: Mapping[str, Iterable[object]]) -> list[str]:
+    """Of the models and feature sets that are asked for, those that no run of any table has, as ``key=value``."""
+    given = [(key, value) for key in ("features", "model") for value in asked.get(key, ())]
+    return [f"{key}={v}" for key, v in given if not any(len(selected(runs, {key: [v]})) for runs in tables)]
+
+
+def _names(room: str, name: str) -> set[str]:
+    """What a part goes by: as it was tracked, as tables show it, and its file without the folder."""
+    file, _, own = name.rpartition(":")
+    return {name, Part(room, name).short, f"{Path(file).name}:{own}"} if file.endswith(".py") else {name}
+
+
+def _whole_path(name: str) -> str:
+    file, _, own = name.rpartition(":")
+    return f"{Path(file).resolve()}:{own}" if file.endswith(".py") else name
 
 
 def rows_of(runs: pd.DataFrame) -> list[Row]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import SupportsInt, TypeVar, overload
@@ -192,3 +193,20 @@ def jobs_of(values: Values) -> int | None:
         return int(given) if isinstance(given, SupportsInt) else int(str(given))
     except (ValueError, TypeError) as e:
         raise InputError(f"jobs={values['jobs']}: give a whole number of worker processes") from e
+
+
+def typed(command: str, arguments: Mapping[str, str]) -> str:
+    """A command as it is typed."""
+    return " ".join(["bench", command, *(f"{key}={quoted(value)}" for key, value in arguments.items())])
+
+
+def labelled(key: str, label: str) -> dict[str, str]:
+    """``personal[shots=3]``, as tables name a part, as it is typed."""
+    name, _, rest = label.rstrip("]").partition("[")
+    return {key: name} | {f"{key}.{k}": v for k, _, v in (part.partition("=") for part in rest.split(", ") if part)}
+
+
+def quoted(value: str) -> str:
+    """A value as a shell takes it: in double quotes where it has single ones, as conditions have."""
+    double = "'" in value and not set('"$`\\!') & set(value)
+    return f'"{value}"' if double else shlex.quote(value)

@@ -5,12 +5,14 @@ import pandas as pd
 import pytest
 from scipy.stats import ttest_rel
 
+import bench
 from bench.cli import main
+from bench.commands.choose import Chosen, _print
 from bench.errors import InputError
-from bench.outcomes.advice import at_hand, merged, typed
+from bench.outcomes.advice import at_hand, merged
 from bench.outcomes.choice import candidates, decide, sentences
 from bench.outcomes.store import connect
-from bench.plan.arguments import parse
+from bench.plan.arguments import parse, typed
 from bench.plan.cells import cells
 from bench.plan.plan import corpus_of, folds_of
 from bench.quantities import quantity
@@ -36,13 +38,13 @@ def test_the_cheapest_within_one_standard_error_is_chosen():
     choice = decide(found, subjects, "flash", {}, None)
     assert (choice.chosen, choice.best, choice.costlier) == (2, 0, 0)
     assert list(choice.table.index) == [1, 2, 0]  # cheapest first
-    assert list(choice.table["verdict"]) == ["worse than the best", "chosen", "as good, costlier"]
+    assert list(choice.table["verdict"]) == ["below the best", "chosen", "as good, costlier"]
     assert choice.table.loc[1, ["loss", "error"]].tolist() == pytest.approx([1, np.sqrt(2) / 2])
     assert choice.table.loc[2, ["loss", "error"]].tolist() == pytest.approx([0.5, np.sqrt(17 / 3) / 2])
     said = " ".join(sentences(choice, "flash", None, 4))
     assert "Choose s2 (whole captures): 74.5 % with flash 9 kB." in said
     assert "0.5 ± 1.2 points over 4 subjects" in said
-    assert "s0 (whole captures), would buy 0.5 points for 5.6 times the flash" in said
+    assert "s0 (whole captures), would buy 0.5 points for flash 50 kB in place of 9 kB." in said
     assert "Only 4 subjects" in said
 
 
@@ -214,17 +216,18 @@ def test_choosing_among_tracked_runs(capsys):
     assert main(["run", "model=svm", "protocol=kfold", "protocol.folds=2", *SMALL]) == 0
     capsys.readouterr()
     assert main(["choose"]) == 2
-    assert "data=synth protocol=kfold[folds=2]" in capsys.readouterr().err
+    told = capsys.readouterr().err.strip().partition("name one of: ")[2].split("; ")
+    assert told[1] == "data=synth where=all protocol=kfold protocol.folds=2"
+    for words in told:  # which can be pasted
+        assert main(["choose", *words.split()]) == 0
     found, about, subjects = candidates(connect(), {"protocol": ["loso"]})
     assert "synthetic" in about and len(subjects.columns) == 4
-    named = list(zip(found["system"], found["unit"], strict=True))
-    assert named == [
-        ("bayes · jung28", "capture"),
-        ("cnn85[frames=40, epochs=2]", "capture"),
-        ("cnn85[frames=40, epochs=2]", "window"),
-    ]
-    assert found["decision"][2] - found["predict"][2] == pytest.approx(40 / 135 * 1000)  # computing comes on top
+    named = [("bayes · jung28", "capture", False), ("cnn85[frames=40, epochs=2]", "capture", True)]
+    assert list(zip(found["system"], found["unit"], found["windows"], strict=True)) == named
     assert found["decision"][0] - found["predict"][0] > 40 / 135 * 1000
+    assert main(["choose", "protocol=loso", "max_decision=1ms"]) == 1
+    out = " ".join(capsys.readouterr().out.split())
+    assert "is scored in percent of windows: see unit=window" in out and "40 / 135" not in out
     assert main(["choose", "protocol=loso"]) == 0
     out = capsys.readouterr().out
     assert "cnn85[frames=40, epochs=2]" in out and "Choose bayes · jung28 (whole captures)" in out
@@ -233,6 +236,74 @@ def test_choosing_among_tracked_runs(capsys):
     assert main(["choose", "protocol=loso", "model.frames=3"]) == 2
     assert main(["choose", "protocol=loso", "model=rf"]) == 2
     assert "no complete run is tracked" in capsys.readouterr().err
+
+
+def test_percents_of_windows_are_compared_with_one_another_alone(capsys):
+    assert main(["run", "model=bayes,lda", "features=jung28", *SMALL]) == 0
+    assert main(["choose", "unit=window"]) == 2
+    assert "no complete run" in capsys.readouterr().err
+    assert main(["run", "model=lda", "features=touch", "model.window=0.2,0.4", *SMALL]) == 0
+    found, _, subjects = candidates(connect(), {}, windows=True)
+    assert list(found["unit"]) == ["window", "window"] and set(found["system"].str.split("[").str[0]) == {"lda"}
+    for place, (run, row) in enumerate(zip(connect().of_kind("cell")[:2][::-1], found.itertuples(), strict=True)):
+        table = pd.read_parquet(connect().path(run.info.run_id, run.info.artifact_uri, "predictions.parquet"))
+        columns = [c for c in table if c.startswith("p_")]
+        right = np.array([c[2:] for c in columns])[table[columns].to_numpy().argmax(axis=1)] == table["true"]
+        assert subjects.loc[place].to_dict() == pytest.approx((100 * right.groupby(table["subject"]).mean()).to_dict())
+        assert row.decision - row.predict == pytest.approx(1000 * (0.2, 0.4)[place], abs=1000 / 135)
+    assert main(["choose", "unit=window", "max_decision=9s"]) == 0
+    assert "(one window)" in capsys.readouterr().out
+    assert main(["choose", "unit=frame"]) == 2
+    assert main(["choose", "unit=window", "over=window", "model=lda"]) == 2
+
+
+OWN = """
+from sklearn.naive_bayes import GaussianNB
+def near(): return GaussianNB()
+"""
+
+
+def test_a_model_of_a_file_is_found_by_its_file_and_by_its_name(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
+    assert main(["run", "model=mine.py:near,bayes", "features=jung28", *SMALL]) == 0
+    for name in ("mine.py:near", "near", str(tmp_path / "mine.py:near")):
+        capsys.readouterr()
+        found, *_ = candidates(connect(), {"model": [name]})
+        assert list(found["system"]) == ["near · jung28"], name
+        assert main(["choose", f"model={name}"]) == 0 and "warning" not in capsys.readouterr().err
+        assert list(bench.results(model=name)["system"]) == ["near · jung28"]
+    assert main(["choose", "model=other.py:near,mine.py:near,svm"]) == 0
+    err = capsys.readouterr().err
+    assert "model=svm: no run of it is tracked" in err and "model=other.py:near: no run" in err
+    assert "mine.py" not in err
+
+
+def test_what_needs_too_much_ram_for_whole_captures_is_offered_on_windows(capsys):
+    small = [*SMALL[:2], "features=touch", "model=lda"]
+    assert main(["run", *small]) == 0
+    found, *_ = candidates(connect(), {})
+    whole = found["ram"][0]
+    capsys.readouterr()
+    assert main(["choose", f"max_ram={whole + 1:.0f}kB"]) == 0
+    assert "model.window" not in capsys.readouterr().out
+    assert main(["choose", f"max_ram={whole - 1:.0f}kB", "model=lda", "features=touch"]) == 1
+    out = capsys.readouterr().out
+    line = next(line.strip() for line in out.splitlines() if "model.window=0.5" in line and "bench run" in line)
+    assert main(line.split()[1:]) == 0
+    assert main(["choose", f"max_ram={whole - 1:.0f}kB", "model=lda", "features=touch"]) == 0
+
+
+def test_sizes_as_linked_are_marked_beside_those_without_code(monkeypatch, capsys):
+    found, subjects = table([[80] * 4, [70] * 4], flash=[20.0, 5.0])
+    found = found.assign(kind="cell", command="run", arguments="", cycles=1.0)
+    choice = decide(found.assign(linked=[True, False]), subjects, "flash", {}, None)
+    _print(Chosen(choice, "synth", "flash", {}, None, 4))
+    out = capsys.readouterr().out
+    assert "20 kB*" in out and "5 kB*" not in out and "* as linked in C" in out
+    choice = decide(found.assign(linked=True), subjects, "flash", {}, None)
+    _print(Chosen(choice, "synth", "flash", {}, None, 4))
+    assert "* as linked" not in capsys.readouterr().out
 
 
 def test_times_of_several_processors_are_warned_of(monkeypatch, capsys):

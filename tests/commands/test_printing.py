@@ -11,7 +11,7 @@ from rich.console import Console
 
 from bench.cli import main
 from bench.commands import printing
-from bench.outcomes.advice import quoted
+from bench.plan.arguments import quoted
 from tests.conftest import predictions, runs
 
 SMALL = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]
@@ -32,7 +32,7 @@ def test_no_heading_is_lost_without_a_word_and_no_line_is_too_long(names, longes
     spare = [f"{name}{place}" for place, name in enumerate(names)]
     rows = [{"system": "s" * longest} | {name: "1" * longest for name in spare}]
     said = drawn(rows, width, left=("system",), spare=spare)
-    table, _, rest = said.partition("no room for ")
+    table, _, rest = said.partition("columns left out: ")
     assert all(len(line) <= width for line in said.splitlines())
     for name in spare:
         assert (name in table) != (name in rest), name
@@ -44,13 +44,13 @@ def test_no_heading_is_lost_without_a_word_and_no_line_is_too_long(names, longes
 
 def test_columns_go_in_the_order_in_which_they_are_spared_and_no_sooner_than_needed():
     rows = [{"system": "x", "a": "1" * 20, "b": "2" * 20, "c": "3" * 20, "empty": "-"}]
-    assert "no room for b:" in drawn(rows, 70, spare=["empty", "b", "a"])
-    assert "no room for b, a:" in drawn(rows, 40, spare=["empty", "b", "a"])
+    assert "columns left out: b;" in drawn(rows, 70, spare=["empty", "b", "a"])
+    assert "columns left out: b, a;" in drawn(rows, 40, spare=["empty", "b", "a"])
     said = drawn(rows, 80, spare=["empty", "b", "a"])
-    assert "no room" not in said and "empty" not in said  # a column of dashes has nothing to show
+    assert "left out" not in said and "empty" not in said  # a column of dashes has nothing to show
     said = " ".join(drawn(rows, 40, spare=["b", "a"]).split())
     needed = int(re.search(r"a terminal of (\d+) columns", said)[1])
-    assert "no room" not in drawn(rows, needed, spare=["b", "a"])
+    assert "left out" not in drawn(rows, needed, spare=["b", "a"])
     assert "no room" in drawn(rows, needed - 1, spare=["b", "a"])
 
 
