@@ -17,6 +17,7 @@ from models.window import WindowNet
 if TYPE_CHECKING:
     from torch import nn
 
+    from models.checkpoint import Checkpoint
     from models.training import Samples
 
 
@@ -93,7 +94,12 @@ class FromTorch(WindowNet):
         return self.module(self.window, rows, cols, classes)
 
     def learn(
-        self, net: nn.Module, samples: Samples, target: np.ndarray, judge: Callable[[], float] | None
+        self,
+        net: nn.Module,
+        samples: Samples,
+        target: np.ndarray,
+        judge: Callable[[], float] | None = None,
+        kept: Checkpoint | None = None,
     ) -> list[dict[str, float]]:
         """Train with Adam."""
         import torch
@@ -101,4 +107,4 @@ class FromTorch(WindowNet):
         from models.training import Torch, train
 
         adam = Torch(torch.optim.Adam(net.parameters(), self.rate))
-        return train(net, samples, target, adam, self.epochs, self.batch, self.seed)
+        return train(net, samples, target, adam, self.epochs, self.batch, self.seed, kept=kept)

@@ -11,6 +11,7 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from models.checkpoint import Checkpoint
 from models.taxel_major import taxel_major
 from models.training import Samples, Step, Windows, train
 from models.window import WindowNet
@@ -119,7 +120,12 @@ class CNN85(WindowNet):
         )
 
     def learn(
-        self, net: nn.Module, samples: Samples, target: np.ndarray, judge: Callable[[], float] | None
+        self,
+        net: nn.Module,
+        samples: Samples,
+        target: np.ndarray,
+        judge: Callable[[], float] | None = None,
+        kept: Checkpoint | None = None,
     ) -> list[dict[str, float]]:
         """Train with the toolbox's optimiser and its search of the learning rate.
 
@@ -130,7 +136,7 @@ class CNN85(WindowNet):
             nn.init.kaiming_normal_(p) if p.ndim > 1 else nn.init.zeros_(p)
         sgd = SelectiveSGD(net, RATES[self.rates])
         forward = partial(taxel_major, net)
-        return train(net, samples, target, sgd, self.epochs, self.batch, self.seed, sgd.search, forward)
+        return train(net, samples, target, sgd, self.epochs, self.batch, self.seed, sgd.search, forward, kept=kept)
 
 
 class SelectiveSGD:
@@ -160,6 +166,15 @@ class SelectiveSGD:
         decayed = [i for i, p in enumerate(self.parameters) if p.ndim > 1]
         torch._foreach_add_([self.momentum[i] for i in decayed], [self.parameters[i] for i in decayed], alpha=-1e-4)
         torch._foreach_add_(self.parameters, self.momentum, alpha=self.rate / (1 - 0.9**self.steps))
+
+    def state_dict(self) -> dict:
+        """Momentum, steps and rates."""
+        return {"momentum": self.momentum, "steps": self.steps, "rate": self.rate, "rates": list(self.rates)}
+
+    def load_state_dict(self, state: dict) -> None:
+        """Go on from such a state."""
+        self.momentum, self.steps = state["momentum"], state["steps"]
+        self.rate, self.rates = state["rate"], tuple(state["rates"])
 
     @torch.no_grad()
     def _restore(self, weights: list[torch.Tensor], momentum: list[torch.Tensor], steps: int) -> None:

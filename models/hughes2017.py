@@ -16,6 +16,7 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from models.checkpoint import Checkpoint
 from models.rounded import BITS, back
 from models.time_blocks import TimeConv3d, pooled
 from models.training import Forward, Sequences, Torch, Windows, moved, train
@@ -105,14 +106,28 @@ class Hughes2017CNN(WindowNet):
         return nn.Sequential(*rest)(pooled(conv, x, pool.kernel_size).relu_())
 
     def learn(
-        self, net: nn.Module, samples: Windows, target: np.ndarray, judge: Callable[[], float] | None
+        self,
+        net: nn.Module,
+        samples: Windows,
+        target: np.ndarray,
+        judge: Callable[[], float] | None = None,
+        kept: Checkpoint | None = None,
     ) -> list[dict[str, float]]:
         """Train with RMSProp until the loss stands still."""
         start(net)
         rmsprop = Torch(torch.optim.RMSprop(net.parameters(), self.rate))
         forward = partial(self.forward, net)
         return train(
-            net, samples, target, rmsprop, self.epochs, self.batch, self.seed, forward=forward, patience=PATIENCE
+            net,
+            samples,
+            target,
+            rmsprop,
+            self.epochs,
+            self.batch,
+            self.seed,
+            forward=forward,
+            patience=PATIENCE,
+            kept=kept,
         )
 
 
@@ -206,13 +221,18 @@ class Hughes2017AERNN(WindowNet):
         return Recurrent(nn.Sequential(nn.Flatten(), *layers(sizes)), 25, nn.Linear(25, classes))
 
     def learn(
-        self, net: nn.Module, samples: Sequences, target: np.ndarray, judge: Callable[[], float] | None
+        self,
+        net: nn.Module,
+        samples: Sequences,
+        target: np.ndarray,
+        judge: Callable[[], float] | None = None,
+        kept: Checkpoint | None = None,
     ) -> list[dict[str, float]]:
         """Train the autoencoder on frames, then everything on chunks."""
         start(net)
         losses = self._pretrain(net.encoder, samples)
         rmsprop = Torch(torch.optim.RMSprop(net.parameters(), self.rate))
-        history = train(net, samples, target, rmsprop, self.epochs, self.batch, self.seed, patience=PATIENCE)
+        history = train(net, samples, target, rmsprop, self.epochs, self.batch, self.seed, patience=PATIENCE, kept=kept)
         return [{"reconstruction": loss} for loss in losses] + history
 
     def _pretrain(self, encoder: nn.Sequential, samples: Sequences) -> list[float]:

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from models.checkpoint import Checkpoint
 from models.training import Torch, Windows, train
 from models.window import WindowNet
 
@@ -69,11 +70,16 @@ class Ren2023Transformer(WindowNet):
         )
 
     def learn(
-        self, net: nn.Module, samples: Windows, target: np.ndarray, judge: Callable[[], float] | None
+        self,
+        net: nn.Module,
+        samples: Windows,
+        target: np.ndarray,
+        judge: Callable[[], float] | None = None,
+        kept: Checkpoint | None = None,
     ) -> list[dict[str, float]]:
         """Train with Adam and keep the epoch that is best for the held-out subject."""
         adam = Torch(torch.optim.Adam(net.parameters(), self.rate))
-        return train(net, samples, target, adam, self.epochs, self.batch, self.seed, judge=judge)
+        return train(net, samples, target, adam, self.epochs, self.batch, self.seed, judge=judge, kept=kept)
 
 
 class _Attention(nn.Module):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import torch
@@ -17,6 +17,9 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.progress import tell
+
+if TYPE_CHECKING:
+    from models.checkpoint import Checkpoint
 
 
 class Windows:
@@ -114,7 +117,7 @@ Samples = Windows | Sequences
 
 
 class Optimiser(Protocol):
-    """What the loop needs of an optimiser: forget gradients, take a step, name its current rate."""
+    """What the loop needs of an optimiser: forget gradients, take a step, name its current rate, keep its state."""
 
     rate: float
 
@@ -123,6 +126,12 @@ class Optimiser(Protocol):
 
     def step(self) -> None:
         """Move the parameters along their gradients."""
+
+    def state_dict(self) -> dict:
+        """All that the next step depends on, besides the parameters."""
+
+    def load_state_dict(self, state: dict) -> None:
+        """Go on from such a state."""
 
 
 Step = Callable[[np.ndarray], float]
@@ -141,6 +150,7 @@ def train(
     forward: Forward | None = None,
     judge: Callable[[], float] | None = None,
     patience: int | None = None,
+    kept: Checkpoint | None = None,
 ) -> list[dict[str, float]]:
     """Minimise cross-entropy over shuffled batches; the incomplete last batch of an epoch is left out.
 
@@ -157,6 +167,8 @@ def train(
         judge: accuracy of the network on captures it is not trained on; the epoch with the highest, the first of equal
             ones, is the one that is kept.
         patience: stop when the median loss of this many epochs is not 0.1 % below that of as many before them.
+        kept: where the state after each epoch is kept and, after a kill, found again; on a processor the result is
+            then the same bit for bit.
 
     Returns:
         Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.
@@ -181,8 +193,15 @@ def train(
     history: list[dict[str, float]] = []
     best: tuple[float, dict] | None = None
     whole = max(len(samples) // batch, 1) * min(batch, len(samples))
+    if kept and (state := kept.read()):
+        net.load_state_dict(state["net"])
+        optimiser.load_state_dict(state["optimiser"])
+        order.bit_generator.state = state["order"]
+        torch.set_rng_state(state["random"])
+        history, best = state["history"], state["best"]
+    begun = len(history)
     began, at_most = time.monotonic(), " at most" if patience else ""
-    for epoch in range(epochs):
+    for epoch in range(begun, epochs):
         net.train()
         batches = order.permutation(len(samples))[:whole].reshape(-1, min(batch, len(samples)))
         if before_epoch:
@@ -191,7 +210,7 @@ def train(
         for rows in batches:
             losses.append(step(rows))
             done = epoch + len(losses) / len(batches)
-            left = (time.monotonic() - began) * (epochs - done) / done
+            left = (time.monotonic() - began) * (epochs - done) / (done - begun)
             tell(f"epoch {epoch + 1} of {epochs}{at_most}, loss {losses[-1]:.3g}", left)
         history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
         if not np.isfinite(history[-1]["loss"]):
@@ -207,6 +226,17 @@ def train(
                 best = accuracy, {name: value.clone() for name, value in net.state_dict().items()}
         if patience and _stands_still([row["loss"] for row in history], patience):
             break
+        if kept:
+            kept.write(
+                {
+                    "net": net.state_dict(),
+                    "optimiser": optimiser.state_dict(),
+                    "order": order.bit_generator.state,
+                    "random": torch.get_rng_state(),
+                    "history": history,
+                    "best": best,
+                }
+            )
     if best:
         net.load_state_dict(best[1])
     return history
@@ -225,6 +255,8 @@ class Torch:
     def __init__(self, optimiser: torch.optim.Optimizer) -> None:
         self.zero_grad = optimiser.zero_grad
         self.step = optimiser.step
+        self.state_dict = optimiser.state_dict
+        self.load_state_dict = optimiser.load_state_dict
         self.rate = optimiser.param_groups[0]["lr"]
 
 

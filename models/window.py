@@ -18,6 +18,7 @@ from torch import nn
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.memory import ensure
+from models.checkpoint import Checkpoint, checkpoint
 from models.last_layer import relearnt
 from models.person import codes_of
 from models.training import Samples, Windows, activations, moved, probabilities
@@ -36,6 +37,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         classes_: class names.
         net_: the trained network.
         history_: per epoch what the training loop reports.
+        fit_seconds_: of the clock and of the processor, those before a kill included; only where training went on.
         activations_: numbers in memory while it decides on one window, or takes one step of a sequence (`activations`).
     """
 
@@ -55,9 +57,14 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         return net(x)
 
     def learn(
-        self, net: nn.Module, samples: Samples, target: np.ndarray, judge: Callable[[], float] | None
+        self,
+        net: nn.Module,
+        samples: Samples,
+        target: np.ndarray,
+        judge: Callable[[], float] | None = None,
+        kept: Checkpoint | None = None,
     ) -> list[dict[str, float]]:
-        """Train the network in place and return its history; ``judge`` is that of `train`."""
+        """Train the network in place and return its history; ``judge`` and ``kept`` are those of `train`."""
         raise NotImplementedError
 
     def length(self, rate_hz: float) -> int:
@@ -141,7 +148,12 @@ class WindowNet(ClassifierMixin, BaseEstimator):
                 net(moved(samples.one(), torch.device(self.device)))
             self.net_ = net
             judge = partial(self._accuracy, X[held], codes[held]) if held.any() else None
-            self.history_ = self.learn(net, samples, codes[~held][samples.capture], judge)
+            kept = checkpoint(self, X, y)
+            self.history_ = self.learn(net, samples, codes[~held][samples.capture], judge, kept)
+        vars(self).pop("fit_seconds_", None)
+        if kept.resumed:
+            self.fit_seconds_ = kept.seconds()
+        kept.done()
         self.activations_ = activations(net, moved(samples.one(), torch.device(self.device)))[0]
         return self
 

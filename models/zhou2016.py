@@ -16,6 +16,7 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from models.checkpoint import Checkpoint
 from models.training import Torch, Windows, train
 from models.volumes import volumes
 from models.window import WindowNet
@@ -81,12 +82,19 @@ class Zhou2016(WindowNet):
         return x
 
     def learn(
-        self, net: nn.Module, samples: Windows, target: np.ndarray, judge: Callable[[], float] | None
+        self,
+        net: nn.Module,
+        samples: Windows,
+        target: np.ndarray,
+        judge: Callable[[], float] | None = None,
+        kept: Checkpoint | None = None,
     ) -> list[dict[str, float]]:
         """Train with Adam and keep the epoch that is best for the held-out subject."""
         adam = Torch(torch.optim.Adam(net.parameters(), self.rate))
         forward = partial(self.forward, net)
-        return train(net, samples, target, adam, self.epochs, self.batch, self.seed, forward=forward, judge=judge)
+        return train(
+            net, samples, target, adam, self.epochs, self.batch, self.seed, forward=forward, judge=judge, kept=kept
+        )
 
 
 class Zhou2016CNN3D(Zhou2016):
