@@ -72,7 +72,7 @@ def selected(runs: pd.DataFrame, asked: Mapping[str, Iterable[object]]) -> pd.Da
         found = runs[COLUMNS.get(key, key)]
         if key in PARTS:
             wanted = {goes_by for value in values for goes_by in (str(value), _whole_path(str(value)))}
-            runs = runs[[bool(_names(PARTS[key], name) & wanted) for name in found]]
+            runs = runs[np.array([bool(_names(PARTS[key], name) & wanted) for name in found], dtype=bool)]
         else:
             runs = runs[found.isin([str(v) for v in values])]
     return runs

@@ -49,7 +49,7 @@ def test_columns_go_in_the_order_in_which_they_are_spared_and_no_sooner_than_nee
     said = drawn(rows, 80, spare=["empty", "b", "a"])
     assert "left out" not in said and "empty" not in said  # a column of dashes has nothing to show
     said = " ".join(drawn(rows, 40, spare=["b", "a"]).split())
-    needed = int(re.search(r"a terminal of (\d+) columns", said)[1])
+    needed = int(re.search(r"a terminal (\d+) wide", said)[1])
     assert "left out" not in drawn(rows, needed, spare=["b", "a"])
     assert "no room" in drawn(rows, needed - 1, spare=["b", "a"])
 
