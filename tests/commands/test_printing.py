@@ -51,7 +51,7 @@ def test_columns_go_in_the_order_in_which_they_are_spared_and_no_sooner_than_nee
     said = " ".join(drawn(rows, 40, spare=["b", "a"]).split())
     needed = int(re.search(r"a terminal (\d+) wide", said)[1])
     assert "left out" not in drawn(rows, needed, spare=["b", "a"])
-    assert "no room" in drawn(rows, needed - 1, spare=["b", "a"])
+    assert "left out" in drawn(rows, needed - 1, spare=["b", "a"])
 
 
 def test_a_name_that_is_markup_or_long_is_all_there():
