@@ -28,8 +28,9 @@ combination is one run in MLflow with a child run per fold. An interrupted comma
               default jung54, for the models that take features
   model.window=  seconds: any model that decides once per capture decides on windows instead (model.hop= apart)
   model.repair=  stuck+dead (also offset): broken taxels filled from their neighbours
-  model.scale=   peak: captures divided by the largest reading so far
+  model.scale=   peak: captures divided by the largest reading so far; log: logarithms of readings
   model.faults=  all, or names joined by + (see: bench stress --help): trained on damaged copies, too (model.copies=3)
+  model.turns=   so many copies of each training capture, mirrored or turned as on a skin that was mounted otherwise
   seed=       for models that have one; default 0
   jobs=       worker processes; default one per core
   cluster=    do the folds on workers of dask instead: tcp://HOST:8786, or the file of its scheduler (docs/cluster.md)

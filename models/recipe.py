@@ -15,7 +15,7 @@ from sklearn.utils.metaestimators import available_if
 
 from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.faults import known
-from bench.corpora.steps import Faulted, Repair, Scale, Step, Windows
+from bench.corpora.steps import Faulted, Repair, Scale, Step, Turned, Windows
 from bench.errors import InputError
 from bench.memory import ensure
 from bench.registry import parameters as known_parameters
@@ -39,9 +39,10 @@ class Recipe(ClassifierMixin, BaseEstimator):
         window: seconds of a window; 0 leaves captures whole.
         hop: seconds from the beginning of one window to that of the next; 0 is half a window.
         repair: kinds of broken taxels that are repaired, of `bench.corpora.steps.REPAIRS`.
-        scale: ``none``, or ``peak``: divided by the largest reading so far.
+        scale: ``none``, ``peak``, divided by the largest reading so far, or ``log``.
         faults: that copies of the training captures go through; nothing else does. ``all`` stands for every fault.
         copies: of each training capture, where there are faults.
+        turns: further copies of each training capture, on a grid that is mirrored or turned.
         person: how a classifier on features adapts to one person (`models.person.WAYS`): ``centre`` and ``scale``
             features by their own, and ``pool``, which keeps the training rows and is fitted anew to them and the
             person's, each of which counts ten times.
@@ -50,6 +51,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
 
     person: tuple[str, ...] = ()  # of systems that were saved before there was any, as the next
     bits: int = 32
+    turns: int = 0
     rows_: tuple[pd.DataFrame, np.ndarray] | None = None  # of training, where a person's are pooled with them
 
     def __init__(
@@ -63,6 +65,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         copies: int = 3,
         person: tuple[str, ...] = (),
         bits: int = 32,
+        turns: int = 0,
     ) -> None:
         self.system = system
         self.window = window
@@ -73,6 +76,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         self.copies = copies
         self.person = person
         self.bits = bits
+        self.turns = turns
 
     def check(self) -> None:
         """Refuse parameters that cannot be.
@@ -121,9 +125,11 @@ class Recipe(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: they do.
         """
-        if self.faults:
-            values = int(X.lengths.sum()) * X.grid[0] * X.grid[1] * (self.copies + 1)
-            ensure(f"model.copies={self.copies}", X.frames.itemsize * values)
+        values = int(X.lengths.sum()) * X.grid[0] * X.grid[1]
+        for name, copies in (("copies", self.copies if self.faults else 0), ("turns", self.turns)):
+            if copies:
+                values *= copies + 1
+                ensure(f"model.{name}={copies}", X.frames.itemsize * values)
 
     def steps(self) -> list[Step]:
         """What captures go through before the system sees them."""
@@ -134,7 +140,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
     def training_steps(self) -> list[Step]:
         """The same for training captures."""
         damage: list[Step] = [Faulted(self.trained_faults, self.copies)] if self.faults else []
-        return damage + self.steps()
+        return damage + ([Turned(self.turns)] if self.turns else []) + self.steps()
 
     @property
     def trained_faults(self) -> tuple[str, ...]:

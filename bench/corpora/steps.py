@@ -18,7 +18,9 @@ from bench.corpora.faults import SEVERITIES, as_readings, as_shares, known
 from bench.errors import InputError, nearest
 
 REPAIRS = ("stuck", "dead", "offset")
-SCALES = ("none", "peak")
+SCALES = ("none", "peak", "log")
+LOG = 1000.0  # a reading of a thousandth of full scale is at a tenth of the logarithmic one
+MOST_COPIES = 1023  # of a capture, damaged; the number of a turned one comes above that in its piece
 SETTLED_S = 0.25  # what has not moved for so long is not touched, or broken
 PASSES = 3  # broken taxels without a sound neighbour are filled from filled ones
 
@@ -103,8 +105,8 @@ class Faulted(Step):
             if name not in known():
                 given = "+".join(self.faults)
                 raise InputError(f"model.faults={given}: {name!r} is no fault; {nearest(name, known())}")
-        if self.copies < 1:
-            raise InputError(f"model.copies={self.copies}: give 1 or more")
+        if not 1 <= self.copies <= MOST_COPIES:
+            raise InputError(f"model.copies={self.copies}: give 1 to {MOST_COPIES}")
 
     def code(self) -> list[Callable]:
         """The faults as well, which may come from other packages."""
@@ -132,6 +134,45 @@ class Faulted(Step):
         row = self.rows(corpus)
         copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
         return _replaced(corpus[row], made, self, piece=corpus.piece[row] + copies * COPY)
+
+
+@dataclass(frozen=True)
+class Turned(Step):
+    """Captures, and copies of each as on a skin that was mounted otherwise: mirrored, or turned by quarters.
+
+    A grid that is not square is mirrored, or turned by half. What a copy becomes is drawn by itself, never that which
+    the capture is already, and is the same in all its frames.
+
+    Args:
+        copies: of each capture; the capture itself stays.
+    """
+
+    copies: int
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.copies <= MOST_COPIES:
+            raise InputError(f"model.turns={self.copies}: give 1 to {MOST_COPIES}, or 0 for none")
+
+    def rows(self, corpus: Corpus) -> np.ndarray:
+        """Each capture once and once for each copy."""
+        return np.repeat(np.arange(len(corpus)), self.copies + 1)
+
+    def __call__(self, corpus: Corpus) -> Corpus:
+        """The captures as they are, each followed by its copies."""
+        square = corpus.grid[0] == corpus.grid[1]
+        made: list[np.ndarray] = []
+        for i, frames in enumerate(corpus):
+            made.append(frames)
+            for copy in range(self.copies):
+                said = f"turned copy {copy} of capture {corpus.index[i]}.{corpus.piece[i]}"
+                rng = np.random.default_rng(int.from_bytes(hashlib.sha256(said.encode()).digest()[:16], "little"))
+                mirrored, quarters = divmod(int(rng.integers(1, 8 if square else 4)), 4 if square else 2)
+                turned = np.rot90(frames, quarters if square else 2 * quarters, axes=(1, 2))
+                made.append(turned[:, :, ::-1] if mirrored else turned)
+        row = self.rows(corpus)
+        copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
+        piece = corpus.piece[row] + copies * (MOST_COPIES + 1) * COPY
+        return _replaced(corpus[row], made, self, piece=piece)
 
 
 @dataclass(frozen=True)
@@ -208,10 +249,13 @@ def _filled(frames: np.ndarray, broken: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Scale(Step):
-    """Captures divided by the largest reading of their own past, so that a sensor's gain tells nothing.
+    """Captures on another scale, for systems whose inputs must not be tiny: many sensors are hardly ever pressed fully.
+
+    ``peak``: divided by the largest reading of their own past, so that a sensor's gain tells nothing. ``log``: the
+    logarithm of 1 + 1000 times the share of full scale, and full scale stays where it is.
 
     Args:
-        kind: ``peak``.
+        kind: of these.
     """
 
     kind: str
@@ -222,13 +266,16 @@ class Scale(Step):
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures scaled to 0..full_scale, float32; readings of nothing stay 0."""
-        made = []
-        for frames in corpus:
-            values = frames.astype(np.float32)
-            most = np.maximum.accumulate(values.max(axis=(1, 2)))
-            gain = (corpus.full_scale / np.where(most > 0, most, 1)).astype(np.float32)
-            made.append(np.minimum(values * gain[:, None, None], np.float32(corpus.full_scale)))
-        return _replaced(corpus, made, self)
+        scaled = self._log if self.kind == "log" else self._peak
+        return _replaced(corpus, [scaled(frames.astype(np.float32), corpus.full_scale) for frames in corpus], self)
+
+    def _log(self, frames: np.ndarray, full_scale: float) -> np.ndarray:
+        return np.log1p(frames * np.float32(LOG / full_scale)) * np.float32(full_scale / np.log1p(LOG))
+
+    def _peak(self, frames: np.ndarray, full_scale: float) -> np.ndarray:
+        most = np.maximum.accumulate(frames.max(axis=(1, 2)))
+        gain = (full_scale / np.where(most > 0, most, 1)).astype(np.float32)
+        return np.minimum(frames * gain[:, None, None], np.float32(full_scale))
 
 
 def _replaced(corpus: Corpus, made: list[np.ndarray], step: object, **fields: object) -> Corpus:

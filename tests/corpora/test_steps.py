@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.faults import FAULTS
-from bench.corpora.steps import REPAIRS, Faulted, Repair, Scale, Windows, around
+from bench.corpora.steps import REPAIRS, Faulted, Repair, Scale, Turned, Windows, around
 from bench.errors import InputError
 from tests.conftest import random_corpus
 
@@ -21,7 +21,9 @@ STEPS = {
     "windows": Windows(0.1),
     "repair": Repair(REPAIRS),
     "scale": Scale("peak"),
+    "log": Scale("log"),
     "faulted": Faulted(tuple(FAULTS), 2),
+    "turned": Turned(2),
 }
 
 
@@ -147,10 +149,13 @@ def test_repair_equals_a_loop(seed, grid, kinds, rate, kind):
     assert np.array_equal(found.lengths, corpus.lengths) and found.captures.equals(corpus.captures)
 
 
+SCALED = [Scale("peak"), Scale("log")]
+
+
 @given(st.integers(0, 10_000), st.sampled_from(GRIDS), st.sampled_from([np.uint16, np.float32]))
 def test_repair_and_scale_are_causal(seed, grid, kind):
     (frames,) = with_broken(seed, grid, kind, lengths=[30])
-    for step in (Repair(("stuck",)), Repair(("dead",)), Repair(("offset",)), Repair(REPAIRS), Scale("peak")):
+    for step in (Repair(("stuck",)), Repair(("dead",)), Repair(("offset",)), Repair(REPAIRS), *SCALED):
         (whole,) = step(corpus_of([frames]))
         for length in (1, 2, 3, 7, 20, 29):
             (part,) = step(corpus_of([frames[:length]]))
@@ -413,7 +418,7 @@ def test_a_step_tells_its_parameters(name):
         (lambda: Scale("none"), "model.scale=none: give none or peak"),
         (lambda: Scale("mean"), "model.scale=mean: give none or peak"),
         (lambda: Faulted(("noise", "nois")), "model.faults=noise+nois: 'nois' is no fault; did you mean noise?"),
-        (lambda: Faulted(("noise",), 0), "model.copies=0: give 1 or more"),
+        (lambda: Faulted(("noise",), 0), "model.copies=0: give 1 to 1023"),
         (lambda: Faulted(("all",)), "model.faults=all: 'all' is no fault"),
     ],
 )
@@ -421,3 +426,63 @@ def test_wrong_names_are_refused_in_one_line(make, message):
     with pytest.raises(InputError, match=re.escape(message)) as found:
         make()
     assert "\n" not in str(found.value)
+
+
+# Another scale, another mounting
+
+
+def test_a_logarithmic_reading_by_hand():
+    (found,) = Scale("log")(corpus_of([np.array([[[0, 255, 1023]]], dtype=np.uint16)]))
+    by_hand = [0, 1023 * np.log(1 + 1000 * 255 / 1023) / np.log(1001), 1023]
+    assert found.dtype == np.float32 and found.ravel() == pytest.approx(by_hand, rel=1e-6)
+    (same,) = Scale("log")(corpus_of([np.array([[[0, 0.25, 1.0]]], dtype=np.float32)], full_scale=1.0))
+    assert same.ravel()[1] == pytest.approx(np.log(251) / np.log(1001), rel=1e-6)  # in shares: no unit matters
+
+
+def mountings(frame):
+    """Every way in which a grid of the same shape can lie, by index of each taxel, the grid itself first."""
+    rows, cols = frame.shape
+    found = []
+    for swap in (False, True) if rows == cols else (False,):
+        for up in (False, True):
+            for left in (False, True):
+                made = np.empty_like(frame)
+                for r, c in np.ndindex(rows, cols):
+                    to = (rows - 1 - r if up else r, cols - 1 - c if left else c)
+                    made[to[::-1] if swap else to] = frame[r, c]
+                found.append(made)
+    return found
+
+
+@pytest.mark.parametrize("grid", [(4, 4), (3, 5), (1, 3)])
+def test_turned_copies_lie_otherwise_in_all_frames_alike_and_every_way_occurs(grid):
+    rng = np.random.default_rng(0)
+    arrays = [rng.integers(0, 1023, (int(n), *grid)).astype(np.uint16) for n in rng.integers(1, 9, 30)]
+    corpus = corpus_of(arrays)
+    found = Turned(4)(corpus)
+    assert len(found) == 150 and list(Turned(4).rows(corpus)) == [i for i in range(30) for _ in range(5)]
+    assert len(set(zip(found.index, found.piece, strict=True))) == 150
+    seen = set()
+    for i, frames in enumerate(arrays):
+        assert np.array_equal(found[5 * i], frames)
+        for copy in range(1, 5):
+            turned = found[5 * i + copy]
+            ways = [mountings(frame) for frame in frames]
+            same = [
+                k
+                for k in range(len(ways[0]))
+                if all(np.array_equal(w[k], t) for w, t in zip(ways, turned, strict=True))
+            ]
+            assert same, "the frames of a copy lie differently"
+            seen |= set(same[:1])
+    # Of a grid of one row two ways are one.
+    assert seen == (set(range(1, 8)) if grid == (4, 4) else {1, 2, 3} if min(grid) > 1 else {0, 1})
+    again = Turned(4)(corpus[7:9])  # whatever it is turned with
+    assert all(np.array_equal(again[k], found[35 + k]) for k in range(10))
+
+
+def test_damaged_copies_are_turned_each_by_itself():
+    corpus = corpus_of([np.random.default_rng(0).integers(0, 1023, (20, 8, 8)).astype(np.uint16)])
+    found = Turned(1)(Faulted(("noise",), 3)(corpus))
+    assert len(found) == 8 and len(set(found.piece)) == 8 and set(found.index) == {0}
+    assert len({found[k].tobytes() for k in range(8)}) == 8
