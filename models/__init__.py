@@ -40,5 +40,6 @@ PARTS = {
     "hughes2017_ae_rnn": "models.hughes2017:Hughes2017AERNN",
     "ren2023_transformer": "models.ren2023:Ren2023Transformer",
     "rocket": "models.rocket:Rocket",
+    "touchnet": "models.touchnet:TouchNet",
     "reflex": "models.reflex:Reflex",
 }

@@ -151,6 +151,7 @@ def train(
     judge: Callable[[], float] | None = None,
     patience: int | None = None,
     kept: Checkpoint | None = None,
+    smoothing: float = 0.0,
 ) -> list[dict[str, float]]:
     """Minimise cross-entropy over shuffled batches; the incomplete last batch of an epoch is left out.
 
@@ -169,6 +170,7 @@ def train(
         patience: stop when the median loss of this many epochs is not 0.1 % below that of as many before them.
         kept: where the state after each epoch is kept and, after a kill, found again; on a processor the result is
             then the same bit for bit.
+        smoothing: share of a label that is spread over all classes.
 
     Returns:
         Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.
@@ -185,7 +187,8 @@ def train(
     def step(rows: np.ndarray) -> float:
         optimiser.zero_grad()
         decided = labels[rows].repeat_interleave(steps[rows]).to(device)
-        loss = nn.functional.cross_entropy(forward(moved(samples.batch(rows), device)), decided)
+        logits = forward(moved(samples.batch(rows), device))
+        loss = nn.functional.cross_entropy(logits, decided, label_smoothing=smoothing)
         loss.backward()
         optimiser.step()
         return loss.item()

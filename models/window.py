@@ -98,7 +98,11 @@ class WindowNet(ClassifierMixin, BaseEstimator):
             raise InputError(
                 f"model.seconds={self.seconds:g}: give a number above 0 up to {LONGEST_S:g}, or 0 for what frames says"
             )
-        if self.seconds and self.frames != signature(type(self)).parameters["frames"].default:
+        if (
+            self.seconds
+            and self.frames is not None
+            and self.frames != signature(type(self)).parameters["frames"].default
+        ):
             raise InputError(f"model.frames={self.frames} and model.seconds={self.seconds:g}: give one of them")
         if not 0 < self.rate < float("inf"):
             raise InputError(f"model.rate={self.rate:g}: give a number above 0")

@@ -28,7 +28,7 @@ def known_sizes(cell: Cell, corpus: Corpus) -> dict[str, float] | None:
 
     It is fitted twice, to four times as many captures the second time, and to shuffled labels the first: whatever
     keeps captures, grows on them or chooses its size gets another one. What is as large both times is as large on the
-    whole corpus. What the numbers are does not matter, so a network learns for one epoch.
+    whole corpus. What the numbers are does not matter, so a network learns for one epoch or update.
 
     Args:
         cell: the system.
@@ -43,8 +43,8 @@ def known_sizes(cell: Cell, corpus: Corpus) -> dict[str, float] | None:
 
 def _fitted(cell: Cell, corpus: Corpus, number: int, shuffled: bool) -> dict[str, float] | None:
     """Sizes after a fit to so many captures of each class; None of what searches its size."""
-    if "epochs" in cell.model.parameters:
-        cell = replace(cell, model=replace(cell.model, parameters=cell.model.parameters | {"epochs": 1}))
+    quick = {name: 1 for name in ("epochs", "updates") if name in cell.model.parameters}
+    cell = replace(cell, model=replace(cell.model, parameters=cell.model.parameters | quick))
     estimator = cell.estimator()
     if contract.searches(estimator):
         return None

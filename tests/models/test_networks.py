@@ -17,6 +17,7 @@ from models.cnn85 import CNN85
 from models.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
 from models.ren2023 import Ren2023Transformer
 from models.time_blocks import TimeConv3d
+from models.touchnet import TouchNet
 from models.training import Sequences, Torch, Windows, _stands_still, activations, train
 from models.window import votes
 from models.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
@@ -34,6 +35,7 @@ SYSTEMS = {
     "zhou2016_lrcn": lambda epochs=2, seed=0: Zhou2016LRCN(16, 4, epochs, 16, seed=seed),
     "zhou2016_gm_lstm": lambda epochs=2, seed=0: Zhou2016GMLSTM(16, 4, epochs, 16, seed=seed),
     "ren2023_transformer": lambda epochs=2, seed=0: Ren2023Transformer(12, epochs, 16, seed=seed),
+    "touchnet": lambda epochs=2, seed=0: TouchNet(0.2, 4, updates=10 * epochs, batch=16, seed=seed),
 }
 
 

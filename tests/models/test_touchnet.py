@@ -1,0 +1,126 @@
+"""The network on signals: windows of ragged captures, mountings of the skin, and answers that stand alone."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from features.touch import OF_STEPS, SIGNALS, signals
+from models import touchnet
+from models.touchnet import Stretches, TouchNet
+from tests.conftest import random_corpus
+
+
+def corpus_of(arrays, rate=50.0):
+    about = pd.DataFrame({"subject": ["1"] * len(arrays), "gesture": ["pat"] * len(arrays)})
+    return Corpus.from_captures(arrays, about, rate)
+
+
+def random_frames(seed, lengths, grid=(4, 4)):
+    rng = np.random.default_rng(seed)
+    return [rng.integers(0, 1023, (n, *grid)).astype(np.uint16) for n in lengths]
+
+
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=5), st.integers(1, 15), st.integers(0, 99))
+def test_windows_equal_a_loop(lengths, frames, seed):
+    arrays = random_frames(seed, lengths, (2, 3))
+    hop = (frames + 1) // 2
+    found = Stretches(corpus_of(arrays), frames, hop)
+    expected = []
+    for capture, array in enumerate(arrays):
+        own = signals(array.astype(np.float32) / np.float32(1023))
+        if len(own) > 1:
+            own[0, [*OF_STEPS]] = own[1, [*OF_STEPS]]
+        start = 0
+        while start == 0 or start + frames <= len(array):
+            expected.append((capture, start, own[start : start + frames]))
+            start += hop
+    assert [(c, s) for c, s, _ in expected] == list(zip(found.capture, found.start, strict=True))
+    values, seen = found.batch(np.arange(len(found)))
+    assert list(seen) == [len(own) for *_, own in expected] == list(found.seen)
+    for window, count, (_, _, own) in zip(values.numpy(), seen, expected, strict=True):
+        np.testing.assert_allclose(window[:count], own, rtol=1e-6, atol=1e-6)
+
+
+@given(st.lists(st.integers(1, 40), min_size=2, max_size=5), st.integers(0, 99))
+def test_training_windows_stay_within_their_captures(lengths, seed):
+    arrays = [np.full((n, 2, 2), 100 + k, dtype=np.uint16) for k, n in enumerate(lengths)]  # tell them by their total
+    drawn = Stretches(corpus_of(arrays), 12, 6, drawn=True)
+    total = SIGNALS.index("total")
+    torch.manual_seed(seed)
+    for _ in range(5):
+        values, seen = drawn.batch(np.arange(len(drawn)))
+        for window, count, capture in zip(values[..., total], seen, drawn.capture, strict=True):
+            assert 1 <= count <= lengths[capture]
+            own = drawn.values[sum(lengths[:capture]), total]
+            assert (window[:count] == own).all()
+
+
+def test_a_mounting_has_the_signals_of_a_turned_skin():
+    (frames,) = random_frames(0, [9])
+    turned = [np.rot90(f, k, axes=(1, 2)) for k in range(4) for f in (frames, frames[:, :, ::-1])]
+    expected = [signals(f.astype(np.float32) / np.float32(1023)) for f in turned]
+    own = torch.from_numpy(signals(frames.astype(np.float32) / np.float32(1023)).astype(np.float32))
+    torch.manual_seed(0)
+    found = touchnet._mounted(own.expand(400, *own.shape)).numpy()
+    counts = np.zeros(8, dtype=int)
+    for one in found:
+        same = [np.allclose(one, other, rtol=1e-4, atol=1e-4) for other in expected]
+        assert sum(same) == 1
+        counts += same
+    assert (counts > 20).all()  # each of the eight about 50 times
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    corpus = random_corpus(longest=90)
+    return corpus, TouchNet(seconds=0.2, updates=20, batch=16).fit(corpus, corpus.gestures)
+
+
+def test_a_capture_is_answered_as_if_it_were_alone(fitted):
+    corpus, model = fitted
+    together = model.predict_proba(corpus)
+    alone = np.concatenate([model.predict_proba(corpus[i : i + 1]) for i in range(len(corpus))])
+    assert len(set(corpus.lengths)) > 5
+    np.testing.assert_allclose(together, alone, atol=1e-5)
+
+
+def test_a_signal_that_never_varied_in_training_says_nothing(fitted):
+    net = touchnet._Net([], torch.nn.Linear(1, 1))
+    values = torch.randn(50, len(SIGNALS))
+    values[:, 3] = 7.0
+    net.standardise(values)
+    scaled = (values + 100 - net.mean) / net.scale
+    assert (scaled[:, 3] == 0).all() and (scaled[:, 4] != 0).all()
+    np.testing.assert_allclose(net.scale[:3], values[:, :3].numpy().std(axis=0), rtol=1e-5)
+
+
+def test_the_rate_rises_for_a_third_and_falls(fitted):
+    steps, rates = 30, []
+    weight = torch.nn.Parameter(torch.zeros(1))
+    adam = torch.optim.AdamW([weight], 0.1)
+    cycle = touchnet.OneCycle(adam, 0.1, steps)
+    for _ in range(steps):
+        weight.grad = torch.ones(1)
+        rates.append(adam.param_groups[0]["lr"])
+        cycle.step()
+    top = int(np.argmax(rates))
+    assert rates[top] == pytest.approx(0.1, rel=0.02) and top == pytest.approx(0.3 * steps, abs=1)
+    assert rates[0] < 0.01 and rates[-1] < 1e-3
+
+
+def test_what_cannot_be_is_refused():
+    for wrong, told in (
+        ({"width": 0}, "model.width=0: give 1 to 4096"),
+        ({"kernel": 4}, "model.kernel=4: give an odd number"),
+        ({"seconds": 0.0}, "model.seconds=0: give a number above 0"),
+        ({"seconds": -1.0}, "model.seconds=-1"),
+        ({"smoothing": 1.0}, "model.smoothing=1: give 0 to below 1"),
+        ({"updates": 0}, "model.updates=0: give 1 to"),
+    ):
+        with pytest.raises(InputError, match=told):
+            TouchNet(**wrong).check()
