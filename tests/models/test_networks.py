@@ -13,6 +13,7 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from models import ren2023
 from models.cnn85 import CNN85
 from models.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
 from models.ren2023 import Ren2023Transformer
@@ -353,3 +354,33 @@ def test_a_training_that_diverges_says_where():
 def test_a_device_that_is_not_there():
     with pytest.raises(InputError, match="model.device=cuda:99: .*give cpu"):
         Hughes2017CNN(device="cuda:99").check()
+
+
+def test_attention_of_ones_own_is_that_of_the_library():
+    torch.manual_seed(0)
+    own = ren2023._SelfAttention(ren2023.WIDTH, ren2023.HEADS, batch_first=True)
+    library = torch.nn.MultiheadAttention(ren2023.WIDTH, ren2023.HEADS, batch_first=True)
+    library.load_state_dict(own.state_dict())
+    mine, theirs = torch.randn(2, 3, 7, ren2023.WIDTH).unbind()
+    theirs = mine.clone().requires_grad_()
+    mine.requires_grad_()
+    found, expected = own(mine), library(theirs, theirs, theirs, need_weights=False)[0]
+    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
+    for output in (found, expected):
+        output.square().sum().backward()
+    torch.testing.assert_close(mine.grad, theirs.grad, rtol=1e-3, atol=1e-4)
+    for name, parameter in own.named_parameters():
+        torch.testing.assert_close(parameter.grad, library.get_parameter(name).grad, rtol=1e-3, atol=1e-3)
+
+
+def test_products_of_half_the_bits_learn_nearly_the_same():
+    corpus = random_corpus(per_class=2)
+    whole, half = (
+        Ren2023Transformer(12, 2, 16, precision=precision).fit(corpus, corpus.gestures)
+        for precision in ("float32", "bfloat16")
+    )
+    assert all(p.dtype == torch.float32 for p in half.net_.parameters())
+    difference = np.abs(whole.predict_proba(corpus) - half.predict_proba(corpus)).max()
+    assert 0 < difference < 0.05  # it is not the same, and not another network
+    with pytest.raises(InputError, match="model.precision=half: give float32 or bfloat16"):
+        Ren2023Transformer(precision="half").check()
