@@ -121,7 +121,7 @@ class TouchNet(WindowNet):
         self,
         seconds: float = 1.0,
         width: int = 16,
-        kernel: int = 5,
+        kernel: int = 9,
         updates: int = 1500,
         batch: int = 128,
         rate: float = 4e-3,
