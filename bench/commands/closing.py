@@ -15,7 +15,7 @@ from bench.outcomes.comparable import context_of
 from bench.outcomes.scores import captures
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
-from bench.work.loop import Outcome, warn
+from bench.work.loop import Outcome
 from models import contract
 
 MOST = 3  # contexts that are told of
@@ -27,7 +27,7 @@ def evaluated(outcomes: Sequence[Outcome]) -> None:
     same = {one.run_id: folds for one in outcomes if (folds := _one_label(one))}
     if named := [f"{_system(one)} in {same[one.run_id]}" for one in outcomes if one.run_id in same]:
         more = f" and {len(named) - MOST} more systems" if len(named) > MOST else ""
-        warn(f"warning: every test capture of a fold gets one and the same label: {'; '.join(named[:MOST])}{more}")
+        say(f"warning: every test capture of a fold gets one and the same label: {'; '.join(named[:MOST])}{more}")
     commands: dict[str, None] = {}
     for members in _contexts(outcomes):
         one = members[0]

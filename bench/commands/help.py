@@ -246,7 +246,8 @@ bench data import cost CoST.csv                 the Corpus of Social Touch as pu
 bench data import haart "HAART DataSet.zip"     the HAART release, zip or folder
 bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023
                                                 any long CSV or parquet (subject, gesture, frame, conditions, channels)
-                                                or .npz (frames, offsets, subject, gesture)
+                                                or .npz (frames, offsets, subject, gesture); a column synthetic, true
+                                                or false, marks generated captures. A name that is taken is replaced
 bench data show haart [where=CONDITION] [out=look] [capture=N]
                                                 what it holds: counts and gaps, durations, pressure, broken or odd
                                                 taxels, captures that are the same. Writes into out= the mean pressure
@@ -255,7 +256,8 @@ bench data show haart [where=CONDITION] [out=look] [capture=N]
 bench data show synth data.subjects=4           generated captures, with any parameter of data=synth
 bench data verify arm                           whether every stored file is as it was imported; exit code 1 if not
 bench data export synth out.csv format=cost subjects=31 repetitions=6
-                                                any corpus with CoST's columns, in the format of CoST.csv
+                                                any corpus with CoST's columns, in the format of CoST.csv; generated
+                                                captures have a column synthetic besides. Prints how to import it
 """
 REPORT = """\
 bench report [out=report] [max_flash=64kB] [max_ram=32kB] [max_predict=5ms] [max_decision=500ms] [max_cycles=1M]

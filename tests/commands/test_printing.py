@@ -80,11 +80,11 @@ def test_a_system_that_says_one_label_only_is_not_named_without_a_word(tmp_path,
     (tmp_path / "one.py").write_text(ONE)
     assert main(["run", *SMALL, f"model={tmp_path / 'one.py'}:One"]) == 0
     said = capsys.readouterr()
-    assert said.err.count("one and the same label") == 1 and "One in 3 of 3 folds" in said.err
+    assert said.out.count("one and the same label") == 1 and "One in 3 of 3 folds" in said.out
     assert "But" in said.out and "one label in 3 of 3 folds" in said.out
     assert main(["run", *SMALL, "model=bayes,lda", "features=jung28"]) == 0
     said = capsys.readouterr()
-    assert "same label" not in said.err and "But" not in said.out
+    assert "same label" not in said.out and "But" not in said.out
 
 
 def next_commands(said):
