@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, field
+from html import escape
+from io import StringIO
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
+from rich.console import Console
 
 from bench.commands import choose as _choose
 from bench.commands import data as _data
@@ -14,6 +20,7 @@ from bench.commands import run as _run
 from bench.commands import stream as _stream
 from bench.commands import stress as _stress
 from bench.commands import tune as _tune
+from bench.commands.printing import grid, output
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
@@ -28,6 +35,17 @@ from reports.comparison import comparison, published
 from reports.latex import latex as latex
 from reports.leaderboard import OWN, reference, scores_of
 
+WORDS = ("task", "system", "data", "subset", "target", "protocol", "seed")  # columns of text that matter
+SAID_BY_TASK = ("data", "subset", "protocol")
+NAMED = {"accuracy %": "accuracy", "behind the best": "behind"}  # columns of numbers that matter, by their heading
+NUMBERS = NAMED | {
+    "macro-F1 %": "macro_f1",
+    "early %": "adaptive_accuracy",
+    "after ms": "adaptive_ms",
+    "flash kB": "flash_bytes",
+    "predict ms": "predict_ms_p50",
+}
+MOST = 4  # tables that are named
 SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in percent
 
 
@@ -49,11 +67,42 @@ class Found:
         return self.more[name]
 
     def __repr__(self) -> str:
-        names = f"\nmore tables: {', '.join(map(repr, self.more))}" if self.more else ""
-        return self.table.to_string(index=False) + names
+        rows, said = self._shown()
+        out = StringIO()
+        if rows:
+            spare = [name for name in rows[0] if name not in (*WORDS, *NAMED)]
+            grid(Console(file=out, width=output().width), said, rows, WORDS, spare[::-1])
+        names = [repr(name) for name in self.more]
+        others = f" and {len(names) - MOST} others" if len(names) > MOST else ""
+        tables = f"\nmore tables: {', '.join(names[:MOST])}{others}" if names else ""
+        return f"{out.getvalue() or 'nothing was found; '}all {len(self.table.columns)} columns: .table{tables}"
 
     def _repr_html_(self) -> str:
-        return self.table.to_html(index=False)
+        rows, said = self._shown()
+        return f"<p>{escape(said)}</p>{pd.DataFrame(rows).to_html(index=False)}"
+
+    def _shown(self) -> tuple[list[dict[str, str]], str]:
+        """The columns that matter, as text; what all rows share stands in the title."""
+        table = self.table
+        known = [c for c in WORDS if c in table and not (c in SAID_BY_TASK and "task" in table)]
+        shared = [c for c in known if c != "system" and len(table) > 1 and table[c].nunique() == 1]
+        rows = []
+        for row in table.to_dict("records"):
+            numbers = {heading: _number(row, name) for heading, name in NUMBERS.items() if name in table}
+            rows.append({c: str(row[c]) for c in known if c not in shared} | numbers)
+        title = ", ".join(str(table[c].iloc[0]) for c in shared)
+        intervals = "in brackets 95 % intervals over subjects" if any("[" in "".join(r.values()) for r in rows) else ""
+        return rows, "; ".join(filter(None, [title, intervals])) or "what was found"
+
+
+def _number(row: dict[Hashable, Any], name: str) -> str:
+    """A number with its 95 % interval where the row has one; bytes as kB."""
+    unit = 1000 if name.endswith("bytes") else 1
+    ends = [row.get(each.format(name), np.nan) for each in ("{}_low", "{}_high")]
+    if name == "accuracy" and "low" in row:
+        ends = [row["low"], row["high"]]
+    interval = "" if pd.isna(ends).any() else f" [{ends[0] / unit:.1f}, {ends[1] / unit:.1f}]"
+    return "-" if pd.isna(row[name]) else f"{row[name] / unit:.1f}{interval}"
 
 
 def corpus(data: str = "synth", where: str = "", target: str = "gesture", **parameters: object) -> Corpus:

@@ -16,7 +16,8 @@ class PrunedTree(ClassifierMixin, BaseEstimator):
 
     Args:
         level: steps of the sequence; one step cuts all links that are equally weak, the first one also those that cost
-            nothing. 0 leaves the full tree, a level beyond the last step the root alone.
+            nothing. 0 leaves the full tree. A step that leaves fewer leaves than there are classes is not taken, nor
+            what follows it: the trees of separable classes have few steps, and the root alone knows one class.
         seed: of the order in which equal splits are tried.
     """
 
@@ -32,9 +33,11 @@ class PrunedTree(ClassifierMixin, BaseEstimator):
         alphas = np.maximum(full.cost_complexity_pruning_path(X, y).ccp_alphas, 0)
         # scikit-learn lists a link after the other, also equally weak ones, whose penalties differ by rounding
         steps = alphas[np.append(np.diff(alphas) > 1e-9, True)]
-        alpha = steps[min(self.level, len(steps) - 1)]
-        self.tree_ = DecisionTreeClassifier(random_state=self.seed, ccp_alpha=alpha).fit(X, y)
-        self.classes_ = self.tree_.classes_
+        for alpha in steps[min(self.level, len(steps) - 1) :: -1]:
+            self.tree_ = DecisionTreeClassifier(random_state=self.seed, ccp_alpha=alpha).fit(X, y)
+            self.classes_ = self.tree_.classes_
+            if self.tree_.get_n_leaves() >= len(self.classes_):
+                break
         return self
 
     def predict_proba(self, X: pd.DataFrame) -> np.ndarray:

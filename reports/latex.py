@@ -6,7 +6,10 @@ import re
 
 import pandas as pd
 
+from bench.errors import InputError
+
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
+NEEDED = ("system", *TOGETHER, "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes")
 ESCAPED = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
@@ -30,12 +33,20 @@ def latex(table: pd.DataFrame) -> str:
     """Tables that compare systems, each with a caption that says what was compared.
 
     Args:
-        table: as `bench.results` gives it: a row per run and unit, accuracies in percent. Rows on the same captures,
-            under the same protocol and in the same unit come into one table.
+        table: as `bench.results` gives it, that of the store or of ``reference``: a row per run and unit, accuracies in
+            percent. Rows on the same captures, under the same protocol and in the same unit come into one table.
 
     Returns:
         Text for a document that loads booktabs.
+
+    Raises:
+        InputError: it is no such table.
     """
+    table = getattr(table, "table", table) if not isinstance(table, pd.DataFrame) else table
+    if not isinstance(table, pd.DataFrame):
+        raise InputError(f"bench.latex: give the table of bench.results(), not {type(table).__name__}")
+    if lacking := [name for name in NEEDED if name not in table]:
+        raise InputError(f"bench.latex: no column {', '.join(lacking[:3])}; give what bench.results() returns")
     same = [name for name in (*TOGETHER, "group") if name in table]
     parts = [part for _, part in table.groupby(same, sort=False)]
     return HEAD + "".join(f"\n{_one(part, number)}" for number, part in enumerate(parts, 1))
@@ -55,7 +66,8 @@ def _one(part: pd.DataFrame, number: int) -> str:
     columns["SD"] = [_one_decimal(row["subject_sd"]) for row in rows]
     columns["macro-F1"] = [_one_decimal(row["macro_f1"]) for row in rows]
     columns["kB"] = [_one_decimal(row["flash_bytes"] / 1000) for row in rows]
-    columns["ms"] = [_one_decimal(row["predict_ms_p50"]) for row in rows]
+    if "predict_ms_p50" in part:
+        columns["ms"] = [_one_decimal(row["predict_ms_p50"]) for row in rows]
     best = part["accuracy"].max()
     lines = []
     for row, cells in zip(rows, zip(*columns.values(), strict=True), strict=True):
@@ -93,9 +105,10 @@ def _caption(part: pd.DataFrame) -> str:
         said.append("The captures are generated and say nothing about people.")
     interval = " with a 95 % bootstrap interval over subjects" if part["low"].notna().any() else ""
     pooled = "windows" if one["unit"] == "window" else "captures"
+    ms = " ms: median time of one capture, from raw frames to label, on one thread." if "predict_ms_p50" in part else ""
     said.append(
         f"In percent: accuracy, pooled over {pooled}{interval}; SD over subjects; macro-F1. kB: learnt numbers, "
-        "without code. ms: median time of one capture, from raw frames to label, on one thread."
+        f"without code.{ms}"
     )
     return escaped(" ".join(said)).replace(r"95 \%", r"95\,\%")
 
@@ -108,9 +121,9 @@ def _numbers(column: pd.Series) -> str:
 
 def _named(row: dict) -> str:
     """A system with what makes its row another one: a seed, failed folds."""
-    done, _, folds = str(row["folds"]).partition("/")
-    words = [f"seed {row['seed']}"] if row["seed"] not in ("0", "none") else []
-    words += [f"{row['folds']} folds"] if done != folds else []
+    done, _, folds = str(row.get("folds", "")).partition("/")
+    words = [f"seed {row['seed']}"] if row.get("seed", "none") not in ("0", "none") else []
+    words += [f"{row['folds']} folds"] if folds and done != folds else []
     return ", ".join([str(row["system"]), *words])
 
 

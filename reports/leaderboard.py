@@ -2,39 +2,59 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from bench.outcomes.submissions import ABOUT, Submission, read, score
+from bench.outcomes.submissions import ABOUT, Submission, behind, read, score
 from bench.plan.tasks import TASKS, Task
 from reports.layout import Block, Heading, Table, Text, page
 
 OWN = "reference"  # folder of the results that come with touchbench
 WORST = "worst fault: "
+BEHIND = ("behind", "behind_low", "behind_high")
 INTRODUCTION = (
     "Every score is computed here from submitted labels; what a submission says of itself (parameters, flash, who, "
     "date, revision, command) is shown as it says it. That no tested person was trained on cannot be seen from labels: "
     "the command lets you repeat a row. Brackets hold 95 % bootstrap intervals over subjects, the same people for all "
-    "systems of a task: ten people seldom tell neighbours in a table apart, three (haart-challenge-v1) hardly anything."
+    "systems of a task: ten people seldom tell neighbours in a table apart, three (haart-challenge-v1) hardly "
+    "anything. Behind the best: points of accuracy less than the first row's, with the interval of that difference, "
+    "person by person. One that holds 0 means that these people do not tell the two apart; as the best was picked by "
+    "the same people, and one in twenty such intervals misses, one that just leaves 0 out means little."
 )
 
 
-def reference() -> list[Submission]:
-    """The results that come with touchbench."""
+@lru_cache(maxsize=1)
+def reference() -> tuple[Submission, ...]:
+    """The results that come with touchbench; read and scored once in a process."""
     room = Path(str(files("reports") / OWN))
-    return [read(path.parent) for path in sorted(room.glob(f"*/*/{ABOUT}"))]
+    return tuple(read(path.parent) for path in sorted(room.glob(f"*/*/{ABOUT}")))
 
 
-def scores_of(submissions: list[Submission]) -> pd.DataFrame:
-    """One row per submission, best first within each task; accuracies in percent."""
+def scores_of(submissions: Sequence[Submission]) -> pd.DataFrame:
+    """One row per submission, best first within each task; accuracies in percent.
+
+    ``behind``, ``behind_low`` and ``behind_high`` are the difference to the best of the task, as
+    `bench.outcomes.submissions.behind` gives it, in points; NaN for the best itself.
+    """
+    best: dict[str, Submission] = {}
+    for one in submissions:
+        first = best.setdefault(one.task.name, one)
+        if score(one)["accuracy"] > score(first)["accuracy"]:
+            best[one.task.name] = one
     rows = []
     for one in submissions:
         task, about, found = one.task, one.about, score(one)
         fixed = {"task": task.name, "system": about["system"], "data": task.data, "subset": "all"}
         fixed |= {"protocol": task.about, "unit": task.unit}
+        fixed |= {"captures": one.table["capture"].nunique(), "subjects": one.table["subject"].nunique()}
+        first = best[task.name]
+        less = (np.nan,) * 3 if one is first else behind(one, first)
+        found |= dict(zip(BEHIND, less, strict=True))
         said = {k: about.get(k, np.nan) for k in ("parameters", "flash_bytes", "ram_bytes")}
         said |= {k: about.get(k, "") for k in ("who", "date", "revision", "command")}
         rows.append(fixed | {k: 100 * v for k, v in found.items()} | said | {"name": one.name})
@@ -44,7 +64,7 @@ def scores_of(submissions: list[Submission]) -> pd.DataFrame:
     return ranked.drop(columns="order").reset_index(drop=True)
 
 
-def board(submissions: list[Submission], left_out: list[str]) -> str:
+def board(submissions: Sequence[Submission], left_out: list[str]) -> str:
     """The page.
 
     Args:
@@ -59,7 +79,7 @@ def board(submissions: list[Submission], left_out: list[str]) -> str:
     return page(blocks, "touchbench leaderboard")
 
 
-def _of_task(task: Task, submissions: list[Submission]) -> list[Block]:
+def _of_task(task: Task, submissions: Sequence[Submission]) -> list[Block]:
     corpus = f"digest {task.digest[:16]}" if task.digest else "as published, known by the MD5 of its file"
     about = (
         f"Data: {task.data}, {corpus}, all captures. Protocol: {task.about}. Unit: {task.unit}. "
@@ -82,6 +102,7 @@ def _shown(found: pd.DataFrame) -> pd.DataFrame:
             {
                 "system": row["system"],
                 "accuracy % [95 %]": f"{row['accuracy']:.1f} [{row['low']:.1f}, {row['high']:.1f}]",
+                "behind the best [95 %]": _less(row),
                 "macro-F1 %": f"{row['macro_f1']:.1f}",
                 "subjects: mean ± SD": f"{row['subject_mean']:.1f} ± {row['subject_sd']:.1f}",
                 **parts,
@@ -95,6 +116,13 @@ def _shown(found: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
+
+
+def _less(row: dict) -> str:
+    """Points behind the best, a negative number."""
+    if pd.isna(row["behind"]):
+        return "-"
+    return f"{row['behind']:+.1f} [{row['behind_low']:+.1f}, {row['behind_high']:+.1f}]".replace("-", "\N{MINUS SIGN}")
 
 
 def _whole(number: float) -> str:

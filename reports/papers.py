@@ -64,12 +64,19 @@ def published_blocks(beside: pd.DataFrame) -> list[Block]:
     if elsewhere:
         count_away = int(beside["away"].sum())
         switch = f"Show also the {count_away} published numbers on {listed(elsewhere)}, where nothing is tracked here"
+    shipped = (
+        "What our own runs said of every capture of HAART, under LOSO and in four more tasks, comes with touchbench: "
+        "bench leaderboard makes a page of it, docs/leaderboard.md says what it holds."
+    )
+    here = "haart" in set(beside.loc[~beside["away"], "data"])
     return [
         Text(
             f"{len(judged)} of our results stand beside a published number: {listed(said)}."
             if len(judged)
             else "None of the tracked runs has a published number beside it."
+            + " Most numbers that papers print on HAART are for the split of the 2015 challenge." * here
         ),
+        *([Text(shipped)] if here else []),
         *(
             [
                 Text(

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli import COMMANDS, main
+from bench.cli import main
+from bench.commands.help import COMMANDS
 from bench.outcomes.store import connect
 from tests.conftest import BENCH
 

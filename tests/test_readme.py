@@ -10,7 +10,8 @@ import pytest
 from sklearn.model_selection import LeaveOneGroupOut, cross_val_score
 
 import bench
-from bench.cli import COMMANDS, main
+from bench.cli import main
+from bench.commands.help import COMMANDS
 from bench.work.fold import decisions
 from models.tuning import Search
 from tests.chip.compiled import lacking

@@ -12,6 +12,7 @@ from bench.commands.printing import best, contexts, say, then
 from bench.errors import InputError
 from bench.outcomes.advice import FIRST, WHAT
 from bench.outcomes.comparable import context_of
+from bench.outcomes.scores import captures
 from bench.outcomes.store import connect
 from bench.plan.arguments import typed
 from bench.plan.cells import cells
@@ -24,18 +25,22 @@ FIT = ("data", "where", "target", "model", "features", "seed")  # what bench fit
 
 def evaluated(outcomes: Sequence[Outcome]) -> None:
     """Of `bench run`, `bench tune` and `bench choose over=`: the most accurate system, and how to choose."""
+    same = {one.run_id: folds for one in outcomes if (folds := _one_label(one))}
+    if named := [f"{_system(one)} in {same[one.run_id]}" for one in outcomes if one.run_id in same]:
+        more = f" and {len(named) - MOST} more systems" if len(named) > MOST else ""
+        say(f"warning: every test capture of a fold gets one and the same label: {'; '.join(named[:MOST])}{more}")
     commands: dict[str, None] = {}
     for members in _contexts(outcomes):
         one = members[0]
         if len(members) == 1:
-            found = f"{_system(one)} labels {_share(one)} correctly ({_interval(one)})."
+            found = f"{_system(one)} labels {_share(one)} correctly ({_interval(one)}).{_told(same, one)}"
             commands[typed("run", _on(one) | FIRST)] = None
         else:
             winners = [members[place] for place in best(members)]
             if not winners:
                 continue
             found = f"Most accurate of {len(members)}: {' and '.join(map(_system, winners))}, {_share(winners[0])} "
-            found += f"({_interval(winners[0])})."
+            found += f"({_interval(winners[0])}).{_told(same, *winners)}"
         say(_where(one, outcomes) + found)
         commands[typed("choose", _tracked(one))] = None
     then(*commands)
@@ -148,6 +153,23 @@ def _where(one: Outcome, among: Sequence[Outcome]) -> str:
 
 def _system(outcome: Outcome) -> str:
     return outcome.plan.cell.system()
+
+
+def _one_label(outcome: Outcome) -> str:
+    """In how many folds every test capture gets one label, though they are of several classes; empty for none."""
+    found = 0
+    for result in outcome.results:
+        labelled = captures(result.table)
+        found += labelled["true"].nunique() > 1 and labelled["predicted"].nunique() == 1
+    return f"{found} of {len(outcome.results)} folds" if found else ""
+
+
+def _told(same: Mapping[str, str], *among: Outcome) -> str:
+    """What must be said of systems that are named as found, where they are among the ``same``."""
+    named = [
+        f"{_system(one)} gives all captures one label in {same[one.run_id]}" for one in among if one.run_id in same
+    ]
+    return f" But {' and '.join(named)}: it has learned too little there." if named else ""
 
 
 def _share(outcome: Outcome) -> str:

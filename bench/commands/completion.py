@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from bench.cli import COMMANDS
+from bench.commands.help import COMMANDS
 from bench.errors import InputError, nearest
 from bench.quantities import BUDGETS, COSTS
 from bench.registry import names

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from bench.corpora.cost import write
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
+from bench.corpora.limits import briefly
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
 from bench.outcomes.advice import FIRST
@@ -18,6 +19,7 @@ from bench.scratch import home
 
 ACTIONS = ("import", "show", "verify", "export")
 OUT = "look"
+WINDOWED = {"model": "lda", "features": "touch", "model.window": "1.0"}  # on windows of a second; takes seconds
 
 
 def data(arguments: list[str]) -> int:
@@ -70,9 +72,11 @@ def listed() -> int:
         if "damaged" in row:
             print(f"{row['data']}\n  {row['damaged']}")
             continue
+        kind = "synthetic " if row["synthetic"] else ""
         print(
-            f"{row['data']}\n  {row['captures']} captures, {row['subjects']} subjects, {row['gestures']} gestures, "
-            f"{row['frames']} frames of {row['grid']} at {row['rate_hz']:g} Hz\n  columns: {row['columns']}\n"
+            f"{row['data']}\n  {row['captures']} {kind}captures, {row['subjects']} subjects, "
+            f"{row['gestures']} gestures, {row['frames']} frames of {row['grid']} at {row['rate_hz']:g} Hz\n"
+            f"  columns: {row['columns']}\n"
             f"  digest:  {row['digest']}\n  source:  {row['source']}\n  licence: {row['licence']}"
         )
     print(f"\nnext: bench data show {(imported() or ['synth'])[0]}")
@@ -84,11 +88,14 @@ def show(name: str, options: dict[str, str]) -> int:
     out, where = Path(options.pop("out", OUT)), options.pop("where", "")
     found = looked(name, where, out, options.pop("capture", None), dict(options))
     print(found)
+    if told := [] if name == "synth" else open_corpus(name, {}).info["warnings"]:
+        print(f"\nWarnings of the import: {len(told)}", *told, sep="\n  ")
     print(f"\nfigures, an animation and a page that holds them all; open: {(out / 'index.html').resolve().as_uri()}")
     on = {"data": name} | {f"data.{k.removeprefix('data.')}": v for k, v in options.items()}
     if where:
         on["where"] = where
     print(f"next: {typed('run', on | {'protocol': 'loso'} | FIRST)}")
+    print(f"      {typed('run', on | {'protocol': 'loso'} | WINDOWED)}")
     return 0
 
 
@@ -141,16 +148,29 @@ def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
 
 
 def read(kind: str, source: Path, options: dict[str, str]) -> int:
-    """Import a corpus, with a line for every warning and one for what was found."""
+    """Import a corpus, with a line for its warnings, one for what it replaces and one for what was found."""
+    before = _held(options.get("name", kind))
     corpus = import_corpus(kind, source, options)
-    for line in corpus.info["warnings"]:
-        print(f"warning: {line}", file=sys.stderr)
+    if corpus.info["warnings"]:
+        print(f"warning: {briefly(corpus.info['warnings'], f'bench data show {corpus.name}')}", file=sys.stderr)
+    if before and before[1] != corpus.digest:
+        print(f"{corpus.name}: replaces {before[0]} captures, digest {before[1][:16]}")
+    kind = "synthetic " if corpus.synthetic else ""
     print(
-        f"{corpus.name}: {len(corpus)} captures, {len(set(corpus.subjects))} subjects, "
+        f"{corpus.name}: {len(corpus)} {kind}captures, {len(set(corpus.subjects))} subjects, "
         f"{len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of {corpus.grid[0]}x{corpus.grid[1]} "
         f"at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}\nnext: bench data show {corpus.name}"
     )
     return 0
+
+
+def _held(name: str) -> tuple[int, str] | None:
+    """Captures and digest of what is stored under a name, if it can be read."""
+    try:
+        corpus = open_corpus(name, {}) if name in imported() else None
+    except InputError:
+        return None
+    return None if corpus is None else (len(corpus), corpus.digest)
 
 
 def check(name: str) -> int:
@@ -174,6 +194,26 @@ def export(name: str, target: Path, options: dict[str, str]) -> int:
     corpus = open_corpus(name, one_variant(name, dict(options)))
     write(corpus, target)
     kind = "synthetic " if corpus.synthetic else ""
-    print(f"{target}: {len(corpus)} {kind}captures, {len(corpus.frames)} rows, digest {corpus.digest[:16]}")
-    print(f"next: bench data import cost {shlex.quote(str(target))} name=copy")
+    print(
+        f"{target}: {len(corpus)} {kind}captures, {len(corpus.frames)} rows at {corpus.rate_hz:g} Hz, digest "
+        f"{corpus.digest[:16]}"
+    )
+    if corpus.synthetic:
+        print("the column synthetic marks them as generated; leave it in, and results of them say so")
+    words = ["cost", str(target), "name=copy"]
+    if corpus.info.get("format") != "cost":
+        grid = "x".join(map(str, corpus.grid))
+        words = [
+            "table",
+            *words[1:],
+            f"grid={grid}",
+            f"rate_hz={_exact(corpus.rate_hz)}",
+            f"full_scale={_exact(corpus.full_scale)}",
+        ]
+    print(f"next: bench data import {shlex.join(words)}")
     return 0
+
+
+def _exact(number: float) -> str:
+    """A number as it is read back, a whole one without decimals."""
+    return repr(float(number)).removesuffix(".0")

@@ -21,7 +21,8 @@ FAULTS = "faults=dead_taxels,noise"
 REPLAYED = 2  # of the most accurate systems
 NEXT = (
     "bench data import table my.csv name=mine grid=8x8 rate_hz=54 full_scale=1023",
-    "bench run data=mine protocol=loso model=tree,bayes,lda,svm features=jung28",
+    "bench run data=mine protocol=loso model=bayes,lda,svm,rf features=jung28",
+    "bench run data=mine protocol=loso model=lda features=touch model.window=1.0",
     "bench choose data=mine protocol=loso max_flash=64kB",
 )
 

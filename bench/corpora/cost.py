@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.limits import called, plain, quoted
+from bench.corpora.limits import SYNTHETIC, called, plain, quoted
 from bench.corpora.text import FrameFile, capture_starts
 from bench.errors import InputError
 from bench.scratch import replacing
@@ -150,7 +150,8 @@ def read(path: Path) -> Corpus:
     """Read ``CoST.csv``, whole or in part.
 
     Every figure that differs from the published one is a warning. Where the lengths of captures identify the subjects
-    of the 2015 challenge, the column ``split`` says which captures it used for training and for testing.
+    of the 2015 challenge, the column ``split`` says which captures it used for training and for testing. A column
+    ``synthetic`` of ones, which CoST has not, marks generated captures, as `write` does.
 
     Returns:
         uint16 frames 8 x 8, row 0 at the top (the file's channels 57 to 64); subject, variant, gesture, repetition.
@@ -162,10 +163,17 @@ def read(path: Path) -> Corpus:
     name = called(path)
     file = FrameFile(path, name)
     file.require(LABELS + CHANNELS)
-    if len(file.columns) != len(LABELS + CHANNELS):
-        extra = quoted(min(set(file.columns) - set(LABELS + CHANNELS)))
-        raise InputError(f"{name}, line 1: column {extra} is not one of CoST's; import it as a table instead")
-    labels, values = file.read(LABELS, CHANNELS, FULL_SCALE)
+    made = [SYNTHETIC] if SYNTHETIC in file.columns else []
+    if extra := set(file.columns) - {*LABELS, *made, *CHANNELS}:
+        raise InputError(
+            f"{name}, line 1: column {quoted(min(extra))} is not one of CoST's; import it as a table instead"
+        )
+    labels, values = file.read(LABELS + made, CHANNELS, FULL_SCALE)
+    if made and (wrong := np.flatnonzero(labels[SYNTHETIC].to_numpy() != 1)).size:
+        raise InputError(
+            f"{name}, line {wrong[0] + 2}: {SYNTHETIC} is not 1; this format marks all captures or none, so take the "
+            "column out or import it as a table"
+        )
     _check_codes(labels, "variant", len(VARIANTS), name)
     _check_codes(labels, "gesture", len(GESTURES), name)
     starts = capture_starts(labels[LABELS[:3]], labels["frame"].to_numpy(), 1, name)
@@ -188,10 +196,11 @@ def read(path: Path) -> Corpus:
             "the official 21 / 10 challenge split cannot be recovered from the frame counts; protocol=challenge draws "
             "seeded random 21 / 10 splits instead and says so in every row"
         )
+    published = "; 4TU, doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29"
     info = {
-        "source": f"{plain(path.name, 200)}; 4TU, doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29",
-        "licence": "CC BY-NC-SA 4.0",
-        "synthetic": False,
+        "source": plain(path.name, 200) + ("; generated, in the layout of CoST" if made else published),
+        "licence": "none needed" if made else "CC BY-NC-SA 4.0",
+        "synthetic": bool(made),
         "warnings": warnings,
     }
     frames = values.reshape(-1, 8, 8)
@@ -202,6 +211,8 @@ def read(path: Path) -> Corpus:
 
 def write(corpus: Corpus, path: Path) -> None:
     """Write captures in the format of ``CoST.csv``; reading it back gives identical frames.
+
+    Generated captures have a column ``synthetic`` behind ``frame``, so that no reader takes them for people's.
 
     Raises:
         InputError: the corpus does not fit the format, or the file cannot be written.
@@ -234,16 +245,18 @@ def write(corpus: Corpus, path: Path) -> None:
         ],
         axis=1,
     ).astype(np.int32)
-    schema = pa.schema([(name, pa.int32()) for name in LABELS + CHANNELS])
+    columns = [*LABELS, *([SYNTHETIC] if corpus.synthetic else []), *CHANNELS]
+    schema = pa.schema([(name, pa.int32()) for name in columns])
     options = pacsv.WriteOptions(include_header=False)
     try:
         with replacing(path) as beside, open(beside, "wb") as f:
-            f.write(", ".join(LABELS + CHANNELS).encode() + b"\n")
+            f.write(", ".join(columns).encode() + b"\n")
             for i in range(0, len(corpus), 256):
                 some = corpus[i : i + 256]
                 frame = np.concatenate([np.arange(1, n + 1, dtype=np.int32) for n in some.lengths])
                 values = np.concatenate(list(some))[:, ::-1].reshape(-1, 64)
-                rows = np.column_stack([np.repeat(codes[i : i + 256], some.lengths, axis=0), frame, values])
+                mark = np.ones((len(frame), len(columns) - len(LABELS + CHANNELS)), np.int32)
+                rows = np.column_stack([np.repeat(codes[i : i + 256], some.lengths, axis=0), frame, mark, values])
                 table = pa.Table.from_arrays([pa.array(np.ascontiguousarray(c)) for c in rows.T], schema=schema)
                 pacsv.write_csv(table, f, options)
     except OSError as e:

@@ -158,6 +158,7 @@ def overview() -> list[dict[str, object]]:
         rows.append(
             {
                 "data": name,
+                "synthetic": corpus.synthetic,
                 "captures": len(corpus),
                 "subjects": len(set(corpus.subjects)),
                 "gestures": len(set(corpus.gestures)),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from bench.errors import InputError
 
+SYNTHETIC = "synthetic"  # a column that marks generated captures
 MOST_LABEL = 200  # characters
 MOST_CONDITIONS = 256  # columns beside the channels
 MOST_TIMES = 100  # what a packed file may unpack to, in its own size; sensor values seldom reach 20
@@ -39,6 +40,17 @@ def plain(text: object, most: int = 80) -> str:
 def called(path: Path) -> str:
     """What messages call a file."""
     return plain(path.name, 60)
+
+
+def briefly(warnings: list[str], rest: str) -> str:
+    """Warnings of an import in one line: the first three, and where all of them are.
+
+    Args:
+        warnings: at least one.
+        rest: the command that prints all.
+    """
+    said = "; ".join(warnings[:3])
+    return said if len(warnings) <= 3 else f"{len(warnings)} of them: {said}; for all: {rest}"
 
 
 def flaw(word: str) -> str:

@@ -12,7 +12,7 @@ import pyarrow as pa
 from bench.corpora.arrays import read_arrays
 from bench.corpora.corpus import RESERVED, Corpus
 from bench.corpora.labels import Words, words_of
-from bench.corpora.limits import called, check_conditions, plain, short
+from bench.corpora.limits import SYNTHETIC, called, check_conditions, plain, short
 from bench.corpora.parquet import ParquetFile
 from bench.corpora.text import FrameFile, capture_starts
 from bench.corpora.values import check, checked, smallest
@@ -29,6 +29,9 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
     [total, rows, cols], ``offsets`` [captures + 1], ``subject`` and ``gesture`` [captures], and any other arrays of
     that length as conditions. Spaces around labels are no part of them; no label is empty, longer than 200 characters
     or holds characters that cannot be seen. Numbers are decimal, such as 7, 0.25 or 1e3.
+
+    A column ``synthetic`` (true or false, 1 or 0) marks generated captures: a corpus with any is said to be synthetic.
+    It becomes a condition only where captures differ in it.
 
     Args:
         path: the file.
@@ -59,8 +62,24 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
     for label in ("subject", "gesture"):
         if captures[label].dtype != "str":
             captures[label] = captures[label].astype(str)
-    info = {"source": plain(path.name, 200), "licence": "the user's own", "synthetic": False, "warnings": []}
+    made = _generated(captures, called(path))
+    info = {"source": plain(path.name, 200), "licence": "the user's own", "synthetic": made, "warnings": []}
     return Corpus(frames, starts, lengths, captures, float(rate_hz), float(full_scale), "table", info=info)
+
+
+def _generated(captures: pd.DataFrame, name: str) -> bool:
+    """Whether any capture is marked as generated; a mark that is the same for all is taken out of the columns."""
+    if SYNTHETIC not in captures:
+        return False
+    marks = captures[SYNTHETIC].astype(str).str.lower().replace({"1": "true", "0": "false"})
+    if len(wrong := np.flatnonzero(~marks.isin(["true", "false"]))):
+        given = plain(captures[SYNTHETIC].iloc[wrong[0]], 40)
+        raise InputError(
+            f"{name}: {SYNTHETIC} is {given} in capture {wrong[0] + 1}; give true for generated captures, else false"
+        )
+    if marks.nunique() == 1:
+        del captures[SYNTHETIC]
+    return bool((marks == "true").any())
 
 
 def read_unlabelled(path: Path, rate_hz: float, grid: tuple[int, int], full_scale: float) -> Corpus:

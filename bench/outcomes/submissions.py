@@ -10,6 +10,7 @@ import json
 import stat
 from dataclasses import dataclass
 from datetime import date
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,16 @@ class Submission:
     about: dict[str, Any]
     table: pd.DataFrame
 
+    @property
+    def counted(self) -> pd.DataFrame:
+        """The rows that accuracy is of: all but those of clean captures where faults are the task."""
+        return self.table[self.table["fault"] != CLEAN] if "fault" in self.task.keys else self.table
+
+    @cached_property
+    def scores(self) -> dict[str, float]:
+        """As `score` gives them."""
+        return _scored(self)
+
 
 def read(folder: Path) -> Submission:
     """Read and check a folder that anybody may have made.
@@ -77,8 +88,13 @@ def read(folder: Path) -> Submission:
 def score(submission: Submission) -> dict[str, float]:
     """Accuracy, its 95 % interval over subjects, macro-F1, mean and SD of the subjects' accuracies, and parts.
 
-    Parts are accuracies at an instant (``at 500 ms``) or of clean captures and under the worst fault.
+    Parts are accuracies at an instant (``at 500 ms``) or of clean captures and under the worst fault. They are
+    computed once for each submission that was read.
     """
+    return dict(submission.scores)
+
+
+def _scored(submission: Submission) -> dict[str, float]:
     table, keys = submission.table, submission.task.keys
     hit = table["true"] == table["predicted"]
     parts: dict[str, float] = {}
@@ -87,7 +103,7 @@ def score(submission: Submission) -> dict[str, float]:
     if "fault" in keys:
         by_fault = hit.groupby(table["fault"], sort=False).mean()
         parts = {"clean": float(by_fault.pop(CLEAN)), f"worst fault: {by_fault.idxmin()}": float(by_fault.min())}
-        table = table[table["fault"] != CLEAN]
+    table = submission.counted
     classes = sorted(set(table["true"]))
     low, high = scores.subject_interval(table)
     subjects = scores.per_subject(table)["accuracy"]
@@ -100,6 +116,19 @@ def score(submission: Submission) -> dict[str, float]:
         "subject_sd": float(subjects.std(ddof=1)),
         **parts,
     }
+
+
+def behind(one: Submission, best: Submission, draws: int = 2000, seed: int = 0) -> tuple[float, float, float]:
+    """Accuracy less that of another submission to the same task, with its 95 % paired bootstrap interval over subjects.
+
+    Both are counted on the same rows and the same drawn subjects, so what makes a subject hard for both cancels out.
+    """
+    rows = [each.counted for each in (one, best)]  # in the order of the task's rows
+    ours, theirs = ((table["true"] == table["predicted"]).to_numpy(int) for table in rows)
+    each = pd.Series(ours - theirs).groupby(rows[0]["subject"].to_numpy()).agg(["sum", "size"]).to_numpy()
+    drawn = each[np.random.default_rng(seed).integers(0, len(each), (draws, len(each)))].sum(axis=1)
+    low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
+    return float((ours - theirs).mean()), float(low), float(high)
 
 
 def write(folder: Path, about: dict[str, Any], table: pd.DataFrame) -> None:

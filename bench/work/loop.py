@@ -23,6 +23,7 @@ from rich.progress import (
 from rich.progress import Task as BarTask
 from rich.text import Text
 
+from bench.corpora.limits import briefly
 from bench.errors import ClusterError, InputError
 from bench.outcomes.results import Findings, FoldResult, Shown
 from bench.outcomes.scores import RESERVED
@@ -285,7 +286,8 @@ def begin(
 def warnings(plan: Plan) -> list[str]:
     """What a user should know before the run."""
     cell, corpus = plan.cell, plan.corpus
-    lines = [f"warning: {cell.data}: {w}" for w in corpus.info.get("warnings", [])]
+    told = corpus.info.get("warnings", [])
+    lines = [f"warning: {cell.data}: {briefly(told, f'bench data show {cell.data}')}"] if told else []
     if plan.mixes_subjects:
         lines.append(f"warning: protocol={cell.protocol} mixes subjects: scores are optimistic for a new person")
     frames = contract.window(replace(cell, tuning=None).estimator(), corpus.rate_hz)

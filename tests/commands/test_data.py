@@ -1,11 +1,13 @@
 """``bench data show`` and ``bench.look``: the same words, and mistakes in one line."""
 
+import shlex
 from pathlib import Path
 
 import pytest
 
 import bench
 from bench.cli import main
+from bench.corpora.library import open_corpus
 
 SMALL = ["data.subjects=2", "variants=normal"]  # with and without data.
 FILES = {"pressure.png", "pressure.svg", "films.png", "films.svg", "motion.gif", "index.html"}
@@ -59,3 +61,53 @@ def test_a_folder_in_the_place_of_a_file_is_told_in_one_line(capsys):
     Path("look/films.png").mkdir(parents=True)
     assert main(["data", "show", "synth", "subjects=1", "variants=normal"]) == 2
     assert "out=look: look/films.png cannot be written (Is a directory)" in capsys.readouterr().err
+
+
+def test_what_it_says_to_type_next_runs_and_has_a_system_on_windows(capsys):
+    assert main(["data", "show", "synth", *SMALL]) == 0
+    told = capsys.readouterr().out.splitlines()[-2:]
+    words = [shlex.split(line.removeprefix("next: "))[1:] for line in told]
+    assert words[1][-3:] == ["model=lda", "features=touch", "model.window=1.0"]
+    assert all(word[:2] == ["run", "data=synth"] and "tree" not in word[-2] for word in words)
+    assert main([*words[1], "jobs=1"]) == 0
+    assert "window=1" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("kind", ["table", "cost"])
+def test_exported_captures_come_back_as_they_were_and_still_synthetic(kind, capsys):
+    asked = ["subjects=2", "variants=normal"]
+    if kind == "table":
+        asked.append("rate_hz=54")  # which CoST's format cannot say
+    assert main(["data", "export", "synth", "out file.csv", *asked]) == 0
+    words = shlex.split(capsys.readouterr().out.splitlines()[-1].removeprefix("next: "))[1:]
+    assert words[:3] == ["data", "import", "table"]
+    assert main(words if kind == "table" else ["data", "import", "cost", "out file.csv", "name=copy"]) == 0
+    again, said = open_corpus("copy", {}), capsys.readouterr().out
+    made = bench.corpus("synth", subjects=2, variants=("normal",), rate_hz=54.0 if kind == "table" else 135.0)
+    assert again.synthetic and "28 synthetic captures" in said
+    assert (again.rate_hz, again.full_scale, len(again)) == (made.rate_hz, made.full_scale, len(made))
+    assert list(again.lengths) == list(made.lengths) and "synthetic" not in again.captures
+    upside = made.frames[:, ::-1] if kind == "table" else made.frames  # its rows stand as they are in the file
+    assert (again.frames == upside).all()
+    assert main(["data"]) == 0 and "28 synthetic captures" in capsys.readouterr().out
+    assert main(["run", "data=copy", "model=lda", "features=jung28", "jobs=1"]) == 0
+    assert "copy (synthetic)" in capsys.readouterr().out
+
+
+def test_an_import_says_what_it_replaces_and_its_warnings_take_a_line(capsys):
+    assert main(["data", "export", "synth", "one.csv", "subjects=1", "variants=normal"]) == 0
+    assert main(["data", "export", "synth", "two.csv", "subjects=2", "variants=normal"]) == 0
+    capsys.readouterr()
+    assert main(["data", "import", "cost", "one.csv", "name=mine"]) == 0
+    first, old = capsys.readouterr(), open_corpus("mine", {})
+    assert "replaces" not in first.out and first.err.count("\n") == 1
+    warnings = old.info["warnings"]
+    assert len(warnings) > 20 and f"warning: {len(warnings)} of them: {'; '.join(warnings[:3])}; for all:" in first.err
+    assert main(["data", "import", "cost", "one.csv", "name=mine"]) == 0
+    assert "replaces" not in capsys.readouterr().out  # the same captures
+    assert main(["data", "import", "cost", "two.csv", "name=mine"]) == 0
+    said = capsys.readouterr().out
+    assert f"mine: replaces 14 captures, digest {old.digest[:16]}\n" in said and len(open_corpus("mine", {})) == 28
+    assert main(["data", "show", "mine"]) == 0
+    shown = capsys.readouterr().out
+    assert all(f"\n  {warning}\n" in shown for warning in open_corpus("mine", {}).info["warnings"])

@@ -1,5 +1,6 @@
 """Frozen tasks, submissions from runs and from strangers, and the page of them."""
 
+import itertools
 import json
 import os
 import re
@@ -19,7 +20,7 @@ from bench.errors import InputError
 from bench.outcomes import submissions
 from bench.plan import tasks
 from protocols.personal import Personal
-from reports.leaderboard import board, reference
+from reports.leaderboard import board, reference, scores_of
 from tests.conftest import random_corpus
 from tests.reports.store import tracked_run
 from tests.reports.submitted import ABOUT, CHALLENGE, folder_of
@@ -119,6 +120,53 @@ def test_scores_are_those_of_the_labels():
     each = [hit[CHALLENGE["subject"] == s].mean() for s in set(CHALLENGE["subject"])]
     assert len(each) == 3 and found["subject_mean"] == pytest.approx(np.mean(each))
     assert found["subject_sd"] == pytest.approx(np.std(each, ddof=1)) and found["low"] <= hit.mean() <= found["high"]
+
+
+def test_the_difference_to_the_best_is_paired_over_people():
+    rng = np.random.default_rng(4)
+    wrong = {"better": rng.random(len(CHALLENGE)) < 0.1, "worse": rng.random(len(CHALLENGE)) < 0.4}
+    others = CHALLENGE["true"].map(lambda g: "pat" if g != "pat" else "rub")
+    read = [
+        submissions.read(folder_of(k, CHALLENGE[["capture"]].assign(predicted=CHALLENGE["true"].where(~w, others))))
+        for k, w in wrong.items()
+    ]
+    lost = wrong["better"].astype(int) - wrong["worse"]  # of each capture, by hand
+    people = [lost[CHALLENGE["subject"] == s] for s in sorted(set(CHALLENGE["subject"]))]
+    drawn = [np.concatenate(each).mean() for each in itertools.product(people, repeat=3)]  # all 27 there are
+    mean, low, high = submissions.behind(read[1], read[0])
+    assert mean == pytest.approx(lost.mean()) and low < mean < high < 0
+    # Each is one in 27, so more than 2.5 % of drawn samples are the lowest, and as many the highest.
+    assert (low, high) == pytest.approx((min(drawn), max(drawn)))
+    table = scores_of(read[::-1]).set_index("name")
+    assert table.loc["worse", "behind"] == pytest.approx(100 * mean) and np.isnan(table.loc["better", "behind"])
+    text = board(read, [])
+    assert f"\N{MINUS SIGN}{-100 * mean:.1f} [\N{MINUS SIGN}{-100 * low:.1f}, \N{MINUS SIGN}{-100 * high:.1f}]" in text
+
+
+def test_each_submission_is_scored_once(monkeypatch, capsys):
+    counted = []
+    score = submissions._scored
+    monkeypatch.setattr(submissions, "_scored", lambda one: counted.append(one.name) or score(one))
+    folder_of("mine")
+    assert main(["leaderboard", "all"]) == 0 and main(["leaderboard", "all"]) == 0
+    assert counted.count("mine") == 2 and max(map(counted.count, {*counted} - {"mine"}), default=0) <= len(tasks.TASKS)
+
+
+def test_reference_prints_and_becomes_latex():
+    found = bench.results("reference")
+    said = repr(found)
+    assert max(map(len, said.splitlines())) <= 200 and all(len(line) <= 100 for line in said.splitlines()[:-1])
+    for task, system in found.table[["task", "system"]].itertuples(index=False):
+        assert any(task in line and system in line for line in said.splitlines()), (task, system)
+    row = found.table.iloc[0]
+    assert f"{row['accuracy']:.1f} [{row['low']:.1f}, {row['high']:.1f}]" in said
+    assert "more tables: 'haart-challenge-v1/bayes-jung28'" in said
+    text = bench.latex(found)
+    assert text.count(r"\begin{table}") == found.table["task"].nunique() and text == bench.latex(found.table)
+    assert f"& {row['macro_f1']:.1f} & {row['flash_bytes'] / 1000:.1f} " in text and "median time" not in text
+    for wrong, told in ((3, "not int"), (pd.DataFrame({"system": ["svm"]}), "no column data, subset, protocol")):
+        with pytest.raises(InputError, match=told):
+            bench.latex(wrong)
 
 
 def test_the_mean_of_instants_and_of_faults():

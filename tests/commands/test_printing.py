@@ -61,6 +61,32 @@ def test_a_name_that_is_markup_or_long_is_all_there():
     assert inner.replace(" ", "") == name.replace(" ", "")
 
 
+ONE = """
+import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin
+
+
+class One(ClassifierMixin, BaseEstimator):
+    def fit(self, X, y):
+        self.classes_ = np.unique(y)
+        return self
+
+    def predict(self, X):
+        return np.repeat(self.classes_[:1], len(X))
+"""
+
+
+def test_a_system_that_says_one_label_only_is_not_named_without_a_word(tmp_path, capsys):
+    (tmp_path / "one.py").write_text(ONE)
+    assert main(["run", *SMALL, f"model={tmp_path / 'one.py'}:One"]) == 0
+    said = capsys.readouterr()
+    assert said.out.count("one and the same label") == 1 and "One in 3 of 3 folds" in said.out
+    assert "But" in said.out and "one label in 3 of 3 folds" in said.out
+    assert main(["run", *SMALL, "model=bayes,lda", "features=jung28"]) == 0
+    said = capsys.readouterr()
+    assert "same label" not in said.out and "But" not in said.out
+
+
 def next_commands(said):
     """Commands that a command said to type next, and of each its words."""
     lines = said.splitlines()

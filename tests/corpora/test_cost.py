@@ -49,6 +49,19 @@ def test_every_published_figure_that_differs_is_named(tmp_path):
     assert any("challenge split cannot be recovered" in w for w in warnings) and "split" not in corpus.captures
 
 
+def test_captures_that_are_marked_as_generated_do_not_pass_for_published_ones(tmp_path):
+    marked = [",".join(["1", "1", "1", "1", mark, *map(str, range(64))]) for mark in "10"]
+    path = tmp_path / "CoST.csv"
+    head = HEADER.replace("frame, ", "frame, synthetic, ")
+    path.write_text(f"{head}\n{marked[0]}\n")
+    corpus = read(path)
+    assert corpus.synthetic and "4TU" not in corpus.info["source"] and "synthetic" not in corpus.captures
+    assert any(w.startswith("MD5 of the file") for w in corpus.info["warnings"])
+    path.write_text(f"{head}\n{marked[0]}\n{marked[1]}\n")
+    with pytest.raises(InputError, match="CoST.csv, line 3: synthetic is not 1"):
+        read(path)
+
+
 def test_published_counts_add_up():
     assert sum(cost.PUBLISHED_GESTURES.values()) == sum(cost.PUBLISHED_VARIANTS.values()) == 7805
 

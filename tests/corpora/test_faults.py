@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.cli import STRESS
+from bench.commands.help import STRESS
 from bench.corpora import faults
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import FAULTS, SEVERITIES, as_shares, damaged, fault

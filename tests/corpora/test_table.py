@@ -37,6 +37,25 @@ def test_any_grid_rate_and_conditions(tmp_path, kind, origin):
     assert (corpus.rate_hz, corpus.full_scale) == (54, 100)
 
 
+@pytest.mark.parametrize("marks", [(1, 1), (True, True), ("true", "TRUE"), (0, 0), (False, True), ("1", "0")])
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_a_column_marks_generated_captures(tmp_path, kind, marks):
+    path, table = tmp_path / f"my.{kind}", rows()
+    table.insert(2, "synthetic", [marks[0], marks[0], marks[1]])
+    table.to_csv(path, index=False) if kind == "csv" else table.to_parquet(path)
+    corpus = read(path, rate_hz=54.0, grid="2x3")
+    assert corpus.synthetic is (marks != (0, 0))
+    assert ("synthetic" in corpus.captures) is (len({str(m).lower() for m in marks}) > 1)
+
+
+def test_a_mark_that_says_neither_is_refused(tmp_path):
+    table = rows()
+    table.insert(2, "synthetic", ["true", "true", "perhaps"])
+    table.to_csv(tmp_path / "my.csv", index=False)
+    with pytest.raises(InputError, match="my.csv: synthetic is perhaps in capture 2; give true"):
+        read(tmp_path / "my.csv", rate_hz=54.0, grid="2x3")
+
+
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_decimals_are_kept(tmp_path, kind):
     table = rows(((0.25, 0, 0, 0, 0, 0), (0, 0, 0, 0, 0, 1.0), (0, 0, 0, 0, 0, 0.5)))

@@ -162,7 +162,22 @@ def test_a_level_is_a_step_of_the_pruning_sequence():
         if weakest > 1e-9:  # what costs nothing is no step of its own
             leaves.append(below(0)[0])
     found = [PrunedTree(level).fit(X, y).tree_.get_n_leaves() for level in range(len(leaves) + 2)]
-    assert len(leaves) > 5 and found == [*leaves, 1, 1]
+    kept = [n for n in leaves if n >= len(set(y))]  # fewer leaves than classes cannot name them all
+    assert len(kept) > 5 and found == [*kept, *[kept[-1]] * (len(leaves) + 2 - len(kept))]
+
+
+def test_a_tree_of_separable_classes_keeps_a_leaf_for_each():
+    """Gestures that differ in strength alone, with gaps between them; half of the captures are held out."""
+    names = list("abcdefgh")
+    rng = np.random.default_rng(0)
+    y = np.repeat(names, 20)
+    X = np.column_stack([np.repeat(np.arange(8), 20) * 100 + rng.uniform(0, 10, 160), rng.normal(size=160)])
+    train = rng.random(160) < 0.5
+    steps = len(np.unique(DecisionTreeClassifier().cost_complexity_pruning_path(X[train], y[train]).ccp_alphas))
+    assert steps <= 10  # so the default level would cut to the root
+    assert PrunedTree().level == 10 and (PrunedTree().fit(X[train], y[train]).predict(X[~train]) == y[~train]).all()
+    one = PrunedTree().fit(X[y == "a"], y[y == "a"])
+    assert set(one.predict(X)) == {"a"}
 
 
 def test_the_best_run_on_the_held_captures_is_kept():

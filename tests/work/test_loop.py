@@ -295,7 +295,7 @@ def test_a_corpus_is_imported_exported_and_selected(tmp_path, capsys):
     assert "synthetic captures" in capsys.readouterr().out
     assert main(["data", "import", "cost", "out.csv", "name=mine"]) == 0
     captured = capsys.readouterr()
-    assert "mine: 84 captures, 2 subjects, 14 gestures" in captured.out and "7805 published" in captured.err
+    assert "mine: 84 synthetic captures, 2 subjects, 14 gestures" in captured.out and "7805 published" in captured.err
     before = (home() / "corpora" / "mine" / "current").read_text()
     Path("broken.csv").write_text(Path("out.csv").read_text()[:-5] + "x\n")
     assert main(["data", "import", "cost", "broken.csv", "name=mine"]) == 2
@@ -306,7 +306,7 @@ def test_a_corpus_is_imported_exported_and_selected(tmp_path, capsys):
     assert "another import of name=mine is under way" in capsys.readouterr().err
     assert main(["data"]) == 0
     listed = capsys.readouterr().out
-    assert "mine" in listed and before in listed and "CC BY-NC-SA" in listed
+    assert "mine" in listed and before in listed and "licence: none needed" in listed
     assert main(["run", "data=mine", "where=variant == 'rough'", "model=bayes"]) == 0
     client, (parent,) = runs("cell")
     assert parent.data.tags["subset"] == "variant == 'rough'"
