@@ -1,4 +1,8 @@
-"""Where a killed training goes on: the state of a network after its last epoch, kept in the data folder."""
+"""Where a killed training goes on: the state of a network after its last epoch, kept in the data folder.
+
+A training that took longer than a minute stays when it is done, so that ``bench stream`` and ``bench stress`` need not
+train what ``bench run`` has trained.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,7 @@ from bench.source import source_digest
 from models.study import identity, study_name
 
 OFTEN_S = 1.0
+LONG_S = 60.0  # what trains in less is trained again
 SHARE = 50  # of the time that is spent on training, writing takes at most one part in so many
 
 
@@ -26,7 +31,7 @@ class Checkpoint:
         path: the file, or None.
 
     Attributes:
-        resumed: whether training went on from a state.
+        resumed: whether training went on from a state, or was done before.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -51,7 +56,21 @@ class Checkpoint:
 
     def write(self, state: dict) -> None:
         """Keep a state, unless the last one is so new that writing would cost more than training again."""
-        if self.path is None or (began := time.perf_counter()) < self._due:
+        if (began := time.perf_counter()) >= self._due:
+            self._write(state)
+            ended = time.perf_counter()
+            self._due = ended + max(OFTEN_S, SHARE * (ended - began))
+
+    def done(self, state: dict) -> None:
+        """Keep the last state of what took long, and forget that of what did not."""
+        if self.seconds()[0] > LONG_S:
+            self._write(state)
+        elif self.path is not None:
+            with suppress(OSError):
+                self.path.unlink(missing_ok=True)
+
+    def _write(self, state: dict) -> None:
+        if self.path is None:
             return
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,19 +78,10 @@ class Checkpoint:
                 torch.save({"state": state, "seconds": self.seconds()}, beside)
         except OSError:  # a folder that cannot be written only costs the resuming
             self.path = None
-            return
-        ended = time.perf_counter()
-        self._due = ended + max(OFTEN_S, SHARE * (ended - began))
 
     def seconds(self) -> tuple[float, float]:
         """Of the clock and of the processor that training took, those before a kill included."""
         return time.perf_counter() - self._wall, time.process_time() - self._cpu
-
-    def done(self) -> None:
-        """Forget the state."""
-        if self.path is not None:
-            with suppress(OSError):
-                self.path.unlink(missing_ok=True)
 
 
 def checkpoint(estimator: BaseEstimator, X: Corpus, y: np.ndarray) -> Checkpoint:

@@ -169,7 +169,7 @@ def train(
             ones, is the one that is kept.
         patience: stop when the median loss of this many epochs is not 0.1 % below that of as many before them.
         kept: where the state after each epoch is kept and, after a kill, found again; on a processor the result is
-            then the same bit for bit.
+            then the same bit for bit. What has been trained to the end is not trained again.
         smoothing: share of a label that is spread over all classes.
 
     Returns:
@@ -198,6 +198,8 @@ def train(
     whole = max(len(samples) // batch, 1) * min(batch, len(samples))
     if kept and (state := kept.read()):
         net.load_state_dict(state["net"])
+        if "optimiser" not in state:  # it was done
+            return state["history"]
         optimiser.load_state_dict(state["optimiser"])
         order.bit_generator.state = state["order"]
         torch.set_rng_state(state["random"])
@@ -242,6 +244,8 @@ def train(
             )
     if best:
         net.load_state_dict(best[1])
+    if kept:
+        kept.done({"net": net.state_dict(), "history": history})
     return history
 
 

@@ -157,7 +157,6 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         vars(self).pop("fit_seconds_", None)
         if kept.resumed:
             self.fit_seconds_ = kept.seconds()
-        kept.done()
         self.activations_ = activations(net, moved(samples.one(), torch.device(self.device)))[0]
         return self
 

@@ -117,6 +117,17 @@ def test_another_training_begins_anew(corpus, monkeypatch):
     assert epochs_trained(Hughes2017CNN(epochs=4, batch=64), corpus, corpus.gestures, monkeypatch) == 4
 
 
+def test_a_long_training_is_not_done_twice(corpus, monkeypatch):
+    monkeypatch.setattr(checkpoint, "LONG_S", 0.0)
+    for model in (Hughes2017CNN(epochs=2, batch=64), Zhou2016CNN3D(frames=40, epochs=2, batch=8)):
+        first = type(model)(**model.get_params()).fit(corpus, corpus.gestures)
+        assert epochs_trained(model, corpus, corpus.gestures, monkeypatch) == 0
+        assert same(model, first) and np.array_equal(model.predict_proba(corpus), first.predict_proba(corpus))
+        assert model.fit_seconds_[0] > 0 and not hasattr(first, "fit_seconds_")
+        other = type(model)(**model.get_params() | {"seed": 1})
+        assert epochs_trained(other, corpus, corpus.gestures, monkeypatch) == 2
+
+
 def test_a_folder_that_cannot_be_written_only_costs_the_resuming(corpus, monkeypatch):
     (home() / "training").write_text("a file stands in the way", encoding="utf-8")
     model = Hughes2017CNN(epochs=2, batch=64).fit(corpus, corpus.gestures)
