@@ -317,7 +317,7 @@ UI = """\
 bench ui [port=5000]
 
 Serves MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI, on this machine only, and prints the
-address of the table of runs there, with accuracy, interval and sizes in view. Ctrl-C ends it.
+address of the table of runs there, with accuracy, interval and sizes in view, once it answers. Ctrl-C ends it.
 """
 COMPLETION = """\
 bench completion bash|zsh|fish
