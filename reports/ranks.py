@@ -15,7 +15,9 @@ STATISTICS = (
     "Difference is in points with its 95 % t-interval; corrected is the same with Nadeau and Bengio's variance, "
     "which allows for training captures that folds share (- where there is one fold); p is Wilcoxon's signed rank "
     "test, Holm's correction is for all systems of the table; dz is Cohen's effect size of paired differences with "
-    "its 95 % interval, r the matched-pairs rank-biserial correlation. Seeds are averaged within subjects."
+    "its 95 % interval, r the matched-pairs rank-biserial correlation. Seeds are averaged within subjects. To claim "
+    "that a system is better than another cite p Holm; the verdict on top picks by one standard error, which is a rule "
+    "of selection, no test."
 )
 
 

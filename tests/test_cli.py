@@ -5,14 +5,18 @@ import os
 import re
 import resource
 import subprocess
+import sys
 from functools import partial
+from http.server import HTTPServer, SimpleHTTPRequestHandler
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
 from bench.cli import main
 from bench.commands.help import COMMANDS
 from bench.outcomes.store import connect
+from tests.commands.test_server import free_port
 from tests.conftest import BENCH
 
 SMALL = ["data=synth", "data.subjects=2", "data.variants=normal"]
@@ -81,13 +85,20 @@ def test_every_command_stands_once_in_the_overview_and_those_to_begin_with_come_
 
 
 def test_the_ui_opens_a_view_with_columns_that_runs_have_and_names_tell_kinds_apart(monkeypatch, capsys):
-    monkeypatch.setattr("os.execv", lambda *_: None)  # MLflow's server, which would take the place of this process
     for command in ("run", "stress", "stream", "fit"):
         more = {"stress": ["faults=noise"], "fit": ["stopping=no"]}.get(command, [])
         assert main([command, "model=lda", "features=jung28", *SMALL[:1], "data.subjects=3", *SMALL[2:], *more]) == 0
     capsys.readouterr()
-    main(["ui", "port=5001"])
-    address = capsys.readouterr().out.splitlines()[0]
+    # Instead of MLflow's server one that answers once, and ends.
+    code = (
+        "from http.server import HTTPServer, SimpleHTTPRequestHandler; "
+        f"HTTPServer(('127.0.0.1', {(port := free_port())}), SimpleHTTPRequestHandler).handle_request()"
+    )
+    started = subprocess.Popen
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: started([sys.executable, "-c", code]))
+    assert main(["ui", f"port={port}"]) == 0
+    starting, address, _ = capsys.readouterr().out.splitlines()
+    assert starting.startswith("starting")
     store = connect()
     key = address.partition("viewStateShareKey=")[2]
     view = json.loads(store.client.get_experiment(store.experiment_id).tags[f"mlflow.sharedViewState.{key}"])
@@ -101,6 +112,14 @@ def test_the_ui_opens_a_view_with_columns_that_runs_have_and_names_tell_kinds_ap
     assert view["columnOrder"][1] == "metrics.`accuracy`"
     visible = sum(view["columnWidths"][c] for c in view["columnOrder"][:5])  # name, accuracy, interval, flash
     assert visible < 1000 - 105 - 150  # pixels that MLflow has for them at 1600, without its boxes and dates
+
+
+def test_a_port_that_is_taken(capsys):
+    with HTTPServer(("127.0.0.1", 0), SimpleHTTPRequestHandler) as taken:
+        port = taken.server_port
+        Thread(target=taken.handle_request).start()
+        assert main(["ui", f"port={port}"]) == 2
+    assert f"port={port}: another server answers there; give another" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("port", ["0", "65536", "99999999999", "٣", "-1"])

@@ -42,5 +42,6 @@ def export(arguments: list[str]) -> int:
         for name, text in files.items():
             (beside / name).write_text(text, encoding="utf-8")
     print(f"{out}: {', '.join(sorted(p.name for p in out.iterdir()))}")
+    print("make chip links it for a Cortex-M4F with FLASH=256K RAM=32K; give the sizes of yours behind it")
     print(f"next: make -C {shlex.quote(str(out))} check flash")
     return 0

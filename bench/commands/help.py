@@ -163,8 +163,8 @@ Writes a saved system as C99 that needs no heap and no library but math.h: touch
 touch_label), touch.c, and tables.h with what was learnt. A Makefile builds it for this machine, where main.c decides on
 frames from standard input as bench stream source=- does, as long as a capture is no longer than those in training
 (make, make check), and for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM (make chip, which does not link what
-does not fit; make flash prints the sizes, make count instructions). What the model has learned about when to decide
-goes along, and so does a person whom it was adapted to.
+does not fit; FLASH=512K RAM=64K for another; make flash prints the sizes, make count instructions). What the model has
+learned about when to decide goes along, and so does a person whom it was adapted to.
 
 reflex has C; so have lda, softmax, bayes, svm, tree, rf, et and xgb on touch with model.window=, or on jung28; and
 of networks hughes2017_cnn.
@@ -319,7 +319,7 @@ UI = """\
 bench ui [port=5000]
 
 Serves MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI, on this machine only, and prints the
-address of the table of runs there, with accuracy, interval and sizes in view. Ctrl-C ends it.
+address of the table of runs there, with accuracy, interval and sizes in view, once it answers. Ctrl-C ends it.
 """
 COMPLETION = """\
 bench completion bash|zsh|fish

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import re
+import signal
+import subprocess
 import sys
+import time
+from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 
 from bench.commands.printing import then
@@ -13,6 +16,7 @@ from bench.outcomes.store import connect, store_uri
 from bench.plan.arguments import parse
 from bench.quantities import BUDGETS, quantity
 
+HERE = "127.0.0.1"
 NAME, WIDE = "attributes.`Run Name`", 300  # pixels, instead of 190: kind, system, data and protocol fit
 COLUMNS = {  # of MLflow's table of runs, and their widths in pixels
     "metrics.`accuracy`": 80,
@@ -55,18 +59,46 @@ def report(arguments: list[str]) -> int:
 
 
 def ui(arguments: list[str]) -> int:
-    """Become MLflow's own server on this folder's store, for this machine only.
+    """Run MLflow's own server on this folder's store, for this machine only; its exit code.
 
     Raises:
-        InputError: a port that is not a number, or a store that cannot be opened.
+        InputError: a port that is not a number or is in use, or a store that cannot be opened.
     """
     port = parse(arguments, {"port"}).get("port", "5000")
     if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
         raise InputError(f"port={port[:60]}: give a number from 1 to 65535")
+    if _answers(port):
+        raise InputError(
+            f"port={port}: another server answers there; give another, such as port={int(port) % 65535 + 1}"
+        )
     store = connect()
     shown = store.keep_view("touchbench", VIEW)
     # MLflow's front page is about language models; this one is the table of runs.
-    page = f"http://127.0.0.1:{port}/#/experiments/{store.experiment_id}/runs?workflowType=machine_learning&{shown}"
-    print(f"{page}\nopen it in a browser: accuracy, interval and sizes of all runs; Ctrl-C ends it", flush=True)
-    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store_uri(), "--port", port]
-    os.execv(sys.executable, [*command, "--host", "127.0.0.1"])
+    page = f"http://{HERE}:{port}/#/experiments/{store.experiment_id}/runs?workflowType=machine_learning&{shown}"
+    print("starting MLflow's server, which takes up to half a minute; Ctrl-C ends it", flush=True)
+    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store_uri(), "--port", port, "--host", HERE]
+    server = subprocess.Popen(command)
+    before = signal.signal(signal.SIGTERM, lambda *_: server.terminate())  # else it would outlive this process
+    try:
+        while server.poll() is None and not _answers(port):
+            time.sleep(0.2)
+        if server.poll() is None:
+            print(f"{page}\nopen it in a browser: accuracy, interval and sizes of all runs", flush=True)
+        return server.wait()
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        server.terminate()  # after Ctrl-C, which the server has had as well
+        server.wait()
+
+
+def _answers(port: str) -> bool:
+    """Whether a web server answers on this machine."""
+    connection = HTTPConnection(HERE, int(port), timeout=5)
+    try:
+        connection.request("GET", "/health")
+        connection.getresponse()
+    except (OSError, HTTPException):
+        return False
+    finally:
+        connection.close()
+    return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from datetime import UTC, datetime
 from typing import Any
 
@@ -14,11 +15,12 @@ from bench.outcomes.comparable import Row, seed_number
 from bench.outcomes.runs import NothingTracked, needed, rows_of, tracked
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
-from bench.outcomes.submissions import NUMBERS
+from bench.outcomes.submissions import NUMBERS, TEXTS
 from bench.plan import tasks
 from bench.plan.tasks import RATE_HZ, Task
 
 STREAM_START = "onset"
+FILE = re.compile(r"(?<==)(?:.*[/\\])?([^/\\]+\.py):\w+$")  # of a word of a command that names a part of a file
 
 
 def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
@@ -123,7 +125,11 @@ def _damaged(task: Task, stored: pd.DataFrame) -> pd.DataFrame:
 
 
 def about(task: Task, run: Row, who: str, command: str) -> dict[str, Any]:
-    """Where a run comes from and what it needs, as a submission says it."""
+    """Where a run comes from and what it needs, as a submission says it.
+
+    Of a system in a file of one's own: the file's name and what it held, not the folder it lies in; touchbench's
+    revision would tell nothing of it.
+    """
     day = datetime.fromtimestamp(run["started"] / 1000, UTC).date().isoformat()
     seed = f", seed {run['seed']}" if seed_number(str(run["seed"])) else ""
     said = {
@@ -134,9 +140,29 @@ def about(task: Task, run: Row, who: str, command: str) -> dict[str, Any]:
         "revision": run.get("git"),
         "command": command,
         "digest": run["corpus_digest"],
-    }
+    } | _files(run, command)
     versions = {k.removeprefix("version."): v for k, v in run.items() if re.match(r"version\.", k)}
     numbers = {name: run[name] for name in NUMBERS if isinstance(run.get(name), float) and run[name] == run[name]}
     texts = {k: v for k, v in said.items() if isinstance(v, str) and v}
     told = {k: v for k, v in versions.items() if isinstance(v, str)}
     return texts | {k: int(v) for k, v in numbers.items()} | {"versions": told}
+
+
+def _files(run: Row, command: str) -> dict[str, str]:
+    """The command without the folders of its files; what these held, for ``revision`` and ``note``."""
+    words = shlex.split(command)
+    held = {}
+    for word in words:
+        if found := FILE.search(word):
+            held[found[1]] = run.get(f"{word.partition('=')[0]}_file")
+    if not held:
+        return {}
+    known = {name: digest for name, digest in held.items() if isinstance(digest, str)}
+    noted = [f"{name}: sha256 {known.get(name, 'not tracked')}" for name in held]
+    return {
+        "command": shlex.join(FILE.sub(lambda m: m[0][m.start(1) - m.start() :], word) for word in words),
+        "revision": ", ".join(f"{name} {digest[:12]}" for name, digest in known.items())[: TEXTS["revision"]],
+        "note": f"{'; '.join(noted)}; run with touchbench at {run.get('git') or 'an unknown revision'}"[
+            : TEXTS["note"]
+        ],
+    }

@@ -58,6 +58,9 @@ def params_of(cell: Cell, corpus: Corpus, threads: int) -> dict[str, object]:
     for name, part in (("features", cell.features), ("model", cell.model)):
         if part:
             params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
+        if part and part.module:
+            content = Path(part.name.rpartition(":")[0]).read_bytes()
+            params[f"{name}_file"] = hashlib.sha256(content).hexdigest()
     params |= {f"tuning.{k}": v for k, v in (cell.tuning or {}).items()}
     params |= {"threads": threads, "git": git_revision()}
     return params | {f"version.{k}": v for k, v in versions(cell.packages()).items()}

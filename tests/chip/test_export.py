@@ -1,6 +1,7 @@
 """Exported C: it decides as Python does, refuses what is no frame, and fits on a chip or does not link."""
 
 import io
+import re
 import subprocess
 import sys
 from functools import cache
@@ -375,6 +376,12 @@ def test_what_is_too_large_is_not_linked(tmp_path):
     folder = written(fitted(et(Jung28(), trees=3000), repeated), tmp_path / "c")
     done = subprocess.run(["make", "-C", str(folder), "chip"], capture_output=True, text=True, check=False)
     assert done.returncode and "overflowed" in done.stderr
+    lost = int(re.search(r"`FLASH' overflowed by (\d+) bytes", done.stderr)[1])
+    for spare, fits in ((-1, False), (0, True)):  # kilobytes beyond the next whole one
+        asked = ["make", "-C", str(folder), "chip", f"FLASH={256 + -(-lost // 1024) + spare}K"]
+        assert (subprocess.run(asked, capture_output=True, check=False).returncode == 0) is fits
+        assert (folder / "touch.elf").exists() is fits
+    assert subprocess.run([*asked, "RAM=1K"], capture_output=True, check=False).returncode
 
 
 def test_what_has_no_c_is_one_line(tmp_path, capsys, monkeypatch):

@@ -1,5 +1,6 @@
 """Frozen tasks, submissions from runs and from strangers, and the page of them."""
 
+import hashlib
 import itertools
 import json
 import os
@@ -21,12 +22,28 @@ from bench.outcomes import submissions
 from bench.plan import tasks
 from protocols.personal import Personal
 from reports.leaderboard import board, reference, scores_of
-from tests.conftest import random_corpus
+from tests.conftest import random_corpus, runs
 from tests.reports.store import tracked_run
 from tests.reports.submitted import ABOUT, CHALLENGE, folder_of
 
 ROOT = Path(__file__).parent.parent.parent
 HAART = "d086fb847e3caddb00adea342d9b33818a69d2866419d9caf8ce84b50bd34a8f"
+
+
+SMALL = ["data=synth", "data.subjects=2", "data.variants=normal", "data.repetitions=1"]
+MINE = """
+import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin
+
+
+class Taxels(ClassifierMixin, BaseEstimator):
+    def fit(self, X, y):
+        self.classes_ = np.unique(y)
+        return self
+
+    def predict(self, X):
+        return np.repeat(self.classes_[:1], len(X))
+"""
 
 
 def haart_predictions(wrong=0.3, windows=1):
@@ -49,11 +66,8 @@ def haart_predictions(wrong=0.3, windows=1):
 def haart_run(store, predictions=None, **about):
     """A tracked run of svm, which has no seed."""
     about = {"data": "haart", "synthetic": "false", "corpus_digest": HAART, "git": "0123456789ab"} | about
-    about = (
-        {"seed": "none"}
-        | about
-        | {"touchbench.command": "run", "touchbench.arguments": '{"data": "haart", "protocol": "loso"}'}
-    )
+    made = {"touchbench.command": "run", "touchbench.arguments": '{"data": "haart", "protocol": "loso"}'}
+    about = {"seed": "none"} | made | about
     return tracked_run(store, "svm · jung54", haart_predictions() if predictions is None else predictions, **about)
 
 
@@ -202,6 +216,26 @@ def test_a_run_is_submitted_with_its_labels_and_its_provenance(store, capsys):
     assert (one.about["parameters"], one.about["revision"]) == (1000, "0123456789ab")
     assert sorted(os.listdir("all/mine")) == ["predictions.parquet", "submission.json"]
     assert main(["submit", "task=haart-loso-v1", "model=svm", "who=A. Name", "out=all/mine"]) == 2
+
+
+def test_a_file_of_ones_own_is_known_by_name_and_content_not_by_its_folder(store, tmp_path):
+    private = tmp_path / "secret place"
+    private.mkdir()
+    (private / "mine.py").write_text(MINE)
+    assert main(["run", *SMALL, "jobs=1", f"model={private / 'mine.py'}:Taxels"]) == 0
+    (run,) = [r for r in runs("cell")[1] if r.data.tags["model"] == "Taxels"]
+    content = hashlib.sha256((private / "mine.py").read_bytes()).hexdigest()
+    assert run.data.params["model_file"] == content
+    arguments = {"data": "haart", "protocol": "loso", "model": f"{private / 'mine.py'}:Taxels"}
+    tags = {"touchbench.arguments": json.dumps(arguments), "model_file": content}
+    run_id = haart_run(store, **tags)
+    assert main(["submit", "task=haart-loso-v1", f"run={run_id}", "who=me", "out=all/mine"]) == 0
+    text = Path("all/mine/submission.json").read_text()
+    about = submissions.read(Path("all/mine")).about
+    assert "secret" not in text and str(tmp_path) not in text
+    assert about["command"] == "bench run data=haart protocol=loso model=mine.py:Taxels"
+    assert about["revision"] == f"mine.py {content[:12]}" and content in about["note"]
+    assert "touchbench at 0123456789ab" in about["note"]
 
 
 def test_a_row_keeps_its_digits_where_rounding_would_change_its_label():
