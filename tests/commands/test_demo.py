@@ -1,5 +1,6 @@
 """The demo: its commands are those that it prints, in a store of their own, and what it says next can be typed."""
 
+import html
 import os
 import shlex
 from importlib import import_module
@@ -51,6 +52,8 @@ def test_it_runs_what_it_prints_and_goes_on_where_it_stopped(monkeypatch, capsys
         and page.as_uri() in said.out
         and said.out.splitlines()[-len(demo.NEXT) :] == [f"  {s}" for s in demo.NEXT]
     )
+    verdict = [line for line in said.out.splitlines() if line.startswith("Choose ")][-1]
+    assert verdict in html.unescape(page.read_text())  # with the same budgets
     assert "synthetic" in said.out.splitlines()[0] and not (tmp_path / "mine.db").exists()
     assert os.environ["MLFLOW_TRACKING_URI"].endswith("mine.db") and Path.cwd() == tmp_path
 

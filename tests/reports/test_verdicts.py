@@ -8,6 +8,8 @@ from bench.outcomes import runs, scores
 from bench.outcomes.runs import tracked
 from reports import verdicts
 from reports.comparison import published
+from reports.layout import Text
+from reports.papers import published_blocks
 from tests.reports.store import made_up, tracked_run
 
 HAART = {"data": "haart", "synthetic": "false"}
@@ -51,6 +53,15 @@ def test_every_published_row_has_a_verdict_and_every_correction_a_row(beside):
     row = found.loc["ta2015-haart-test"]
     assert row["verdict"] in ("within interval", "above", "below") and "3 subjects: " in row["note"]
     assert row["difference"] == pytest.approx(row["ours"] - 70.91)
+
+
+@pytest.mark.parametrize(("data", "told"), [("haart", True), ("arm", False)])
+def test_runs_on_haart_are_pointed_to_the_results_that_ship(store, data, told):
+    tracked_run(store, "svm · jung54", made_up(4), **HAART | {"data": data})
+    found = published_blocks(verdicts.against(published(), tracked(store), store))
+    said = " ".join(block.text for block in found if isinstance(block, Text))
+    assert "None of the tracked runs has a published number" in said
+    assert ("bench leaderboard" in said and "docs/leaderboard.md" in said) is told
 
 
 def test_table_4_of_cnn85_is_complete():
