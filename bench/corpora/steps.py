@@ -20,7 +20,8 @@ from bench.errors import InputError, nearest
 REPAIRS = ("stuck", "dead", "offset")
 SCALES = ("none", "peak", "log")
 LOG = 1000.0  # a reading of a thousandth of full scale is at a tenth of the logarithmic one
-MOST_COPIES = 1023  # of a capture, damaged; the number of a turned one comes above that in its piece
+MOST_COPIES = 2**20 - 1  # of a capture, damaged; the number of a turned one comes above that in its piece
+MOUNTINGS = 8  # of a square grid: mirrored or not, turned by quarters
 SETTLED_S = 0.25  # what has not moved for so long is not touched, or broken
 PASSES = 3  # broken taxels without a sound neighbour are filled from filled ones
 
@@ -140,18 +141,18 @@ class Faulted(Step):
 class Turned(Step):
     """Captures, and copies of each as on a skin that was mounted otherwise: mirrored, or turned by quarters.
 
-    A grid that is not square is mirrored, or turned by half. What a copy becomes is drawn by itself, never that which
-    the capture is already, and is the same in all its frames.
+    A grid that is not square is mirrored, or turned by half. What the copies of a capture become is drawn, each
+    something else as long as there is something else, and never the capture as it is; it is the same in all frames.
 
     Args:
-        copies: of each capture; the capture itself stays.
+        copies: of each capture, at most 7; the capture itself stays.
     """
 
     copies: int
 
     def __post_init__(self) -> None:
-        if not 1 <= self.copies <= MOST_COPIES:
-            raise InputError(f"model.turns={self.copies}: give 1 to {MOST_COPIES}, or 0 for none")
+        if not 1 <= self.copies < MOUNTINGS:
+            raise InputError(f"model.turns={self.copies}: give 1 to {MOUNTINGS - 1}, or 0 for none")
 
     def rows(self, corpus: Corpus) -> np.ndarray:
         """Each capture once and once for each copy."""
@@ -163,10 +164,11 @@ class Turned(Step):
         made: list[np.ndarray] = []
         for i, frames in enumerate(corpus):
             made.append(frames)
+            said = f"turned copies of capture {corpus.index[i]}.{corpus.piece[i]}"
+            rng = np.random.default_rng(int.from_bytes(hashlib.sha256(said.encode()).digest()[:16], "little"))
+            others = rng.permutation(np.arange(1, MOUNTINGS if square else MOUNTINGS // 2))
             for copy in range(self.copies):
-                said = f"turned copy {copy} of capture {corpus.index[i]}.{corpus.piece[i]}"
-                rng = np.random.default_rng(int.from_bytes(hashlib.sha256(said.encode()).digest()[:16], "little"))
-                mirrored, quarters = divmod(int(rng.integers(1, 8 if square else 4)), 4 if square else 2)
+                mirrored, quarters = divmod(int(others[copy % len(others)]), 4 if square else 2)
                 turned = np.rot90(frames, quarters if square else 2 * quarters, axes=(1, 2))
                 made.append(turned[:, :, ::-1] if mirrored else turned)
         row = self.rows(corpus)

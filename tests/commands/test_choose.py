@@ -231,7 +231,7 @@ def test_choosing_among_tracked_runs(capsys):
     assert main(["choose", "protocol=loso"]) == 0
     out = capsys.readouterr().out
     assert "cnn85[frames=40, epochs=2]" in out and "Choose bayes · jung28 (whole captures)" in out
-    assert main(["choose", "protocol=loso", "max_flash=1B"]) == 1
+    assert main(["choose", "protocol=loso", "max_flash=1B", "model=bayes,cnn85"]) == 1
     assert main(["choose", "protocol=loso", "by=price"]) == 2
     assert main(["choose", "protocol=loso", "model.frames=3"]) == 2
     assert main(["choose", "protocol=loso", "model=rf"]) == 2

@@ -418,7 +418,7 @@ def test_a_step_tells_its_parameters(name):
         (lambda: Scale("none"), "model.scale=none: give none or peak"),
         (lambda: Scale("mean"), "model.scale=mean: give none or peak"),
         (lambda: Faulted(("noise", "nois")), "model.faults=noise+nois: 'nois' is no fault; did you mean noise?"),
-        (lambda: Faulted(("noise",), 0), "model.copies=0: give 1 to 1023"),
+        (lambda: Faulted(("noise",), 0), "model.copies=0: give 1 to 1048575"),
         (lambda: Faulted(("all",)), "model.faults=all: 'all' is no fault"),
     ],
 )
@@ -479,6 +479,15 @@ def test_turned_copies_lie_otherwise_in_all_frames_alike_and_every_way_occurs(gr
     assert seen == (set(range(1, 8)) if grid == (4, 4) else {1, 2, 3} if min(grid) > 1 else {0, 1})
     again = Turned(4)(corpus[7:9])  # whatever it is turned with
     assert all(np.array_equal(again[k], found[35 + k]) for k in range(10))
+
+
+def test_no_two_copies_of_a_capture_lie_alike_as_long_as_there_are_other_ways():
+    rng = np.random.default_rng(0)
+    for grid, ways in (((4, 4), 8), ((3, 5), 4)):
+        found = Turned(7)(corpus_of([rng.integers(0, 1023, (3, *grid)).astype(np.uint16)]))
+        assert len(found) == 8 and len({found[k].tobytes() for k in range(8)}) == ways
+    with pytest.raises(InputError, match="model.turns=8: give 1 to 7, or 0 for none"):
+        Turned(8)
 
 
 def test_damaged_copies_are_turned_each_by_itself():

@@ -350,8 +350,8 @@ def test_sizes_of_a_windowed_system_are_those_of_a_window(corpus):
         (["model=svm", "model.repair=stuck+bent"], "model.repair=stuck+bent: give stuck or dead or offset"),
         (["model=rocket", "model.scale=mean"], "model.scale=mean: give none or peak or log"),
         (["model=cnn85", "model.faults=nois"], "model.faults=nois: 'nois' is no fault; did you mean noise?"),
-        (["model=rf", "model.faults=all", "model.copies=0"], "model.copies=0: give 1 to 1023"),
-        (["model=rf", "model.turns=-1"], "model.turns=-1: give 1 to 1023, or 0 for none"),
+        (["model=rf", "model.faults=all", "model.copies=0"], "model.copies=0: give 1 to 1048575"),
+        (["model=rf", "model.turns=-1"], "model.turns=-1: give 1 to 7, or 0 for none"),
         (["model=svm", "model.windw=1"], "model=svm has no parameter 'windw'; did you mean window?"),
     ],
 )
