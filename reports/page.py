@@ -132,9 +132,9 @@ def assemble(
 
 
 COST = (
-    "Every way in which a tracked system labels is a mark: whole captures, in Python or as C, or what it has seen of them "
-    "within a budget of time. Accuracy is the mean over subjects with its 95 % t-interval; seeds are averaged. Times depend on the machine that "
-    "is named under provenance."
+    "Every way in which a tracked system labels is a mark: whole captures, in Python or as C, or what it has seen of "
+    "them within a budget of time. Accuracy is the mean over subjects with its 95 % t-interval; seeds are averaged. "
+    "Times depend on the machine that is named under provenance."
 )
 
 
