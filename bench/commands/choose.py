@@ -7,6 +7,7 @@ parameter on training subjects.
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", "unit", *BUDGETS}
 UNITS = ("capture", "window")
+PROBE_S = 20.0  # to know sizes of what was not run
 WINDOW = "0.5"  # seconds, of systems that keep whole captures in too much RAM
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 
@@ -249,13 +251,20 @@ def _not_run(
             *(f"  {typed(kind, arguments)}" for arguments in merged(cell.arguments() for cell in small)),
         ]
     console.print(f"fitting {len(todo)} systems that were not run to a few captures, to know their sizes", style="dim")
-    sizes = [(cell, known_sizes(cell, corpus)) for cell in track(todo, "sizes", console=console, transient=True)]
+    todo.sort(key=lambda cell: cell.features is None)  # whole systems take longer
+    until = time.monotonic() + PROBE_S
+    sizes, late = [], []
+    for cell in track(todo, "sizes", console=console, transient=True):
+        if time.monotonic() < until:
+            sizes.append((cell, known_sizes(cell, corpus)))
+        else:
+            late.append(cell.system())
     known = [(cell, size) for cell, size in sizes if size is not None]
     fits = [(cell, size) for cell, size in known if all(size[k] <= most for k, most in sized.items())]
     said = []
     if fits:
         each = [f"{c.system()} ({', '.join(amount(k, size[k]) + ' ' + k for k in sized)})" for c, size in fits]
-        said.append(f"Of {len(todo)} systems not run yet, these would fit, counted without code: {'; '.join(each)}.")
+        said.append(f"Of {len(sizes)} systems not run yet, these would fit, counted without code: {'; '.join(each)}.")
         said += [f"  {typed(kind, arguments)}" for arguments in merged(cell.arguments() for cell, _ in fits)]
     elif known:
         least = [(amount(k, size[k]), k, cell.system()) for k in sized for cell, size in [min(known, key=_by(k))]]
@@ -263,6 +272,8 @@ def _not_run(
         said.append(f"None of {len(known)} systems not run yet would fit; the least that any needs: {smallest}.")
     if grown := [cell.system() for cell, size in sizes if size is None]:
         said.append(f"Not known before they are run, as they grow with the captures or search: {', '.join(grown)}.")
+    if late:
+        said.append(f"Not looked at within {PROBE_S:.0f} s: {', '.join(late)}; name one in model= to know its size.")
     return said
 
 

@@ -60,7 +60,7 @@ bench choose [key=value ...]
 Finds, among tracked runs on the same captures, the cheapest system that loses at most one standard error of the paired
 difference over subjects to the most accurate one, and says why, and what each budget costs in points. If nothing fits,
 it says which budget binds and prints the commands that run what would fit: sizes of systems that do not grow with the
-captures are known from fits to a few of them, which takes up to two minutes. Exit code 1 then.
+captures are known from fits to a few of them, for at most half a minute. Exit code 1 then.
 
   by=           cost to keep low: flash (default), ram, predict, decision (touch that a decision needs plus computing)
                 or cycles

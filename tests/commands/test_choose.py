@@ -7,6 +7,7 @@ from scipy.stats import ttest_rel
 
 import bench
 from bench.cli import main
+from bench.commands import choose
 from bench.commands.choose import Chosen, _print
 from bench.errors import InputError
 from bench.outcomes.advice import at_hand, merged
@@ -179,6 +180,15 @@ def test_where_nothing_fits_the_commands_that_may_are_said(capsys):
     assert "Nothing can be chosen" in out and "\n  bench chip data=synth" in out
     assert main(["choose", "max_cycles=1M", "max_predict=1ms"]) == 1
     assert "no candidate can fit both" in capsys.readouterr().out
+
+
+def test_what_there_was_no_time_to_look_at_is_named(monkeypatch, capsys):
+    assert main(["run", "model=svm", "features=jung28", *SMALL]) == 0
+    monkeypatch.setattr(choose, "PROBE_S", 0.0)
+    capsys.readouterr()
+    assert main(["choose", "max_flash=5kB", "model=svm,lda,softmax", "features=jung28"]) == 1
+    out = " ".join(capsys.readouterr().out.split())
+    assert "Not looked at within 0 s: lda · jung28, softmax · jung28; name one in model=" in out
 
 
 def test_without_runs_the_first_commands_are_said(capsys):
