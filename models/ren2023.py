@@ -38,6 +38,7 @@ class Ren2023Transformer(WindowNet):
     """
 
     holds_out = True
+    precision = "float32"  # of systems that were saved before there was a choice
 
     def __init__(
         self,
@@ -114,7 +115,9 @@ class _Attention(nn.Module):
         self.norm = nn.LayerNorm(WIDTH)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        return self.norm(x + self.attention(x))
+        if isinstance(self.attention, _SelfAttention):
+            return self.norm(x + self.attention(x))
+        return self.norm(x + self.attention(x, x, x, need_weights=False)[0])  # of systems that were saved before
 
 
 class _SelfAttention(nn.MultiheadAttention):

@@ -151,12 +151,25 @@ class TouchNet(WindowNet):
         for name, most in (("width", 4096), ("kernel", 99), ("updates", 10_000_000)):
             if not 1 <= getattr(self, name) <= most:
                 raise InputError(f"model.{name}={getattr(self, name)}: give 1 to {most}")
+        if self.batch < 2:
+            raise InputError(f"model.batch={self.batch}: give at least 2, batch norm compares")
         if self.kernel % 2 == 0:
             raise InputError(f"model.kernel={self.kernel}: give an odd number")
         if not self.seconds:
             raise InputError("model.seconds=0: give a number above 0")
         if not 0 <= self.smoothing < 1:
             raise InputError(f"model.smoothing={self.smoothing:g}: give 0 to below 1")
+
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse a training part before anything is run.
+
+        Raises:
+            InputError: as of `WindowNet.check_training`; one window, with which batch norm has nothing to compare.
+        """
+        super().check_training(X, y)
+        frames = self.length(X.rate_hz)
+        if (np.maximum(X.lengths - frames, 0) // ((frames + 1) // 2) + 1).sum() < 2:
+            raise InputError("touchnet needs two training windows at least")
 
     def samples(self, corpus: Corpus) -> Stretches:
         """Windows, one every half window."""
@@ -202,7 +215,13 @@ class _Net(nn.Module):
         self.register_buffer("scale", torch.ones(len(SIGNALS)))
 
     def standardise(self, values: torch.Tensor) -> None:
-        """Take mean and SD of the signals of training frames [frames, signals]; one that never varies is always 0."""
+        """Take mean and SD of the signals of training frames [frames, signals]; one that never varies is always 0.
+
+        Raises:
+            ValueError: a signal is not finite.
+        """
+        if not torch.isfinite(values).all():
+            raise ValueError("some readings of the training captures are not finite")
         spread, mean = torch.std_mean(values.double(), dim=0, correction=0)
         self.mean.copy_(mean)
         self.scale.copy_(torch.where(spread > 1e-6, spread, torch.inf))

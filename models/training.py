@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from copy import deepcopy
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -197,13 +198,16 @@ def train(
     best: tuple[float, dict] | None = None
     whole = max(len(samples) // batch, 1) * min(batch, len(samples))
     if kept and (state := kept.read()):
-        net.load_state_dict(state["net"])
-        if "optimiser" not in state:  # it was done
-            return state["history"]
-        optimiser.load_state_dict(state["optimiser"])
-        order.bit_generator.state = state["order"]
-        torch.set_rng_state(state["random"])
-        history, best = state["history"], state["best"]
+        fresh = deepcopy((net.state_dict(), optimiser.state_dict(), order.bit_generator.state, torch.get_rng_state()))
+        try:
+            if "optimiser" not in state:  # it was done
+                net.load_state_dict(state["net"])
+                return state["history"]
+            _go_on(net, optimiser, order, (state["net"], state["optimiser"], state["order"], state["random"]))
+            history, best = state["history"], state["best"]
+        except (AttributeError, KeyError, RuntimeError, TypeError, ValueError):  # somebody else's state
+            _go_on(net, optimiser, order, fresh)
+            kept.begin_anew()
     begun = len(history)
     began, at_most = time.monotonic(), " at most" if patience else ""
     for epoch in range(begun, epochs):
@@ -247,6 +251,15 @@ def train(
     if kept:
         kept.done({"net": net.state_dict(), "history": history})
     return history
+
+
+def _go_on(net: nn.Module, optimiser: Optimiser, order: np.random.Generator, state: tuple) -> None:
+    """Take weights, the optimiser's state, that of the shuffles and that of PyTorch's draws."""
+    weights, moved_so_far, shuffles, draws = state
+    net.load_state_dict(weights)
+    optimiser.load_state_dict(moved_so_far)
+    order.bit_generator.state = shuffles
+    torch.set_rng_state(draws)
 
 
 def _stands_still(losses: list[float], patience: int) -> bool:

@@ -143,6 +143,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         self.check_training(X, y)
         held = self._held_out(X)
         self.window_ = self.length(X.rate_hz)
+        kept = checkpoint(self, X, y)
         samples = self.training_samples(X[~held])
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
@@ -152,7 +153,6 @@ class WindowNet(ClassifierMixin, BaseEstimator):
                 net(moved(samples.one(), torch.device(self.device)))
             self.net_ = net
             judge = partial(self._accuracy, X[held], codes[held]) if held.any() else None
-            kept = checkpoint(self, X, y)
             self.history_ = self.learn(net, samples, codes[~held][samples.capture], judge, kept)
         vars(self).pop("fit_seconds_", None)
         if kept.resumed:

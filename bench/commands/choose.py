@@ -97,7 +97,8 @@ def choose(arguments: list[str]) -> int:
     try:
         found = chosen(values)
     except NothingTracked:
-        print("A first comparison:", *first_steps(values), sep="\n  ")
+        steps = first_steps(values)
+        print("A first comparison:", *steps, sep="\n  ")
         raise
     _print(found)
     return 0 if found.system else 1
@@ -143,7 +144,11 @@ def chosen(values: Values) -> Chosen:
 
 
 def first_steps(values: Values) -> list[str]:
-    """Commands that make a first comparison of what was asked for, and choose."""
+    """Commands that make a first comparison of what was asked for, and choose.
+
+    Raises:
+        InputError: there is no such model, feature set or corpus.
+    """
     given = {k: str(v) for k, v in values.items()}
     on = {k: v for k, v in given.items() if k.split(".")[0] in WHAT and (k, v) != ("where", "all")}
     if "shots" in given:
@@ -151,6 +156,15 @@ def first_steps(values: Values) -> list[str]:
     systems: dict[str, str] = {k: given[k] for k in ("model", "features") if k in given}
     if "model" not in given:
         systems = FIRST | systems
+    cells(on | systems)  # refuses names that nothing has
+    if given.get("unit") == "window":
+        try:
+            for cell in cells(on | systems | {"model.window": WINDOW}):
+                contract.check(cell.estimator())
+        except InputError:  # some cut their own
+            pass
+        else:
+            systems |= {"model.window": WINDOW}
     kinds = _kinds({given.get("by", "flash"), *(BUDGETS[k] for k in BUDGETS if k in given)})
     return [typed(kind, on | systems) for kind in ("run", *kinds)] + [typed("choose", given)]
 

@@ -142,7 +142,8 @@ class Turned(Step):
     """Captures, and copies of each as on a skin that was mounted otherwise: mirrored, or turned by quarters.
 
     A grid that is not square is mirrored, or turned by half. What the copies of a capture become is drawn, each
-    something else as long as there is something else, and never the capture as it is; it is the same in all frames.
+    something else as long as there is something else, and on more than one taxel never the capture as it is; it is the
+    same in all frames.
 
     Args:
         copies: of each capture, at most 7; the capture itself stays.
@@ -160,21 +161,33 @@ class Turned(Step):
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures as they are, each followed by its copies."""
-        square = corpus.grid[0] == corpus.grid[1]
+        ways = _mountings(corpus.grid)
         made: list[np.ndarray] = []
         for i, frames in enumerate(corpus):
             made.append(frames)
             said = f"turned copies of capture {corpus.index[i]}.{corpus.piece[i]}"
             rng = np.random.default_rng(int.from_bytes(hashlib.sha256(said.encode()).digest()[:16], "little"))
-            others = rng.permutation(np.arange(1, MOUNTINGS if square else MOUNTINGS // 2))
-            for copy in range(self.copies):
-                mirrored, quarters = divmod(int(others[copy % len(others)]), 4 if square else 2)
-                turned = np.rot90(frames, quarters if square else 2 * quarters, axes=(1, 2))
-                made.append(turned[:, :, ::-1] if mirrored else turned)
+            drawn = rng.permutation(len(ways))
+            made += [ways[drawn[copy % len(ways)]](frames) for copy in range(self.copies)]
         row = self.rows(corpus)
         copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
         piece = corpus.piece[row] + copies * (MOST_COPIES + 1) * COPY
         return _replaced(corpus[row], made, self, piece=piece)
+
+
+def _mountings(grid: tuple[int, int]) -> list[Callable[[np.ndarray], np.ndarray]]:
+    """What turns and mirrors frames, every way that moves a taxel of this grid; of one taxel, what does nothing."""
+    found: dict[bytes, Callable[[np.ndarray], np.ndarray]] = {}
+    for mirrored in (False, True):
+        for quarters in range(4) if grid[0] == grid[1] else (0, 2):
+
+            def way(frames: np.ndarray, mirrored: bool = mirrored, quarters: int = quarters) -> np.ndarray:
+                turned = np.rot90(frames, quarters, axes=(1, 2))
+                return turned[:, :, ::-1] if mirrored else turned
+
+            found.setdefault(way(np.arange(grid[0] * grid[1]).reshape(1, *grid)).tobytes(), way)
+    as_it_is, *others = found.values()
+    return others or [as_it_is]
 
 
 @dataclass(frozen=True)
@@ -272,7 +285,9 @@ class Scale(Step):
         return _replaced(corpus, [scaled(frames.astype(np.float32), corpus.full_scale) for frames in corpus], self)
 
     def _log(self, frames: np.ndarray, full_scale: float) -> np.ndarray:
-        return np.log1p(frames * np.float32(LOG / full_scale)) * np.float32(full_scale / np.log1p(LOG))
+        shares = (frames / np.float32(full_scale)).clip(0, 1)
+        scaled = np.log1p(shares * np.float32(LOG)) * np.float32(full_scale / np.log1p(LOG))
+        return np.minimum(scaled, np.float32(full_scale))  # rounding may leave it above
 
     def _peak(self, frames: np.ndarray, full_scale: float) -> np.ndarray:
         most = np.maximum.accumulate(frames.max(axis=(1, 2)))

@@ -202,6 +202,20 @@ def test_without_runs_the_first_commands_are_said(capsys):
     ]
 
 
+def test_first_commands_are_of_what_there_is(capsys):
+    assert main(["choose", "model=lad"]) == 2
+    said = capsys.readouterr()
+    assert "model=lad: not known; did you mean" in said.err and not said.out
+    assert main(["choose", "model=nosuch.py:Thing"]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+    assert main(["choose", "unit=window", "model=lda", "features=touch"]) == 2
+    line = capsys.readouterr().out.splitlines()[1].split()
+    assert line[1:] == ["run", "model=lda", "features=touch", "model.window=0.5"]
+    assert main([*line[1:], *SMALL]) == 0 and main(["choose", "unit=window", "model=lda", "features=touch"]) == 0
+    assert main(["choose", "unit=window", "model=cnn85"]) == 2
+    assert "model.window" not in capsys.readouterr().out
+
+
 def test_amounts():
     assert quantity("max_flash", "256kB") == 256 and quantity("max_flash", "1MB") == 1000
     assert quantity("max_ram", "32KiB") == pytest.approx(32.768) and quantity("max_ram", "500B") == 0.5

@@ -475,8 +475,8 @@ def test_turned_copies_lie_otherwise_in_all_frames_alike_and_every_way_occurs(gr
             ]
             assert same, "the frames of a copy lie differently"
             seen |= set(same[:1])
-    # Of a grid of one row two ways are one.
-    assert seen == (set(range(1, 8)) if grid == (4, 4) else {1, 2, 3} if min(grid) > 1 else {0, 1})
+    # A grid of one row can only be reversed.
+    assert seen == (set(range(1, 8)) if grid == (4, 4) else {1, 2, 3} if min(grid) > 1 else {1})
     again = Turned(4)(corpus[7:9])  # whatever it is turned with
     assert all(np.array_equal(again[k], found[35 + k]) for k in range(10))
 
@@ -488,6 +488,17 @@ def test_no_two_copies_of_a_capture_lie_alike_as_long_as_there_are_other_ways():
         assert len(found) == 8 and len({found[k].tobytes() for k in range(8)}) == ways
     with pytest.raises(InputError, match="model.turns=8: give 1 to 7, or 0 for none"):
         Turned(8)
+
+
+def test_one_taxel_cannot_lie_otherwise():
+    (frames,) = [np.arange(5, dtype=np.uint16).reshape(5, 1, 1)]
+    found = Turned(2)(corpus_of([frames]))
+    assert len(found) == 3 and all(np.array_equal(one, frames) for one in found)
+
+
+def test_a_logarithm_is_of_what_lies_within_full_scale():
+    (found,) = Scale("log")(corpus_of([np.array([[[-5, 2000, 10]]], dtype=np.float32)]))
+    assert found.ravel()[:2].tolist() == [0, 1023] and 0 < found.ravel()[2] < 1023
 
 
 def test_damaged_copies_are_turned_each_by_itself():

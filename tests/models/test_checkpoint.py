@@ -1,6 +1,8 @@
 """A training that is killed between two epochs goes on from there and ends in the same network, bit for bit."""
 
+import os
 import shutil
+import time
 
 import numpy as np
 import pytest
@@ -115,6 +117,75 @@ def test_another_training_begins_anew(corpus, monkeypatch):
         patched.setattr(checkpoint, "identity", lambda part: ["changed code"])
         killed()
     assert epochs_trained(Hughes2017CNN(epochs=4, batch=64), corpus, corpus.gestures, monkeypatch) == 4
+
+
+def network(activation):
+    def made(frames, rows, cols, classes):
+        return torch.nn.Sequential(
+            torch.nn.Flatten(), torch.nn.Linear(frames * rows * cols, 8), activation(), torch.nn.Linear(8, classes)
+        )
+
+    return made
+
+
+class Made:
+    """A factory whose name does not tell what it makes."""
+
+    def __call__(self, frames, rows, cols, classes):
+        return small(frames, rows, cols, classes)
+
+
+def test_what_has_no_name_of_its_own_is_never_taken_for_another(corpus, monkeypatch):
+    monkeypatch.setattr(checkpoint, "LONG_S", 0.0)
+    FromTorch(network(torch.nn.ReLU), frames=20, epochs=2).fit(corpus, corpus.gestures)
+    other = FromTorch(network(torch.nn.Tanh), frames=20, epochs=2)
+    assert epochs_trained(other, corpus, corpus.gestures, monkeypatch) == 2
+    for module in (Made(), Made().__call__, lambda *sizes: small(*sizes)):
+        assert epochs_trained(FromTorch(module, frames=20, epochs=2), corpus, corpus.gestures, monkeypatch) == 2
+    assert not (home() / "training").exists()
+    FromTorch(small, frames=20, epochs=2).fit(corpus, corpus.gestures)
+    assert epochs_trained(FromTorch(small, frames=20, epochs=2), corpus, corpus.gestures, monkeypatch) == 0
+
+
+def test_a_readable_file_of_another_kind_costs_only_the_resuming(corpus, monkeypatch):
+    unbroken = Zhou2016CNN3D(frames=40, epochs=2, batch=8).fit(corpus, corpus.gestures)
+    model = Zhou2016CNN3D(frames=40, epochs=2, batch=8)
+    killed_after(1, model, corpus, corpus.gestures, monkeypatch)
+    (path,) = (home() / "training").glob("*.pt")
+    good = torch.load(path, weights_only=True)
+    weights = {name: value.flatten()[:1] for name, value in good["state"]["net"].items()}
+    for state, seconds in (
+        ([1], (1.0, 1.0)),
+        ({"x": 1}, (1.0, 1.0)),
+        (good["state"], ("a", "b")),
+        (good["state"], (float("nan"), -5.0)),
+        (good["state"] | {"net": weights}, (1.0, 1.0)),
+        (good["state"] | {"history": "hello"}, (1.0, 1.0)),
+        (good["state"] | {"order": {"bit_generator": "none"}}, (1.0, 1.0)),
+    ):
+        torch.save({"state": state, "seconds": seconds}, path)
+        assert epochs_trained(model, corpus, corpus.gestures, monkeypatch) == 2, state
+        assert same(model, unbroken) and not hasattr(model, "fit_seconds_")
+
+
+def test_a_full_disk_only_costs_the_resuming(corpus, monkeypatch):
+    def full(*given):
+        raise RuntimeError("[enforce fail at inline_container.cc:672] . unexpected pos 12864 vs 12808")
+
+    monkeypatch.setattr(torch, "save", full)
+    assert len(Hughes2017CNN(epochs=2, batch=64).fit(corpus, corpus.gestures).history_) == 2
+    assert not [*(home() / "training").glob("*")]
+
+
+def test_what_nobody_has_touched_for_a_month_goes(corpus, monkeypatch):
+    monkeypatch.setattr(checkpoint, "LONG_S", 0.0)
+    folder = home() / "training"
+    folder.mkdir(parents=True)
+    for name, days in (("old", 31), ("new", 29)):
+        (folder / f"{name}.pt").write_bytes(b"")
+        os.utime(folder / f"{name}.pt", (time.time() - days * 86400,) * 2)
+    Hughes2017CNN(epochs=1, batch=64).fit(corpus, corpus.gestures)
+    assert not (folder / "old.pt").exists() and (folder / "new.pt").exists() and len([*folder.glob("*.pt")]) == 2
 
 
 def test_a_long_training_is_not_done_twice(corpus, monkeypatch):

@@ -121,6 +121,16 @@ def test_what_cannot_be_is_refused():
         ({"seconds": -1.0}, "model.seconds=-1"),
         ({"smoothing": 1.0}, "model.smoothing=1: give 0 to below 1"),
         ({"updates": 0}, "model.updates=0: give 1 to"),
+        ({"batch": 1}, "model.batch=1: give at least 2"),
     ):
         with pytest.raises(InputError, match=told):
             TouchNet(**wrong).check()
+
+
+def test_what_it_cannot_learn_from_is_refused():
+    one = corpus_of(random_frames(0, [1]))
+    with pytest.raises(InputError, match="touchnet needs two training windows"):
+        TouchNet().fit(one, one.gestures)
+    broken = corpus_of([np.full((30, 2, 2), np.nan, dtype=np.float32), *random_frames(0, [30, 30], (2, 2))])
+    with pytest.raises(ValueError, match="some readings of the training captures are not finite"):
+        TouchNet(seconds=0.2, updates=2).fit(broken, np.array(["a", "b", "c"]))
