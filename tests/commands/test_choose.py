@@ -212,6 +212,7 @@ def test_first_commands_are_of_what_there_is(capsys):
     line = capsys.readouterr().out.splitlines()[1].split()
     assert line[1:] == ["run", "model=lda", "features=touch", "model.window=0.5"]
     assert main([*line[1:], *SMALL]) == 0 and main(["choose", "unit=window", "model=lda", "features=touch"]) == 0
+    capsys.readouterr()
     assert main(["choose", "unit=window", "model=cnn85"]) == 2
     assert "model.window" not in capsys.readouterr().out
 
