@@ -138,6 +138,11 @@ def chosen(values: Values) -> Chosen:
         warn(f"warning: times are of several processors: {'; '.join(sorted(set(found['cpu'])))}")
     choice = decide(found, subjects, by, budgets, margin)
     advice = _advice(choice, by, budgets, asked)
+    chosen = "" if choice.chosen is None else str(choice.table["unit"][choice.chosen])
+    if "decision" in budgets and chosen.startswith("first"):
+        advice.append(
+            "That is the last replayed moment within the budget; bench stream with a smaller hop_ms= has more."
+        )
     if unit == "capture" and "decision" in {by, *budgets} and choice.table["windows"].any():
         advice.append("One window alone is labelled sooner, and is scored in percent of windows: see unit=window.")
     return Chosen(choice, about, by, budgets, margin, len(subjects.columns), advice)
@@ -313,7 +318,9 @@ def _print(found: Chosen) -> None:
     say(*found.lines())
     if found.choice.chosen is not None:
         one = dict(found.choice.table.loc[found.choice.chosen])
-        then(*closing.shipped(json.loads(one["arguments"] or "{}"), one["command"], one["unit"]))
+        steps = closing.shipped(json.loads(one["arguments"] or "{}"), one["command"], one["unit"])
+        most = {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in found.budgets.items()}
+        then(*steps, *([typed("report", most)] if most else []))
 
 
 def smallest(values: Values) -> list[Outcome]:

@@ -114,7 +114,7 @@ def exported(outcomes: Sequence[Outcome]) -> None:
 
 
 def shipped(arguments: Mapping[str, str], command: str, unit: str) -> list[str]:
-    """Commands that train the chosen system on all captures, and export it if it was chosen as C.
+    """Commands that train the chosen system on all captures, and export it if it has C.
 
     Args:
         arguments: that made its run; empty where they cannot be typed.
@@ -123,9 +123,13 @@ def shipped(arguments: Mapping[str, str], command: str, unit: str) -> list[str]:
     """
     if not arguments or command not in ("run", "stream", "chip"):  # a search is not trained again
         return ["bench report"]
-    asked = {k: v for k, v in arguments.items() if k.split(".")[0] in FIT} | {"out": "chosen"}
-    found = [typed("fit", asked)]
-    if command == "chip":
+    asked = {k: v for k, v in arguments.items() if k.split(".")[0] in FIT}
+    found = [typed("fit", asked | {"out": "chosen"})]
+    try:
+        exports = command == "chip" or all(has_c(cell.estimator()) for cell in cells(asked))
+    except InputError:  # its file is gone
+        exports = False
+    if exports:
         bits = {"bits": "8"} if "8 bits" in unit else {}
         found.append(f"{typed('export chosen', {'out': 'chosen_c'} | bits)}")
     return found

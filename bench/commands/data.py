@@ -6,6 +6,8 @@ import shlex
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from bench.corpora.cost import write
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
 from bench.corpora.limits import briefly
@@ -159,7 +161,9 @@ def read(kind: str, source: Path, options: dict[str, str]) -> int:
     print(
         f"{corpus.name}: {len(corpus)} {kind}captures, {len(set(corpus.subjects))} subjects, "
         f"{len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of {corpus.grid[0]}x{corpus.grid[1]} "
-        f"at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}\nnext: bench data show {corpus.name}"
+        f"at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}\nthe median capture lasts "
+        f"{float(np.median(corpus.lengths)) / corpus.rate_hz:.2g} s: where it did not, the rate is wrong, and all times "
+        f"will be\nnext: bench data show {corpus.name}"
     )
     return 0
 
