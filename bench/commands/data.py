@@ -161,10 +161,11 @@ def read(kind: str, source: Path, options: dict[str, str]) -> int:
     print(
         f"{corpus.name}: {len(corpus)} {kind}captures, {len(set(corpus.subjects))} subjects, "
         f"{len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of {corpus.grid[0]}x{corpus.grid[1]} "
-        f"at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}\nthe median capture lasts "
-        f"{float(np.median(corpus.lengths)) / corpus.rate_hz:.2g} s: where it did not, the rate is wrong, and all times "
-        f"will be\nnext: bench data show {corpus.name}"
+        f"at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}"
     )
+    usual = float(np.median(corpus.lengths)) / corpus.rate_hz
+    print(f"the median capture lasts {usual:.2g} s: where it did not, the rate is wrong, and all times will be")
+    print(f"next: bench data show {corpus.name}")
     return 0
 
 

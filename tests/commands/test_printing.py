@@ -114,10 +114,11 @@ def test_run_marks_the_best_says_so_and_what_it_says_to_type_can_be_typed(capsys
     assert commands == [["choose", "data=synth", "protocol=loso"]]
     assert main(commands[0]) == 0
     said = capsys.readouterr().out
-    (fit,) = next_commands(said)
-    assert fit[0] == "fit" and "out=chosen" in fit
+    fit, shipped = next_commands(said)
+    assert fit[0] == "fit" and "out=chosen" in fit and shipped == ["export", "chosen", "out=chosen_c"]
     assert main([*fit, "stopping=no"]) == 0
     predict, *export = next_commands(capsys.readouterr().out)
+    assert main(shipped) == 0
     assert predict == ["predict", "chosen", "new.csv"]
     for command in export:
         assert main(command) == 0

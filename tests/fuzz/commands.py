@@ -67,7 +67,14 @@ CHEAP = {  # parameters that keep a valid line short, where they are not what is
     "iterations": "2",
     "kernels": "84",
 }
-SLOW = {"auto", "rocket", "mlp", "balli2015_rf", "wingerden2014_mlp"}  # seconds to minutes even on so few captures
+SLOW = {
+    "auto",
+    "rocket",
+    "touchnet",
+    "mlp",
+    "balli2015_rf",
+    "wingerden2014_mlp",
+}  # seconds to minutes even on so few captures
 
 
 @dataclass
