@@ -126,6 +126,7 @@ class Hughes2017CNN(WindowNet):
             self.batch,
             self.seed,
             forward=forward,
+            judge=judge,
             patience=PATIENCE,
             kept=kept,
         )
@@ -232,7 +233,18 @@ class Hughes2017AERNN(WindowNet):
         start(net)
         losses = self._pretrain(net.encoder, samples)
         rmsprop = Torch(torch.optim.RMSprop(net.parameters(), self.rate))
-        history = train(net, samples, target, rmsprop, self.epochs, self.batch, self.seed, patience=PATIENCE, kept=kept)
+        history = train(
+            net,
+            samples,
+            target,
+            rmsprop,
+            self.epochs,
+            self.batch,
+            self.seed,
+            judge=judge,
+            patience=PATIENCE,
+            kept=kept,
+        )
         return [{"reconstruction": loss} for loss in losses] + history
 
     def _pretrain(self, encoder: nn.Sequential, samples: Sequences) -> list[float]:

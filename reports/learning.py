@@ -3,7 +3,8 @@
 ``python -m reports.learning model=lda features=touch model.window=1.0 people=2,4,8`` refits a system in every fold to
 so many training people (nested, the same ones for every system) and to shares of their captures (``share=0.25,0.5``,
 evenly of people and gestures), and writes a table and a figure with the law err(n) = a + b n^-c fitted to the curve and
-carried on to ``until=`` people. Other keys are those of ``bench run``; of several systems it
+carried on to ``until=`` people. Other keys are those of ``bench run``, and a plus begins another system with ``model``
+and ``features`` of its own: ``model=lda features=touch + model=zhou2016_3dcnn model.epochs=15``. Of several systems it
 says from how many people on one would be better than the best one now.
 
 The law is fitted by least squares with a and b from 0 to 1 and c from 0 to 2; its interval is that of curves through
@@ -15,6 +16,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import ClassVar
 
@@ -189,7 +191,9 @@ def overtaken(deep: np.ndarray, other: np.ndarray, counts: np.ndarray) -> tuple[
 
 def main(arguments: list[str]) -> int:
     """Run the curves, print their table and write it and the figure."""
-    values = parse(arguments, KEYS | {"people", "share", "until", "out"})
+    each = [list(words) for plus, words in groupby(arguments, "+".__eq__) if not plus]
+    values = parse(each[0] if each else [], KEYS | {"people", "share", "until", "out"})
+    more = [parse(words, {"model", "features"}) for words in each[1:]]
     own = {"people", "share", "until", "out"}
     people = tuple(sorted({convert("people", text, 4) for text in items("people", values.get("people", "2,4,8"))}))
     shares = (
@@ -201,7 +205,12 @@ def main(arguments: list[str]) -> int:
         raise InputError("people= needs whole numbers from 1 on, share= numbers above 0 and below 1")
     until = convert("until", values.get("until", "300"), 300)
     out = writable(Path(values.get("out", "learning")))
-    asked = cells({k: v for k, v in values.items() if k not in own})
+    shared = {k: v for k, v in values.items() if k.split(".")[0] not in {"model", "features"}}
+    asked = [
+        cell
+        for words in (values, *(shared | other for other in more))
+        for cell in cells({k: v for k, v in words.items() if k not in own})
+    ]
     backend = backend_of(values)
     outcomes = [o for o in execute(prepared(asked, [Learning(people, shares)], backend.jobs), backend) if o.findings]
     if not outcomes:

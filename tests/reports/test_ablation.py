@@ -9,13 +9,13 @@ from bench.errors import InputError
 from bench.outcomes import scores
 from bench.plan.cells import cells
 from models import contract
-from reports.ablation import ROWS, main
+from reports.ablation import CHANCES, ROWS, main
 from tests.conftest import runs
 
 
-@pytest.mark.parametrize("label", ROWS)
+@pytest.mark.parametrize("label", ROWS | CHANCES)
 def test_every_row_is_a_system_that_can_be_made(label):
-    (cell,) = cells(ROWS[label])
+    (cell,) = cells((ROWS | CHANCES)[label])
     contract.check(cell.estimator())
     assert (len(contract.trained_faults(cell.estimator())) == 17) == (
         ("faults" in label and "without" not in label) or (label.startswith("reflex") and "without faults" not in label)
@@ -26,7 +26,8 @@ def test_every_row_is_a_system_that_can_be_made(label):
     ("arguments", "said"),
     [
         (["rows=nope"], "rows=nope: not known"),
-        (["data=a,b"], "data=a,b: give one corpus"),
+        (["data=a,b"], "data=a,b: give one"),
+        (["protocol=loso,challenge"], "protocol=loso,challenge: give one"),
         (["out=taken"], "out=taken: taken cannot be written"),
         (["row=x"], "row"),
     ],
@@ -61,6 +62,13 @@ def test_its_numbers_are_those_of_its_runs(tmp_path, monkeypatch):
     words = (tmp_path / "a" / "ablation.md").read_text()
     assert "| quick |" in words and words.startswith("synth (synthetic), LOSO")
     assert "not people" in (tmp_path / "a" / "ablation.svg").read_text()
+
+
+def test_a_network_learns_from_as_many_captures_with_the_recipe_as_without():
+    for label in (label for label in CHANCES if label.endswith("turns")):
+        alone, recipe = (CHANCES[name] for name in (label.split(",")[0], label))
+        published = int(alone.get("model.epochs", 0)) or cells(alone)[0].estimator().epochs
+        assert 4 * int(recipe["model.epochs"]) == pytest.approx(published, abs=2)
 
 
 def few_faults():

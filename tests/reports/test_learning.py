@@ -93,3 +93,15 @@ def test_it_runs_from_the_command_line(tmp_path, capsys):
         main(["model=bayes", "people=4", f"out={out}", *SMALL])
     with pytest.raises(InputError, match="share= numbers above 0"):
         main(["model=bayes", "share=2.0", *SMALL])
+
+
+def test_a_plus_begins_another_system_of_the_same_captures(tmp_path):
+    out = tmp_path / "curves"
+    words = ["model=bayes", *SMALL, "people=2", f"out={out}", "+", "model=softmax", "features=jung28"]
+    words += ["+", "model=lda", "features=touch"]
+    assert main(words) == 0
+    found = pd.read_csv(out / "learning.csv")
+    assert [*found["system"].unique()] == ["bayes · jung28", "softmax · jung28", "lda · touch"]
+    assert set(found.loc[found["kind"] == "measured", "people"]) == {2, 4}
+    with pytest.raises(InputError, match="people"):
+        main([*words, "people=3"])
