@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from torch import nn
 
-from bench.errors import InputError
 from models.checkpoint import Checkpoint
 from models.training import Torch, Windows, train
 from models.window import WindowNet
@@ -17,7 +16,6 @@ from models.window import WindowNet
 WIDTH = 512
 HEADS = 8
 LAYERS = 6
-PRECISIONS = ("float32", "bfloat16")
 
 
 class Ren2023Transformer(WindowNet):
@@ -38,7 +36,6 @@ class Ren2023Transformer(WindowNet):
     """
 
     holds_out = True
-    precision = "float32"  # of systems that were saved before there was a choice
 
     def __init__(
         self,
@@ -60,20 +57,9 @@ class Ren2023Transformer(WindowNet):
         self.seconds = seconds
         self.precision = precision
 
-    def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
-
-        Raises:
-            InputError: as of `WindowNet.check`, or no such precision.
-        """
-        super().check()
-        if self.precision not in PRECISIONS:
-            raise InputError(f"model.precision={self.precision}: give {' or '.join(PRECISIONS)}")
-
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
         """Logits of windows, float32; whichever the precision of the products."""
-        with torch.autocast(x.device.type, torch.bfloat16, enabled=self.precision == "bfloat16"):
-            return net(x).float()
+        return self.halved(net, x) if self.precision == "bfloat16" else net(x)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """6.42 million parameters for 8 x 8 taxels and 7 classes."""

@@ -24,6 +24,7 @@ from models.person import codes_of
 from models.training import Samples, Windows, activations, moved, probabilities
 
 LONGEST_S = 3600.0  # of a window
+PRECISIONS = ("float32", "bfloat16")
 
 
 class WindowNet(ClassifierMixin, BaseEstimator):
@@ -47,6 +48,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
     hop: int | None = None
     seconds = 0.0
     rate = 1.0
+    precision = "float32"  # and of systems that were saved before there was a choice
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
@@ -55,6 +57,11 @@ class WindowNet(ClassifierMixin, BaseEstimator):
     def forward(self, net: nn.Module, x: object) -> torch.Tensor:
         """What ``net(x)`` gives, up to rounding; a system may have a faster way."""
         return net(x)
+
+    def halved(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
+        """What ``net(x)`` gives, float32, with products in bfloat16; weights, norms and the loss keep their 32 bits."""
+        with torch.autocast(x.device.type, torch.bfloat16):
+            return net(x).float()
 
     def learn(
         self,
@@ -88,12 +95,14 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         """Refuse parameters that cannot be, before anything is run.
 
         Raises:
-            InputError: a count below 1, a time or rate that cannot be, or a device that is not there.
+            InputError: a count below 1, a time, rate or precision that cannot be, or a device that is not there.
         """
         counts = {"frames": self.frames, "hop": self.hop, "epochs": self.epochs, "batch": self.batch}
         for name, value in counts.items():
             if value is not None and value < 1:
                 raise InputError(f"model.{name}={value}: give at least 1")
+        if self.precision not in PRECISIONS:
+            raise InputError(f"model.precision={self.precision}: give {' or '.join(PRECISIONS)}")
         if not 0 <= self.seconds <= LONGEST_S:
             raise InputError(
                 f"model.seconds={self.seconds:g}: give a number above 0 up to {LONGEST_S:g}, or 0 for what frames says"

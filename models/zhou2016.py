@@ -37,6 +37,7 @@ class Zhou2016(WindowNet):
         seed: of the weights, the shuffles and the held-out subject.
         device: of PyTorch.
         seconds: length of a window in seconds at the corpus's rate; 0 for what ``frames`` says.
+        precision: ``float32``, or ``bfloat16``: matrix products in half the bits, faster where the processor has them.
     """
 
     holds_out = True
@@ -51,6 +52,7 @@ class Zhou2016(WindowNet):
         seed: int = 0,
         device: str = "cpu",
         seconds: float = 0.0,
+        precision: str = "float32",
     ) -> None:
         self.frames = frames
         self.average = average
@@ -60,6 +62,7 @@ class Zhou2016(WindowNet):
         self.seed = seed
         self.device = device
         self.seconds = seconds
+        self.precision = precision
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part before anything is run.
@@ -72,7 +75,9 @@ class Zhou2016(WindowNet):
         super().check_training(X, y)
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
-        """What ``net(x)`` gives, the stack of convolutions as `volumes` runs it."""
+        """What ``net(x)`` gives, the stack of convolutions as `volumes` runs it, or the library in half the bits."""
+        if self.precision == "bfloat16":
+            return self.halved(net, x)
         averaged, *layers = net
         end = max((i + 1 for i, layer in enumerate(layers) if isinstance(layer, nn.MaxPool3d)), default=0)
         x = averaged(x)

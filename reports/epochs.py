@@ -181,7 +181,7 @@ def told(by_system: dict[str, list[pd.DataFrame]], context: str, out: Path) -> t
         context: data and protocol.
         out: folder of the figure.
     """
-    figure, axes = new_figure((9.5, 4.2), (1, 2), margins=(0.7, 0.2, 1.1, 0.3), between=(0.8, 0.5))
+    figure, axes = new_figure((12.5, 4.2), (1, 2), margins=(0.7, 3.0, 0.6, 0.3), between=(0.8, 0.5))
     rows = []
     for name, tables in by_system.items():
         found = curve(tables)
@@ -192,7 +192,7 @@ def told(by_system: dict[str, list[pd.DataFrame]], context: str, out: Path) -> t
             | {"at the end": round(float(found["accuracy"].iloc[-1]), 4), "last loss": round(found["loss"].iloc[-1], 4)}
             | {"ended after": ", ".join(map(str, ends))}
         )
-        axes[0][0].plot(found["epoch"], 100 * found["accuracy"], linewidth=1, label=name)
+        axes[0][0].plot(found["epoch"], 100 * found["accuracy"], linewidth=1)
         axes[0][0].plot(epoch, 100 * accuracy, "o", color=axes[0][0].lines[-1].get_color())
         axes[0][1].plot(found["epoch"], found["loss"], linewidth=1)
     axes[0][0].set_ylabel("accuracy on people who are left out, %")
@@ -200,7 +200,7 @@ def told(by_system: dict[str, list[pd.DataFrame]], context: str, out: Path) -> t
     for axis in axes[0]:
         axis.set_xlabel("epoch")
         axis.spines[["top", "right"]].set_visible(False)
-    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="lower left", frameon=False, fontsize=8, ncols=1)
+    axes[0][1].legend(axes[0][0].lines[::2], by_system, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False)
     caption = f"{context}: training people in groups, each left out once; dots mark the epoch to choose."
     return pd.DataFrame(rows), save(figure, out, "epochs", "epochs", context, caption)
 

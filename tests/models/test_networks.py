@@ -1,6 +1,7 @@
 """The published networks: sizes, shapes and memory as printed, samples against loops, and what no network may do."""
 
 import pickle
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -373,17 +374,26 @@ def test_attention_of_ones_own_is_that_of_the_library():
         torch.testing.assert_close(parameter.grad, library.get_parameter(name).grad, rtol=1e-3, atol=1e-3)
 
 
-def test_products_of_half_the_bits_learn_nearly_the_same():
+@pytest.mark.parametrize(
+    "system",
+    [
+        partial(Ren2023Transformer, 12, epochs=2, batch=16),
+        partial(CNN85, 10, epochs=2, batch=16),
+        *(
+            partial(kind, 16, 4, epochs=1, batch=16)
+            for kind in (Zhou2016CNN3D, Zhou2016CNN2D, Zhou2016LRCN, Zhou2016GMLSTM)
+        ),
+    ],
+    ids=lambda system: system.func.__name__,
+)
+def test_products_of_half_the_bits_learn_nearly_the_same(system):
     corpus = random_corpus(per_class=2)
-    whole, half = (
-        Ren2023Transformer(12, 2, 16, precision=precision).fit(corpus, corpus.gestures)
-        for precision in ("float32", "bfloat16")
-    )
+    whole, half = (system(precision=precision).fit(corpus, corpus.gestures) for precision in ("float32", "bfloat16"))
     assert all(p.dtype == torch.float32 for p in half.net_.parameters())
     difference = np.abs(whole.predict_proba(corpus) - half.predict_proba(corpus)).max()
     assert 0 < difference < 0.05  # it is not the same, and not another network
     with pytest.raises(InputError, match="model.precision=half: give float32 or bfloat16"):
-        Ren2023Transformer(precision="half").check()
+        system(precision="half").check()
 
 
 def test_an_attention_network_that_was_saved_before_precisions_labels_as_it_did():
