@@ -23,7 +23,7 @@ from torch.utils.data import DataLoader, TensorDataset
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
 from models.cnn85 import CNN85, SelectiveSGD
-from models.hughes2017 import COST, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
+from models.hughes2017 import CHUNKS, COST, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
 from models.ren2023 import Ren2023Transformer
 from models.taxel_major import taxel_major
 from models.time_blocks import TimeConv3d
@@ -139,6 +139,8 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     model: WindowNet = system(**({"precision": precision} if precision else {}))
     if isinstance(model, Hughes2017CNN):
         model.design_ = COST
+    if isinstance(model, Hughes2017AERNN):
+        model.chunk_ = CHUNKS[COST]
     samples = model.samples(corpus)
     classes, target = np.unique(corpus.gestures, return_inverse=True)
     target = target[samples.capture]
