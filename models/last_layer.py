@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import deepcopy
 
 import numpy as np
@@ -12,7 +13,9 @@ from models.person import relearnt as of_layer
 from models.training import Samples, moved
 
 
-def relearnt(net: nn.Module, samples: Samples, target: np.ndarray, batch: int) -> nn.Module:
+def relearnt(
+    net: nn.Module, samples: Samples, target: np.ndarray, batch: int, forward: Callable[[nn.Module, object], object]
+) -> nn.Module:
     """A network whose last linear layer has learnt some captures of a person, too (`models.person.relearnt`).
 
     Args:
@@ -20,10 +23,11 @@ def relearnt(net: nn.Module, samples: Samples, target: np.ndarray, batch: int) -
         samples: what the captures are cut into.
         target: class of each capture [captures].
         batch: samples at a time.
+        forward: how a network decides on a batch, as its system does it.
     """
     found = deepcopy(net).eval()
     layer = [module for module in found.modules() if isinstance(module, nn.Linear)][-1]
-    given, row = _inputs(found, layer, samples, batch)
+    given, row = _inputs(found, layer, samples, batch, forward)
     capture = samples.capture[row]
     old = np.column_stack([parameter.detach().cpu().numpy() for parameter in (layer.weight, layer.bias)])
     new = of_layer(old, given, target[capture], capture)
@@ -33,15 +37,17 @@ def relearnt(net: nn.Module, samples: Samples, target: np.ndarray, batch: int) -
     return found
 
 
-def _inputs(net: nn.Module, layer: nn.Linear, samples: Samples, batch: int) -> tuple[np.ndarray, np.ndarray]:
+def _inputs(
+    net: nn.Module, layer: nn.Linear, samples: Samples, batch: int, forward: Callable[[nn.Module, object], object]
+) -> tuple[np.ndarray, np.ndarray]:
     """What the layer is given for every decision, float64 [decisions, inputs], and of which sample each is."""
     seen: list[torch.Tensor] = []
-    hook = layer.register_forward_pre_hook(lambda module, args: seen.append(args[0].flatten(0, -2).cpu()))
+    hook = layer.register_forward_pre_hook(lambda module, args: seen.append(args[0].flatten(0, -2).float().cpu()))
     device = next(net.parameters()).device
     try:
         with torch.inference_mode():
             for first in range(0, len(samples), batch):
-                net(moved(samples.batch(np.arange(first, min(first + batch, len(samples)))), device))
+                forward(net, moved(samples.batch(np.arange(first, min(first + batch, len(samples)))), device))
     finally:
         hook.remove()
     return torch.cat(seen).numpy().astype(np.float64), np.repeat(np.arange(len(samples)), samples.steps)

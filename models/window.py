@@ -59,7 +59,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         return net(x)
 
     def halved(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
-        """What ``net(x)`` gives, float32, with products in bfloat16; weights, norms and the loss keep their 32 bits."""
+        """What ``net(x)`` gives, float32, with products in bfloat16; what is learnt and the loss keep their 32 bits."""
         with torch.autocast(x.device.type, torch.bfloat16):
             return net(x).float()
 
@@ -181,7 +181,9 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         if y is None:
             return self
         found = copy(self)
-        found.net_ = relearnt(self.net_, self.samples(X), codes_of(np.asarray(y), self.classes_), self.batch)
+        found.net_ = relearnt(
+            self.net_, self.samples(X), codes_of(np.asarray(y), self.classes_), self.batch, self.forward
+        )
         return found
 
     def _accuracy(self, X: Corpus, codes: np.ndarray) -> float:

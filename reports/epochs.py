@@ -4,7 +4,7 @@
 deals the training people of every fold into ``groups=3``, trains the network without one group at a time and notes its
 accuracy on that group after each epoch. One training shows all shorter ones, so it costs no more than the longest. It
 prints the best epoch of each system, and writes table and figure: whether a training was cut short can be seen there.
-Nobody who is tested is looked at. Other keys are those of ``bench run``.
+Nobody who is tested is looked at. Other keys are those of ``bench run``. A killed training begins anew.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from models import contract, recipe
 from models.inner import inner_folds
 from models.window import WindowNet
 from reports.figures import Picture, new_figure, save
+from reports.learning import names_of
 
 SMOOTH = 5  # epochs that the best one is the middle of: one epoch's accuracy is noise
 
@@ -62,6 +63,8 @@ class Epochs(Experiment):
         """
         if plan.cell.tuning or not _is_network(plan.cell):
             raise InputError(f"model={plan.cell.model}: only a network by itself has epochs to look at")
+        if plan.mixes_subjects:
+            raise InputError(f"protocol={plan.cell.protocol}: people who are tested are trained on; choose another")
         for fold in plan.folds:
             if (there := len(set(plan.corpus.subjects[fold.train]))) < self.groups:
                 raise InputError(f"groups={self.groups}: fold {fold.name} has {there} people for training; give fewer")
@@ -74,6 +77,8 @@ class Epochs(Experiment):
             system = watched(cell, np.unique(part.subjects[judged].astype(str)))
             system.fit(part, part.gestures)
         seen = [row for row in contract.history(system) if "held_accuracy" in row]
+        if not seen:
+            raise InputError(f"{cell.model} does not judge its epochs: hand judge= of learn on to train")
         table = pd.DataFrame(
             {
                 "fold": fold.name,
@@ -154,18 +159,16 @@ def main(arguments: list[str]) -> int:
         raise InputError(f"groups={groups}: give at least 2")
     out = writable(Path(values.get("out", "epochs")))
     asked = cells({k: v for k, v in values.items() if k not in {"groups", "out"}})
+    names_of(asked)
     backend = backend_of(values)
     outcomes = execute(prepared(asked, [Epochs(groups, group) for group in range(groups)], backend.jobs), backend)
     if failed := [o.run_id for o in outcomes if o.findings is None or o.errors]:
         console.print(f"some trainings failed: {', '.join(failed)}", style="red", markup=False)
         return 1
-    contexts = {", ".join(context_of(outcome.tags)) for outcome in outcomes}
-    if len(contexts) > 1:
-        raise InputError(f"give one corpus and one protocol, not {'; '.join(sorted(contexts))}")
     by_system: dict[str, list[pd.DataFrame]] = {}
     for outcome in outcomes:
         by_system.setdefault(outcome.plan.cell.system(), []).append(outcome.analysis)
-    table, picture = told(by_system, contexts.pop(), out)
+    table, picture = told(by_system, ", ".join(context_of(outcomes[0].tags)), out)
     table.to_csv(out / "epochs.csv", index=False)
     console.print(f"{picture.group}; accuracy of captures of training people who are left out", markup=False)
     console.print(table.to_string(index=False), markup=False, soft_wrap=True)

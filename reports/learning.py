@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 from typing import ClassVar
 
@@ -191,9 +190,11 @@ def overtaken(deep: np.ndarray, other: np.ndarray, counts: np.ndarray) -> tuple[
 
 def main(arguments: list[str]) -> int:
     """Run the curves, print their table and write it and the figure."""
-    each = [list(words) for plus, words in groupby(arguments, "+".__eq__) if not plus]
-    values = parse(each[0] if each else [], KEYS | {"people", "share", "until", "out"})
-    more = [parse(words, {"model", "features"}) for words in each[1:]]
+    first, *others = split_at(arguments, "+")
+    values = parse(first, KEYS | {"people", "share", "until", "out"})
+    more = [parse(words, {"model", "features"}) for words in others]
+    if not all("model" in words for words in more):
+        raise InputError("+ begins another system: give its model= behind it")
     own = {"people", "share", "until", "out"}
     people = tuple(sorted({convert("people", text, 4) for text in items("people", values.get("people", "2,4,8"))}))
     shares = (
@@ -211,6 +212,7 @@ def main(arguments: list[str]) -> int:
         for words in (values, *(shared | other for other in more))
         for cell in cells({k: v for k, v in words.items() if k not in own})
     ]
+    names_of(asked)
     backend = backend_of(values)
     outcomes = [o for o in execute(prepared(asked, [Learning(people, shares)], backend.jobs), backend) if o.findings]
     if not outcomes:
@@ -221,6 +223,28 @@ def main(arguments: list[str]) -> int:
     console.print(table.to_string(index=False), markup=False, soft_wrap=True)
     console.print(str(picture.paths[0]), markup=False, soft_wrap=True)
     return 0
+
+
+def split_at(words: list[str], mark: str) -> list[list[str]]:
+    """The words between marks, parts without any included."""
+    ends = [i for i, word in enumerate(words) if word == mark]
+    return [words[i + 1 : j] for i, j in zip([-1, *ends], [*ends, len(words)], strict=True)]
+
+
+def names_of(asked: list[Cell]) -> list[str]:
+    """What systems are called in a table and a figure.
+
+    Raises:
+        InputError: two have the same name, such as those of several seeds, or not all have the same captures.
+    """
+    names = [cell.system() for cell in asked]
+    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if twice:
+        raise InputError(f"two curves would be called {twice}; give each system once, and one seed")
+    captures = {f"data={cell.data} protocol={cell.protocol}" for cell in asked}
+    if len(captures) > 1:
+        raise InputError(f"give one corpus and one protocol, not {' and '.join(sorted(captures))}")
+    return names
 
 
 def told(outcomes: list[Outcome], until: int, out: Path) -> tuple[pd.DataFrame, Picture]:
@@ -240,7 +264,7 @@ def told(outcomes: list[Outcome], until: int, out: Path) -> tuple[pd.DataFrame, 
     best = max(outcomes, key=lambda outcome: outcome.metrics["accuracy"])
     ahead = np.unique(np.geomspace(2, max(until, most), 60).round(1))
     against = carried_on(_whole(best), ahead)
-    figure, axes = new_figure((8.2, 4.6), margins=(0.7, 2.6, 0.6, 0.3))
+    figure, axes = new_figure((10.0, 4.6), margins=(0.7, 4.2, 0.6, 0.3))
     axis, rows = axes[0][0], []
     for place, outcome in enumerate(outcomes):
         name, points = outcome.plan.cell.system(), curve(outcome.findings.analysis)

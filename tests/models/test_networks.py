@@ -17,6 +17,7 @@ from bench.errors import InputError
 from models import ren2023
 from models.cnn85 import CNN85
 from models.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
+from models.last_layer import relearnt
 from models.ren2023 import Ren2023Transformer
 from models.time_blocks import TimeConv3d
 from models.touchnet import TouchNet
@@ -406,3 +407,19 @@ def test_an_attention_network_that_was_saved_before_precisions_labels_as_it_did(
             own, layer.attention = layer.attention, torch.nn.MultiheadAttention(512, 8, batch_first=True)
             layer.attention.load_state_dict(own.state_dict())
     np.testing.assert_allclose(model.predict_proba(corpus), now, atol=1e-5)
+
+
+def test_a_person_is_learnt_from_what_the_layer_is_given_when_it_decides():
+    class Brighter(CNN85):
+        def forward(self, net, x):
+            return net(4 * x)
+
+    corpus = random_corpus(per_class=2)
+    model = Brighter(10, epochs=1, batch=16).fit(corpus, corpus.gestures)
+    codes = np.searchsorted(model.classes_, corpus.gestures)
+    learnt = [model.adapt(corpus, corpus.gestures).net_]
+    learnt += [
+        relearnt(model.net_, model.samples(corpus), codes, 16, how) for how in (model.forward, nn.Module.__call__)
+    ]
+    as_it_decides, by_hand, otherwise = (net[-1].weight for net in learnt)
+    assert torch.equal(as_it_decides, by_hand) and not torch.allclose(as_it_decides, otherwise)

@@ -80,16 +80,19 @@ def test_it_runs_from_the_command_line(tmp_path, capsys):
     words += ["protocol.folds=2", "groups=2", f"out={out}"]
     assert main(words) == 0
     found = pd.read_csv(out / "epochs.csv")
-    assert len(found) == 2 and (found["best epoch"] == 2).all() and (found["ended after"] == "3, 3, 3, 3").all()
+    assert len(found) == 2 and (found["ended after"] == "3, 3, 3, 3").all()
     assert (out / "epochs.png").stat().st_size > 10_000 and "synthetic" in capsys.readouterr().err
     for more, said in (
         (["groups=1"], "groups=1: give at least 2"),
         (["groups=3"], "groups=3: fold fold01 has 2 people for training"),
+        (["seed=0,1", "groups=2"], "two curves would be called"),
     ):
         with pytest.raises(InputError, match=said):
             main([word for word in words if not word.startswith("groups")] + more)
     with pytest.raises(InputError, match="model=lda: only a network"):
         main(["data=synth", "model=lda", "features=jung28"])
+    with pytest.raises(InputError, match="protocol=kfold.*people who are tested are trained on"):
+        main(["data=synth", *SMALL, "model=hughes2017_cnn", "protocol=kfold", "protocol.folds=2"])
 
 
 def test_steps_are_made_of_what_is_judged_as_well():

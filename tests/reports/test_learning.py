@@ -103,5 +103,14 @@ def test_a_plus_begins_another_system_of_the_same_captures(tmp_path):
     found = pd.read_csv(out / "learning.csv")
     assert [*found["system"].unique()] == ["bayes · jung28", "softmax · jung28", "lda · touch"]
     assert set(found.loc[found["kind"] == "measured", "people"]) == {2, 4}
-    with pytest.raises(InputError, match="people"):
-        main([*words, "people=3"])
+    for more, said in (
+        (["people=3"], "people"),
+        (["+"], r"\+ begins another system"),
+        (["+", "features=touch"], r"\+ begins another system"),
+        (["+", "model=lda", "features=touch"], "two curves would be called lda · touch"),
+    ):
+        with pytest.raises(InputError, match=said):
+            main([*words, *more])
+    for captures in ("data=synth,haart", "protocol=loso,kfold"):
+        with pytest.raises(InputError):
+            main(["model=bayes", "features=jung28", captures])
