@@ -193,8 +193,8 @@ def main(arguments: list[str]) -> int:
     first, *others = split_at(arguments, "+")
     values = parse(first, KEYS | {"people", "share", "until", "out"})
     more = [parse(words, {"model", "features"}) for words in others]
-    if not all("model" in words for words in more):
-        raise InputError("+ begins another system: give its model= behind it")
+    if more and not all("model" in words for words in (values, *more)):
+        raise InputError("+ stands between systems: give model= before and behind it")
     own = {"people", "share", "until", "out"}
     people = tuple(sorted({convert("people", text, 4) for text in items("people", values.get("people", "2,4,8"))}))
     shares = (

@@ -105,12 +105,14 @@ def test_a_plus_begins_another_system_of_the_same_captures(tmp_path):
     assert set(found.loc[found["kind"] == "measured", "people"]) == {2, 4}
     for more, said in (
         (["people=3"], "people"),
-        (["+"], r"\+ begins another system"),
-        (["+", "features=touch"], r"\+ begins another system"),
+        (["+"], r"\+ stands between systems"),
+        (["+", "features=touch"], r"\+ stands between systems"),
         (["+", "model=lda", "features=touch"], "two curves would be called lda · touch"),
     ):
         with pytest.raises(InputError, match=said):
             main([*words, *more])
+    with pytest.raises(InputError, match=r"\+ stands between systems"):
+        main(["+", "model=bayes", "features=jung28"])
     for captures in ("data=synth,haart", "protocol=loso,kfold"):
         with pytest.raises(InputError):
             main(["model=bayes", "features=jung28", captures])
