@@ -33,7 +33,7 @@ from models import contract, recipe
 from models.inner import inner_folds
 from models.window import WindowNet
 from reports.figures import Picture, new_figure, save
-from reports.learning import names_of
+from reports.learning import refuse_alike
 
 SMOOTH = 5  # epochs that the best one is the middle of: one epoch's accuracy is noise
 
@@ -50,7 +50,7 @@ class Epochs(Experiment):
     kind: ClassVar[str] = "epochs"
     fold_kind: ClassVar[str] = "epochs_fold"
     heading: ClassVar[str] = "Accuracy in percent on training people who are left out, at the best epoch"
-    columns: ClassVar[frozenset[str]] = frozenset({"epoch", "loss", "accuracy", "captures", "seconds"})
+    columns: ClassVar[frozenset[str]] = frozenset({"epoch", "loss", "accuracy", "captures"})
 
     groups: int = 3
     group: int = 0
@@ -119,9 +119,8 @@ def watched(cell: Cell, held: np.ndarray) -> contract.System:
         held: names of the subjects.
     """
 
-    class Watched(
-        cell.model.factory
-    ):  # of a function, so that no other training is taken for it: see models.checkpoint
+    # A class of a function has no checkpoint (`models.checkpoint`), which would be the same one for every group.
+    class Watched(cell.model.factory):
         holds_out = True
 
         def _held_out(self, X: Corpus) -> np.ndarray:
@@ -159,7 +158,7 @@ def main(arguments: list[str]) -> int:
         raise InputError(f"groups={groups}: give at least 2")
     out = writable(Path(values.get("out", "epochs")))
     asked = cells({k: v for k, v in values.items() if k not in {"groups", "out"}})
-    names_of(asked)
+    refuse_alike(asked)
     backend = backend_of(values)
     outcomes = execute(prepared(asked, [Epochs(groups, group) for group in range(groups)], backend.jobs), backend)
     if failed := [o.run_id for o in outcomes if o.findings is None or o.errors]:

@@ -212,7 +212,7 @@ def main(arguments: list[str]) -> int:
         for words in (values, *(shared | other for other in more))
         for cell in cells({k: v for k, v in words.items() if k not in own})
     ]
-    names_of(asked)
+    refuse_alike(asked)
     backend = backend_of(values)
     outcomes = [o for o in execute(prepared(asked, [Learning(people, shares)], backend.jobs), backend) if o.findings]
     if not outcomes:
@@ -231,8 +231,8 @@ def split_at(words: list[str], mark: str) -> list[list[str]]:
     return [words[i + 1 : j] for i, j in zip([-1, *ends], [*ends, len(words)], strict=True)]
 
 
-def names_of(asked: list[Cell]) -> list[str]:
-    """What systems are called in a table and a figure.
+def refuse_alike(asked: list[Cell]) -> None:
+    """Refuse systems that a figure could not tell apart, or not compare.
 
     Raises:
         InputError: two have the same name, such as those of several seeds, or not all have the same captures.
@@ -244,7 +244,6 @@ def names_of(asked: list[Cell]) -> list[str]:
     captures = {f"data={cell.data} protocol={cell.protocol}" for cell in asked}
     if len(captures) > 1:
         raise InputError(f"give one corpus and one protocol, not {' and '.join(sorted(captures))}")
-    return names
 
 
 def told(outcomes: list[Outcome], until: int, out: Path) -> tuple[pd.DataFrame, Picture]:
