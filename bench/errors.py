@@ -14,6 +14,10 @@ class StoreError(Exception):
     """The store, or the disk under it, failed in the middle of the work: one line; the same command goes on later."""
 
 
+class HiddenError(Exception):
+    """A system asked a corpus for what it must not use, such as labels while it predicts; one line."""
+
+
 class ClusterError(Exception):
     """The cluster failed in the middle of the work: one line; the same command goes on later."""
 

@@ -9,7 +9,7 @@ import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpora.corpus import COPY, Corpus
+from bench.corpora.corpus import COPY, Corpus, origin
 from bench.errors import InputError
 from features.kept import of_corpus
 
@@ -35,6 +35,7 @@ class FeatureSet(TransformerMixin, BaseEstimator):
     """
 
     learns = False
+    conditions: tuple[str, ...] = ()  # columns of the captures that it needs besides frames (`models.contract`)
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the features of every capture."""
@@ -42,7 +43,7 @@ class FeatureSet(TransformerMixin, BaseEstimator):
 
     def fit(self, X: Corpus, y: object = None) -> FeatureSet:
         """Learn nothing but the names of the features, which follow the grid."""
-        self.names_ = self.extract(X[:1]).columns
+        self.names_ = self.extract(X[:1].blind(self.conditions)).columns
         return self
 
     def transform(self, X: Corpus) -> pd.DataFrame:
@@ -51,9 +52,8 @@ class FeatureSet(TransformerMixin, BaseEstimator):
         Those of pieces and copies of captures (`bench.corpora.steps`) are labelled by capture and copy.
         """
         table = of_corpus(self, X)
-        if not X.steps:
-            return table
-        return table.set_axis(labels(X.index, X.piece // COPY))
+        known = origin(X)
+        return table.set_axis(labels(known.index, known.piece // COPY)) if known.steps else table
 
     def get_feature_names_out(self, input_features: object = None) -> np.ndarray:
         """Names of the columns, str [n_features], once fitted."""

@@ -11,7 +11,7 @@ from scipy.fft import rfft
 from scipy.special import expit
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError
 from features.base import FeatureSet
 from features.hmm import GaussianHMMs
@@ -165,7 +165,8 @@ def _some_frames(corpus: Corpus, most: int, seed: int) -> np.ndarray:
     end = np.cumsum(corpus.lengths)
     capture = np.searchsorted(end, place, side="right")
     within = place - (end - corpus.lengths)[capture]
-    frames = corpus.frames[corpus.starts[capture] + within.astype(np.int64)].reshape(count, -1)
+    stored, starts = storage(corpus)
+    frames = stored[starts[capture] + within.astype(np.int64)].reshape(count, -1)
     return frames.astype(np.float32) / np.float32(corpus.full_scale)
 
 

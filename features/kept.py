@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, origin
 from bench.corpora.files import Damaged, clear, stamp
 from bench.corpora.folder import open_folder
 from bench.scratch import home, owner
@@ -28,31 +28,35 @@ PIECES = ("of capture", "piece")  # columns of a kept table that tell its rows, 
 
 def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
     """Features of each capture [captures, n_features]: kept for a stored corpus, computed for one in memory."""
-    if not X.digest or X.path is None:
+    known, visible = origin(X), features.conditions
+    X = X.blind(visible)
+    if not known.digest or known.path is None:
         return features.extract(X)
-    about = _about(features, X.digest, X.steps)
+    about = _about(features, known.digest, known.steps)
     path = _path(about)
     try:
         table = _read(path, about)
     except Exception:  # not there yet, or damaged: pyarrow raises a dozen types where bytes mean nothing
         if not _writable(path.parent):
             return features.extract(X)
-        whole = open_folder(X.path)
-        if whole.digest != X.digest:  # replaced by another corpus while this one is mapped
+        whole = open_folder(known.path)
+        if whole.digest != known.digest:  # replaced by another corpus while this one is mapped
             return features.extract(X)
-        table = _extracted(features, whole, X.steps)
+        table = _extracted(features, whole.blind(visible), known.steps)
         _keep(table, path, about)
-    if not X.steps:
-        return table.iloc[X.index].reset_index(drop=True)
-    rows = pd.MultiIndex.from_frame(table[[*PIECES]]).get_indexer(pd.MultiIndex.from_arrays([X.index, X.piece]))
+    if not known.steps:
+        return table.iloc[known.index].reset_index(drop=True)
+    places = pd.MultiIndex.from_arrays([known.index, known.piece])
+    rows = pd.MultiIndex.from_frame(table[[*PIECES]]).get_indexer(places)
     return table.iloc[rows].drop(columns=[*PIECES])
 
 
 def after(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | None:
     """Kept features of what steps make of every capture of a stored corpus, with `PIECES`; None if there are none."""
-    if not X.digest or X.path is None or X.steps or not steps:
+    known = origin(X)
+    if not known.digest or known.path is None or known.steps or not steps:
         return None
-    about = _about(features, X.digest, steps)
+    about = _about(features, known.digest, steps)
     try:
         return _read(_path(about), about)
     except Exception:  # not there, or damaged: as above
@@ -61,9 +65,10 @@ def after(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | No
 
 def is_kept(features: BaseEstimator, X: Corpus, steps: tuple = ()) -> bool:
     """Whether what steps make of the captures of a stored corpus has features that are kept."""
-    if not X.digest or X.path is None:
+    known = origin(X)
+    if not known.digest or known.path is None:
         return False
-    return _path(_about(features, X.digest, (*X.steps, *steps))).exists()
+    return _path(_about(features, known.digest, (*known.steps, *steps))).exists()
 
 
 def _extracted(features: BaseEstimator, whole: Corpus, steps: tuple) -> pd.DataFrame:
@@ -75,7 +80,8 @@ def _extracted(features: BaseEstimator, whole: Corpus, steps: tuple) -> pd.DataF
         part = whole[block]
         for step in steps:
             part = step(part)
-        parts.append(features.extract(part).assign(**dict(zip(PIECES, (part.index, part.piece), strict=True))))
+        known = origin(part)
+        parts.append(features.extract(part).assign(**dict(zip(PIECES, (known.index, known.piece), strict=True))))
     return pd.concat(parts, ignore_index=True)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.fft import rfft
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, storage
 
 
 class Touch:
@@ -36,9 +36,10 @@ class Touch:
         self.rate_hz = corpus.rate_hz
         self.lengths = corpus.lengths
         self.first = np.cumsum(corpus.lengths) - corpus.lengths
-        begin, end = corpus.starts[0], corpus.starts[0] + self.lengths.sum()
-        if np.array_equal(corpus.starts, begin + self.first):
-            raw = corpus.frames[begin:end]
+        stored, starts = storage(corpus)
+        begin, end = starts[0], starts[0] + self.lengths.sum()
+        if np.array_equal(starts, begin + self.first):
+            raw = stored[begin:end]
         else:
             raw = np.concatenate([corpus[i] for i in range(len(corpus))])
         raw = raw.reshape(len(raw), -1)

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, storage
 from features.base import FeatureSet
 
 EPS = 1e-4  # of full scale, inside logarithms
@@ -69,10 +69,11 @@ class TouchFeatures(FeatureSet):
         found = np.zeros((len(corpus), len(names())), dtype=np.float32)
         if len(corpus):
             values, place = _signals_of(corpus)
+            stored, starts = storage(corpus)
             for rows in _batches(corpus):
                 length = corpus.lengths[rows[0]]
                 frames = np.arange(length)
-                raw = corpus.frames[corpus.starts[rows][:, None] + frames].reshape(len(rows), length, -1)
+                raw = stored[starts[rows][:, None] + frames].reshape(len(rows), length, -1)
                 shares = raw.astype(np.float32) / np.float32(corpus.full_scale)
                 found[rows] = statistics(values[place[rows][:, None] + frames], shares, corpus.rate_hz)
         return pd.DataFrame(found, columns=names(), copy=False)
@@ -103,12 +104,13 @@ def names() -> pd.Index:
 
 def _signals_of(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
     """Signals of all frames that captures have, each frame once, and where those of each capture begin."""
-    order = np.argsort(corpus.starts, kind="stable")
+    starts = storage(corpus)[1]
+    order = np.argsort(starts, kind="stable")
     place = np.empty(len(corpus), dtype=np.int64)
     parts, done = [], 0
     begin = end = -1
     for i in [*order.tolist(), None]:
-        start = None if i is None else int(corpus.starts[i])
+        start = None if i is None else int(starts[i])
         if start is None or start > end:
             if end > begin:
                 parts.append(_signals_between(corpus, begin, end))
@@ -122,11 +124,12 @@ def _signals_of(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _signals_between(corpus: Corpus, begin: int, end: int) -> np.ndarray:
+    stored = storage(corpus)[0]
     size = max(1, RUN // max(1, corpus.grid[0] * corpus.grid[1]))
     found = np.empty((end - begin, len(SIGNALS)))
     for first in range(begin, end, size):
         before = max(first - 1, begin)
-        frames = corpus.frames[before : min(first + size, end)].astype(np.float32) / np.float32(corpus.full_scale)
+        frames = stored[before : min(first + size, end)].astype(np.float32) / np.float32(corpus.full_scale)
         found[first - begin : first - begin + size] = signals(frames)[first - before :]
     return found
 

@@ -186,7 +186,7 @@ class Auto(ClassifierMixin, BaseEstimator):
     def _inner(self, X: Corpus, y: np.ndarray, folds: list) -> Inner:
         """Captures to judge by; under the digest of a part of them nothing is kept, which would be of the whole."""
         if not isinstance(self.part_, slice):
-            X = replace(X, digest="", path=None)
+            X = X.changed(digest="", path=None)
         return Inner(X, y, folds, self._touch(), self.seed)
 
     def __getstate__(self) -> dict[str, object]:

@@ -24,7 +24,7 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError
+from bench.errors import InputError, nearest
 from bench.registry import required
 from features.base import FeatureSet
 from models.space import Space
@@ -127,6 +127,33 @@ def trained_faults(estimator: System) -> tuple[str, ...]:
     return _told(estimator, "trained_faults", ())
 
 
+def conditions(estimator: System) -> tuple[str, ...]:
+    """``conditions``: columns of the captures that it, or a part of it, needs to predict; none by default.
+
+    Such as the substrate under the skin, where a robot knows it. Its runs are tagged and labelled with them.
+    """
+    return tuple(sorted({name for part in _nested(estimator) for name in _told(part, "conditions", ())}))
+
+
+def check_conditions(estimator: System, corpus: Corpus) -> None:
+    """Refuse conditions that a system cannot have when it predicts.
+
+    Raises:
+        InputError: a column that is not there, or that tells the class or the subject.
+    """
+    for name in conditions(estimator):
+        if name in {"subject", *corpus.target.split("+")} or name == "gesture":
+            raise InputError(f"conditions: the system declares {name!r}, which a prediction must not use; remove it")
+        if name not in corpus.captures:
+            others = [str(c) for c in corpus.captures if c not in ("subject", "gesture")]
+            raise InputError(f"conditions: {corpus.name} has no column {name!r}; {nearest(name, others)}")
+
+
+def blinded(estimator: System, X: Corpus) -> Corpus:
+    """What a system gets of some captures when it predicts: no labels, no subjects, no origin (`Corpus.blind`)."""
+    return X if X.is_blind else X.blind(conditions(estimator))
+
+
 # A person whom it meets
 
 
@@ -145,6 +172,7 @@ def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
         X: captures of the person.
         y: their class names; None where they are not known.
     """
+    X = blinded(estimator, X) if y is None else X
     if not isinstance(estimator, Pipeline):
         return estimator.adapt(X, y)  # type: ignore[attr-defined]
     *before, (name, last) = estimator.steps
@@ -168,6 +196,7 @@ def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         A table with ``capture`` (position in X), ``start`` and ``frames`` (first frame and frames seen), and
         probabilities [decisions, classes].
     """
+    X = blinded(estimator, X)
     if (own := _told(estimator, "decide")) is not None:
         return own(X)
     return pd.DataFrame({"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}), probabilities(estimator, X)
@@ -180,6 +209,7 @@ def has_probabilities(estimator: System) -> bool:
 
 def probabilities(estimator: System, X: Corpus) -> np.ndarray:
     """``predict_proba(X)`` [captures, classes]; a system without gets 1 for its label."""
+    X = blinded(estimator, X)
     if (own := _told(estimator, "predict_proba")) is not None:
         return own(X)
     return np.asarray(estimator.predict(X))[:, None] == estimator.classes_

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -131,7 +131,7 @@ class Inner:
         if name not in self.probed:
             order = np.argsort(self.X.lengths, kind="stable")
             some = self.X[order[np.linspace(0, len(order) - 1, PROBED).astype(int)]].detached()
-            some = replace(some, lengths=np.minimum(some.lengths, PROBED_FRAMES))
+            some = some.changed(lengths=np.minimum(some.lengths, PROBED_FRAMES))
             began = time.perf_counter()
             portfolio.FEATURES[name].extract(some)
             self.probed[name] = (time.perf_counter() - began) / int(some.lengths.sum())
@@ -182,7 +182,7 @@ class Inner:
 def beginning(X: Corpus, seconds: float) -> Corpus:
     """The first seconds of each capture, at least a frame; without the digest, under which whole ones are kept."""
     frames = max(1, int(seconds * X.rate_hz + 1e-6))
-    return replace(X, lengths=np.minimum(X.lengths, frames), digest="", path=None)
+    return X.changed(lengths=np.minimum(X.lengths, frames), digest="", path=None)
 
 
 def tabled(features: FeatureSet, X: Corpus, steps: list[Step]) -> Table:

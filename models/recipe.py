@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils.metaestimators import available_if
 
-from bench.corpora.corpus import COPY, Corpus
+from bench.corpora.corpus import COPY, Corpus, origin, storage
 from bench.corpora.faults import known
 from bench.corpora.steps import Faulted, Repair, Scale, Step, Turned, Windows
 from bench.errors import InputError
@@ -129,7 +129,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         for name, copies in (("copies", self.copies if self.faults else 0), ("turns", self.turns)):
             if copies:
                 values *= copies + 1
-                ensure(f"model.{name}={copies}", X.frames.itemsize * values)
+                ensure(f"model.{name}={copies}", storage(X)[0].itemsize * values)
 
     def steps(self) -> list[Step]:
         """What captures go through before the system sees them."""
@@ -204,7 +204,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         seen, row = taken(X, self.steps())
         table, proba = contract.decide(self.system_, seen)
         of = table["capture"].to_numpy()
-        start = table["start"].to_numpy() + (seen.piece[of] - X.piece[row[of]]) % COPY
+        start = table["start"].to_numpy() + (origin(seen).piece[of] - origin(X).piece[row[of]]) % COPY
         return table.assign(capture=row[of], start=start), proba
 
     def predict_proba(self, X: Corpus) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, storage
 from bench.progress import tell
 
 if TYPE_CHECKING:
@@ -52,8 +52,9 @@ class Windows:
         self.frames = frames
         self.padding = padding
         self.grid = corpus.grid
-        self._begin = corpus.starts[self.capture] + self.start
-        self._values = corpus.frames.reshape(len(corpus.frames), -1)
+        stored, starts = storage(corpus)
+        self._begin = starts[self.capture] + self.start
+        self._values = stored.reshape(len(stored), -1)
         self._scale = 1 / corpus.full_scale
 
     def __len__(self) -> int:

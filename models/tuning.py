@@ -251,7 +251,9 @@ class Search(ClassifierMixin, BaseEstimator):
         for fold, (train, test) in enumerate(tables.folds):
             model = self._make(chosen, features)
             model.fit(tables.train(name, fold), y[train])
-            hit = model.predict(tables.test(name, fold)) == y[test]
+            judged = tables.test(name, fold)
+            judged = contract.blinded(model, judged) if isinstance(judged, Corpus) else judged
+            hit = model.predict(judged) == y[test]
             for subject in np.unique(subjects[test]):
                 accuracy[str(subject)] = float(hit[subjects[test] == subject].mean())
             if self.objective == "accuracy":

@@ -122,7 +122,7 @@ def with_other_values(corpus, captures):
     frames = corpus.frames.copy()
     for start, length in zip(corpus.starts[captures], corpus.lengths[captures], strict=True):
         frames[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, *corpus.grid))
-    return type(corpus)(**{**vars(corpus), "frames": frames})
+    return corpus.changed(frames=frames)
 
 
 def runs(kind):

@@ -1,37 +1,86 @@
 """The corpus: ragged captures of a pressure grid, sliced without copying frames. A value: it knows no disk.
 
-Everything that features, models and protocols may know of the harness is on this page.
+Everything that features, models and protocols may know of the harness is on this page. A system that predicts gets a
+*blind* corpus (`Corpus.blind`): frames, lengths, rate, full scale and grid, and nothing that tells whose capture it is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 import numpy as np
 import pandas as pd
 
-from bench.errors import InputError
+from bench.errors import HiddenError, InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COPY = 1 << 40  # of a piece: times the number of the copy, and below that its first frame
 RESERVED = frozenset({"fold", "capture", "start", "frames", "true", "predicted"})  # columns that predictions need
+Value = TypeVar("Value")
 
 
-@dataclass(frozen=True, eq=False)
-class Corpus:
-    """Captures of touch on one sensor grid.
+class Hidden(Generic[Value]):
+    """An attribute of a `Corpus` that a blind one does not have.
 
-    A slice shares ``frames`` with the corpus it was cut from: a capture is addressed by its start and length, so
-    captures of a slice need not lie next to each other. Indexing with an integer gives the frames of one capture,
-    indexing with an array, a mask or a slice gives a `Corpus`; with ``len`` and ``shape`` that is what scikit-learn
-    needs to use a corpus as ``X``.
+    Args:
+        doc: its docstring.
+    """
+
+    def __init__(self, doc: str) -> None:
+        self.__doc__ = doc
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, corpus: None, owner: type) -> Hidden[Value]: ...
+
+    @overload
+    def __get__(self, corpus: Corpus, owner: type) -> Value: ...
+
+    def __get__(self, corpus: Corpus | None, owner: type) -> Value | Hidden[Value]:
+        if corpus is None:
+            return self
+        if corpus._visible is not None:
+            raise corpus._refused(self.name)
+        return corpus.__dict__[f"_{self.name}"]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where the captures of a corpus come from: what caches identify them by, also of a blind corpus.
 
     Attributes:
+        digest: content hash of the stored corpus, ``""`` for one in memory.
+        path: its folder, None for one in memory.
+        index: int64 [captures], position of each capture in it.
+        piece: int64 [captures], tells captures of one ``index`` apart.
+        steps: what was done to the captures since they were stored.
+    """
+
+    digest: str
+    path: Path | None
+    index: np.ndarray
+    piece: np.ndarray
+    steps: tuple[Callable[[Corpus], Corpus], ...]
+
+
+class Corpus:
+    """Captures of touch on one sensor grid; immutable.
+
+    A slice shares its frames with the corpus it was cut from. Indexing with an integer gives the frames of one capture,
+    indexing with an array, a mask or a slice gives a `Corpus`; with ``len`` and ``shape`` that is what scikit-learn
+    needs to use a corpus as ``X``. `frames` and `starts` are those of its own captures, whatever it was cut from.
+
+    A blind corpus (`blind`) has frames, starts, lengths, rate_hz, full_scale and grid. Any other attribute raises a
+    `bench.errors.HiddenError`.
+
+    Args:
         frames: uint16 or float32 [total_frames, rows, cols], sensor values 0..full_scale; row 0 is the top.
         starts: int64 [captures], first frame of each capture in ``frames``.
         lengths: int64 [captures], number of frames of each capture, at least 1.
@@ -40,7 +89,7 @@ class Corpus:
         full_scale: the largest value that the sensor can give.
         name: the name under which the corpus was imported.
         digest: content hash of the whole corpus, ``""`` for one that was never stored.
-        index: int64 [captures], position of each capture in the whole corpus.
+        index: int64 [captures], position of each capture in the whole corpus; counted from 0 if not given.
         info: source, licence, synthetic (bool), warnings (list of str).
         path: the folder that the frames are mapped from, or None when they are in memory.
         target: the columns of ``captures`` that make up the class, joined by ``+``.
@@ -49,30 +98,67 @@ class Corpus:
         piece: int64 [captures], tells those of one ``index`` apart; 0 before any step.
     """
 
-    frames: np.ndarray
-    starts: np.ndarray
-    lengths: np.ndarray
-    captures: pd.DataFrame
-    rate_hz: float
-    full_scale: float = 1023.0
-    name: str = "unnamed"
-    digest: str = ""
-    index: np.ndarray = None  # type: ignore[assignment]  # all captures, filled in below
-    info: dict = field(default_factory=dict)
-    path: Path | None = None
-    target: str = "gesture"
-    steps: tuple[Callable[[Corpus], Corpus], ...] = ()
-    piece: np.ndarray = None  # type: ignore[assignment]  # as index
+    name: Hidden[str] = Hidden("The name under which the corpus was imported.")
+    digest: Hidden[str] = Hidden("Content hash of the whole corpus, empty for one that was never stored.")
+    index: Hidden[np.ndarray] = Hidden("Position of each capture in the whole corpus, int64 [captures].")
+    info: Hidden[dict] = Hidden("Source, licence, synthetic (bool), warnings (list of str).")
+    path: Hidden[Path | None] = Hidden("The folder that the frames are mapped from, None when they are in memory.")
+    target: Hidden[str] = Hidden("The columns of ``captures`` that make up the class, joined by ``+``.")
+    steps: Hidden[tuple[Callable[[Corpus], Corpus], ...]] = Hidden("What was done to the captures, in order.")
+    piece: Hidden[np.ndarray] = Hidden("Tells captures of one ``index`` apart, int64 [captures].")
 
-    def __post_init__(self) -> None:
-        if self.index is None:
-            object.__setattr__(self, "index", np.arange(len(self.starts)))
-        if self.piece is None:
-            object.__setattr__(self, "piece", np.zeros(len(self.starts), dtype=np.int64))
+    def __init__(
+        self,
+        frames: np.ndarray,
+        starts: np.ndarray,
+        lengths: np.ndarray,
+        captures: pd.DataFrame,
+        rate_hz: float,
+        full_scale: float = 1023.0,
+        name: str = "unnamed",
+        digest: str = "",
+        index: np.ndarray | None = None,
+        info: dict | None = None,
+        path: Path | None = None,
+        target: str = "gesture",
+        steps: tuple[Callable[[Corpus], Corpus], ...] = (),
+        piece: np.ndarray | None = None,
+    ) -> None:
+        index = np.arange(len(starts)) if index is None else index
+        piece = np.zeros(len(starts), dtype=np.int64) if piece is None else piece
+        self.__dict__.update(
+            _frames=frames,
+            _starts=starts,
+            lengths=lengths,
+            _captures=captures,
+            rate_hz=rate_hz,
+            full_scale=full_scale,
+            _name=name,
+            _digest=digest,
+            _index=index,
+            _info={} if info is None else info,
+            _path=path,
+            _target=target,
+            _steps=steps,
+            _piece=piece,
+            _visible=None,
+        )
+
+    if TYPE_CHECKING:
+        lengths: np.ndarray
+        rate_hz: float
+        full_scale: float
+        _frames: np.ndarray
+        _starts: np.ndarray
+        _captures: pd.DataFrame
+        _visible: tuple[str, ...] | None
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"{name}: a Corpus does not change; changed({name}=...) gives another one")
 
     @classmethod
     def from_captures(
-        cls, arrays: Iterable[np.ndarray], captures: pd.DataFrame, rate_hz: float, **fields: object
+        cls, arrays: Iterable[np.ndarray], captures: pd.DataFrame, rate_hz: float, **fields: Any
     ) -> Corpus:
         """Build an in-memory corpus from one array [frames, rows, cols] per capture."""
         arrays = list(arrays)
@@ -80,8 +166,44 @@ class Corpus:
         starts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
         return cls(np.concatenate(arrays), starts, lengths, captures.reset_index(drop=True), rate_hz, **fields)
 
+    def changed(self, **fields: object) -> Corpus:
+        """A corpus with some of the constructor's arguments replaced; a blind corpus stays blind.
+
+        Frames and starts that are not replaced are shared.
+        """
+        new = object.__new__(type(self))
+        new.__dict__.update(self.__dict__)
+        new.__dict__.pop("_own", None)
+        for name, value in fields.items():
+            key = name if name in ("lengths", "rate_hz", "full_scale") else f"_{name}"
+            if key not in new.__dict__:
+                raise TypeError(f"a Corpus has no {name}")
+            new.__dict__[key] = value
+        return new
+
+    def blind(self, visible: tuple[str, ...] = ()) -> Corpus:
+        """The same captures as a system gets them when it predicts: without labels, subjects and origin.
+
+        Args:
+            visible: columns of ``captures`` that it declares to need (`models.contract.conditions`); of a corpus that
+                is blind already, no others than it had.
+        """
+        if self._visible is not None:
+            visible = tuple(name for name in visible if name in self._visible)
+        return self.changed(visible=tuple(visible))
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether it is what a system gets when it predicts."""
+        return self._visible is not None
+
+    def _refused(self, name: str) -> HiddenError:
+        return HiddenError(
+            f"X.{name} is hidden in prediction, which may use frames, lengths, rate_hz, full_scale and grid alone"
+        )
+
     def __len__(self) -> int:
-        return len(self.starts)
+        return len(self._starts)
 
     @property
     def shape(self) -> tuple[int]:
@@ -91,7 +213,37 @@ class Corpus:
     @property
     def grid(self) -> tuple[int, int]:
         """(rows, cols) of the sensor."""
-        return self.frames.shape[1:]
+        return self._frames.shape[1:]
+
+    @property
+    def frames(self) -> np.ndarray:
+        """Frames of these captures, one after another [frames, rows, cols]; copied if they do not lie together."""
+        return self._compact()[0]
+
+    @property
+    def starts(self) -> np.ndarray:
+        """First frame of each capture in `frames`, int64 [captures]."""
+        return self._compact()[1]
+
+    def _compact(self) -> tuple[np.ndarray, np.ndarray]:
+        if (own := self.__dict__.get("_own")) is None:
+            first = np.cumsum(self.lengths) - self.lengths
+            begin = int(self._starts[0]) if len(self) else 0
+            if np.array_equal(self._starts, begin + first):
+                frames = self._frames[begin : begin + int(self.lengths.sum())]
+            else:
+                frames = np.concatenate(list(self))
+            own = self.__dict__["_own"] = frames, first
+        return own
+
+    @property
+    def captures(self) -> pd.DataFrame:
+        """One row per capture: subject, gesture and conditions; of a blind corpus the declared conditions alone."""
+        if self._visible is None:
+            return self._captures
+        if not self._visible:
+            raise self._refused("captures")
+        return self._captures[[*self._visible]]
 
     @property
     def synthetic(self) -> bool:
@@ -101,12 +253,16 @@ class Corpus:
     @property
     def gestures(self) -> np.ndarray:
         """Class label of each capture, str [captures]."""
+        if self._visible is not None:
+            raise self._refused("gestures")
         first, *rest = (self.captures[c].astype(str) for c in self.target.split("+"))
         return (first.str.cat(rest, sep=" ") if rest else first).to_numpy(dtype=object)
 
     @property
     def subjects(self) -> np.ndarray:
         """Subject of each capture, str [captures]."""
+        if self._visible is not None:
+            raise self._refused("subjects")
         return self.captures["subject"].to_numpy(dtype=object)
 
     @overload
@@ -119,17 +275,16 @@ class Corpus:
         if isinstance(key, tuple):  # scikit-learn asks for X[indices, ...]
             key = key[0]
         if isinstance(key, (int, np.integer)):
-            start = self.starts[key]
-            return self.frames[start : start + self.lengths[key]]
+            start = self._starts[key]
+            return self._frames[start : start + self.lengths[key]]
         if not isinstance(key, slice):
             key = np.asarray(key)
-        return replace(
-            self,
-            starts=self.starts[key],
+        return self.changed(
+            starts=self._starts[key],
             lengths=self.lengths[key],
-            captures=self.captures.iloc[key].reset_index(drop=True),
-            index=self.index[key],
-            piece=self.piece[key],
+            captures=self._captures.iloc[key].reset_index(drop=True),
+            index=self.__dict__["_index"][key],
+            piece=self.__dict__["_piece"][key],
         )
 
     def __iter__(self) -> Iterator[np.ndarray]:
@@ -160,20 +315,30 @@ class Corpus:
                 raise InputError(
                     f"target={target}: {self.name} has no full column {column!r}; known: {', '.join(whole)}"
                 )
-        return replace(self, target=target)
+        return self.changed(target=target)
 
     def detached(self) -> Corpus:
         """A copy in memory that no cache knows, as a robot would hand it over."""
-        same = {name: getattr(self, name) for name in ("full_scale", "name", "info", "target")}
-        return Corpus.from_captures(self, self.captures, self.rate_hz, **same)
+        frames, starts = np.array(self.frames), self.starts
+        return self.changed(
+            frames=frames,
+            starts=starts,
+            digest="",
+            path=None,
+            index=np.arange(len(self)),
+            piece=np.zeros(len(self), dtype=np.int64),
+            steps=(),
+        )
 
     def __repr__(self) -> str:
-        kind = "synthetic " if self.synthetic else ""
         rows, cols = self.grid
+        frames = f"{int(self.lengths.sum())} frames of {rows}x{cols} at {self.rate_hz:g} Hz"
+        if self._visible is not None:
+            return f"<Corpus for prediction: {len(self)} captures, {frames}>"
+        kind = "synthetic " if self.synthetic else ""
         return (
             f"<{kind}Corpus {self.name}: {len(self)} captures of {len(set(self.subjects))} subjects, "
-            f"{len(set(self.gestures))} {self.target}s, {int(self.lengths.sum())} frames of {rows}x{cols} "
-            f"at {self.rate_hz:g} Hz>"
+            f"{len(set(self.gestures))} {self.target}s, {frames}>"
         )
 
     def plot(self, capture: int = 0) -> Figure:
@@ -191,3 +356,22 @@ class Corpus:
         words = ", ".join(f"{name} {about[name]}" for name in ("subject", "gesture") if name in about)
         kind = " (synthetic)" if self.synthetic else ""
         return picture(self[capture], self.rate_hz, f"{self.name}{kind}, capture {capture}: {words}")
+
+
+def unblinded(corpus: Corpus) -> tuple[Corpus, tuple[str, ...] | None]:
+    """The same captures with all that is known of them, and what a blind corpus shows; None if it was not blind."""
+    return corpus.changed(visible=None), corpus._visible
+
+
+def storage(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
+    """The array that captures are mapped in [frames, rows, cols], and where each begins, int64 [captures].
+
+    For code that gathers frames of many captures at once without a copy. The array may hold other captures, too.
+    """
+    return corpus._frames, corpus._starts
+
+
+def origin(corpus: Corpus) -> Origin:
+    """Where the captures of a corpus come from, also of a blind one: for caches, which know what they may give."""
+    values = corpus.__dict__
+    return Origin(*(values[f"_{name}"] for name in ("digest", "path", "index", "piece", "steps")))

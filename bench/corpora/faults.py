@@ -16,12 +16,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import entry_points
 
 import numpy as np
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, storage
 
 SEVERITIES = 5
 Damage = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
@@ -96,10 +96,10 @@ def as_shares(corpus: Corpus, captures: np.ndarray) -> list[np.ndarray]:
 def as_readings(corpus: Corpus, shares: np.ndarray) -> np.ndarray:
     """Shares of full scale, float32, as what the sensor of a corpus would give: whole numbers are rounded."""
     frames = shares * np.float32(corpus.full_scale)
-    if corpus.frames.dtype.kind in "iu":
+    if storage(corpus)[0].dtype.kind in "iu":
         np.rint(frames, out=frames)
     np.clip(frames, 0, corpus.full_scale, out=frames)
-    return frames.astype(corpus.frames.dtype)
+    return frames.astype(storage(corpus)[0].dtype)
 
 
 def damaged(corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: Fault, severity: int) -> Corpus:
@@ -119,10 +119,11 @@ def damaged(corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: F
     subjects = corpus.subjects
     arrays = [fault.apply(s, severity, subjects[i], int(corpus.index[i])) for i, s in zip(test, shares, strict=True)]
     frames = as_readings(corpus, np.concatenate(arrays))
-    starts, lengths = np.zeros_like(corpus.starts), np.zeros_like(corpus.lengths)
+    lengths = np.zeros_like(corpus.lengths)
+    starts = np.zeros_like(lengths)
     lengths[test] = [len(a) for a in arrays]
     starts[test] = np.cumsum(lengths[test]) - lengths[test]
-    return replace(corpus, frames=frames, starts=starts, lengths=lengths, digest="", path=None)
+    return corpus.changed(frames=frames, starts=starts, lengths=lengths, digest="", path=None)
 
 
 def at_least_one(percent: float, count: int) -> int:

@@ -20,13 +20,13 @@ import re
 import shutil
 import tempfile
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, unblinded
 from bench.corpora.files import Damaged, clear, compare, sha256_of, short, small_file, stamp, write_text
 from bench.errors import InputError
 from bench.scratch import home, owner
@@ -91,16 +91,18 @@ def sent(digest: str) -> Path:
     return home() / "corpora" / ".sent" / digest[:16]
 
 
-def reopen(where: Address, index: np.ndarray, target: str) -> Corpus:
+def reopen(where: Address, index: np.ndarray, target: str, visible: tuple[str, ...] | None) -> Corpus:
     """Map captures of a stored corpus again in another process, so that frames never travel."""
-    return replace(where.open()[index], target=target)
+    corpus = where.open()[index].with_target(target)
+    return corpus if visible is None else corpus.blind(visible)
 
 
 def _reduced(corpus: Corpus) -> str | tuple:
     """How a corpus travels to another process: a stored one by its address, so that frames never do."""
-    if corpus.path is None:
+    whole, visible = unblinded(corpus)
+    if whole.path is None or whole.steps:
         return object.__reduce_ex__(corpus, 2)
-    return reopen, (address(corpus), corpus.index, corpus.target)
+    return reopen, (address(whole), whole.index, whole.target, visible)
 
 
 copyreg.pickle(Corpus, _reduced)

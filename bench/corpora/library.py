@@ -53,7 +53,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.parent / f".{name}.lock", timeout=0):
             corpus = _read(reader, source, arguments)
-            corpus = Corpus(**{**vars(corpus), "name": name, "info": corpus.info | {"format": kind}})
+            corpus = corpus.changed(name=name, info=corpus.info | {"format": kind})
             digest = content_digest(corpus)
             stored = folder / digest[:16]
             write_folder(corpus, stored, digest)

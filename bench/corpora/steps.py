@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from bench.corpora.corpus import COPY, Corpus
-from bench.corpora.faults import SEVERITIES, as_readings, as_shares, known
+from bench.corpora.corpus import COPY, Corpus, origin, storage
+from bench.corpora.faults import SEVERITIES, as_readings, as_shares
+from bench.corpora.faults import known as all_faults
 from bench.errors import InputError, nearest
 
 REPAIRS = ("stuck", "dead", "offset")
@@ -77,12 +78,12 @@ class Windows(Step):
         count, row = self._count(corpus), self.rows(corpus)
         begin = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) * hop
         cut = corpus[row] if len(row) > len(corpus) else corpus  # a robot's one window is not worth copying a table
-        return replace(
-            cut,
-            starts=cut.starts + begin,
+        known = origin(cut)
+        return cut.changed(
+            starts=storage(cut)[1] + begin,
             lengths=np.minimum(cut.lengths, frames),
-            piece=cut.piece + begin,
-            steps=(*corpus.steps, self),
+            piece=known.piece + begin,
+            steps=(*known.steps, self),
         )
 
 
@@ -103,15 +104,15 @@ class Faulted(Step):
 
     def __post_init__(self) -> None:
         for name in self.faults:
-            if name not in known():
+            if name not in all_faults():
                 given = "+".join(self.faults)
-                raise InputError(f"model.faults={given}: {name!r} is no fault; {nearest(name, known())}")
+                raise InputError(f"model.faults={given}: {name!r} is no fault; {nearest(name, all_faults())}")
         if not 1 <= self.copies <= MOST_COPIES:
             raise InputError(f"model.copies={self.copies}: give 1 to {MOST_COPIES}")
 
     def code(self) -> list[Callable]:
         """The faults as well, which may come from other packages."""
-        return [Faulted, *(known()[name].damage for name in self.faults)]
+        return [Faulted, *(all_faults()[name].damage for name in self.faults)]
 
     def generator(self, capture: int, copy: int) -> np.random.Generator:
         """The random numbers of one copy of one stored capture."""
@@ -124,17 +125,18 @@ class Faulted(Step):
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures as they are, each followed by its copies."""
-        faults = [known()[name] for name in self.faults]
+        faults = [all_faults()[name] for name in self.faults]
+        known = origin(corpus)
         made: list[np.ndarray] = []
         for i, shares in enumerate(as_shares(corpus, np.arange(len(corpus)))):
             made.append(corpus[i])
             for copy in range(self.copies):
-                rng = self.generator(int(corpus.index[i]), copy)
+                rng = self.generator(int(known.index[i]), copy)
                 fault, severity = faults[rng.integers(len(faults))], rng.integers(SEVERITIES)
                 made.append(as_readings(corpus, fault.damage(shares, fault.amounts[severity], rng)))
         row = self.rows(corpus)
         copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
-        return _replaced(corpus[row], made, self, piece=corpus.piece[row] + copies * COPY)
+        return _replaced(corpus[row], made, self, piece=known.piece[row] + copies * COPY)
 
 
 @dataclass(frozen=True)
@@ -162,16 +164,17 @@ class Turned(Step):
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures as they are, each followed by its copies."""
         ways = _mountings(corpus.grid)
+        known = origin(corpus)
         made: list[np.ndarray] = []
         for i, frames in enumerate(corpus):
             made.append(frames)
-            said = f"turned copies of capture {corpus.index[i]}.{corpus.piece[i]}"
+            said = f"turned copies of capture {known.index[i]}.{known.piece[i]}"
             rng = np.random.default_rng(int.from_bytes(hashlib.sha256(said.encode()).digest()[:16], "little"))
             drawn = rng.permutation(len(ways))
             made += [ways[drawn[copy % len(ways)]](frames) for copy in range(self.copies)]
         row = self.rows(corpus)
         copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
-        piece = corpus.piece[row] + copies * (MOST_COPIES + 1) * COPY
+        piece = known.piece[row] + copies * (MOST_COPIES + 1) * COPY
         return _replaced(corpus[row], made, self, piece=piece)
 
 
@@ -298,12 +301,11 @@ class Scale(Step):
 def _replaced(corpus: Corpus, made: list[np.ndarray], step: object, **fields: object) -> Corpus:
     """The same captures with other frames, one array [frames, rows, cols] each."""
     lengths = np.array([len(frames) for frames in made], dtype=np.int64)
-    empty = np.zeros((0, *corpus.grid), corpus.frames.dtype)
-    return replace(
-        corpus,
+    empty = np.zeros((0, *corpus.grid), storage(corpus)[0].dtype)
+    return corpus.changed(
         frames=np.concatenate(made) if made else empty,
         starts=np.cumsum(lengths) - lengths,
         lengths=lengths,
-        steps=(*corpus.steps, step),
+        steps=(*origin(corpus).steps, step),
         **fields,
     )

@@ -27,6 +27,7 @@ class FoldResult:
         history: numbers by epoch.
         chosen: what was chosen on the training part, by name.
         trials: what it was chosen among, a row each.
+        batch_effects: sentences on captures whose prediction depends on those predicted together with them.
         error: of a fold that failed.
         scored: what is tracked of it, as its kind of run measures a fold.
         seconds: that the whole fold took.
@@ -40,6 +41,7 @@ class FoldResult:
     history: list[dict[str, float]] = field(default_factory=list)
     chosen: dict[str, object] = field(default_factory=dict)
     trials: pd.DataFrame | None = None
+    batch_effects: list[str] = field(default_factory=list)
     error: str = ""
     scored: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0

@@ -93,6 +93,7 @@ def planned(asked: list[Cell], jobs: int | None) -> list[Plan]:
     for cell in asked:
         estimator = checked(cell)
         corpus = corpus_of(cell)
+        contract.check_conditions(estimator, corpus)
         folds = tuple(folds_of(cell, corpus))
         for fold in folds:
             contract.check_training(estimator, corpus[fold.train], corpus.gestures[fold.train])

@@ -10,7 +10,7 @@ import pandas as pd
 from bench.outcomes import scores
 from bench.outcomes.results import Findings, FoldResult, costs, measure, table_of
 from bench.work.experiment import Experiment
-from bench.work.fold import computing, decisions, footprint, latency
+from bench.work.fold import batch_effects, computing, decisions, footprint, latency
 from bench.work.personal import met
 from models import contract
 
@@ -39,7 +39,8 @@ class Evaluation(Experiment[pd.DataFrame]):
         with computing(threads):
             for one in met(cell, corpus, fold):
                 parts.append(decisions(one.estimator, corpus, one.name, one.tested))
-        estimator, metrics, predictions = one.estimator, one.metrics, pd.concat(parts, ignore_index=True)
+            estimator, metrics, predictions = one.estimator, one.metrics, pd.concat(parts, ignore_index=True)
+            effects = batch_effects(estimator, corpus, one.tested, parts[-1])
         with computing(1):
             spent = latency(estimator, corpus[fold.test], int(predictions["frames"].max()))
         predict_ms, decide_ms, relative = spent
@@ -55,6 +56,7 @@ class Evaluation(Experiment[pd.DataFrame]):
             contract.history(estimator),
             contract.chosen(estimator),
             contract.trials(estimator),
+            effects,
         )
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:

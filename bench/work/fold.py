@@ -17,6 +17,8 @@ from bench.corpora.corpus import Corpus
 from models import contract
 from models.sizes import sizes
 
+ALONE = 32  # test captures of a fold that are predicted alone, too
+TOLERANCE = 1e-3  # of a probability: float32 rounds otherwise in a batch of another size
 TIMED_CAPTURES = 20
 WARM_UP = 3
 REFERENCES = 8  # before the timed captures, and again after them
@@ -92,6 +94,58 @@ def decisions(
     return pd.concat([table[["fold", "capture", "start", "frames", "true"]], about, named], axis=1)
 
 
+def batch_effects(
+    estimator: contract.System, corpus: Corpus, test: np.ndarray, predictions: pd.DataFrame | None = None
+) -> list[str]:
+    """Test captures whose prediction depends on the captures that are predicted together with them.
+
+    Up to 32 test captures are copied out of the corpus, so that no cache knows them, and predicted alone and together
+    in reverse order. Their windows and labels must be those of the fold, their probabilities within 0.001.
+
+    Args:
+        estimator: fitted.
+        corpus: the captures that the fold is of.
+        test: positions of the test captures.
+        predictions: table of `decisions` of all of them; made anew if not given.
+
+    Returns:
+        One sentence per capture; none if every prediction depends on its own capture alone.
+    """
+    if predictions is None:
+        predictions = decisions(estimator, corpus, "", test)
+    chosen = test[np.unique(np.linspace(0, len(test) - 1, min(ALONE, len(test))).astype(int))][::-1]
+    together, proba = contract.decide(estimator, corpus[chosen].detached())
+    names = [f"p_{name}" for name in np.asarray(estimator.classes_).astype(str)]
+    expected = predictions.groupby("capture", sort=False)
+    effects = []
+    for place, position in enumerate(chosen):
+        capture = corpus.index[position]
+        rows = expected.get_group(capture)
+        mine = (together["capture"] == place).to_numpy()
+        alone = contract.decide(estimator, corpus[[position]].detached())
+        for how, (table, values) in (("alone", alone), ("in another order", (together[mine], proba[mine]))):
+            if effect := _difference(rows, names, table, np.asarray(values, dtype=np.float64)):
+                effects.append(f"capture {capture}: {effect[0]} {how}, {effect[1]} among {len(test)} test captures")
+                break
+    return effects
+
+
+def _difference(rows: pd.DataFrame, names: list[str], table: pd.DataFrame, proba: np.ndarray) -> tuple[str, str] | None:
+    """What two predictions of one capture do not have in common, in words; None if they agree."""
+    if rows[["start", "frames"]].to_numpy().tolist() != table[["start", "frames"]].to_numpy().tolist():
+        return f"{len(table)} decisions", f"{len(rows)} others"
+    before = rows[names].to_numpy(dtype=np.float64)
+    if np.abs(before - proba).max() <= TOLERANCE and _label(before) == _label(proba):
+        return None
+    if (one := _label(proba)) != (other := _label(before)):
+        return names[one].removeprefix("p_"), names[other].removeprefix("p_")
+    return f"{names[one].removeprefix('p_')} with {proba.mean(axis=0)[one]:.3f}", f"{before.mean(axis=0)[one]:.3f}"
+
+
+def _label(proba: np.ndarray) -> int:
+    return int(np.float32(proba).mean(axis=0).argmax())
+
+
 def latency(
     estimator: contract.System, tested: Corpus, frames: int
 ) -> tuple[list[float], list[float], dict[str, float]]:
@@ -103,10 +157,8 @@ def latency(
         one `reference`. Other programs on the machine change the former and hardly the ratio.
     """
     chosen = np.unique(np.linspace(0, len(tested) - 1, min(TIMED_CAPTURES, len(tested))).astype(int))
-    whole = [tested[i : i + 1].detached() for i in chosen]
-    first = [
-        Corpus.from_captures([one[0][:frames]], one.captures, one.rate_hz, full_scale=one.full_scale) for one in whole
-    ]
+    whole = [contract.blinded(estimator, tested[i : i + 1].detached()) for i in chosen]
+    first = [one.changed(lengths=np.minimum(one.lengths, frames)) for one in whole]
     for _ in range(WARM_UP):
         reference()
     workload = [milliseconds(reference)[1] for _ in range(REFERENCES)]

@@ -207,6 +207,13 @@ def work(
         found = run.close(illustrate)
         outcome = Outcome(plan, run.experiment, run.run_id, run.tags, found, run.results(), begun.errors)
         outcomes[begun.place] = outcome
+        for result in outcome.results:
+            if result.batch_effects:
+                warn(
+                    f"warning: {plan.cell.system()}: a prediction depends on the captures predicted together with it: "
+                    f"fold {result.name}, {result.batch_effects[0]}"
+                )
+                break
         bar.end(begun.bar)
         under_way.remove(begun)
         begun.lock.close()

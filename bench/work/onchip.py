@@ -17,7 +17,7 @@ from bench.errors import InputError
 from bench.outcomes import scores
 from bench.outcomes.results import Findings, FoldResult, costs, table_of
 from bench.work.experiment import Experiment
-from bench.work.fold import computing, decisions, fitted, footprint
+from bench.work.fold import batch_effects, computing, decisions, fitted, footprint
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
 
 if TYPE_CHECKING:
@@ -89,6 +89,7 @@ class OnChip(Experiment[None]):
         with computing(threads):
             metrics = fitted(estimator, train)
             predicted = decisions(estimator, corpus, fold.name, fold.test)
+            effects = batch_effects(estimator, corpus, fold.test, predicted)
         table = scores.captures(predicted).rename(columns={"predicted": "python"})
         table = table.assign(start=0, frames=test.lengths)
         found = Recogniser(estimator, train, UNTAUGHT)
@@ -104,7 +105,7 @@ class OnChip(Experiment[None]):
         counted = footprint(estimator, corpus)
         if self.bits != 32:  # counted of what Python has
             del counted["flash_bytes"]
-        return FoldResult(fold.name, table, metrics | counted)
+        return FoldResult(fold.name, table, metrics | counted, batch_effects=effects)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy in C and in Python, and costs."""

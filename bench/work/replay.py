@@ -9,7 +9,7 @@ is expected to gain). After its last row a capture keeps its last decision.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
 from sklearn.linear_model import Ridge
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError
 from bench.outcomes.scores import PREFIX, classes_of
 from bench.outcomes.stopping import learn_stopping
@@ -69,7 +69,7 @@ class Replay:
         if self.start == "onset":
             return corpus
         skipped = corpus.lengths // 2
-        return uncached(corpus, corpus.starts + skipped, corpus.lengths - skipped)
+        return uncached(corpus, storage(corpus)[1] + skipped, corpus.lengths - skipped)
 
     def instants(self, longest: int, rate_hz: float) -> np.ndarray:
         """Frames seen at each decision, rising to ``longest``, int64 [instants]."""
@@ -85,14 +85,14 @@ class Replay:
 
 def uncached(corpus: Corpus, starts: np.ndarray, lengths: np.ndarray) -> Corpus:
     """Parts of captures; without the digest, under which the features of whole captures are cached."""
-    return replace(corpus, starts=starts, lengths=lengths, digest="", path=None)
+    return corpus.changed(starts=starts, lengths=lengths, digest="", path=None)
 
 
 def prefix(corpus: Corpus, frames: int) -> Corpus:
     """The first frames of each capture, at most ``frames``; no frame is copied."""
     if (corpus.lengths <= frames).all():
         return corpus
-    return uncached(corpus, corpus.starts, np.minimum(corpus.lengths, frames))
+    return uncached(corpus, storage(corpus)[1], np.minimum(corpus.lengths, frames))
 
 
 def replayed(
@@ -312,8 +312,8 @@ def decision_latency(estimator: contract.System, begun: Corpus, instants: np.nda
     for i in chosen:
         for frames in np.unique(np.minimum(seen, begun.lengths[i])):  # its end is a decision, too
             first = frames - contract.frames_at_once(estimator, int(frames))
-            newest = uncached(begun[i : i + 1], begun.starts[i : i + 1] + first, np.array([frames - first]))
-            spent.append(milliseconds(estimator.predict, newest.detached())[0])
+            newest = uncached(begun[i : i + 1], storage(begun)[1][i : i + 1] + first, np.array([frames - first]))
+            spent.append(milliseconds(estimator.predict, contract.blinded(estimator, newest.detached()))[0])
     return spent
 
 

@@ -25,7 +25,7 @@ from mlflow.pyfunc import PythonModel
 from mlflow.types import ColSpec, DataType, ParamSchema, ParamSpec, Schema
 from mlflow.types.schema import AnyType
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, storage
 from bench.corpora.table import from_frame
 from bench.errors import InputError
 from bench.outcomes.scores import PREFIX, classes_of
@@ -137,7 +137,7 @@ class Recogniser(PythonModel):
     def _mean(self, corpus: Corpus) -> pd.DataFrame:
         """Mean probability of the decisions on each capture, a column p_<class> per class."""
         about = pd.DataFrame({"subject": "", "gesture": ""}, index=range(len(corpus)))
-        anonymous = Corpus(corpus.frames, corpus.starts, corpus.lengths, about, corpus.rate_hz, corpus.full_scale)
+        anonymous = Corpus(*storage(corpus), corpus.lengths, about, corpus.rate_hz, corpus.full_scale)
         table = decisions(self.estimator, anonymous, "", np.arange(len(corpus)), self.classes)
         columns = [PREFIX + c for c in classes_of(table)]
         return table.groupby("capture", sort=True)[columns].mean().reset_index(drop=True)

@@ -9,7 +9,7 @@ from bench.errors import InputError
 from bench.outcomes.results import Findings, FoldResult, costs, table_of
 from bench.outcomes.stopping import SHOWN_MS, Curves, by_instant, by_threshold, learned_point, shown, stopped
 from bench.work.experiment import Experiment
-from bench.work.fold import computing, fitted, footprint, latency
+from bench.work.fold import batch_effects, computing, fitted, footprint, latency
 from bench.work.replay import (
     INNER,
     STATE,
@@ -89,6 +89,7 @@ class Stream(Experiment[Curves]):
             stopping, series = learned(cell.estimator, corpus, fold.train, self.replay)
             metrics = fitted(estimator, corpus[fold.train])
             table = replayed(estimator, begun, fold.name, fold.test, instants)
+            effects = batch_effects(estimator, corpus, fold.test)
             table = weighed(table, stopping.calibration, stopping.waiting, corpus.rate_hz)
         with computing(1):
             whole, *_ = latency(estimator, corpus[fold.test], int(corpus.lengths.max()))
@@ -99,7 +100,7 @@ class Stream(Experiment[Curves]):
         chosen: dict[str, object] = {"threshold": stopping.threshold}
         chosen |= {f"temperature_{k}": v for k, v in asdict(stopping.calibration).items()}
         chosen |= {f"waiting_{name}": weight for name, weight in zip(STATE, stopping.waiting.weights, strict=True)}
-        return FoldResult(fold.name, table, metrics, whole, decide, chosen=chosen, trials=series)
+        return FoldResult(fold.name, table, metrics, whole, decide, chosen=chosen, trials=series, batch_effects=effects)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy of whole captures, and of stopping at the learned threshold; costs."""

@@ -23,7 +23,7 @@ from bench.outcomes import scores, stability
 from bench.outcomes.results import Findings, FoldResult, table_of
 from bench.outcomes.stability import CLEAN, Analysis
 from bench.work.experiment import Experiment
-from bench.work.fold import computing, decisions
+from bench.work.fold import batch_effects, computing, decisions
 from models import contract
 
 if TYPE_CHECKING:
@@ -110,6 +110,7 @@ class Stress(Experiment[Analysis]):
                     how: Columns = {"fault": fault.name, "severity": severity, "amount": fault.describe(severity)}
                     parts.append(labelled(estimator, worse, name, test, about | how))
             tested, cpu = time.perf_counter(), time.process_time() - cpu
+            effects = batch_effects(estimator, corpus, test)
             met = set(contract.trained_faults(estimator))  # of a search by what it has chosen
             for count in self.train_subjects:
                 part = subset(corpus, train, test, count, cell.seed or 0)
@@ -122,7 +123,7 @@ class Stress(Experiment[Analysis]):
             "refit_seconds": time.perf_counter() - tested,
             "faults_trained": sum(fault.name in met for fault in self.faults),
         }
-        return FoldResult(name, pd.concat(parts, ignore_index=True), metrics)
+        return FoldResult(name, pd.concat(parts, ignore_index=True), metrics, batch_effects=effects)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy of clean captures, and under each fault and severity; seconds."""

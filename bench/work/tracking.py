@@ -20,6 +20,7 @@ from bench.plan.plan import Plan
 from bench.source import git_revision, source_digest, versions
 from bench.work.experiment import Experiment
 from bench.work.machine import Machine
+from models import contract
 
 if TYPE_CHECKING:
     from mlflow.entities import Run
@@ -39,7 +40,8 @@ def key_of(plan: Plan, experiment: Experiment) -> str:
 
 def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
     """What tables know a run's data and system by."""
-    return {
+    conditions = ",".join(contract.conditions(cell.estimator()))
+    return ({"touchbench.conditions": conditions} if conditions else {}) | {
         "data": cell.data,
         "synthetic": str(corpus.synthetic).lower(),
         "subset": cell.where or "all",
@@ -157,6 +159,7 @@ class TrackedRun(Generic[Shown]):
             timing["decide_ms"],
             chosen=timing["chosen"],
             trials=pd.read_csv(trials, float_precision="round_trip") if trials.exists() else None,
+            batch_effects=timing["batch_effects"],
         )
 
     def add(self, result: FoldResult, machine: Machine | None) -> str:
@@ -183,7 +186,8 @@ class TrackedRun(Generic[Shown]):
                 (folder / "traceback.txt").write_text(result.error)
             else:
                 result.table.to_parquet(folder / "predictions.parquet", index=False)
-                timing = {"predict_ms": result.predict_ms, "decide_ms": result.decide_ms, "chosen": result.chosen}
+                names = ("predict_ms", "decide_ms", "chosen", "batch_effects")
+                timing = {name: getattr(result, name) for name in names}
                 (folder / "timing.json").write_text(
                     json.dumps(timing | {"metrics": list(result.metrics)}, default=_plain)
                 )
@@ -227,7 +231,8 @@ class TrackedRun(Generic[Shown]):
             return findings
         if findings:
             counts = {"folds": len(results), "folds_failed": folds - len(results)}
-            self.store.log(self.run_id, findings.metrics | counts, tags=findings.facts | self._machines())
+            facts = findings.facts | _batch_effects(results)
+            self.store.log(self.run_id, findings.metrics | counts, tags=facts | self._machines())
             with tempfile.TemporaryDirectory() as folder:
                 for name, table in (findings.tables | _choices(results)).items():
                     write_table(table, Path(folder) / name)
@@ -250,6 +255,13 @@ def _plain(value: object) -> object:
 def write_table(table: pd.DataFrame, path: Path) -> None:
     """As parquet or CSV, as its name says."""
     table.to_parquet(path, index=False) if path.suffix == ".parquet" else table.to_csv(path, index=False)
+
+
+def _batch_effects(results: list[FoldResult]) -> dict[str, str]:
+    """Tags that say whether predictions depend on the captures predicted together, and on which capture it showed."""
+    effects = [f"fold {r.name}, {r.batch_effects[0]}" for r in results if r.batch_effects]
+    why = {"touchbench.batch_effect": effects[0]} if effects else {}
+    return {"touchbench.depends_on_batch": str(bool(effects)).lower()} | why
 
 
 def _choices(results: list[FoldResult]) -> dict[str, pd.DataFrame]:

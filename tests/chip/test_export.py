@@ -67,7 +67,7 @@ def touched(rows=5, cols=7, rate_hz=40.0, classes=3):
     for i in range(0, len(part), 4):
         own = slice(part.starts[i], part.starts[i] + part.lengths[i])
         frames[own, 1, 2] = 1023 if i % 8 else 0
-    return Corpus(**{**vars(part), "frames": frames})
+    return part.changed(frames=frames)
 
 
 @cache
@@ -371,7 +371,7 @@ def test_a_cortex_m4_prints_what_this_machine_prints(tmp_path):
 def test_what_is_too_large_is_not_linked(tmp_path):
     rng = np.random.default_rng(0)
     corpus = touched()
-    noise = Corpus(**{**vars(corpus), "captures": corpus.captures.assign(gesture=rng.choice(list("abc"), len(corpus)))})
+    noise = corpus.changed(captures=corpus.captures.assign(gesture=rng.choice(list("abc"), len(corpus))))
     repeated = noise[np.repeat(np.arange(len(noise)), 3)]
     folder = written(fitted(et(Jung28(), trees=3000), repeated), tmp_path / "c")
     done = subprocess.run(["make", "-C", str(folder), "chip"], capture_output=True, text=True, check=False)

@@ -166,7 +166,7 @@ def test_repair_and_a_person_go_along(tmp_path):
     person.estimator = found.estimator.adapt(own, own.gestures[::-1])
     frames = corpus.frames.copy()
     frames[:, 1, 2] = 1023
-    stuck = Corpus(**{**vars(corpus), "frames": frames})
+    stuck = corpus.changed(frames=frames)
     repaired = fitted(Recipe(Hughes2017CNN(epochs=1, batch=8), repair=("stuck", "dead")), stuck)
     for each, seen, name in ((person, corpus, "person"), (repaired, stuck, "repaired")):
         told = each.label(seen).filter(like="p_").to_numpy()

@@ -15,7 +15,6 @@ from sklearn.metrics import f1_score
 
 import bench
 from bench.cli import main
-from bench.corpora.corpus import Corpus
 from bench.corpora.faults import SEVERITIES, known
 from bench.errors import InputError
 from bench.outcomes import submissions
@@ -325,10 +324,10 @@ def test_cost_is_only_what_was_published(monkeypatch, capsys):
     assert "left out: mine: data=cost: not imported" in capsys.readouterr().err
     small = random_corpus()
     warned = {"format": "cost", "warnings": ["captures: 36 here, 7805 published"]}
-    monkeypatch.setattr(tasks, "open_corpus", lambda *_: Corpus(**{**vars(small), "info": warned}))
+    monkeypatch.setattr(tasks, "open_corpus", lambda *_: small.changed(info=warned))
     with pytest.raises(InputError, match="not CoST as published .captures: 36 here"):
         tasks.rows_of(tasks.TASKS["cost-loso-v1"])
-    whole = Corpus(**{**vars(small), "info": {"format": "cost", "warnings": []}, "digest": "c" * 64})
+    whole = small.changed(info={"format": "cost", "warnings": []}, digest="c" * 64)
     monkeypatch.setattr(tasks, "open_corpus", lambda *_: whole)
     rows = tasks.rows_of(tasks.TASKS["cost-loso-v1"])
     assert rows["true"].tolist() == list(small.gestures) and tasks.digest_of(tasks.TASKS["cost-loso-v1"]) == "c" * 64

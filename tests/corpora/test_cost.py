@@ -228,7 +228,7 @@ def test_write_refuses_what_would_not_read_back_the_same(tmp_path):
     ]:
         with pytest.raises(InputError, match=message):
             write(corpus, tmp_path / "out.csv")
-    decimals = Corpus(**{**vars(one_capture()), "frames": np.zeros((3, 8, 8), np.float32)})
+    decimals = one_capture().changed(frames=np.zeros((3, 8, 8), np.float32))
     with pytest.raises(InputError, match="8x8 frames of whole numbers, these are 8x8 of float32"):
         write(decimals, tmp_path / "out.csv")
     assert not any(tmp_path.iterdir())
@@ -249,7 +249,7 @@ def test_write_refuses_what_the_format_cannot_hold(corpus, tmp_path):
     with pytest.raises(InputError, match="variant"):
         write(corpus, tmp_path / "out.csv")
     corpus.captures["variant"] = "gentle"
-    wide = Corpus(**{**vars(corpus), "frames": corpus.frames.reshape(-1, 4, 16)})
+    wide = corpus.changed(frames=corpus.frames.reshape(-1, 4, 16))
     with pytest.raises(InputError, match="8x8"):
         write(wide, tmp_path / "out.csv")
     write(corpus, tmp_path / "out.csv")

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from bench.commands.help import STRESS
 from bench.corpora import faults
-from bench.corpora.corpus import Corpus
 from bench.corpora.faults import FAULTS, SEVERITIES, as_shares, damaged, fault
 from tests.conftest import random_corpus
 
@@ -220,8 +219,8 @@ def test_a_sensor_is_a_subjects_and_a_moment_is_a_captures():
 def test_a_damaged_corpus_is_one_that_no_cache_knows(kind, tmp_path):
     whole = random_corpus(full_scale=1023.0)
     if kind == "float32":
-        whole = Corpus(**{**vars(whole), "frames": whole.frames.astype(np.float32) / 7})
-    whole = Corpus(**{**vars(whole), "digest": "abc", "path": tmp_path})
+        whole = whole.changed(frames=whole.frames.astype(np.float32) / 7)
+    whole = whole.changed(digest="abc", path=tmp_path)
     test = np.array([5, 2, 35])
     shares = as_shares(whole, test)
     found = damaged(whole, test, shares, FAULTS["noise"], 0)

@@ -11,7 +11,6 @@ import pytest
 
 from bench.corpora import files
 from bench.corpora import folder as module
-from bench.corpora.corpus import Corpus
 from bench.corpora.folder import content_digest, open_folder, verified, write_folder
 from bench.errors import InputError
 from tests.conftest import random_corpus
@@ -305,7 +304,7 @@ def test_numbers_of_numpy_and_columns_of_any_kind_are_read_back_as_they_were_sto
     )
     fields = {"captures": captures, "rate_hz": np.float64(100.1), "full_scale": np.float32(3.5)}
     fields["info"] = {"pair": (1, 2), 3: "three"}
-    made = Corpus(**{**vars(corpus), **fields})
+    made = corpus.changed(**fields)
     write_folder(made, tmp_path / "c")
     again = open_folder(tmp_path / "c")
     assert again.digest == content_digest(made) == content_digest(again)

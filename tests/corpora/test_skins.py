@@ -1,7 +1,5 @@
 """Captures brought to another skin: against averages and lines drawn by hand."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -93,7 +91,7 @@ def other_skin():
 
 
 def test_both_are_brought_to_the_coarser_of_each():
-    own = replace(random_corpus(3, 4, longest=30), rate_hz=100.0)
+    own = random_corpus(3, 4, longest=30).changed(rate_hz=100.0)
     names = sorted(set(own.gestures))
     source = other_skin()
     found = joined(own, source, {"PAT": names[0], "rub": names[1]})

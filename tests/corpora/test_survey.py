@@ -42,7 +42,7 @@ def test_blocks_hold_every_capture_once_and_are_bounded(chosen, most):
 def test_tables_are_those_of_loops_over_ragged_slices(chosen, kind):
     whole = random_corpus(grid=(3, 4), full_scale=170.0)
     offset = 0 if kind == "uint16" else 10_000.5  # squares of large readings must not lose the small differences
-    whole = Corpus(**{**vars(whole), "frames": whole.frames.astype(kind) + np.array(offset, kind)})
+    whole = whole.changed(frames=whole.frames.astype(kind) + np.array(offset, kind))
     some = whole[np.array(chosen)]
     found = survey(some)
     names = sorted(set(some.gestures))
@@ -195,5 +195,5 @@ def test_a_typical_capture_is_in_the_middle():
 
 def test_generated_captures_say_so(corpus):
     assert "synthetic" not in str(survey(corpus))
-    found = survey(Corpus(**{**vars(corpus), "info": {"synthetic": True}}))
+    found = survey(corpus.changed(info={"synthetic": True}))
     assert found.synthetic and "synthetic: generated captures, not people" in repr(found)

@@ -75,7 +75,7 @@ def test_levels_are_learnt_from_the_training_captures_alone(corpus):
     changed = corpus.frames.copy()
     for i in np.flatnonzero(corpus.subjects == "2"):
         changed[corpus.starts[i] : corpus.starts[i] + corpus.lengths[i]] = 1000
-    other = type(corpus)(**{**vars(corpus), "frames": changed})
+    other = corpus.changed(frames=changed)
     learned = [Ta273().fit(c[train]).levels_ for c in (corpus, other)]
     assert np.array_equal(*learned)
     assert not np.array_equal(learned[0], Ta273().fit(other).levels_)

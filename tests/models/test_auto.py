@@ -44,7 +44,7 @@ def noisy(subjects=6, **kwargs):
     corpus = random_corpus(subjects=subjects, per_class=3, **kwargs)
     rng = np.random.default_rng(1)
     noise = rng.integers(0, 160, len(corpus.frames))[:, None, None]
-    return type(corpus)(**{**vars(corpus), "frames": (corpus.frames + noise).astype(np.uint16)})
+    return corpus.changed(frames=(corpus.frames + noise).astype(np.uint16))
 
 
 def stored(corpus, folder):

@@ -44,7 +44,7 @@ SYSTEMS = {
 
 def at(rate, **kwargs):
     corpus = random_corpus(**kwargs)
-    return type(corpus)(**{**vars(corpus), "rate_hz": rate})
+    return corpus.changed(rate_hz=rate)
 
 
 def fitted(system, rate, classes, longest=60):

@@ -41,7 +41,7 @@ def noisy(subjects=5, **kwargs):
     corpus = random_corpus(subjects=subjects, per_class=4, **kwargs)
     rng = np.random.default_rng(1)
     noise = rng.integers(0, 120, len(corpus)).repeat(corpus.lengths)[:, None, None]
-    return type(corpus)(**{**vars(corpus), "frames": (corpus.frames + noise).astype(np.uint16)})
+    return corpus.changed(frames=(corpus.frames + noise).astype(np.uint16))
 
 
 def stored(corpus, tmp_path):

@@ -1,6 +1,5 @@
 """The gate's alarms: seeded faults in copies of systems, on generated captures; none without a fault."""
 
-from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
@@ -33,7 +32,7 @@ def swapped(captures):
     """The same captures with two rows of the grid swapped."""
     frames = captures.frames.copy()
     frames[:, [2, 3]] = frames[:, [3, 2]]
-    return replace(captures, frames=frames)
+    return captures.changed(frames=frames)
 
 
 @cache

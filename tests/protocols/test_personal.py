@@ -94,9 +94,9 @@ def test_what_cannot_be_is_one_line(wrong, message):
 def test_it_says_whether_conditions_are_shared():
     corpus = random_corpus(2, 8, longest=3)
     assert "conditions" not in Personal(1).label(corpus)
-    alone = replace(corpus, captures=corpus.captures.assign(cover=np.arange(len(corpus)).astype(str)))
+    alone = corpus.changed(captures=corpus.captures.assign(cover=np.arange(len(corpus)).astype(str)))
     assert "under other conditions" in Personal(1).label(alone)
-    same = replace(corpus, captures=corpus.captures.assign(cover="fur"))
+    same = corpus.changed(captures=corpus.captures.assign(cover="fur"))
     assert "under the same conditions" in Personal(1).label(same)
     assert Personal(3, 2).label(corpus) == "personal, 3 shots, 2 draws (2 subjects)"
 
@@ -154,7 +154,7 @@ def test_no_label_and_no_other_frame_of_the_tested_half_is_seen(system):
     changed = with_other_values(corpus, others)
     gesture = changed.captures["gesture"].copy()
     gesture.iloc[np.concatenate([others, tested])] = "pat"
-    changed = replace(changed, captures=changed.captures.assign(gesture=gesture))
+    changed = changed.changed(captures=changed.captures.assign(gesture=gesture))
     for mine, other in zip(told(system, corpus, only), told(system, changed, only), strict=True):
         assert np.array_equal(mine, other)
 
@@ -165,7 +165,7 @@ def test_labels_that_are_not_known_change_nothing(system):
     fold = fold_of(corpus, labelled=False)
     gesture = corpus.captures["gesture"].copy()
     gesture.iloc[fold.test] = np.random.default_rng(0).permutation(gesture.iloc[fold.test])
-    changed = replace(corpus, captures=corpus.captures.assign(gesture=gesture))
+    changed = corpus.changed(captures=corpus.captures.assign(gesture=gesture))
     for mine, other in zip(told(system, corpus, fold), told(system, changed, fold), strict=True):
         assert np.array_equal(mine, other)
 
@@ -188,7 +188,7 @@ def test_what_adapts_knows_its_person_better(system):
     frames = corpus.frames.copy()
     for i in np.flatnonzero(corpus.subjects == "1"):
         frames[corpus.starts[i] : corpus.starts[i] + corpus.lengths[i]] += 120
-    harder = replace(corpus, frames=frames)
+    harder = corpus.changed(frames=frames)
     fold = fold_of(harder, labelled=True)
     cell = cells({"data": "synth", "protocol": "personal"} | SYSTEMS[system])[0]
     right = lambda one: np.mean(one.estimator.predict(harder[one.tested]) == harder.gestures[one.tested])  # noqa: E731

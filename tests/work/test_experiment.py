@@ -115,7 +115,7 @@ def test_what_it_refuses_is_refused_before_anything_runs():
 
 
 def test_a_column_that_its_table_needs_is_refused(corpus, monkeypatch):
-    named = type(corpus)(**{**vars(corpus), "captures": corpus.captures.assign(each=1)})
+    named = corpus.changed(captures=corpus.captures.assign(each=1))
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: named)
     with pytest.raises(InputError, match="random has a column 'each'"):
         done()

@@ -212,7 +212,7 @@ def test_bad_input_is_one_line(arguments, message, capsys):
 
 
 def test_a_column_that_the_table_needs_is_refused(corpus, monkeypatch, capsys):
-    named = type(corpus)(**{**vars(corpus), "captures": corpus.captures.assign(severity=1)})
+    named = corpus.changed(captures=corpus.captures.assign(severity=1))
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: named)
     assert main(["stress"]) == 2
     assert "random has a column 'severity'" in capsys.readouterr().err
