@@ -229,8 +229,9 @@ class Corpus:
         if (own := self.__dict__.get("_own")) is None:
             first = np.cumsum(self.lengths) - self.lengths
             begin = int(self._starts[0]) if len(self) else 0
+            end = begin + int(self.lengths.sum())
             if np.array_equal(self._starts, begin + first):
-                frames = self._frames[begin : begin + int(self.lengths.sum())]
+                frames = self._frames if end - begin == len(self._frames) else self._frames[begin:end]
             else:
                 frames = np.concatenate(list(self))
             own = self.__dict__["_own"] = frames, first

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut, cross_validate
 
+from bench.corpora.corpus import storage
 from bench.corpora.folder import content_digest, open_folder, write_folder
 from bench.errors import InputError
 from tests.conftest import random_corpus
@@ -21,7 +22,11 @@ def test_a_slice_holds_the_frames_of_its_captures_and_shares_memory(chosen):
         expected = whole.frames[whole.starts[original] : whole.starts[original] + whole.lengths[original]]
         assert np.array_equal(some[position], expected)
         assert some.gestures[position] == whole.gestures[original]
-    assert np.shares_memory(some.frames, whole.frames)
+    assert storage(some)[0] is storage(whole)[0]
+    assert np.array_equal(some.frames, np.concatenate([whole[i] for i in chosen]))
+    assert all(
+        np.array_equal(some.frames[b : b + n], f) for b, n, f in zip(some.starts, some.lengths, some, strict=True)
+    )
     assert some[::2][0] is not None and np.array_equal(some[::-1].index, np.array(chosen)[::-1])
 
 

@@ -12,7 +12,7 @@ from sklearn.pipeline import Pipeline
 
 from bench import source
 from bench.cli import main
-from bench.corpora.corpus import COPY, Corpus
+from bench.corpora.corpus import COPY, Corpus, origin
 from bench.corpora.faults import FAULTS, Fault
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
@@ -378,7 +378,7 @@ def test_a_fold_of_a_run(monkeypatch):
     stored = []
     extract = Jung28.extract
     monkeypatch.setattr(
-        Jung28, "extract", lambda self, c: (stored.append(bool(c.digest) * len(c)), extract(self, c))[1]
+        Jung28, "extract", lambda self, c: (stored.append(bool(origin(c).digest) * len(c)), extract(self, c))[1]
     )
     result = Evaluation().fold(plan.cell, plan.corpus, plan.folds[0], 1)
     assert max(stored) == 1  # for the names; captures whose labels are timed are not stored ones
