@@ -139,6 +139,6 @@ def warning(corpus: Corpus) -> list[str]:
     more = [f"{len(groups) - NAMED} more groups"] if len(groups) > NAMED else []
     people = sum(len(set(corpus.subjects[group])) > 1 for group in groups)
     return [
-        f"{sum(map(len, groups))} captures have the same frames as another one, in {len(groups)} groups, {people} of "
-        f"them of several subjects: {', '.join(shown + more)}"
+        f"{sum(map(len, groups))} captures have the same frames as another one (groups: {len(groups)}, of several "
+        f"subjects: {people}): {', '.join(shown + more)}"
     ]

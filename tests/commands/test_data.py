@@ -124,7 +124,7 @@ def test_the_same_capture_of_two_subjects_is_named_by_import_and_show_and_refuse
     pair = "capture 1 (subject 1, gesture pat) = capture 10 (subject 2, gesture pat)"
     assert main(["data", "import", "table", "mine.npz", "name=mine", "rate_hz=50"]) == 0
     told = capsys.readouterr().err
-    assert told.startswith("warning: 4 captures have the same frames as another one, in 2 groups, 1 of them of several")
+    assert told.startswith("warning: 4 captures have the same frames as another one (groups: 2, of several")
     assert pair in told and told.count("\n") == 1
     assert main(["data", "show", "mine"]) == 0
     shown = capsys.readouterr().out

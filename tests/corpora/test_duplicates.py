@@ -84,7 +84,7 @@ def test_a_warning_counts_and_names_them():
     corpus = copied(random_corpus(longest=20), [(10, 1), (30, 1), (5, 4)])
     (line,) = warning(corpus)
     assert line == (
-        "5 captures have the same frames as another one, in 2 groups, 1 of them of several subjects: "
+        "5 captures have the same frames as another one (groups: 2, of several subjects: 1): "
         "capture 1 (subject 1, gesture pat) = capture 10 (subject 2, gesture pat) = "
         "capture 30 (subject 4, gesture rub), capture 4 (subject 1, gesture rub) = capture 5 (subject 1, gesture rub)"
     )
