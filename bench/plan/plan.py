@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.duplicates import named, repeated, seen_before, without
+from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
 from bench.plan import splits
@@ -124,10 +124,10 @@ def refuse_repeats(plan: Plan) -> None:
         return
     tested, trained = pairs[0]
     where = f"({cell.where}) and ({without(corpus, tested)})" if cell.where else without(corpus, tested)
+    pair = " and ".join(f"{corpus.index[i]} (subject {corpus.subjects[i]})" for i in (tested, trained))
     raise InputError(
-        f"protocol={cell.protocol}: captures with the same frames as a training capture of another subject: "
-        f"{len(pairs)}, such as {named(corpus, tested)} and {named(corpus, trained)}; leave them out, this one with "
-        f'where="{where}"; for all: bench data show {cell.data}'
+        f"protocol={cell.protocol}: captures that are in training under another subject: {len(pairs)}, such as {pair}; "
+        f'leave this one out with where="{where}"; for all: bench data show {cell.data}'
     )
 
 
