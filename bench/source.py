@@ -20,6 +20,7 @@ Code = ModuleType | Callable  # a module, class or function
 ROOMS = {"bench", "features", "models", "protocols"}
 # Modules that find, move and keep things and change no number; a change in them is no other result.
 INDIFFERENT = {
+    "bench.corpora.duplicates",
     "bench.corpora.folder",
     "bench.corpora.library",
     "bench.errors",

@@ -18,6 +18,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from bench.corpora import duplicates
 from bench.corpora.corpus import Corpus
 from bench.corpora.files import Damaged, short, small_file, write_text
 from bench.corpora.folder import content_digest, open_folder, verified, write_folder
@@ -53,7 +54,8 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.parent / f".{name}.lock", timeout=0):
             corpus = _read(reader, source, arguments)
-            corpus = corpus.changed(name=name, info=corpus.info | {"format": kind})
+            warnings = [*duplicates.warning(corpus), *corpus.info.get("warnings", [])]
+            corpus = corpus.changed(name=name, info=corpus.info | {"format": kind, "warnings": warnings})
             digest = content_digest(corpus)
             stored = folder / digest[:16]
             write_folder(corpus, stored, digest)

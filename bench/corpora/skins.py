@@ -6,12 +6,11 @@ Nothing is learnt, and what becomes of a capture depends on that capture alone. 
 
 from __future__ import annotations
 
-import hashlib
-
 import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.duplicates import named, shared
 from bench.errors import InputError
 
 OWN, SOURCE = "own", "source"  # what the column ``skin`` says
@@ -82,10 +81,11 @@ def _refuse_the_same(own: Corpus, source: Corpus) -> None:
     Raises:
         InputError: a capture is in both, or both are generated from one seed, and so of the same people.
     """
-    digests = [{hashlib.sha256(frames.tobytes()).digest() for frames in corpus} for corpus in (own, source)]
-    if both := digests[0] & digests[1]:
+    if both := shared(own, source):
+        mine, theirs = both[0]
         raise InputError(
-            f"protocol=transfer: {len(both)} captures of {own.name} are in {source.name} as well; name another source"
+            f"protocol=transfer: {own.name} and {source.name} have the same captures: {len(both)}, such as "
+            f"{named(own, mine)} and {named(source, theirs)}; name another source"
         )
     if own.synthetic and own.info.get("source") == source.info.get("source"):
         raise InputError(

@@ -1,6 +1,6 @@
 """What a corpus holds, before any model sees it: counts and gaps, durations, pressure, broken taxels, duplicates.
 
-Pure functions of a `Corpus`. Frames are read once, in blocks of whole captures, so that memory does not grow with their
+Pure functions of a `Corpus`. Frames are read in blocks of whole captures, so that memory does not grow with their
 number.
 """
 
@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from hashlib import blake2b
 
 import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.duplicates import CHANGES, identical, quiet
 from bench.errors import InputError
 
 BLOCK = 1 << 20  # values that are computed at a time, unless a single capture has more
@@ -47,7 +47,8 @@ class Survey:
             median SD of the up to eight taxels around it that do vary; ``still``, percent of captures in which it does
             not vary while all of those around it do; ``verdict``, empty where nothing is odd.
         duplicates: a row for each capture whose frames are those of another one: ``group``, ``capture``, its labels,
-            and ``differs``, the columns that tell the captures of a group apart.
+            ``differs``, the columns that tell the captures of a group apart, and ``quiet``, whether so little changes
+            that they can be equal by chance; such groups come last.
         means: mean pressure of each gesture, each frame counted once, float64 [gestures, rows, cols].
         typical: by gesture, the capture nearest to the middle in duration, mean and highest pressure.
     """
@@ -133,16 +134,23 @@ class Survey:
             return ["Duplicates: no two captures have the same frames"]
         lines = []
         for _, part in self.duplicates[self.duplicates["group"] <= NAMED].groupby("group"):
-            first, *others = part.drop(columns=["group", "differs"]).to_dict("records")
+            first, *others = part.drop(columns=["group", "differs", "quiet"]).to_dict("records")
             shown = ["capture", *part["differs"].iloc[0].split(", ")]
             lines.append(" = ".join([_labels(first), *(_labels(row, shown) for row in others[:NAMED])]))
             lines[-1] += f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
         firsts = self.duplicates.drop_duplicates("group")
-        other = sum(bool({"subject", "gesture"} & set(names.split(", "))) for names in firsts["differs"])
+        differs = [set(names.split(", ")) for names in firsts["differs"]]
+        other = sum(bool({"subject", "gesture"} & names) for names in differs)
         said = (
-            f"Duplicates: {len(self.duplicates)} captures share their frames with another one, in {len(firsts)} groups"
+            f"Duplicates: {len(self.duplicates)} captures share their frames with another one, in {len(firsts)} "
+            f"groups; {other} of them under several subjects or gestures"
         )
-        return [f"{said}; {other} of them under several subjects or gestures", *_first(lines, len(firsts))]
+        copied = zip(differs, firsts["quiet"], strict=True)
+        if refused := sum("subject" in names and not still for names, still in copied):
+            said += f"; protocols that separate subjects refuse {refused}"
+        if firsts["quiet"].any():
+            said += f"; {firsts['quiet'].sum()} may be equal by chance: fewer than {CHANGES} readings change"
+        return [said, *_first(lines, len(firsts))]
 
 
 def _text(table: pd.DataFrame) -> str:
@@ -216,7 +224,7 @@ def survey(corpus: Corpus) -> Survey:
         durations=durations,
         pressure=pressure,
         taxels=taxels,
-        duplicates=_duplicates(read.digests, corpus),
+        duplicates=_duplicates(corpus),
         means=means,
         typical={str(g): int(corpus.index[i]) for g, i in zip(gestures, _typical(course, code), strict=True)},
     )
@@ -253,7 +261,6 @@ class _Readings:
         sums: of the readings of each gesture, float64 [gestures, taxels].
         full: frames at full scale, int64 [gestures, taxels].
         within: squared differences from the mean of the taxel in the capture, summed, float64 [taxels].
-        digests: of the bytes of each capture.
     """
 
     def __init__(self, corpus: Corpus, code: np.ndarray, gestures: int) -> None:
@@ -262,7 +269,6 @@ class _Readings:
         self.level = np.empty(len(corpus))
         self.sums, self.full = np.zeros((gestures, taxels)), np.zeros((gestures, taxels), np.int64)
         self.within = np.zeros(taxels)
-        self.digests: list[bytes] = []
         for part, frames in blocks(corpus):
             lengths = corpus.lengths[part]
             first = np.cumsum(lengths) - lengths
@@ -279,10 +285,6 @@ class _Readings:
             np.add.at(self.sums, code[part], sums)
             full = np.add.reduceat(frames >= corpus.full_scale, first, axis=0, dtype=np.int64)
             np.add.at(self.full, code[part], full)
-            self.digests += [
-                blake2b(frames[a : a + n].tobytes(), digest_size=16).digest()
-                for a, n in zip(first, lengths, strict=True)
-            ]
         self.still = self.lowest == self.highest
 
 
@@ -381,18 +383,20 @@ def _counted(name: str) -> tuple[int, str]:
     return (len(name) if name.isdigit() else 0, name)
 
 
-def _duplicates(digests: list[bytes], corpus: Corpus) -> pd.DataFrame:
+def _duplicates(corpus: Corpus) -> pd.DataFrame:
     """The table of `Survey.duplicates`."""
-    about = corpus.captures.drop(columns=["capture", "group", "differs"], errors="ignore").reset_index(drop=True)
+    groups = sorted(identical(corpus), key=lambda group: quiet(corpus[group[0]]))
+    about = corpus.captures.drop(columns=["capture", "group", "differs", "quiet"], errors="ignore")
+    labels = list(about)
     about.insert(0, "capture", corpus.index)
-    same = pd.Series(digests).groupby(digests, sort=False)
-    about.insert(0, "group", same.ngroup().to_numpy())
-    found = about[same.transform("size").to_numpy() > 1].sort_values(["group", "capture"], kind="stable")
-    found["group"] = pd.factorize(found["group"])[0] + 1
-    labels = found.columns.drop(["group", "capture"])
-    several = found.groupby("group")[list(labels)].nunique(dropna=False) > 1
-    differs = {group: ", ".join(labels[row]) for group, row in zip(several.index, several.to_numpy(), strict=True)}
-    return found.assign(differs=found["group"].map(differs).astype(object)).reset_index(drop=True)
+    found = about.iloc[[i for group in groups for i in group]]
+    found.insert(0, "group", np.repeat(np.arange(1, len(groups) + 1), [len(group) for group in groups]))
+    found = found.sort_values(["group", "capture"], kind="stable", ignore_index=True)
+    several = found.groupby("group")[labels].nunique(dropna=False).to_numpy() > 1
+    differs = [", ".join(np.array(labels, dtype=object)[row]) for row in several]
+    still = [quiet(corpus[group[0]]) for group in groups]
+    number = found["group"].to_numpy() - 1
+    return found.assign(differs=np.array(differs, dtype=object)[number], quiet=np.array(still, dtype=bool)[number])
 
 
 def _typical(course: pd.DataFrame, code: np.ndarray) -> list[int]:

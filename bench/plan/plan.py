@@ -11,6 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
 from bench.plan import splits
@@ -50,6 +51,16 @@ class Plan:
     def mixes_subjects(self) -> bool:
         """Whether captures of a subject are on both sides of a fold: optimistic for a new person."""
         return mixes_subjects(self.corpus, self.folds)
+
+    @cached_property
+    def repeats(self) -> list[tuple[int, int]]:
+        """Tested captures with the same frames as a training capture, or as a known one of their person, and that one.
+
+        Positions in the corpus, one pair for each tested capture.
+        """
+        known = [pair for fold in self.folds if fold.known for draw in fold.known.draws for pair in draw]
+        sides = [*((fold.train, fold.test) for fold in self.folds), *known]
+        return seen_before(repeated(self.corpus), sides, len(self.corpus))
 
     @cached_property
     def label(self) -> str:
@@ -98,7 +109,27 @@ def planned(asked: list[Cell], jobs: int | None) -> list[Plan]:
         for fold in folds:
             contract.check_training(estimator, corpus[fold.train], corpus.gestures[fold.train])
         plans.append(Plan(cell, corpus, folds, *share_cores(jobs, len(folds))))
+        refuse_repeats(plans[-1])
     return plans
+
+
+def refuse_repeats(plan: Plan) -> None:
+    """Refuse a protocol that separates people where a capture stands under two of them, on both sides of a fold.
+
+    Raises:
+        InputError: there is such a capture; the message names the first and a condition that leaves it out.
+    """
+    cell, corpus = plan.cell, plan.corpus
+    pairs = [(i, j) for i, j in plan.repeats if corpus.subjects[i] != corpus.subjects[j]]
+    if not pairs or plan.mixes_subjects:
+        return
+    tested, trained = pairs[0]
+    where = f"({cell.where}) and ({without(corpus, tested)})" if cell.where else without(corpus, tested)
+    pair = " and ".join(f"{corpus.index[i]} (subject {corpus.subjects[i]})" for i in (tested, trained))
+    raise InputError(
+        f"protocol={cell.protocol}: captures that are in training under another subject: {len(pairs)}, such as {pair}; "
+        f'leave this one out with where="{where}"; for all: bench data show {cell.data}'
+    )
 
 
 def checked(cell: Cell) -> contract.System:

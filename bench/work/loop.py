@@ -23,6 +23,7 @@ from rich.progress import (
 from rich.progress import Task as BarTask
 from rich.text import Text
 
+from bench.corpora.duplicates import named
 from bench.corpora.limits import briefly
 from bench.errors import ClusterError, InputError
 from bench.outcomes.results import Findings, FoldResult, Shown
@@ -297,6 +298,12 @@ def warnings(plan: Plan) -> list[str]:
     lines = [f"warning: {cell.data}: {briefly(told, f'bench data show {cell.data}')}"] if told else []
     if plan.mixes_subjects:
         lines.append(f"warning: protocol={cell.protocol} mixes subjects: scores are optimistic for a new person")
+    if plan.repeats:
+        tested, trained = plan.repeats[0]
+        lines.append(
+            f"warning: {cell.data}: captures with the same frames as a training capture: {len(plan.repeats)}, such as "
+            f"{named(corpus, tested)} and {named(corpus, trained)}: scores are optimistic"
+        )
     frames = contract.window(replace(cell, tuning=None).estimator(), corpus.rate_hz)
     if frames is not None and (short := int((corpus.lengths < frames).sum())):
         lines.append(

@@ -3,11 +3,14 @@
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import bench
 from bench.cli import main
 from bench.corpora.library import open_corpus
+from tests.conftest import random_corpus
+from tests.corpora.test_duplicates import copied
 
 SMALL = ["data.subjects=2", "variants=normal"]  # with and without data.
 FILES = {"pressure.png", "pressure.svg", "films.png", "films.svg", "motion.gif", "index.html"}
@@ -111,3 +114,23 @@ def test_an_import_says_what_it_replaces_and_its_warnings_take_a_line(capsys):
     assert main(["data", "show", "mine"]) == 0
     shown = capsys.readouterr().out
     assert all(f"\n  {warning}\n" in shown for warning in open_corpus("mine", {}).info["warnings"])
+
+
+def test_the_same_capture_of_two_subjects_is_named_by_import_and_show_and_refused_by_a_run(capsys):
+    corpus = copied(random_corpus(subjects=2, longest=20), [(10, 1), (4, 3)])
+    offsets = np.append(corpus.starts, len(corpus.frames))
+    labels = {name: corpus.captures[name].to_numpy(dtype="U") for name in ("subject", "gesture")}
+    np.savez("mine.npz", frames=corpus.frames, offsets=offsets, **labels)
+    pair = "capture 1 (subject 1, gesture pat) = capture 10 (subject 2, gesture pat)"
+    assert main(["data", "import", "table", "mine.npz", "name=mine", "rate_hz=50"]) == 0
+    told = capsys.readouterr().err
+    assert told.startswith("warning: 4 captures have the same frames as another one (groups: 2, of several")
+    assert pair in told and told.count("\n") == 1
+    assert main(["data", "show", "mine"]) == 0
+    shown = capsys.readouterr().out
+    assert "4 captures share their frames with another one, in 2 groups; 1 of them under several subjects" in shown
+    assert "capture 1, subject 1, gesture pat = capture 10, subject 2\n" in shown and pair in shown
+    assert main(["run", "data=mine", "model=lda", "features=touch"]) == 2
+    refused = capsys.readouterr().err
+    assert "under another subject: 2, such as 1 (subject 1) and 10 (subject 2); leave this one out" in refused
+    assert refused.count("\n") == 1 and "…" not in refused

@@ -122,3 +122,26 @@ def test_classes_that_are_not_there_are_one_line(names, said):
     source.captures["gesture"] = source.captures["gesture"].replace("rub", "Rub")
     with pytest.raises(InputError, match=said):
         joined(own, source, names)
+
+
+@pytest.mark.parametrize(
+    ("kind", "full_scale"), [("uint16", 1023.0), ("float32", 1023.0), ("uint16", 4095.0), ("shares", 1.0)]
+)
+def test_a_recording_is_found_in_the_other_corpus_in_other_numbers(kind, full_scale):
+    own, other = random_corpus(subjects=2), list(random_corpus(subjects=2, seed=5))
+    other[5] = own[7]
+    arrays = [(a / 1023).astype(np.float32) if kind == "shares" else a.astype(kind) for a in other]
+    source = Corpus.from_captures(arrays, own.captures, 50.0, name="other", full_scale=full_scale)
+    with pytest.raises(InputError) as refused:
+        joined(own, source, {})
+    assert str(refused.value) == (
+        "protocol=transfer: random and other have the same captures: 1, such as capture 7 (subject 1, gesture tap) and "
+        "capture 5 (subject 1, gesture rub); name another source"
+    )
+
+
+def test_no_touch_on_a_quiet_sensor_is_no_recording_that_both_have():
+    still = np.zeros((20, 8, 8), np.uint16)
+    corpora = [random_corpus(subjects=2, seed=seed) for seed in (0, 5)]
+    own, source = (Corpus.from_captures([still, *list(c)[1:]], c.captures, 100.0) for c in corpora)
+    assert len(joined(own, source, {})) == 36

@@ -181,9 +181,23 @@ def test_duplicates_also_under_other_labels_and_in_slices():
     assert lines[1].strip() == (
         "capture 0, subject 1, gesture p, cover x = capture 2, gesture q = capture 6, gesture p"
     )
+    assert not table["quiet"].any() and "refuse" not in lines[0] and "chance" not in lines[0]
     some = survey(corpus[np.array([6, 5, 4, 0])])
     assert some.duplicates["capture"].tolist() == [0, 6]  # numbers of the whole corpus
     assert "no two captures" in survey(corpus[3:6]).duplicate_lines()[0]
+
+
+def test_quiet_captures_that_are_the_same_are_told_apart_from_copies():
+    rest, copy = np.full((20, 5, 6), 3, np.uint16), noise(seed=1)
+    found = survey(of([rest, copy, rest, copy, rest], subjects=[*"12345"]))
+    assert found.duplicates[["capture", "quiet"]].to_numpy().tolist() == [
+        *([i, False] for i in (1, 3)),
+        *([i, True] for i in (0, 2, 4)),
+    ]
+    assert found.duplicate_lines()[0].endswith(
+        "2 of them under several subjects or gestures; protocols that separate subjects refuse 1; 1 may be equal by "
+        "chance: fewer than 8 readings change"
+    )
 
 
 def test_a_typical_capture_is_in_the_middle():

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from sklearn.model_selection import GroupKFold, KFold
 
+from bench.errors import InputError
 from bench.plan.arguments import KEYS, parse
 from bench.plan.cells import Part, cells
-from bench.plan.plan import Fold, Plan, folds_of, shared_ratio
+from bench.plan.plan import Fold, Plan, folds_of, planned, shared_ratio
+from bench.work.loop import warnings
 from tests.conftest import random_corpus
+from tests.corpora.test_duplicates import copied
 
 
 def plan_of(corpus, **values):
@@ -106,3 +109,44 @@ def test_commands_that_search_make_the_same_search_again(monkeypatch):
 def test_a_part_is_shown_with_what_is_not_the_default(tmp_path):
     (tmp_path / "mine.py").write_text("class Mine:\n    def __init__(self, a=1, seed=0):\n        self.a = a\n")
     assert str(Part("models", f"{tmp_path}/mine.py:Mine", {"a": 2, "seed": 5})) == "Mine[a=2]"
+
+
+def copies(monkeypatch, pairs, **values):
+    """The plan of a command on a corpus in which captures are copies of others, given as (place, copied one)."""
+    corpus = copied(random_corpus(longest=20), pairs)
+    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda name, parameters: corpus)
+    (plan,) = planned(cells({"data": "mine", "model": "lda", "features": "touch", **values}), 1)
+    return plan
+
+
+@pytest.mark.parametrize("protocol", ["loso", "groupkfold", "challenge", "personal"])
+def test_the_same_capture_of_two_subjects_is_refused_where_they_are_apart(protocol, monkeypatch):
+    """Captures 9 to 17 are those of subject 2."""
+    values = {"groupkfold": {"protocol.folds": "4"}, "personal": {"protocol.shots": "1"}}.get(protocol, {})
+    with pytest.raises(InputError) as refused:
+        copies(monkeypatch, [(10, 1)], protocol=protocol, where="repetition < 3", **values)
+    said = str(refused.value)
+    assert said.startswith(f"protocol={protocol}") and "bench data show mine" in said and "\n" not in said
+    count = 1 if protocol == "challenge" else 2  # its five draws test one of the two
+    assert f"captures that are in training under another subject: {count}, such as" in said
+    assert "such as 1 (subject 1) and 10 (subject 2);" in said or "such as 10 (subject 2) and 1 (subject 1);" in said
+    where = said.split('where="')[1].split('"')[0]
+    plan = copies(monkeypatch, [(10, 1)], protocol=protocol, where=where, **values)
+    assert set(range(36)) - set(plan.corpus.index) - set(range(2, 36, 3)) in ({1}, {10}) and not plan.repeats
+
+
+def test_the_same_capture_is_no_harm_on_one_side(monkeypatch):
+    plan = copies(monkeypatch, [(10, 1), (30, 28)], where="subject != '2'")
+    assert not plan.repeats and not any("same frames" in line for line in warnings(plan))
+
+
+def test_the_same_capture_is_a_warning_where_subjects_are_mixed_or_the_same(monkeypatch):
+    mixed = copies(monkeypatch, [(10, 1), (5, 4)], protocol="kfold", **{"protocol.folds": "3"})
+    expected = set()  # by loops: tested captures with their frames in the training part of the same fold
+    for fold in mixed.folds:
+        expected |= {i for i in fold.test for j in fold.train if np.array_equal(mixed.corpus[int(i)], mixed.corpus[j])}
+    assert {tested for tested, _ in mixed.repeats} == expected and expected
+    assert any(f"same frames as a training capture: {len(expected)}," in line for line in warnings(mixed))
+    known = copies(monkeypatch, [(0, 1), (2, 1)], protocol="personal", **{"protocol.shots": "1"})
+    assert {tested for tested, _ in known.repeats} == {0, 1, 2} and not known.mixes_subjects
+    assert sum("same frames" in line for line in warnings(known)) == 1

@@ -1,0 +1,144 @@
+"""Captures that are the same: one recording that stands in a corpus twice, or in two corpora."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from hashlib import blake2b
+
+import numpy as np
+
+from bench.corpora.corpus import Corpus
+
+CHANGES = 8  # readings that change in a capture, below which two captures can be equal by chance
+NAMED = 3  # groups that a warning names
+
+
+def identical(captures: Iterable[np.ndarray], full_scales: Iterable[float] | None = None) -> list[list[int]]:
+    """Groups of captures that have the same frames: equal in number, grid and every reading.
+
+    Only captures with equal middle frames are read as a whole, so that it costs little where nothing is the same.
+
+    Args:
+        captures: frames [frames, rows, cols] of each, uint16 or float32; a `Corpus` is such.
+        full_scales: of each capture, to compare readings as shares of it; None compares the readings themselves.
+
+    Returns:
+        Positions in rising order, at least two in a group; groups in the order of their first captures.
+    """
+    arrays = list(captures)
+    scales = [1.0] * len(arrays) if full_scales is None else list(full_scales)
+
+    def middle(i: int) -> Hashable:
+        at = len(arrays[i]) // 2
+        return arrays[i].shape, _digest(arrays[i][at : at + 1], scales[i])
+
+    likely = _groups(range(len(arrays)), middle)
+    return sorted(group for part in likely for group in _groups(part, lambda i: _digest(arrays[i], scales[i])))
+
+
+def _digest(frames: np.ndarray, full_scale: float) -> bytes:
+    """Hash of readings as float32, whatever their type; of zeros without their sign."""
+    values = (frames / full_scale + 0).astype(np.float32)
+    return blake2b(values.tobytes(), digest_size=16).digest()
+
+
+def _groups(positions: Sequence[int], key: Callable[[int], Hashable]) -> list[list[int]]:
+    """Positions of equal keys, without those that are alone."""
+    found: dict[Hashable, list[int]] = {}
+    for i in positions:
+        found.setdefault(key(i), []).append(i)
+    return [group for group in found.values() if len(group) > 1]
+
+
+def quiet(frames: np.ndarray) -> bool:
+    """Whether so little changes in a capture that another one can be equal by chance, such as no touch.
+
+    Fewer than `CHANGES` readings differ from that of the same taxel one frame before; in a capture of a single frame,
+    from that of the taxel before.
+
+    Args:
+        frames: of the capture [frames, rows, cols].
+    """
+    readings = frames.reshape(len(frames), -1)
+    return np.count_nonzero(np.diff(readings, axis=0 if len(readings) > 1 else 1)) < CHANGES
+
+
+def repeated(corpus: Corpus) -> list[list[int]]:
+    """Groups of captures that are one recording: `identical` ones, without `quiet` ones."""
+    return [group for group in identical(corpus) if not quiet(corpus[group[0]])]
+
+
+def shared(own: Corpus, source: Corpus) -> list[tuple[int, int]]:
+    """Captures that stand in two corpora, without `quiet` ones: equal in their readings or in shares of full scale.
+
+    Returns:
+        Pairs of positions, in ``own`` and in ``source``; one for each such capture of ``own``.
+    """
+    captures = [*own, *source]
+    shares = [own.full_scale] * len(own) + [source.full_scale] * len(source)
+    pairs: dict[int, int] = {}
+    for group in [*identical(captures), *identical(captures, shares)]:
+        theirs = [i - len(own) for i in group if i >= len(own)]
+        if theirs and not quiet(captures[group[0]]):
+            pairs |= {i: theirs[0] for i in group if i < len(own)}
+    return sorted(pairs.items())
+
+
+def seen_before(
+    groups: list[list[int]], sides: Iterable[tuple[np.ndarray, np.ndarray]], count: int
+) -> list[tuple[int, int]]:
+    """Tested captures whose frames a system was trained on.
+
+    Args:
+        groups: captures of equal frames, by position.
+        sides: positions of training and test captures, of each fold.
+        count: captures of the corpus.
+
+    Returns:
+        Pairs (tested, trained), sorted; one for each tested capture.
+    """
+    if not groups:
+        return []
+    group_of = np.full(count, -1)
+    for number, group in enumerate(groups):
+        group_of[group] = number
+    pairs: dict[int, int] = {}
+    for train, test in sides:
+        trained = {int(group_of[i]): int(i) for i in reversed(train[group_of[train] >= 0])}
+        for i in test[np.isin(group_of[test], list(trained))]:
+            pairs.setdefault(int(i), trained[int(group_of[i])])
+    return sorted(pairs.items())
+
+
+def named(corpus: Corpus, position: int) -> str:
+    """A capture in words, with its number in the whole corpus."""
+    about = corpus.captures.iloc[position]
+    return f"capture {corpus.index[position]} (subject {about['subject']}, gesture {about['gesture']})"
+
+
+def without(corpus: Corpus, position: int) -> str:
+    """A condition (``where=``) that leaves a capture out, and as few others as its columns can tell apart."""
+    like = np.ones(len(corpus), bool)
+    parts = []
+    for column in corpus.captures:
+        values = corpus.captures[column].tolist()
+        value = values[position]
+        fewer = like & [other == value for other in values]
+        if isinstance(value, str | int) and str(column).isidentifier() and fewer.sum() < like.sum():
+            parts.append(f"{column} != {value!r}")
+            like = fewer
+    return " or ".join(parts)
+
+
+def warning(corpus: Corpus) -> list[str]:
+    """A sentence on the captures of a corpus that are one recording, or nothing."""
+    groups = repeated(corpus)
+    if not groups:
+        return []
+    shown = [" = ".join(named(corpus, i) for i in group[:NAMED]) for group in groups[:NAMED]]
+    more = [f"{len(groups) - NAMED} more groups"] if len(groups) > NAMED else []
+    people = sum(len(set(corpus.subjects[group])) > 1 for group in groups)
+    return [
+        f"{sum(map(len, groups))} captures have the same frames as another one (groups: {len(groups)}, of several "
+        f"subjects: {people}): {', '.join(shown + more)}"
+    ]

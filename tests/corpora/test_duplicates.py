@@ -1,0 +1,98 @@
+"""Captures that are the same, against loops over all pairs."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.duplicates import identical, quiet, repeated, seen_before, warning, without
+from tests.conftest import random_corpus
+
+
+def copied(corpus, pairs, **fields):
+    """The corpus with captures replaced by copies of others, given as (place, copied one)."""
+    arrays = list(corpus)
+    for place, of in pairs:
+        arrays[place] = arrays[of].copy()
+    fields = {"full_scale": corpus.full_scale, "name": corpus.name} | fields
+    return Corpus.from_captures(arrays, corpus.captures, corpus.rate_hz, **fields)
+
+
+@given(st.integers(0, 10**6), st.sampled_from(["uint16", "float32"]))
+def test_groups_are_those_of_all_pairs_compared(seed, kind):
+    rng = np.random.default_rng(seed)
+    shapes = [(1, 1), (1, 2), (2, 1)]
+    arrays = []
+    for _ in range(30):  # few values, so that captures are alike in parts, as a whole, and not at all
+        values = rng.integers(0, 2, (rng.integers(1, 4), *shapes[rng.integers(3)])).astype(kind)
+        arrays.append(-values if kind == "float32" else values)  # a zero with a sign equals one without
+    expected = {tuple(j for j, b in enumerate(arrays) if np.array_equal(a, b)) for a in arrays}
+    found = identical(arrays)
+    assert found == sorted(list(group) for group in expected if len(group) > 1)
+    assert identical(arrays[:1]) == identical([]) == []
+
+
+def test_only_whole_captures_count():
+    a, b, c = random_corpus(longest=9)[np.array([0, 1, 2])]
+    assert identical([a, b, c, b.copy(), a.copy(), b]) == [[0, 4], [1, 3, 5]]
+    assert identical([a, a[:-1], a[::-1], a.reshape(len(a), 4, 16)]) == []
+    changed = a.copy()
+    changed[-1, 7, 7] += 1
+    assert identical([a, changed]) == []
+
+
+def test_shares_of_full_scale_are_compared_across_types():
+    whole = random_corpus()[0]
+    shares = (whole / 1023).astype(np.float32)
+    assert identical([whole, shares], [1023.0, 1.0]) == [[0, 1]] and identical([whole, shares]) == []
+    assert identical([whole, whole.astype(np.float32)]) == [[0, 1]]
+
+
+def test_captures_in_which_little_changes_are_no_repeated_recording():
+    still = np.tile(np.arange(64, dtype=np.uint16).reshape(1, 8, 8), (20, 1, 1))
+    tapped = still.copy()
+    tapped[5, 0, :4] += 1  # up and down again: eight readings differ from those before
+    once = still.copy()
+    once[5:, 0, :4] += 1
+    assert [quiet(f) for f in (still, tapped, once, still[:1], still[:1] * 0)] == [True, False, True, False, True]
+    about = pd.DataFrame({"subject": list("1234"), "gesture": "pat"})
+    corpus = Corpus.from_captures([still, tapped, still, tapped], about, 50.0)
+    assert identical(corpus) == [[0, 2], [1, 3]] and repeated(corpus) == [[1, 3]]
+
+
+@given(st.integers(0, 10**6))
+def test_what_is_tested_after_training_is_that_of_a_loop(seed):
+    rng = np.random.default_rng(seed)
+    labels = rng.integers(0, 8, 20)
+    groups = [g.tolist() for g in (np.flatnonzero(labels == k) for k in range(6)) if len(g) > 1]
+    sides = []
+    for _ in range(3):
+        order = rng.permutation(20)
+        sides.append((np.sort(order[:9]), np.sort(order[9:15])))
+    expected = {}
+    for train, test in sides:
+        for i in test:
+            twins = [int(j) for j in train for g in groups if i in g and j in g]
+            if twins:
+                expected.setdefault(int(i), twins[0])
+    assert seen_before(groups, sides, 20) == sorted(expected.items())
+
+
+def test_a_warning_counts_and_names_them():
+    corpus = copied(random_corpus(longest=20), [(10, 1), (30, 1), (5, 4)])
+    (line,) = warning(corpus)
+    assert line == (
+        "5 captures have the same frames as another one (groups: 2, of several subjects: 1): "
+        "capture 1 (subject 1, gesture pat) = capture 10 (subject 2, gesture pat) = "
+        "capture 30 (subject 4, gesture rub), capture 4 (subject 1, gesture rub) = capture 5 (subject 1, gesture rub)"
+    )
+    assert warning(random_corpus()) == []
+
+
+@pytest.mark.parametrize("position", [0, 17, 35])
+def test_a_condition_leaves_one_capture_out(position):
+    corpus = random_corpus()
+    left = corpus.select(without(corpus, position))
+    assert left.index.tolist() == [i for i in range(36) if i != position]
