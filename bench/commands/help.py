@@ -287,6 +287,7 @@ data, subset, protocol or unit are not those of the task.
   out=        a folder that is new or empty
   model= features= seed=   as the run was made, with its parameters (model.C=8)
   run=        instead: a run by its id, such as one of bench tune
+  batch=yes   submit also a run whose labels depend on other test captures; the leaderboard shows it
 
   bench run data=haart protocol=loso model=svm features=jung54
   bench submit task=haart-loso-v1 model=svm features=jung54 who="A. Name, Lab" out=submissions/my-svm

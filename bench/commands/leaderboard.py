@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.commands.printing import say
+from bench.commands.printing import say, then
 from bench.corpora.limits import called
 from bench.errors import InputError
 from bench.outcomes import answers, submissions
@@ -15,10 +15,11 @@ from bench.plan.cells import cells
 from bench.plan.tasks import Task, task_of
 from bench.scratch import made_whole, new_folder, replacing
 from bench.work.loop import warn
-from reports.leaderboard import board, reference
+from reports.leaderboard import NOT_VERIFIED, board, note, reference
 from reports.provenance import command as command_of
 
-SUBMIT = {"task", "who", "out", "run", "model", "features", "seed"}
+OPTIONS = ("task", "who", "out", "run", "batch")
+SUBMIT = {*OPTIONS, "model", "features", "seed"}
 
 
 def submit(arguments: list[str]) -> int:
@@ -33,11 +34,17 @@ def submit(arguments: list[str]) -> int:
     for key, what in needs.items():
         if key not in values:
             raise InputError(f"bench submit needs {key}=, {what}; see bench submit --help")
+    if values.get("batch", "yes") != "yes":
+        raise InputError(f"batch={values['batch']}: write batch=yes, or leave it out")
     task = task_of(values["task"])
     out = new_folder(Path(values["out"]))
     wanted, how = _wanted(task, values)
     store = connect()
     run = answers.find(store, task, wanted, how)
+    if "batch" in answers.rests_on(run) and "batch" not in values:
+        raise InputError(
+            f"run {run['run_id']}: the labels of this run depend on other test captures; to submit it, add batch=yes"
+        )
     about = answers.about(task, run, values["who"], command_of(dict(run)))
     table = answers.table(store, task, run)
     with made_whole(out) as beside:
@@ -51,7 +58,7 @@ def submit(arguments: list[str]) -> int:
 
 def _wanted(task: Task, values: dict[str, str]) -> tuple[dict[str, str], str]:
     """What identifies the run, and the command that makes one."""
-    named = {k: v for k, v in values.items() if k not in ("task", "who", "out", "run")}
+    named = {k: v for k, v in values.items() if k not in OPTIONS}
     if "run" in values:
         if named:
             raise InputError(f"run= names the run; leave out {next(iter(named))}=")
@@ -85,10 +92,19 @@ def leaderboard(arguments: list[str]) -> int:
     for line in left_out:
         warn(f"left out: {line}")
     for submission in found:
-        accuracy = 100 * submissions.score(submission)["accuracy"]
-        say(f"{submission.task.name}: {submission.about['system']}, {accuracy:.1f} % of {submission.task.score}")
+        say(_line(submission))
+    say(*dict.fromkeys(filter(None, map(note, found))))
     print(out)
+    then("bench submit --help")
     return 1 if left_out else 0
+
+
+def _line(submission: Submission) -> str:
+    """A submission with its accuracy, and what a reader should know of it."""
+    accuracy = f"{100 * submissions.score(submission)['accuracy']:.1f} % of {submission.task.score}"
+    verified = f"verified {submission.verified}" if submission.verified else NOT_VERIFIED
+    about = f"{submission.task.name}: {submission.about['system']} by {submission.about['who']}"
+    return ", ".join(filter(None, [about, accuracy, verified, submission.remarks]))
 
 
 def collected(given: list[Path]) -> tuple[list[Submission], list[str]]:

@@ -70,6 +70,13 @@ class Submission:
         return _is_reserved(self.about["who"])
 
     @property
+    def remarks(self) -> str:
+        """What its labels rest on besides single captures, as the run recorded it; empty for nothing."""
+        batch = "labels depend on other test captures" if "batch" in self.about else ""
+        conditions = self.about.get("conditions", "").split(",")
+        return "; ".join(filter(None, [batch, f"uses {', '.join(conditions)}" if any(conditions) else ""]))
+
+    @property
     def counted(self) -> pd.DataFrame:
         """The rows that accuracy is of: all but those of clean captures where faults are the task."""
         return self.table[self.table["fault"] != CLEAN] if "fault" in self.task.keys else self.table
