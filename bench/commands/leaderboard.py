@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from bench.commands.printing import say, then
+from bench.commands.rerun import rerun
 from bench.corpora.limits import called
 from bench.errors import InputError
-from bench.outcomes import answers, submissions
+from bench.outcomes import answers, marks, submissions
 from bench.outcomes.store import connect
 from bench.outcomes.submissions import ABOUT, Submission
 from bench.plan.arguments import labelled, options_of, parse, typed
@@ -48,9 +50,7 @@ def submit(arguments: list[str]) -> int:
     about = answers.about(task, run, values["who"], command_of(dict(run)))
     table = answers.table(store, task, run)
     with made_whole(out) as beside:
-        beside.mkdir()
-        submissions.write(beside, about, table)
-        found = submissions.score(submissions.read(beside))
+        found = submissions.score(submissions.written(beside, about, table))
     print(f"{out}: {about['system']}, {task.name}: {100 * found['accuracy']:.1f} % of {task.score}")
     print(f"next: bench leaderboard {out}")
     return 0
@@ -75,12 +75,21 @@ def _wanted(task: Task, values: dict[str, str]) -> tuple[dict[str, str], str]:
 def leaderboard(arguments: list[str]) -> int:
     """Rescore folders of submissions and write the page; exit code 1 if one was left out.
 
+    With ``rerun=`` repeat the command of one submission instead, see `bench.commands.rerun.rerun`.
+
     Raises:
         InputError: something in the arguments cannot be used, or the page cannot be written.
     """
-    options = [a for a in arguments if a.startswith("out=")]
-    values = options_of(options, ("out",))
-    found, left_out = collected([Path(a) for a in arguments if a not in options])
+    options = [a for a in arguments if a.startswith(("out=", "rerun="))]
+    values = options_of(options, ("out", "rerun"))
+    folders = [Path(a) for a in arguments if a not in options]
+    if "rerun" in values:
+        if "out" in values:
+            raise InputError(f"rerun={values['rerun']} writes no page; leave out out=")
+        return rerun(values["rerun"], folders)
+    verified = marks.read()
+    found, left_out = collected(folders)
+    found = [replace(one, verified=marks.verified(one, verified)) for one in found]
     out = Path(values.get("out", "leaderboard.html"))
     text = board([*reference(), *found], left_out)
     try:

@@ -179,6 +179,17 @@ def write(folder: Path, about: dict[str, Any], table: pd.DataFrame) -> None:
     kept.to_parquet(folder / TABLES[0], index=False, compression="zstd")
 
 
+def written(folder: Path, about: dict[str, Any], table: pd.DataFrame) -> Submission:
+    """Write a submission into a new folder and read it as anybody would.
+
+    Raises:
+        InputError: it would be refused.
+    """
+    folder.mkdir()
+    write(folder, about, table)
+    return read(folder)
+
+
 def _sha256(*paths: Path) -> str:
     """Hash of the names and the content of files."""
     hashes = [f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}\n" for path in paths]
