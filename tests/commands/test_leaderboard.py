@@ -18,7 +18,7 @@ from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import SEVERITIES, known
 from bench.errors import InputError
-from bench.outcomes import submissions
+from bench.outcomes import marks, submissions
 from bench.plan import tasks
 from protocols.personal import Personal
 from reports.leaderboard import board, reference, scores_of
@@ -338,7 +338,8 @@ def test_the_workflow_runs_what_the_docs_say():
     flow = yaml.safe_load((ROOT / ".github" / "workflows" / "leaderboard.yml").read_text())
     (job,) = flow["jobs"].values()
     commands = [step["run"] for step in job["steps"] if "run" in step]
-    assert flow[True]["pull_request"]["paths"] == ["submissions/**"] and flow["permissions"] == {"contents": "read"}
+    assert flow[True]["pull_request"]["paths"] == ["submissions/**", marks.FILE]
+    assert f"git diff --exit-code HEAD^1 -- {marks.FILE}" in commands and flow["permissions"] == {"contents": "read"}
     (made,) = [c for c in commands if c.startswith("bench leaderboard")]
     folder_of("mine")
     Path("all").rename("submissions")
