@@ -176,6 +176,7 @@ def test_reference_prints_and_becomes_latex():
     assert f"{row['accuracy']:.1f} [{row['low']:.1f}, {row['high']:.1f}]" in said
     assert "more tables: 'haart-challenge-v1/bayes-jung28'" in said
     text = bench.latex(found)
+    assert text.count("Origin: reference, shipped with touchbench.") == found.table["task"].nunique()
     assert text.count(r"\begin{table}") == found.table["task"].nunique() and text == bench.latex(found.table)
     assert f"& {row['macro_f1']:.1f} & {row['flash_bytes'] / 1000:.1f} " in text and "median time" not in text
     for wrong, told in ((3, "not int"), (pd.DataFrame({"system": ["svm"]}), "no column data, subset, protocol")):
