@@ -35,7 +35,7 @@ from reports.comparison import comparison, published
 from reports.latex import latex as latex
 from reports.leaderboard import OWN, reference, scores_of
 
-WORDS = ("task", "system", "data", "subset", "target", "protocol", "seed")  # columns of text that matter
+WORDS = ("task", "system", "data", "subset", "target", "protocol", "seed", "origin")  # columns of text that matter
 SAID_BY_TASK = ("data", "subset", "protocol")
 NAMED = {"accuracy %": "accuracy", "behind the best": "behind"}  # columns of numbers that matter, by their heading
 NUMBERS = NAMED | {

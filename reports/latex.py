@@ -103,6 +103,8 @@ def _caption(part: pd.DataFrame) -> str:
     said = [f"Recognition of touch on {where}: {tested}."]
     if "(synthetic)" in str(one["data"]):
         said.append("The captures are generated and say nothing about people.")
+    if "origin" in part:
+        said.append(f"Origin: {'; '.join(dict.fromkeys(part['origin']))}.")
     interval = " with a 95 % bootstrap interval over subjects" if part["low"].notna().any() else ""
     pooled = "windows" if one["unit"] == "window" else "captures"
     ms = " ms: median time of one capture, from raw frames to label, on one thread." if "predict_ms_p50" in part else ""

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import lru_cache
-from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from bench.outcomes.submissions import ABOUT, Submission, behind, read, score
+from bench.outcomes.submissions import ABOUT, REFERENCE, Submission, behind, read, score
 from bench.plan.tasks import TASKS, Task
-from reports.layout import Block, Heading, Table, Text, page
+from reports.layout import Block, Heading, Table, Text, footnotes, page
 
-OWN = "reference"  # folder of the results that come with touchbench
+OWN = "reference"  # name of the results that come with touchbench
 WORST = "worst fault: "
 BEHIND = ("behind", "behind_low", "behind_high")
+OURS = "reference, shipped with touchbench"  # a submission cannot write into this column
+NOT_VERIFIED = "not verified"
+DESIGNED = {"reflex", "touch", "touchnet", "rocket"}
+DESIGNED_NOTE = (
+    "This system or its features (reflex, touch, touchnet, rocket) were designed on seven of HAART's ten people, the "
+    "training subjects of the challenge split. For reflex and rocket, accuracies under LOSO and challenge were seen "
+    "as well. The accuracy of this row may be optimistic (docs/systems.md)."
+)
 INTRODUCTION = (
-    "Every score is computed here from submitted labels; what a submission says of itself (parameters, flash, who, "
-    "date, revision, command) is shown as it says it. That no tested person was trained on cannot be seen from labels: "
-    "the command lets you repeat a row. Brackets hold 95 % bootstrap intervals over subjects, the same people for all "
+    "Every score is computed here from submitted labels. Parameters, flash, who, date, revision and command are shown "
+    "as the submission gives them. Test labels are public, so this page guards against mistakes, not against fraud: "
+    "labels do not show which subjects a system was trained on. Verified means that a maintainer repeated the command "
+    "and got the same labels. Brackets hold 95 % bootstrap intervals over subjects, the same people for all "
     "systems of a task: ten people seldom tell neighbours in a table apart, three (haart-challenge-v1) hardly "
     "anything. Behind the best: points of accuracy less than the first row's, with the interval of that difference, "
     "person by person. One that holds 0 means that these people do not tell the two apart; as the best was picked by "
@@ -31,8 +39,14 @@ INTRODUCTION = (
 @lru_cache(maxsize=1)
 def reference() -> tuple[Submission, ...]:
     """The results that come with touchbench; read and scored once in a process."""
-    room = Path(str(files("reports") / OWN))
-    return tuple(read(path.parent) for path in sorted(room.glob(f"*/*/{ABOUT}")))
+    return tuple(read(path.parent) for path in sorted(REFERENCE.glob(f"*/*/{ABOUT}")))
+
+
+def note(one: Submission) -> str:
+    """The footnote of a system whose design saw people of HAART, on tasks of HAART; empty for others."""
+    parts = re.findall(r"\b(?:model|features)=(\S+)", one.about.get("command", ""))
+    names = {name for part in parts if ".py:" not in part for name in re.split(r"[+,]", part)}
+    return DESIGNED_NOTE if one.task.data == "haart" and names & DESIGNED else ""
 
 
 def scores_of(submissions: Sequence[Submission]) -> pd.DataFrame:
@@ -57,6 +71,8 @@ def scores_of(submissions: Sequence[Submission]) -> pd.DataFrame:
         found |= dict(zip(BEHIND, less, strict=True))
         said = {k: about.get(k, np.nan) for k in ("parameters", "flash_bytes", "ram_bytes")}
         said |= {k: about.get(k, "") for k in ("who", "date", "revision", "command")}
+        said |= {"origin": OURS if one.reference else "submitted", "verified": one.verified or NOT_VERIFIED}
+        said |= {"remarks": one.remarks, "note": note(one)}
         rows.append(fixed | {k: 100 * v for k, v in found.items()} | said | {"name": one.name})
     table = pd.DataFrame(rows)
     order = [list(TASKS).index(name) for name in table["task"]]
@@ -89,7 +105,9 @@ def _of_task(task: Task, submissions: Sequence[Submission]) -> list[Block]:
     if not submissions:
         return [*blocks, Text("Nobody has submitted a result yet.")]
     caption = f"{task.name}: {len(submissions)} systems, best first"
-    return [*blocks, Table(_shown(scores_of(submissions)), caption, code=("command",))]
+    table = scores_of(submissions)
+    marks, notes = footnotes([[text] if text else [] for text in table["note"]])
+    return [*blocks, Table(_shown(table), caption, marks, notes, code=("command",))]
 
 
 def _shown(found: pd.DataFrame) -> pd.DataFrame:
@@ -103,6 +121,9 @@ def _shown(found: pd.DataFrame) -> pd.DataFrame:
                 "system": row["system"],
                 "accuracy % [95 %]": f"{row['accuracy']:.1f} [{row['low']:.1f}, {row['high']:.1f}]",
                 "behind the best [95 %]": _less(row),
+                "origin": row["origin"],
+                "verified": row["verified"],
+                **({"remarks": row["remarks"] or "-"} if found["remarks"].any() else {}),
                 "macro-F1 %": f"{row['macro_f1']:.1f}",
                 "subjects: mean ± SD": f"{row['subject_mean']:.1f} ± {row['subject_sd']:.1f}",
                 **parts,

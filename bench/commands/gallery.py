@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from bench.commands.printing import led, writable
@@ -48,18 +48,25 @@ def done(out: Path, steps: Iterable[Sequence[str]]) -> int:
     from bench.cli import main
 
     writable(out)
+    with inside(out):
+        for step in steps:
+            print(f"\n$ bench {shlex.join(step)}", flush=True)
+            with led():
+                code = main([*step])
+            if code:
+                return code
+            os.environ.pop("MLFLOW_TRACKING_URI", None)  # MLflow sets it
+    return 0
+
+
+@contextlib.contextmanager
+def inside(folder: Path) -> Iterator[None]:
+    """Work in a folder with a store of its own there."""
     before = os.environ.pop("MLFLOW_TRACKING_URI", None)
     try:
-        with contextlib.chdir(out):
-            for step in steps:
-                print(f"\n$ bench {shlex.join(step)}", flush=True)
-                with led():
-                    code = main([*step])
-                if code:
-                    return code
-                os.environ.pop("MLFLOW_TRACKING_URI", None)  # MLflow sets it
+        with contextlib.chdir(folder):
+            yield
     finally:
         os.environ.pop("MLFLOW_TRACKING_URI", None)
         if before is not None:
             os.environ["MLFLOW_TRACKING_URI"] = before
-    return 0

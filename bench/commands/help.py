@@ -287,19 +287,25 @@ data, subset, protocol or unit are not those of the task.
   out=        a folder that is new or empty
   model= features= seed=   as the run was made, with its parameters (model.C=8)
   run=        instead: a run by its id, such as one of bench tune
+  batch=yes   submit also a run whose labels depend on other test captures; the leaderboard shows it
 
   bench run data=haart protocol=loso model=svm features=jung54
   bench submit task=haart-loso-v1 model=svm features=jung54 who="A. Name, Lab" out=submissions/my-svm
 """
 LEADERBOARD = """\
-bench leaderboard [FOLDER ...] [out=leaderboard.html]
+bench leaderboard [FOLDER ...] [out=leaderboard.html] [rerun=NAME]
 
 Computes every score anew from submitted predictions and writes one page that loads nothing: a table for each frozen
 task, with the results that come with touchbench. FOLDER is a submission or holds some. A submission that is not what
 docs/leaderboard.md says is left out with a line; exit code 1 then. HAART need not be here, CoST must be imported.
 
+  rerun=      instead of the page: repeat the command of this submission, a folder in submissions or in FOLDER. If all
+              labels are equal, leaderboard-verified.json in the working folder marks it as verified; else exit code 1.
+              The corpus of the task must be imported, and a file such as my.py must be in the working folder.
+
   bench leaderboard
   bench leaderboard submissions out=leaderboard.html
+  bench leaderboard rerun=my-svm
 """
 GALLERY = """\
 bench gallery [out=gallery]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
-from bench.commands.printing import say
+from bench.commands.printing import say, then
+from bench.commands.rerun import rerun
 from bench.corpora.limits import called
 from bench.errors import InputError
-from bench.outcomes import answers, submissions
+from bench.outcomes import answers, marks, submissions
 from bench.outcomes.store import connect
 from bench.outcomes.submissions import ABOUT, Submission
 from bench.plan.arguments import labelled, options_of, parse, typed
@@ -15,10 +17,11 @@ from bench.plan.cells import cells
 from bench.plan.tasks import Task, task_of
 from bench.scratch import made_whole, new_folder, replacing
 from bench.work.loop import warn
-from reports.leaderboard import board, reference
+from reports.leaderboard import NOT_VERIFIED, board, note, reference
 from reports.provenance import command as command_of
 
-SUBMIT = {"task", "who", "out", "run", "model", "features", "seed"}
+OPTIONS = ("task", "who", "out", "run", "batch")
+SUBMIT = {*OPTIONS, "model", "features", "seed"}
 
 
 def submit(arguments: list[str]) -> int:
@@ -33,17 +36,21 @@ def submit(arguments: list[str]) -> int:
     for key, what in needs.items():
         if key not in values:
             raise InputError(f"bench submit needs {key}=, {what}; see bench submit --help")
+    if values.get("batch", "yes") != "yes":
+        raise InputError(f"batch={values['batch']}: write batch=yes, or leave it out")
     task = task_of(values["task"])
     out = new_folder(Path(values["out"]))
     wanted, how = _wanted(task, values)
     store = connect()
     run = answers.find(store, task, wanted, how)
+    if "batch" in answers.rests_on(run) and "batch" not in values:
+        raise InputError(
+            f"run {run['run_id']}: the labels of this run depend on other test captures; to submit it, add batch=yes"
+        )
     about = answers.about(task, run, values["who"], command_of(dict(run)))
     table = answers.table(store, task, run)
     with made_whole(out) as beside:
-        beside.mkdir()
-        submissions.write(beside, about, table)
-        found = submissions.score(submissions.read(beside))
+        found = submissions.score(submissions.written(beside, about, table))
     print(f"{out}: {about['system']}, {task.name}: {100 * found['accuracy']:.1f} % of {task.score}")
     print(f"next: bench leaderboard {out}")
     return 0
@@ -51,7 +58,7 @@ def submit(arguments: list[str]) -> int:
 
 def _wanted(task: Task, values: dict[str, str]) -> tuple[dict[str, str], str]:
     """What identifies the run, and the command that makes one."""
-    named = {k: v for k, v in values.items() if k not in ("task", "who", "out", "run")}
+    named = {k: v for k, v in values.items() if k not in OPTIONS}
     if "run" in values:
         if named:
             raise InputError(f"run= names the run; leave out {next(iter(named))}=")
@@ -68,14 +75,23 @@ def _wanted(task: Task, values: dict[str, str]) -> tuple[dict[str, str], str]:
 def leaderboard(arguments: list[str]) -> int:
     """Rescore folders of submissions and write the page; exit code 1 if one was left out.
 
+    With ``rerun=`` repeat the command of one submission instead, see `bench.commands.rerun.rerun`.
+
     Raises:
         InputError: something in the arguments cannot be used, or the page cannot be written.
     """
-    options = [a for a in arguments if a.startswith("out=")]
-    values = options_of(options, ("out",))
-    found, left_out = collected([Path(a) for a in arguments if a not in options])
+    options = [a for a in arguments if a.startswith(("out=", "rerun="))]
+    values = options_of(options, ("out", "rerun"))
+    folders = [Path(a) for a in arguments if a not in options]
+    if "rerun" in values:
+        if "out" in values:
+            raise InputError(f"rerun={values['rerun']} writes no page; leave out out=")
+        return rerun(values["rerun"], folders)
+    known = marks.read()
+    found, left_out = collected(folders)
+    ours, found = [[_marked(one, known) for one in each] for each in (reference(), found)]
     out = Path(values.get("out", "leaderboard.html"))
-    text = board([*reference(), *found], left_out)
+    text = board([*ours, *found], left_out)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with replacing(out) as beside:
@@ -85,10 +101,25 @@ def leaderboard(arguments: list[str]) -> int:
     for line in left_out:
         warn(f"left out: {line}")
     for submission in found:
-        accuracy = 100 * submissions.score(submission)["accuracy"]
-        say(f"{submission.task.name}: {submission.about['system']}, {accuracy:.1f} % of {submission.task.score}")
+        say(_line(submission))
+    say(*dict.fromkeys(filter(None, map(note, found))))
     print(out)
+    then("bench submit --help")
     return 1 if left_out else 0
+
+
+def _marked(submission: Submission, known: marks.Marks) -> Submission:
+    """A submission that says when it was verified."""
+    verified = marks.verified(submission, known)
+    return replace(submission, verified=verified) if verified else submission
+
+
+def _line(submission: Submission) -> str:
+    """A submission with its accuracy, and what a reader should know of it."""
+    accuracy = f"{100 * submissions.score(submission)['accuracy']:.1f} % of {submission.task.score}"
+    verified = f"verified {submission.verified}" if submission.verified else NOT_VERIFIED
+    about = f"{submission.task.name}: {submission.about['system']} by {submission.about['who']}"
+    return ", ".join(filter(None, [about, accuracy, verified, submission.remarks]))
 
 
 def collected(given: list[Path]) -> tuple[list[Submission], list[str]]:

@@ -141,11 +141,22 @@ def about(task: Task, run: Row, who: str, command: str) -> dict[str, Any]:
         "command": command,
         "digest": run["corpus_digest"],
     } | _files(run, command)
+    said |= rests_on(run)
     versions = {k.removeprefix("version."): v for k, v in run.items() if re.match(r"version\.", k)}
     numbers = {name: run[name] for name in NUMBERS if isinstance(run.get(name), float) and run[name] == run[name]}
     texts = {k: v for k, v in said.items() if isinstance(v, str) and v}
     told = {k: v for k, v in versions.items() if isinstance(v, str)}
     return texts | {k: int(v) for k, v in numbers.items()} | {"versions": told}
+
+
+def rests_on(run: Row) -> dict[str, str]:
+    """What the labels of a run rest on besides single captures, as a submission records it: ``batch``, ``conditions``.
+
+    Empty for a run without the tags ``touchbench.depends_on_batch`` and ``touchbench.conditions``.
+    """
+    batch = {"batch": "yes"} if run.get("touchbench.depends_on_batch") == "true" else {}
+    conditions = run.get("touchbench.conditions")
+    return batch | ({"conditions": conditions} if isinstance(conditions, str) and conditions else {})
 
 
 def _files(run: Row, command: str) -> dict[str, str]:

@@ -6,19 +6,24 @@ task is there exactly once, and every score is computed here from the labels.
 
 from __future__ import annotations
 
+import hashlib
 import json
+import re
 import stat
+import warnings
 from dataclasses import dataclass
 from datetime import date
 from functools import cached_property
+from importlib.resources import files
 from pathlib import Path
+from string import ascii_letters, digits
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 
-from bench.corpora.limits import called, plain, quoted
+from bench.corpora.limits import called, plain, quoted, short
 from bench.corpora.parquet import ParquetFile
 from bench.errors import InputError, nearest
 from bench.outcomes import scores
@@ -27,9 +32,15 @@ from bench.plan.tasks import CLEAN, TASKS, Task, digest_of, rows_of
 ABOUT = "submission.json"
 TABLES = ("predictions.parquet", "predictions.csv")
 LARGEST_ABOUT, LARGEST_TABLE, LARGEST_HEADER = 64 << 10, 8 << 20, 64 << 10  # bytes
-TEXTS = {"task": 60, "system": 200, "who": 200, "date": 10, "revision": 80, "command": 2000, "digest": 64, "note": 500}
+TEXTS = {"task": 60, "system": 200, "who": 60, "date": 10, "revision": 80, "command": 2000, "digest": 64, "note": 500}
+TEXTS |= {"batch": 3, "conditions": 200}
 NEEDED = ("task", "system", "who", "date")
+PUNCTUATION = ".,:'&+-_=|/()[]"  # of a name, besides letters, digits and single spaces of ASCII
+DOT = " · "  # between model and features in the name of a system
+RESERVED = "touchbench"  # in the name of a team: of the results that come with touchbench
+REFERENCE = Path(str(files("reports"))) / "reference"  # folder of these results
 NUMBERS = ("parameters", "flash_bytes", "ram_bytes")
+_LETTERS = frozenset(ascii_letters + digits)
 SUM = 0.02  # that probabilities, which may be rounded, may differ from 1
 
 
@@ -42,12 +53,28 @@ class Submission:
         task: that it answers.
         about: what it says of itself, by the names in `TEXTS` and `NUMBERS`.
         table: a row for each of `rows_of` the task, with ``predicted`` and, where they were given, ``p_<class>``.
+        sha256: of the names and the content of its two files.
+        verified: when a maintainer repeated its labels and at which revision, in words; empty if nobody did.
     """
 
     name: str
     task: Task
     about: dict[str, Any]
     table: pd.DataFrame
+    sha256: str
+    verified: str = ""
+
+    @property
+    def reference(self) -> bool:
+        """Whether it is one of the results that come with touchbench; `read` refuses their name to all others."""
+        return _is_reserved(self.about["who"])
+
+    @property
+    def remarks(self) -> str:
+        """What its labels rest on besides single captures, as the run recorded it; empty for nothing."""
+        batch = "labels depend on other test captures" if "batch" in self.about else ""
+        conditions = self.about.get("conditions", "").split(",")
+        return "; ".join(filter(None, [batch, f"uses {', '.join(conditions)}" if any(conditions) else ""]))
 
     @property
     def counted(self) -> pd.DataFrame:
@@ -69,6 +96,10 @@ def read(folder: Path) -> Submission:
     name = called(folder)
     try:
         about = _about(_plain_file(folder / ABOUT, LARGEST_ABOUT))
+        if _is_reserved(about["who"]) and not folder.resolve().is_relative_to(REFERENCE.resolve()):
+            raise InputError(
+                f"{ABOUT}: who is {quoted(about['who'])}; only the results in reports/reference may use this name"
+            )
         task = TASKS[about["task"]]
         there = [folder / table for table in TABLES if (folder / table).exists() or (folder / table).is_symlink()]
         if len(there) != 1:
@@ -78,11 +109,12 @@ def read(folder: Path) -> Submission:
             raise InputError(f"digest {given[:16]} is not that of {task.name}, {digest_of(task)[:16]}")
         expected = rows_of(task)
         table = _checked(_read_table(there[0], len(expected)), task, expected)
+        sha256 = _sha256(folder / ABOUT, there[0])
     except InputError as e:
         raise InputError(f"{name}: {e}") from e
     except OSError as e:
         raise InputError(f"{name}: cannot be read ({e.strerror})") from e
-    return Submission(name, task, about, table)
+    return Submission(name, task, about, table, sha256)
 
 
 def score(submission: Submission) -> dict[str, float]:
@@ -147,6 +179,27 @@ def write(folder: Path, about: dict[str, Any], table: pd.DataFrame) -> None:
     kept.to_parquet(folder / TABLES[0], index=False, compression="zstd")
 
 
+def written(folder: Path, about: dict[str, Any], table: pd.DataFrame) -> Submission:
+    """Write a submission into a new folder and read it as anybody would.
+
+    Raises:
+        InputError: it would be refused.
+    """
+    folder.mkdir()
+    write(folder, about, table)
+    return read(folder)
+
+
+def _sha256(*paths: Path) -> str:
+    """Hash of the names and the content of files."""
+    hashes = [f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}\n" for path in paths]
+    return hashlib.sha256("".join(hashes).encode()).hexdigest()
+
+
+def _is_reserved(who: str) -> bool:
+    return RESERVED in re.sub("[^a-z0-9]", "", who.lower())
+
+
 def _plain_file(path: Path, most: int) -> bytes:
     """The content of a file that is no link, pipe or device, and not too large."""
     try:
@@ -179,6 +232,10 @@ def _about(content: bytes) -> dict[str, Any]:
         most = TEXTS.get(key, 80)
         if not isinstance(value, str) or len(value) > most or not value.isprintable() or not key.isprintable():
             raise InputError(f"{ABOUT}: {quoted(key)} is not one line of at most {most} visible characters")
+    _check_name("system", about["system"].replace(DOT, " "))
+    _check_name("who", about["who"])
+    if about.get("batch", "yes") != "yes":
+        raise InputError(f"{ABOUT}: batch is {quoted(about['batch'])}; write 'yes' or leave it out")
     for key in NUMBERS:
         value = about.get(key, 0)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e15:
@@ -190,6 +247,21 @@ def _about(content: bytes) -> dict[str, Any]:
     if about["task"] not in TASKS:
         raise InputError(f"{ABOUT}: no task is called {quoted(about['task'])}; {nearest(about['task'], TASKS)}")
     return about
+
+
+def _check_name(key: str, name: str) -> None:
+    """Refuse a name that is blank or that may look like another one: letters of other scripts, doubled spaces.
+
+    Raises:
+        InputError: it is such a name.
+    """
+    words = name.split(" ")
+    visible = all(word and not set(word) - {*PUNCTUATION} - _LETTERS for word in words)
+    if not visible or not set(name) & _LETTERS:
+        raise InputError(
+            f"{ABOUT}: {key} is {short(ascii(name), 60)}; write ASCII letters (ue for \u00fc), digits, single spaces "
+            f"or {PUNCTUATION}"
+        )
 
 
 def _no_number(word: str) -> float:
@@ -208,9 +280,11 @@ def _read_table(path: Path, rows: int) -> pd.DataFrame:
         if path.suffix == ".csv":
             if max(content.find(b"\n"), 0) > LARGEST_HEADER:
                 raise InputError(f"{path.name}: its first line is no header")
-            return pd.read_csv(
-                path, dtype=str, keep_default_na=False, encoding="utf-8", index_col=False, nrows=rows + 1
-            )
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", pd.errors.ParserWarning)  # a row with more cells than the header
+                return pd.read_csv(
+                    path, dtype=str, keep_default_na=False, encoding="utf-8", index_col=False, nrows=rows + 1
+                )
         columns = ParquetFile(path).columns  # refuses what unpacks to far more than it is
         about = pq.read_metadata(path)
         if about.num_rows != rows:
@@ -233,26 +307,40 @@ def _checked(given: pd.DataFrame, task: Task, expected: pd.DataFrame) -> pd.Data
     answers = _answers(given, keys, classes)
     if len(given) != len(expected):
         raise InputError(f"there are not {len(expected)} rows, as {task.name} has")
-    words = pd.DataFrame({key: given[key].astype(str) for key in keys})
+    words = pd.DataFrame({key: _texts(given[key]) for key in keys})
     if (twice := words.duplicated()).any():
         raise InputError(f"{_row(words[twice], keys)} is there twice")
     joined = expected.merge(words.assign(position=np.arange(len(words))), on=keys, how="left")
     if (missing := joined["position"].isna()).any():
         raise InputError(f"{_row(joined[missing], keys)} is missing")
     rows = given.iloc[joined["position"].astype(int)].reset_index(drop=True)
-    if "true" in rows and (wrong := rows["true"].astype(str) != expected["true"]).any():
+    if "true" in rows and (wrong := _texts(rows["true"]) != expected["true"]).any():
         raise InputError(
             f"true of {_row(expected[wrong], keys)} is {expected[wrong]['true'].iloc[0]}, not what it says"
         )
     if answers == ["predicted"]:
-        said = rows["predicted"].astype(str)
-        if (strange := ~said.isin(classes)).any():
-            raise InputError(f"predicted is {quoted(said[strange].iloc[0])}, not one of {', '.join(classes)}")
-        return expected.assign(predicted=said)
+        labels = _texts(rows["predicted"])
+        if (strange := ~labels.isin(classes)).any():
+            raise InputError(f"predicted is {quoted(labels[strange].iloc[0])}, not one of {', '.join(classes)}")
+        return expected.assign(predicted=labels)
     proba = _numbers(rows[answers])
     labels = np.asarray(classes, dtype=object)[proba.argmax(axis=1)]
     shown = pd.DataFrame(proba.astype(np.float32), columns=answers)
     return pd.concat([expected.assign(predicted=labels), shown], axis=1)
+
+
+def _texts(column: pd.Series) -> pd.Series:
+    """A column as text.
+
+    Raises:
+        InputError: a cell is empty or holds bytes.
+    """
+    if column.isna().any():
+        raise InputError(f"{column.name} holds an empty cell; fill it")
+    values = column.astype(object)
+    if values.map(lambda value: isinstance(value, bytes)).any():
+        raise InputError(f"{column.name} is not text; write it as UTF-8 text")
+    return values.map(str)
 
 
 def _answers(given: pd.DataFrame, keys: list[str], classes: list[str]) -> list[str]:

@@ -17,7 +17,7 @@ import bench
 from bench.cli import main
 from bench.corpora.faults import SEVERITIES, known
 from bench.errors import InputError
-from bench.outcomes import submissions
+from bench.outcomes import marks, submissions
 from bench.plan import tasks
 from protocols.personal import Personal
 from reports.leaderboard import board, reference, scores_of
@@ -175,6 +175,7 @@ def test_reference_prints_and_becomes_latex():
     assert f"{row['accuracy']:.1f} [{row['low']:.1f}, {row['high']:.1f}]" in said
     assert "more tables: 'haart-challenge-v1/bayes-jung28'" in said
     text = bench.latex(found)
+    assert text.count("Origin: reference, shipped with touchbench.") == found.table["task"].nunique()
     assert text.count(r"\begin{table}") == found.table["task"].nunique() and text == bench.latex(found.table)
     assert f"& {row['macro_f1']:.1f} & {row['flash_bytes'] / 1000:.1f} " in text and "median time" not in text
     for wrong, told in ((3, "not int"), (pd.DataFrame({"system": ["svm"]}), "no column data, subset, protocol")):
@@ -337,7 +338,8 @@ def test_the_workflow_runs_what_the_docs_say():
     flow = yaml.safe_load((ROOT / ".github" / "workflows" / "leaderboard.yml").read_text())
     (job,) = flow["jobs"].values()
     commands = [step["run"] for step in job["steps"] if "run" in step]
-    assert flow[True]["pull_request"]["paths"] == ["submissions/**"] and flow["permissions"] == {"contents": "read"}
+    assert flow[True]["pull_request"]["paths"] == ["submissions/**", marks.FILE]
+    assert f"git diff --exit-code HEAD^1 -- {marks.FILE}" in commands and flow["permissions"] == {"contents": "read"}
     (made,) = [c for c in commands if c.startswith("bench leaderboard")]
     folder_of("mine")
     Path("all").rename("submissions")
@@ -370,3 +372,39 @@ def test_the_script_of_the_docs_writes_what_the_format_asks_for(monkeypatch):
     table = pd.read_csv("predictions.csv")
     assert sorted(table["capture"]) == list(range(len(corpus))) and set(table["predicted"]) <= set(corpus.gestures)
     assert len(names["worse"]) == len(names["test"])
+
+
+def test_our_own_rows_are_marked_and_so_is_a_design_on_haart(capsys):
+    folder_of("copied", system="reflex", command="bench run data=haart protocol=challenge model=reflex")
+    table = scores_of([submissions.read(Path("all/copied")), *reference()]).set_index(["task", "name"])
+    assert table.loc[("haart-challenge-v1", "copied"), "origin"] == "submitted"
+    assert set(table["origin"].drop(("haart-challenge-v1", "copied"))) == {"reference, shipped with touchbench"}
+    assert set(table["verified"]) == {"not verified"}
+    noted = {name for (_, name), note in table["note"].items() if "seven of HAART's ten people" in note}
+    assert noted == {"copied", "reflex", "lda-touch", "rocket"}
+    assert "reference, shipped with touchbench" in repr(bench.results("reference")).splitlines()[0]
+    assert main(["leaderboard", "all"]) == 0
+    first, note, page, then = capsys.readouterr().out.splitlines()
+    assert first == "haart-challenge-v1: reflex by A. Name, 100.0 % of 251 captures, not verified"
+    assert "seven of HAART's ten people" in note and page == "leaderboard.html" and then == "next: bench submit --help"
+    text = Path(page).read_text()
+    (row,) = re.findall(r'<tr><th scope="row">reflex</th><td>100.0 .*?</tr>', text)
+    assert "<td>submitted</td><td>not verified</td>" in row and '-1">1</a>' in row
+    assert text.count("<td>reference, shipped with touchbench</td>") == len(reference())
+    assert "Test labels are public" in text
+
+
+def test_what_a_run_rests_on_is_recorded_and_shown(store, capsys):
+    haart_run(store, **{"touchbench.depends_on_batch": "true", "touchbench.conditions": "substrate,cover"})
+    submit = ["submit", "task=haart-loso-v1", "model=svm", "who=A. Name", "out=all/mine"]
+    assert main(submit) == 2
+    assert "labels of this run depend on other test captures; to submit it, add batch=yes" in capsys.readouterr().err
+    assert main([*submit, "batch=no"]) == 2 and "batch=no: write batch=yes" in capsys.readouterr().err
+    assert main([*submit, "batch=yes"]) == 0
+    about = submissions.read(Path("all/mine")).about
+    assert (about["batch"], about["conditions"]) == ("yes", "substrate,cover")
+    capsys.readouterr()
+    assert main(["leaderboard", "all"]) == 0
+    said = "labels depend on other test captures; uses substrate, cover"
+    assert said in capsys.readouterr().out and f"<td>{said}</td>" in Path("leaderboard.html").read_text()
+    assert not {"batch", "conditions"} & reference()[0].about.keys()
