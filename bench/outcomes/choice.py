@@ -24,6 +24,7 @@ from bench.outcomes.runs import (
 )
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
+from bench.paired import mean_and_error, within_one_standard_error
 from bench.plan.arguments import labelled, quoted
 from bench.quantities import COSTS
 
@@ -287,8 +288,8 @@ def decide(
     near = []
     for i in fits:
         lost = (subjects.loc[best] - subjects.loc[i]).to_numpy()
-        table.loc[i, ["loss", "error"]] = loss, error = _paired(lost)
-        if i == best or _not_below(lost, error, margin):
+        table.loc[i, ["loss", "error"]] = mean_and_error(lost)
+        if i == best or _not_below(lost, margin):
             near.append(i)
     order = table.sort_values([by, "accuracy"], ascending=[True, False]).index
     chosen = next(i for i in order if i in near and i not in unranked)
@@ -325,7 +326,7 @@ def _limit(
     without = _best(table, by, {k: v for k, v in budgets.items() if k != cost})
     gain = error = np.nan
     if best is not None and without is not None:
-        gain, error = _paired((subjects.loc[without] - subjects.loc[best]).to_numpy())
+        gain, error = mean_and_error((subjects.loc[without] - subjects.loc[best]).to_numpy())
     return Budget(
         cost,
         most,
@@ -338,20 +339,14 @@ def _limit(
     )
 
 
-def _paired(differences: np.ndarray) -> tuple[float, float]:
-    """Mean over subjects and its standard error."""
-    error = differences.std(ddof=1) / np.sqrt(len(differences)) if len(differences) > 1 else np.nan
-    return float(differences.mean()), float(error)
-
-
-def _not_below(lost: np.ndarray, error: float, margin: float | None) -> bool:
+def _not_below(losses: np.ndarray, margin: float | None) -> bool:
     if margin is None:
-        return bool(lost.mean() <= error)
-    if len(lost) < 2:
+        return within_one_standard_error(losses)
+    if len(losses) < 2:
         return False
-    if not lost.std():
-        return bool(lost.mean() < margin)
-    return bool(ttest_1samp(lost, margin, alternative="less").pvalue < 0.05)
+    if not losses.std():
+        return bool(losses.mean() < margin)
+    return bool(ttest_1samp(losses, margin, alternative="less").pvalue < 0.05)
 
 
 def amount(cost: str, value: float) -> str:
