@@ -113,3 +113,9 @@ def test_a_system_whose_labels_depend_on_the_batch_is_chosen_only_if_asked_for(s
     assert "Choose centred" in out and "Left out" not in out
     assert main(["choose", "batch=maybe"]) == 2
     assert "batch=maybe: give yes or no" in capsys.readouterr().err
+
+
+def test_a_protocol_that_mixes_subjects_is_said_so(store, capsys):
+    tracked_run(store, "svm", made_up(), mixes_subjects="true", protocol="kfold", protocol_label="5-fold")
+    assert main(["choose"]) == 0
+    assert "Training and test captures come from the same subjects: this does not hold" in capsys.readouterr().out
