@@ -36,6 +36,7 @@ AMONG = ("data", "where", "target", "protocol", "model", "features")  # of track
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", "unit", "clock", "batch", *BUDGETS}
 UNITS = ("capture", "window")
 WINDOW = FIRST["model.window"]  # seconds, of a model that is to label windows
+MEGAHERTZ = {"kHz": 1e-3, "MHz": 1.0, "GHz": 1e3}
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 
 
@@ -117,7 +118,7 @@ def chosen(values: Values) -> Chosen:
         raise InputError(f"unit={unit}: {nearest(unit, UNITS)}")
     budgets = {BUDGETS[k]: quantity(k, values[k]) for k in BUDGETS if k in values}
     margin = quantity("margin", values["margin"]) if "margin" in values else None
-    clock = quantity("clock", values["clock"]) if "clock" in values else None
+    clock = _clock(str(values["clock"])) if "clock" in values else None
     batch = str(values.get("batch", "no"))
     if batch not in ("yes", "no"):
         raise InputError(f"batch={batch}: give yes or no")
@@ -149,6 +150,22 @@ def chosen(values: Values) -> Chosen:
     if unit == "capture" and "decision" in {by, *budgets} and choice.table["windows"].any():
         advice.append("One window alone is labelled sooner, and is scored in percent of windows: see unit=window.")
     return Chosen(choice, found.about, by, budgets, margin, len(found.subjects.columns), found.mixed, advice)
+
+
+def _clock(text: str) -> float:
+    """A clock in MHz.
+
+    Raises:
+        InputError: it is no number above 0 with a unit.
+    """
+    number, unit = text[:-3].strip(), text[-3:]
+    try:
+        value = float(number) * MEGAHERTZ[unit]
+        if not 0 < value < float("inf"):
+            raise ValueError(text)
+    except (ValueError, KeyError) as e:
+        raise InputError(f"clock={text}: give a number above 0 and kHz, MHz or GHz, such as 64MHz") from e
+    return value
 
 
 def _decision_time(table: pd.DataFrame, clock: float | None) -> str:
