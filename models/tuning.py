@@ -15,6 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.paired import within_one_standard_error
 from bench.pareto import front
 from bench.registry import parameters
 from models import contract
@@ -346,8 +347,7 @@ class Search(ClassifierMixin, BaseEstimator):
         if self.objective == "accuracy":
             return ranked
         lost = {i: scores[ranked[0]] - scores[i] for i in ranked}
-        error = {i: d.std(ddof=1) / np.sqrt(len(d)) for i, d in lost.items()}
-        near = [i for i in ranked if lost[i].mean() <= error[i]]
+        near = [i for i in ranked if within_one_standard_error(lost[i])]
         if self.objective == "smallest":
             return sorted(near, key=lambda i: self._place(finished[i].params))
         return sorted(near, key=lambda i: (finished[i].user_attrs["predict_ms"], ranked.index(i)))

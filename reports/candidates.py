@@ -12,7 +12,7 @@ from bench.errors import InputError
 from bench.outcomes import statistics
 from bench.outcomes.advice import compared_on
 from bench.outcomes.choice import SAID, Choice, candidates, decide, sentences
-from bench.outcomes.comparable import COMPARABLE, Row, facts_of
+from bench.outcomes.comparable import COMPARABLE, Row
 from bench.outcomes.store import Store
 from bench.plan.arguments import typed
 from bench.quantities import COSTS
@@ -25,7 +25,7 @@ WORDS = {
     "flash": "kB of flash: learnt numbers; of C all that is linked",
     "ram": "kB of RAM during one decision",
     "predict": "ms to compute a label (p50, one thread)",
-    "decision": "ms until the label: touch observed and computing",
+    "decision": "ms of touch until the label",
     "cycles": "thousand instructions of the costliest frame as C",
 }
 
@@ -39,7 +39,8 @@ class Considered:
         choice: as `bench.outcomes.choice.decide` made it.
         subjects: accuracies in percent [candidates, subjects].
         budgets: the most of each cost.
-        mixed: whether captures of one subject are on both sides.
+        mixed: whether training and test captures come from the same subjects.
+        notes: which runs are left out and why, in sentences.
         command: that chooses the same; empty where none is known to.
     """
 
@@ -48,19 +49,18 @@ class Considered:
     subjects: pd.DataFrame
     budgets: Mapping[str, float]
     mixed: bool
+    notes: list[str]
     command: str
 
     def answer(self) -> Answer:
         """The verdict with its reasons, and the command that says the same."""
         table = self.choice.table
-        lines = sentences(self.choice, BY, None, self.subjects.shape[1])
+        lines = [*sentences(self.choice, BY, None, self.subjects.shape[1], self.mixed), *self.notes]
         if table["system"].nunique() == 1:
             lines = [
                 f"Only {table['system'].iloc[0]} is tracked here, so there is no other to compare it with.",
                 *lines,
             ]
-        if self.mixed:
-            lines.append("Captures of one subject are in training and test: nothing of this holds for a new person.")
         return Answer(self.group, lines, self.command)
 
 
@@ -83,12 +83,12 @@ def considered(
     first = runs[runs["group"] == group].iloc[0].to_dict()
     try:
         asked = {name: [first[name]] for name in COMPARABLE}
-        table, _, subjects = candidates(store, asked, budgets.get("decision"), runs_of=runs_of)
+        found = candidates(store, asked, budgets.get("decision"), runs_of=runs_of)
     except InputError as e:
         return Answer(group, [f"Nothing can be chosen here: {e}."])
-    choice = decide(table, subjects, BY, dict(budgets), None)
-    command = _command(compared_on(table), first, runs, budgets)
-    return Considered(group, choice, subjects, budgets, facts_of(first).mixes_subjects, command)
+    choice = decide(found.table, found.subjects, BY, dict(budgets), None)
+    command = _command(compared_on(found.table), first, runs, budgets)
+    return Considered(group, choice, found.subjects, budgets, found.mixed, found.notes, command)
 
 
 def _command(on: Mapping[str, str], first: Row, runs: pd.DataFrame, budgets: Mapping[str, float]) -> str:

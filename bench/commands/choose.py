@@ -7,40 +7,36 @@ parameter on training subjects.
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.progress import track
+import pandas as pd
 
 from bench.commands import closing
 from bench.commands.printing import grid, output, say, show, then
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
-from bench.outcomes.advice import FIRST, MOST_AT_HAND, WHAT, at_hand, compared_on, merged
-from bench.outcomes.choice import Choice, amount, candidates, decide, sentences
+from bench.outcomes.advice import FIRST, MOST_AT_HAND, SECOND, WHAT, at_hand, compared_on, is_first, merged
+from bench.outcomes.choice import Choice, amount, candidates, decide, points, sentences
 from bench.outcomes.runs import NothingTracked, of_kinds, without_runs
 from bench.outcomes.store import connect
 from bench.plan.arguments import BACKEND, Values, backend_of, convert, items, parse, typed
 from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.cells import Cell, cells
-from bench.plan.plan import corpus_of
 from bench.quantities import BUDGETS, COSTS, quantity
 from bench.registry import parameters
-from bench.work.loop import Outcome, console, warn
-from bench.work.probe import known_sizes, unrun
+from bench.work.loop import Outcome, warn
 from models import contract
 
 if TYPE_CHECKING:
     from models.space import How, Tuning
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
-KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", "unit", *BUDGETS}
+KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", "unit", "clock", "batch", *BUDGETS}
 UNITS = ("capture", "window")
-PROBE_S = 20.0  # to know sizes of what was not run
-WINDOW = "0.5"  # seconds, of systems that keep whole captures in too much RAM
+WINDOW = FIRST["model.window"]  # seconds, of a model that is to label windows
+MEGAHERTZ = {"kHz": 1e-3, "MHz": 1.0, "GHz": 1e3}
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 
 
@@ -55,7 +51,8 @@ class Chosen:
         budgets: the most of each cost.
         margin: points that do not matter, or None.
         subjects: number of them.
-        advice: what may fit besides, and the commands that run it.
+        mixed: whether training and test captures come from the same subjects.
+        advice: which runs are left out, what may fit besides, and the commands that run it.
     """
 
     choice: Choice
@@ -64,6 +61,7 @@ class Chosen:
     budgets: dict[str, float]
     margin: float | None
     subjects: int
+    mixed: bool = False
     advice: list[str] = field(default_factory=list)
 
     @property
@@ -77,7 +75,7 @@ class Chosen:
 
     def lines(self) -> list[str]:
         """The choice and its reason, or what binds and what to do."""
-        return [*sentences(self.choice, self.by, self.margin, self.subjects), *self.advice]
+        return [*sentences(self.choice, self.by, self.margin, self.subjects, self.mixed), *self.advice]
 
     __repr__ = __str__
 
@@ -120,6 +118,10 @@ def chosen(values: Values) -> Chosen:
         raise InputError(f"unit={unit}: {nearest(unit, UNITS)}")
     budgets = {BUDGETS[k]: quantity(k, values[k]) for k in BUDGETS if k in values}
     margin = quantity("margin", values["margin"]) if "margin" in values else None
+    clock = _clock(str(values["clock"])) if "clock" in values else None
+    batch = str(values.get("batch", "no"))
+    if batch not in ("yes", "no"):
+        raise InputError(f"batch={batch}: give yes or no")
     asked = {k: items(k, values[k]) for k in AMONG if k in values}
     if "shots" in values:
         shots = convert("shots", values["shots"], 0)
@@ -131,13 +133,15 @@ def chosen(values: Values) -> Chosen:
     runs_of = of_kinds(store, ("cell", "chip", "stream"))
     for lacking in without_runs(list(runs_of.values()), asked):
         warn(f"warning: {lacking}: no run of it is tracked")
-    found, about, subjects = candidates(
-        store, asked, budgets.get("decision"), by == "decision", runs_of, unit == "window"
+    found = candidates(
+        store, asked, budgets.get("decision"), by == "decision", runs_of, unit == "window", clock, batch == "yes"
     )
-    if (by == "predict" or "predict" in budgets) and found["cpu"].nunique() > 1:
-        warn(f"warning: times are of several processors: {'; '.join(sorted(set(found['cpu'])))}")
-    choice = decide(found, subjects, by, budgets, margin)
-    advice = _advice(choice, by, budgets, asked)
+    if (by == "predict" or "predict" in budgets) and found.table["cpu"].nunique() > 1:
+        warn(f"warning: times are of several processors: {'; '.join(sorted(set(found.table['cpu'])))}")
+    choice = decide(found.table, found.subjects, by, budgets, margin)
+    advice = [*found.notes, *_advice(choice, by, budgets, unit == "window")]
+    if clock is not None or "decision" in {by, *budgets}:
+        advice.insert(0, _decision_time(found.table, clock))
     chosen = "" if choice.chosen is None else str(choice.table["unit"][choice.chosen])
     if "decision" in budgets and chosen.startswith("first"):
         advice.append(
@@ -145,7 +149,32 @@ def chosen(values: Values) -> Chosen:
         )
     if unit == "capture" and "decision" in {by, *budgets} and choice.table["windows"].any():
         advice.append("One window alone is labelled sooner, and is scored in percent of windows: see unit=window.")
-    return Chosen(choice, about, by, budgets, margin, len(subjects.columns), advice)
+    return Chosen(choice, found.about, by, budgets, margin, len(found.subjects.columns), found.mixed, advice)
+
+
+def _clock(text: str) -> float:
+    """A clock in MHz.
+
+    Raises:
+        InputError: it is no number above 0 with a unit.
+    """
+    number, unit = text[:-3].strip(), text[-3:]
+    try:
+        value = float(number) * MEGAHERTZ[unit]
+        if not 0 < value < float("inf"):
+            raise ValueError(text)
+    except (ValueError, KeyError) as e:
+        raise InputError(f"clock={text}: give a number above 0 and kHz, MHz or GHz, such as 64MHz") from e
+    return value
+
+
+def _decision_time(table: pd.DataFrame, clock: float | None) -> str:
+    """What the time until a decision consists of."""
+    touch = "The time until a decision is the touch that it needs"
+    if clock is None:
+        return f"{touch}; computing time on this machine is not part of it."
+    timed = int(table["cycles"].notna().sum())
+    return f"{touch}; for {timed} of {len(table)} candidates, plus the measured cycles at {clock:g} MHz."
 
 
 def first_steps(values: Values) -> list[str]:
@@ -162,7 +191,7 @@ def first_steps(values: Values) -> list[str]:
     if "model" not in given:
         systems = FIRST | systems
     cells(on | systems)  # refuses names that nothing has
-    if given.get("unit") == "window":
+    if given.get("unit") == "window" and "model" in given:
         try:
             for cell in cells(on | systems | {"model.window": WINDOW}):
                 contract.check(cell.estimator())
@@ -171,7 +200,10 @@ def first_steps(values: Values) -> list[str]:
         else:
             systems |= {"model.window": WINDOW}
     kinds = _kinds({given.get("by", "flash"), *(BUDGETS[k] for k in BUDGETS if k in given)})
-    return [typed(kind, on | systems) for kind in ("run", *kinds)] + [typed("choose", given)]
+    commands = [typed(kind, on | systems) for kind in ("run", *kinds)]
+    if systems == FIRST and given.get("unit") != "window":
+        commands.insert(0, typed("run", on | SECOND))
+    return [*commands, typed("choose", given)]
 
 
 def _kinds(costs: set[str]) -> list[str]:
@@ -179,132 +211,43 @@ def _kinds(costs: set[str]) -> list[str]:
     return [kind for cost, kind in (("decision", "stream"), ("cycles", "chip")) if cost in costs]
 
 
-def _advice(choice: Choice, by: str, budgets: dict[str, float], asked: dict[str, list[str]]) -> list[str]:
+def _advice(choice: Choice, by: str, budgets: dict[str, float], windows: bool) -> list[str]:
     """What may fit besides, and the commands that run it.
 
     It is told where nothing fits, and of a budget for which runs of a kind are needed that nobody has made.
     """
-    table, kinds = choice.table, _kinds({by, *budgets})
-    sized = {k: v for k, v in budgets.items() if k in ("flash", "ram")}
-    said = _in_windows(choice, sized) if "ram" in sized else []
-    if choice.chosen is not None:
-        kinds = [kind for kind in _kinds({*budgets}) if kind not in set(table["kind"])]
-        if not kinds:
-            return said
-    if "cycles" in budgets and (timed := [k for k in ("predict", "decision") if k in budgets]):
+    table, fits = choice.table, choice.chosen is not None
+    kinds = [] if windows else _kinds({*budgets} if fits else {by, *budgets})  # single windows are of bench run alone
+    if fits:
+        kinds = [kind for kind in kinds if kind not in set(table["kind"])]
+    if fits and not kinds:
+        return []
+    said = []
+    if {"cycles", "predict"} <= {*budgets}:
         said.append(
-            f"cycles is known of what bench chip has exported, {' and '.join(timed)} of what runs in Python, so no "
-            "candidate can fit both; ask for one of them."
+            "bench chip measures cycles and bench run measures predict, so no candidate has both: give one of them."
         )
     if not (on := compared_on(table)):
         return [*said, "The runs were made from Python with objects, so there is no command for more of them."]
     for kind in kinds:
-        runs = at_hand(table, kind, sized)
+        runs = at_hand(table, kind, {k: v for k, v in budgets.items() if k in ("flash", "ram")})
         if kind == "chip":
             runs = [each for each in runs if all(closing.has_c(cell.estimator()) for cell in cells(each))]
-        why = {"stream": "Replayed, a system decides on the beginning of a capture", "chip": "Exported, it has cycles"}
+        why = {"stream": "Replayed, a system can decide early", "chip": "Exported to C, a system has cycles"}
         if runs:
             more = f"; the {MOST_AT_HAND} most accurate" if len(runs) > MOST_AT_HAND else ""
-            said.append(f"{why[kind]}. Not done yet of {len(runs)} tracked systems{more}:")
+            said.append(f"{why[kind]}. Not done yet for {len(runs)} tracked systems{more}:")
             said += [f"  {typed(kind, arguments)}" for arguments in merged(runs[:MOST_AT_HAND])]
-    if choice.chosen is not None:
-        return said
-    digest = str(table["digest"].iloc[0])
-    return said + _not_run(on, asked, set(table["system"]), sized, kinds[-1] if kinds else "run", digest)
-
-
-def _in_windows(choice: Choice, sized: dict[str, float]) -> list[str]:
-    """Commands for systems that need too much RAM for whole captures, and less for windows of them.
-
-    Args:
-        choice: that was made; only systems that are more accurate than the chosen one are worth a command.
-        sized: budgets of flash and RAM.
-    """
-    table = choice.table
-    least = -1.0 if choice.chosen is None else table["accuracy"][choice.chosen]
-    large = table[(table["ram"] > sized["ram"]) & (table["accuracy"] > least)]
-    found: list[tuple[str, dict[str, str]]] = []
-    for arguments in at_hand(large, "", {}):
-        if "model.window" in arguments or len(found) == MOST_AT_HAND:
-            continue
-        try:
-            (cell,) = cells(arguments | {"model.window": WINDOW})
-            size = known_sizes(cell, corpus_of(cell))
-        except InputError:  # it takes no windows, or its captures are gone
-            continue
-        if cell.system() not in set(table["system"]) and size and all(size[k] <= most for k, most in sized.items()):
-            found.append((f"{cell.system()} ({amount('ram', size['ram'])})", cell.arguments()))
-    if not found:
-        return []
-    what = f"Of windows of {WINDOW} s these would need less RAM than of whole captures, counted without code"
-    commands = [f"  {typed('run', arguments)}" for arguments in merged(arguments for _, arguments in found)]
-    return [f"{what}: {'; '.join(system for system, _ in found)}.", *commands]
-
-
-def _not_run(
-    on: dict[str, str], asked: dict[str, list[str]], run: set[str], sized: dict[str, float], kind: str, digest: str
-) -> list[str]:
-    """What is known of the systems that were not run yet.
-
-    Args:
-        on: what they would be compared on.
-        asked: names of models and feature sets to stay among.
-        run: systems that were.
-        sized: budgets of flash and RAM.
-        kind: of run that makes known what else is asked for.
-        digest: of the captures that were run.
-    """
-    try:
-        todo = [cell for cell in unrun(on, asked, run) if kind != "chip" or closing.has_c(cell.estimator())]
-        corpus = corpus_of(todo[0]) if todo else None
-    except InputError as e:
-        return [f"What else would fit cannot be told here: {e}."]
-    if corpus is None:
-        return ["No other system is left to run on these feature sets: raise a budget."]
-    if corpus.digest != digest:
-        return [f"data={on['data']} is no longer what was run, so nothing new can be compared with these runs."]
-    if not sized:
-        small = [cell for cell in todo if cell.model.name in FIRST["model"].split(",")] or todo
-        return [
-            f"What else would fit is not known before it is run; {len(todo)} systems are left, for example:",
-            *(f"  {typed(kind, arguments)}" for arguments in merged(cell.arguments() for cell in small)),
-        ]
-    console.print(f"fitting {len(todo)} systems that were not run to a few captures, to know their sizes", style="dim")
-    todo.sort(key=lambda cell: cell.features is None)  # whole systems take longer
-    until = time.monotonic() + PROBE_S
-    sizes, late = [], []
-    for cell in track(todo, "sizes", console=console, transient=True):
-        if time.monotonic() < until:
-            sizes.append((cell, known_sizes(cell, corpus)))
-        else:
-            late.append(cell.system())
-    known = [(cell, size) for cell, size in sizes if size is not None]
-    fits = [(cell, size) for cell, size in known if all(size[k] <= most for k, most in sized.items())]
-    said = []
-    if fits:
-        each = [f"{c.system()} ({', '.join(amount(k, size[k]) + ' ' + k for k in sized)})" for c, size in fits]
-        said.append(f"Of {len(sizes)} systems not run yet, these would fit, counted without code: {'; '.join(each)}.")
-        said += [f"  {typed(kind, arguments)}" for arguments in merged(cell.arguments() for cell, _ in fits)]
-    elif known:
-        least = [(amount(k, size[k]), k, cell.system()) for k in sized for cell, size in [min(known, key=_by(k))]]
-        smallest = "; ".join(f"{text} {k}, {system}" for text, k, system in least)
-        said.append(f"None of {len(known)} systems not run yet would fit; the least that any needs: {smallest}.")
-    if grown := [cell.system() for cell, size in sizes if size is None]:
-        said.append(f"Not known before they are run, as they grow with the captures or search: {', '.join(grown)}.")
-    if late:
-        said.append(f"Not looked at within {PROBE_S:.0f} s: {', '.join(late)}; name one in model= to know its size.")
+    if not fits and not any(is_first(json.loads(text or "{}")) for text in table["arguments"]):
+        said += ["A small system that is accurate on real touch:", f"  {typed('run', on | FIRST)}"]
     return said
-
-
-def _by(cost: str) -> Callable[[tuple[Cell, dict[str, float]]], float]:
-    return lambda found: found[1][cost]
 
 
 def _print(found: Chosen) -> None:
     within = ", ".join(f"{k} at most {amount(k, v)}" for k, v in found.budgets.items()) or "no budget"
     rows = []
     for row in found.choice.table.to_dict("records"):
-        loss = "-" if np.isnan(row["loss"]) else f"{row['loss']:.1f} ± {row['error']:.1f}"
+        loss = "-" if np.isnan(row["loss"]) else points(row["loss"], row["error"])
         row_of = {"system": row["system"], "labels": row["unit"], "accuracy %": f"{row['accuracy']:.1f}"}
         costs = {k: amount(k, row[k]) + "*" * (row["linked"] and k in ("flash", "ram")) for k in COSTS}
         row_of |= {"below best": loss} | costs | {"verdict": row["verdict"]}
@@ -325,7 +268,7 @@ def _print(found: Chosen) -> None:
 
 def smallest(values: Values) -> list[Outcome]:
     """Run each system with the smallest value that suffices, chosen in every fold, beside the system as it is."""
-    if given := {"by", "margin", "shots", "unit", *BUDGETS} & set(values):
+    if given := {"by", "margin", "shots", "unit", "clock", "batch", *BUDGETS} & set(values):
         raise InputError(f"{given.pop()}= chooses among tracked runs; leave it out, or leave out over=")
     over, inner = str(values["over"]), str(values.get("inner", "3"))
     listed = values.get(f"model.{over}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.commands.printing import best, contexts, say, then
 from bench.errors import InputError
-from bench.outcomes.advice import FIRST, WHAT
+from bench.outcomes.advice import FIRST, SECOND, WHAT, is_first
 from bench.outcomes.comparable import context_of
 from bench.outcomes.scores import captures
 from bench.outcomes.store import connect
@@ -34,7 +34,7 @@ def evaluated(outcomes: Sequence[Outcome]) -> None:
         one = members[0]
         if len(members) == 1:
             found = f"{_system(one)} labels {_share(one)} correctly ({_interval(one)}).{_told(same, one)}"
-            commands[typed("run", _on(one) | FIRST)] = None
+            commands[typed("run", _on(one) | (SECOND if is_first(_typed(one)) else FIRST))] = None
         else:
             winners = [members[place] for place in best(members)]
             if not winners:

@@ -22,8 +22,8 @@ FAULTS = "faults=dead_taxels,noise"
 REPLAYED = 2  # of the most accurate systems
 NEXT = (
     "bench data import table my.csv name=mine grid=8x8 rate_hz=54 full_scale=1023",
-    "bench run data=mine protocol=loso model=bayes,lda,svm,rf features=jung28",
-    "bench run data=mine protocol=loso model=lda features=touch model.window=1.0",
+    "bench run data=mine protocol=loso model=rf features=jung54",
+    "bench run data=mine protocol=loso model=lda features=touch model.window=1.0 model.repair=stuck+dead",
     "bench choose data=mine protocol=loso max_flash=64kB",
 )
 
@@ -61,5 +61,5 @@ def _best() -> list[list[str]]:
     from bench.outcomes.choice import candidates
     from bench.outcomes.store import connect
 
-    table, *_ = candidates(connect(), {})
+    table = candidates(connect(), {}).table
     return [[f"{key}={value}" for key, value in found.items()] for found in at_hand(table, "stream", {})[:REPLAYED]]

@@ -58,20 +58,23 @@ CHOOSE = """\
 bench choose [key=value ...]
 
 Finds, among tracked runs on the same captures, the cheapest system that loses at most one standard error of the paired
-difference over subjects to the most accurate one, and says why, and what each budget costs in points. If nothing fits,
-it says which budget binds and prints the commands that run what would fit: sizes of systems that do not grow with the
-captures are known from fits to a few of them, for at most half a minute. Exit code 1 then.
+difference over subjects to the most accurate one. Says why, and what each budget costs in points. If nothing fits, it
+says which budget binds and the least that any system needs, and proposes a run. Exit code 1 then. Runs with failed
+folds, and runs on an older version of a corpus, are left out and counted.
 
-  by=           cost to keep low: flash (default), ram, predict, decision (touch that a decision needs plus computing)
-                or cycles
+  by=           cost to keep low: flash (default), ram, predict, decision (touch that a decision needs) or cycles
   max_flash=    budgets, such as max_flash=256kB max_ram=32kB (kB 1000, KiB 1024 bytes; counted without code, or linked
                 for what bench chip has exported)
-  max_predict=  max_decision=   such as max_predict=2ms max_decision=700ms
+  max_predict=  computing time of one label on this machine, such as max_predict=2ms
+  max_decision= touch until the decision, such as max_decision=1s; computing time on this machine is not part of it
+  clock=        of the target, such as clock=64MHz: the decision of what bench chip has exported then includes its
+                measured cycles at this clock, one cycle per instruction
   max_cycles=   instructions of the costliest frame with its label, such as max_cycles=600k, of what bench chip has
                 exported. The clock of the chip divided by the frames of a second is the most it could do: leave room
                 for instructions that take more than a cycle, and for all else that it does
   margin=       points of accuracy that do not matter: a one-sided paired t-test (p < 0.05) replaces the SE
   unit=         capture (default), or window: percent of single windows, of the systems that decide on such
+  batch=        yes: also systems whose labels depend on which captures are predicted together; default no
   shots=        among runs of protocol=personal (or transfer) of which so many captures of a new person are known;
                 protocol.draws=, protocol.source= and the like choose among them
   data= where= target= protocol= model= features=   choose among the runs

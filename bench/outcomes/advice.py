@@ -11,7 +11,9 @@ from bench.outcomes.choice import fitting
 
 Arguments = Mapping[str, str]
 WHAT = ("data", "where", "target", "protocol")  # keys that say what systems are compared on
-FIRST = {"model": "bayes,lda,svm,rf", "features": "jung28"}  # systems that take seconds, to compare with
+# A small system that is accurate on real touch, and one on whole captures to compare it with.
+FIRST = {"model": "lda", "features": "touch", "model.window": "1.0", "model.repair": "stuck+dead"}
+SECOND = {"model": "rf", "features": "jung54"}
 MOST_AT_HAND = 5  # runs that are worth another command
 
 
@@ -24,6 +26,11 @@ def compared_on(candidates: pd.DataFrame) -> dict[str, str]:
         if text:
             return {k: v for k, v in json.loads(text).items() if k.split(".")[0] in WHAT}
     return {}
+
+
+def is_first(arguments: Arguments) -> bool:
+    """Whether arguments are of the system that is proposed first."""
+    return FIRST.items() <= arguments.items()
 
 
 def merged(asked: Iterable[Arguments]) -> list[dict[str, str]]:

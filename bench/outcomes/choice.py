@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,7 @@ from scipy.stats import ttest_1samp
 
 from bench.errors import InputError
 from bench.outcomes import scores
-from bench.outcomes.comparable import COMPARABLE, Row, context_of
+from bench.outcomes.comparable import COMPARABLE, Row, context_of, facts_of
 from bench.outcomes.runs import (
     COLUMNS,
     NothingTracked,
@@ -24,10 +25,20 @@ from bench.outcomes.runs import (
 )
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
-from bench.plan.arguments import labelled, quoted
+from bench.paired import TOLERANCE, mean_and_error, within_one_standard_error
+from bench.plan.arguments import quoted
 from bench.quantities import COSTS
 
-SAID = {"capture": "whole captures", "window": "one window"}
+Amount = TypeVar("Amount", float, pd.Series)
+SAID = {"window": "one window"}  # units in words; a capture is not named
+WORDS = {  # an amount of a cost
+    "flash": "of flash",
+    "ram": "of RAM",
+    "predict": "of computing time",
+    "decision": "until the decision",
+    "cycles": "instructions",
+}
+BATCH = "touchbench.depends_on_batch"  # tag of runs whose labels change with the captures predicted beside them
 FEW_SUBJECTS = 6  # with five, no sign test can reach p < 0.05
 ORIGIN = {
     "kind": "touchbench.kind",
@@ -36,12 +47,34 @@ ORIGIN = {
     "arguments": "touchbench.arguments",
 }
 UNKNOWN = {  # why a cost is not known
-    "flash": "their runs are older than its count",
-    "ram": "their runs are older than its count",
-    "predict": "C is not timed",
-    "decision": "C is not timed",
+    "flash": "their runs are older than this measurement",
+    "ram": "their runs are older than this measurement",
+    "predict": "no timing is available for exported C",
+    "decision": "their runs are older than this measurement",
     "cycles": "only bench chip counts them",
 }
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """The candidates of a store, on the same captures under the same protocol.
+
+    Attributes:
+        table: one row per candidate (``system``, ``unit``, ``accuracy`` in percent as a mean over subjects, ``flash``
+            and ``ram`` in kB, ``predict`` and ``decision`` in ms, ``cycles`` in thousands of instructions, ``linked``,
+            whether its bytes are as linked, with code, ``windows``, whether it decides on windows, ``cpu`` and the keys
+            of `ORIGIN`; NaN where a cost is not known).
+        about: captures and protocol, in words.
+        subjects: accuracies in percent [candidates, subjects].
+        mixed: whether training and test captures come from the same subjects.
+        notes: which runs are left out and why, in sentences.
+    """
+
+    table: pd.DataFrame
+    about: str
+    subjects: pd.DataFrame
+    mixed: bool
+    notes: list[str]
 
 
 @dataclass(frozen=True)
@@ -100,7 +133,9 @@ def candidates(
     replays: bool = False,
     runs_of: Mapping[str, pd.DataFrame] | None = None,
     windows: bool = False,
-) -> tuple[pd.DataFrame, str, pd.DataFrame]:
+    clock: float | None = None,
+    batch: bool = False,
+) -> Candidates:
     """Every way in which a tracked system labels captures, or windows of them: percents of the two are not compared.
 
     What ``bench chip`` has exported labels as C, with bytes and instructions that were measured. Systems that ``bench
@@ -112,17 +147,12 @@ def candidates(
         asked: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to choose among, and
             ``shots`` that are known of a new person; parameters of the protocol by their dotted names; or values of
             `COMPARABLE`.
-        most: milliseconds until a decision is out.
+        most: milliseconds of touch until a decision is out.
         replays: whether replayed systems are candidates; they are with ``most``.
         runs_of: `bench.outcomes.runs.tracked` by kind, where somebody has read it.
         windows: label single windows, in percent of windows, of the systems that decide on such.
-
-    Returns:
-        One row per candidate (``system``, ``unit``, ``accuracy`` in percent as a mean over subjects, ``flash`` and
-        ``ram`` in kB, ``predict`` and ``decision`` in ms, ``cycles`` in thousands of instructions, ``linked``, whether
-        its bytes are as linked, with code, ``windows``, whether it decides on windows, ``cpu`` and the keys of
-        `ORIGIN`; NaN where a cost is not known); what they are all on, in words; and accuracies in percent
-        [candidates, subjects].
+        clock: of the target in MHz: the measured cycles at this clock are part of a decision's time.
+        batch: whether systems whose labels depend on the captures predicted beside them are candidates.
 
     Raises:
         NothingTracked: no complete run is tracked for these values.
@@ -130,38 +160,91 @@ def candidates(
     """
     read = ["cell"] if windows else ["cell", "chip", *(["stream"] if most is not None or replays else [])]
     runs_of = of_kinds(store, read) if runs_of is None else runs_of
-    found = [_asked(runs_of[kind], asked) for kind in read if kind in runs_of]
-    if not found:
+    tables = [runs_of[kind] for kind in read if kind in runs_of]
+    if not tables:
         tracked(store)  # which says so
-    runs = pd.concat(found, ignore_index=True)
+    runs = _asked(tables, asked)
     if windows:
         runs = runs[_windowed(runs)]
+    runs, notes = _usable(runs, batch, "protocol_label" in asked)
+    if not len(runs):
+        why = "".join(f". {note.removesuffix('.')}" for note in notes)
+        raise NothingTracked(f"no complete run is tracked for these values; make some with bench run, then choose{why}")
     linked = _linked(runs)
-    named = [] if "protocol_label" in asked else ["protocol"]  # parameters that change nothing are not in the label
-    kinds = runs[[*COMPARABLE, *named]].drop_duplicates()
-    if not len(kinds):
-        raise NothingTracked("no complete run is tracked for these values; make some with bench run, then choose")
-    if len(kinds) > 1:
-        told = dict.fromkeys(_on(k) for k in rows_of(kinds))
-        raise InputError(f"runs on different captures cannot be compared; name one of: {'; '.join([*told][:4])}")
     rows, accuracy = [], []
     options = runs.reindex(columns=["stream.hop_ms", "chip.bits"]).fillna("")
     for (system, *_), group in runs.groupby(
         [runs["system"], runs["touchbench.kind"], *(options[name] for name in options)], sort=True
     ):
-        within = None if most is None else most - group["decide_ms_p50"].max()  # one instant for all seeds
         is_c = group["touchbench.kind"].iloc[0] == "chip"
         if not is_c:
             group = group.assign(**linked.get(str(system), {}))
-        each = [_units(store, run, within, windows) for run in rows_of(group)]
+        each = [_units(store, run, most, windows) for run in rows_of(group)]
         for unit in each[0]:
             costs = pd.DataFrame([units[unit][0] for units in each]).mean().reindex([*COSTS])
+            if clock is not None and np.isfinite(costs["cycles"]):
+                costs["decision"] += costs["cycles"] / clock  # thousands by MHz: ms
             about = {"linked": is_c or system in linked, "windows": _windowed(group).any()}
             rows.append({"system": system, "unit": unit, **costs, **about, **_origin(group)})
             accuracy.append(pd.concat([units[unit][1] for units in each], axis=1).mean(axis=1))
     subjects = pd.DataFrame(accuracy).reset_index(drop=True)
     table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
-    return table, ", ".join(context_of(rows_of(runs)[0])), subjects
+    first, *_ = known = rows_of(runs)
+    mixed = any(facts_of(run).mixes_subjects for run in known)
+    return Candidates(table, ", ".join(context_of(first)), subjects, mixed, notes)
+
+
+def _usable(runs: pd.DataFrame, batch: bool, same: bool) -> tuple[pd.DataFrame, list[str]]:
+    """The complete runs that can be compared, and which others are left out, in sentences.
+
+    Args:
+        runs: that were asked for.
+        batch: whether systems whose labels depend on the captures predicted beside them stay.
+        same: whether one set of captures and one protocol were asked for.
+
+    Raises:
+        InputError: runs on several corpora or protocols are among them.
+    """
+    complete = runs[runs["status"] == "FINISHED"]
+    complete, notes = (complete, []) if same or not len(complete) else _alike(complete)
+    failed = runs[(runs["status"] != "FINISHED") & ~runs["system"].isin(complete["system"])]
+    if len(complete):
+        failed = failed.merge(complete[[*COMPARABLE]].drop_duplicates())
+    if names := sorted(set(failed["system"])):
+        notes.append(f"Left out, because folds failed: {'; '.join(names)}. Repeat the command to run them again.")
+    if BATCH in runs and not batch:
+        names = sorted(set(complete["system"][complete[BATCH] == "true"]))
+        if names:
+            complete = complete[~complete["system"].isin(names)]
+            notes.append(
+                f"Left out, because labels depend on which captures are predicted together: {'; '.join(names)}. "
+                "Give batch=yes to choose among them, too."
+            )
+    return complete, notes
+
+
+def _alike(runs: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """The runs on the captures and under the protocol of the newest run, and which others are left out, in sentences.
+
+    Raises:
+        InputError: arguments of `bench choose` can tell them apart.
+    """
+    named = pd.Series(_on(runs), runs.index)
+    if named.nunique() > 1:
+        raise InputError(
+            f"runs on different captures or protocols cannot be compared; name one of: {'; '.join(named.unique()[:4])}"
+        )
+    same = [*COMPARABLE, "protocol"]
+    newest = runs.sort_values("started").iloc[-1]
+    kept = (runs[same] == newest[same]).all(axis=1)
+    older, data = runs[~kept], str(newest["data"])
+    notes = []
+    if count := int((digests := older["corpus_digest"]).ne(newest["corpus_digest"]).sum()):
+        versions = ", ".join(digest[:8] for digest in digests.unique() if digest != newest["corpus_digest"])
+        notes.append(f"Left out: {_several(count, 'older run')} on another version of {data} (corpus {versions}).")
+    if count := len(older) - count:
+        notes.append(f"Left out: {_several(count, 'older run')} whose protocol was stored under another name.")
+    return runs[kept], notes
 
 
 def _windowed(runs: pd.DataFrame) -> pd.Series:
@@ -169,11 +252,21 @@ def _windowed(runs: pd.DataFrame) -> pd.Series:
     return runs["windows"] > 0 if "windows" in runs else pd.Series(False, runs.index)
 
 
-def _on(run: Row) -> str:
-    """What tells captures and protocol of a run from others, as `bench choose` takes it."""
-    asked = {"data": str(run["data"]), "where": str(run["subset"])} | labelled("protocol", str(run["protocol"]))
-    asked |= {"target": str(run["target"])} if run["target"] != "gesture" else {}
-    return " ".join(f"{key}={quoted(value)}" for key, value in asked.items())
+def _on(runs: pd.DataFrame) -> list[str]:
+    """What tells captures and protocol of each run from those of the others, as `bench choose` takes it."""
+    parameters = [str(name) for name in runs if str(name).startswith("protocol.")]
+    differing = {
+        name: [p for p in parameters if group[p].notna().all() and group[p].nunique() > 1]
+        for name, group in runs.groupby("protocol_name")
+    }
+    found = []
+    for run in rows_of(runs):
+        protocol = str(run["protocol"]).partition("[")[0]
+        asked = {"data": str(run["data"]), "where": str(run["subset"]), "protocol": protocol}
+        asked |= {"target": str(run["target"])} if run["target"] != "gesture" else {}
+        asked |= {name: str(run[name]) for name in differing[run["protocol_name"]]}
+        found.append(" ".join(f"{key}={quoted(value)}" for key, value in asked.items()))
+    return found
 
 
 def _origin(group: pd.DataFrame) -> dict[str, str]:
@@ -193,24 +286,36 @@ def _linked(runs: pd.DataFrame) -> dict[str, dict[str, float]]:
     }
 
 
-def _asked(runs: pd.DataFrame, asked: Mapping[str, list[str]]) -> pd.DataFrame:
-    """The complete runs among some that were asked for; replays only from the onset."""
-    runs = runs[runs["status"] == "FINISHED"]
-    keys = {key: COLUMNS.get(key, key) for key in asked}
-    if lacking := [key for key, column in keys.items() if column.startswith("protocol.") and column not in runs]:
-        raise InputError(f"{lacking[0]}: no run of a protocol that has it is tracked")
-    if "shots" in asked:
-        runs = runs[runs["protocol.unlabelled"] != "True"]
-    wanted = {"target": ["gesture"], **asked} | ({"stream.start": ["onset"]} if "stream.start" in runs else {})
-    return selected(runs, wanted)
+def _asked(tables: list[pd.DataFrame], asked: Mapping[str, list[str]]) -> pd.DataFrame:
+    """The runs of all kinds that were asked for; replays only from the onset.
+
+    Args:
+        tables: the runs of each kind; one whose protocols lack an asked parameter has no such run.
+        asked: as `candidates` takes it.
+
+    Raises:
+        InputError: no run of any kind has a parameter that was asked for.
+    """
+    columns = {key: COLUMNS.get(key, key) for key in asked}
+    for key, column in columns.items():
+        if column.startswith("protocol.") and not any(column in runs for runs in tables):
+            raise InputError(f"{key}: no run of a protocol that has it is tracked")
+    found = []
+    for runs in tables:
+        if not {*columns.values()} <= {*runs.columns}:
+            continue
+        if "shots" in asked and "protocol.unlabelled" in runs:
+            runs = runs[runs["protocol.unlabelled"] != "True"]
+        wanted = {"target": ["gesture"], **asked} | ({"stream.start": ["onset"]} if "stream.start" in runs else {})
+        found.append(selected(runs, wanted))
+    return pd.concat(found, ignore_index=True) if found else tables[0].iloc[:0]
 
 
-def _units(
-    store: Store, run: Row, within: float | None, windows: bool
-) -> dict[str, tuple[dict[str, float], pd.Series]]:
+def _units(store: Store, run: Row, most: float | None, windows: bool) -> dict[str, tuple[dict[str, float], pd.Series]]:
     """Costs and accuracy by subject, in percent, of each way in which a run labels.
 
-    A replayed one labels at the last instant within so many ms, or at each.
+    A replayed one labels at the last instant within so many ms of touch, or at each. The time of a decision is the
+    touch that it needs: what this machine takes to compute it is another cost.
     """
 
     def of(labelled: pd.DataFrame) -> pd.Series:
@@ -224,30 +329,30 @@ def _units(
     table = pd.read_parquet(path)
     if kind == "chip":
         cost = {name: run[f"chip_{name}_bytes"] / 1000 for name in ("flash", "ram")}
-        cost["cycles"] = run["chip_most_instructions"] / 1000
+        cost |= {"cycles": run["chip_most_instructions"] / 1000, "decision": run["capture_ms"]}
         return {f"in C, {run['chip.bits']} bits": (cost, of(scores.captures(table)))}
     if kind == "stream":
         instants = pd.read_csv(needed(store, run, "instants.csv"))["ms"]
         seen = np.sort(table["instant"].unique())  # frames
-        soon = instants.index if within is None else instants.index[instants <= within][-1:]
+        soon = instants.index if most is None else instants.index[_within(instants, most)][-1:]
         chosen = soon if len(soon) else instants.index[:1]  # which says how far it is from soon enough
         cost = size | {"predict": run["decide_ms_p50"]}
         return {
             f"first {instants[i]:.0f} ms": (
-                cost | {"decision": instants[i] + run["decide_ms_p50"]},
+                cost | {"decision": instants[i]},
                 of(standing(table, seen[i])),
             )
             for i in chosen
         }
     if windows:
-        costs = size | {"predict": run["decide_ms_p50"], "decision": run["decision_ms"]}
+        costs = size | {"predict": run["decide_ms_p50"], "decision": run["observed_ms"]}
         return {"window": (costs, of(scores.windows(table)))}
     return {"capture": (_whole(run, size), of(scores.captures(table)))}
 
 
 def _whole(run: Row, size: dict[str, float]) -> dict[str, float]:
     """Costs of labelling whole captures."""
-    return size | {"predict": run["predict_ms_p50"], "decision": run["capture_decision_ms"]}
+    return size | {"predict": run["predict_ms_p50"], "decision": run["capture_ms"]}
 
 
 def decide(
@@ -269,13 +374,13 @@ def decide(
     """
     verdicts = []
     for row in table.to_dict("records"):
-        over = [k for k, most in budgets.items() if not row[k] <= most]
+        over = [k for k, most in budgets.items() if not _within(row[k], most)]
         said = [
-            f"{k} {amount(k, row[k])} > {amount(k, budgets[k])}" if np.isfinite(row[k]) else f"{k} not known"
-            for k in over
+            f"{k} {' > '.join(apart(k, row[k], budgets[k]))}" if np.isfinite(row[k]) else f"{k} not known" for k in over
         ]
         verdicts.append("ruled out: " + ", ".join(said) if said else "")
-    table = table.assign(verdict=verdicts, loss=np.nan, error=np.nan)
+    accuracy = table["accuracy"].round(9)  # equal sums in another order are ties
+    table = table.assign(verdict=verdicts, loss=np.nan, error=np.nan, accuracy=accuracy)
     fits = table.index[table["verdict"] == ""]
     unknown = table.loc[fits][table.loc[fits, by].isna()].sort_values("accuracy", ascending=False)
     unranked = [int(i) for i in unknown.index]
@@ -287,8 +392,8 @@ def decide(
     near = []
     for i in fits:
         lost = (subjects.loc[best] - subjects.loc[i]).to_numpy()
-        table.loc[i, ["loss", "error"]] = loss, error = _paired(lost)
-        if i == best or _not_below(lost, error, margin):
+        table.loc[i, ["loss", "error"]] = mean_and_error(lost)
+        if i == best or _not_below(lost, margin):
             near.append(i)
     order = table.sort_values([by, "accuracy"], ascending=[True, False]).index
     chosen = next(i for i in order if i in near and i not in unranked)
@@ -298,7 +403,8 @@ def decide(
         elif i == chosen:
             verdict = "chosen"
         else:
-            verdict = "as good, costlier" if i in near else "below the best"
+            dearer = "costlier" if table[by][i] > table[by][chosen] else "equally cheap"
+            verdict = f"as good, {dearer}" if i in near else "below the best"
         table.loc[i, "verdict"] = verdict
     more = [i for i in order if i in fits and table[by][i] > table[by][chosen]]
     costlier = next((i for i in more if table["accuracy"][i] > table["accuracy"][chosen]), None)
@@ -307,14 +413,19 @@ def decide(
 
 def fitting(table: pd.DataFrame, budgets: Mapping[str, float]) -> pd.DataFrame:
     """The candidates that are known to fit all budgets."""
-    within = [table[cost] <= most for cost, most in budgets.items()]
+    within = [_within(table[cost], most) for cost, most in budgets.items()]
     return table[np.logical_and.reduce(within)] if within else table
+
+
+def _within(cost: Amount, most: float) -> Amount:
+    """Whether a cost is within its budget: not where it is NaN, and rounding is no excess."""
+    return cost <= most * (1 + TOLERANCE)
 
 
 def _best(table: pd.DataFrame, by: str, budgets: Mapping[str, float]) -> int | None:
     """The most accurate one that fits and whose cost is known; of equal ones the cheapest."""
     ranked = fitting(table, budgets).dropna(subset=[by]).sort_values(by)
-    return int(ranked.index[int(ranked["accuracy"].argmax())]) if len(ranked) else None
+    return int(ranked.index[int(ranked["accuracy"].round(9).argmax())]) if len(ranked) else None
 
 
 def _limit(
@@ -325,11 +436,11 @@ def _limit(
     without = _best(table, by, {k: v for k, v in budgets.items() if k != cost})
     gain = error = np.nan
     if best is not None and without is not None:
-        gain, error = _paired((subjects.loc[without] - subjects.loc[best]).to_numpy())
+        gain, error = mean_and_error((subjects.loc[without] - subjects.loc[best]).to_numpy())
     return Budget(
         cost,
         most,
-        int((needed > most).sum()),
+        int((~_within(needed, most)).sum()),
         int(table[cost].isna().sum()),
         int(needed.index[int(needed.argmin())]) if len(needed) else None,
         without,
@@ -338,20 +449,14 @@ def _limit(
     )
 
 
-def _paired(differences: np.ndarray) -> tuple[float, float]:
-    """Mean over subjects and its standard error."""
-    error = differences.std(ddof=1) / np.sqrt(len(differences)) if len(differences) > 1 else np.nan
-    return float(differences.mean()), float(error)
-
-
-def _not_below(lost: np.ndarray, error: float, margin: float | None) -> bool:
+def _not_below(losses: np.ndarray, margin: float | None) -> bool:
     if margin is None:
-        return bool(lost.mean() <= error)
-    if len(lost) < 2:
+        return within_one_standard_error(losses)
+    if len(losses) < 2:
         return False
-    if not lost.std():
-        return bool(lost.mean() < margin)
-    return bool(ttest_1samp(lost, margin, alternative="less").pvalue < 0.05)
+    if not losses.std():
+        return bool(losses.mean() < margin)
+    return bool(ttest_1samp(losses, margin, alternative="less").pvalue < 0.05)
 
 
 def amount(cost: str, value: float) -> str:
@@ -361,63 +466,116 @@ def amount(cost: str, value: float) -> str:
     return f"{value:.3g} {COSTS[cost]}" if value < 100 else f"{value:.0f} {COSTS[cost]}"
 
 
-def sentences(choice: Choice, by: str, margin: float | None, subjects: int) -> list[str]:
-    """The choice, its reason, what the next costlier system would buy, and what each budget costs."""
+def apart(cost: str, one: float, other: float) -> tuple[str, str]:
+    """Two amounts of a cost with as many digits as tell them apart."""
+    texts = amount(cost, one), amount(cost, other)
+    digits = 4
+    while texts[0] == texts[1] and one != other and digits < 17:
+        texts = f"{one:.{digits}g} {COSTS[cost]}", f"{other:.{digits}g} {COSTS[cost]}"
+        digits += 1
+    return texts
+
+
+def points(mean: float, error: float) -> str:
+    """A difference in points with its standard error, which a single subject does not have."""
+    text = f"{mean:.1f}" if round(mean, 1) or not mean else f"{mean:.1g}"
+    return text if np.isnan(error) else f"{text} ± {error:.1f}"
+
+
+def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixed: bool = False) -> list[str]:
+    """The choice, its reason, what the next better system needs, what each budget costs, and for whom it holds.
+
+    Args:
+        choice: that was made.
+        by: the cost that is to be low.
+        margin: points of accuracy that do not matter, or None.
+        subjects: number of them.
+        mixed: whether training and test captures come from the same subjects.
+    """
     rows = dict(zip(choice.table.index, rows_of(choice.table), strict=True))
     limits = [_limited(limit, rows, choice.best) for limit in choice.budgets]
     if choice.chosen is None:
         if choice.unranked:
-            return [f"Nothing can be chosen: {by} is known of no candidate that fits ({UNKNOWN[by]}).", *limits]
+            return [f"Nothing can be chosen: no candidate that fits has a known {by} ({UNKNOWN[by]}).", *limits]
         return ["Nothing fits: every candidate is ruled out by a budget.", *limits]
     own, best = rows[choice.chosen], rows[choice.best]
-    rule = "one standard error of the paired difference" if margin is None else f"{margin:g} points (p < 0.05)"
-    said = [f"Choose {_named(own)}: {own['accuracy']:.1f} % with {by} {amount(by, own[by])}."]
-    if choice.chosen == choice.best:
-        said.append("Of those that fit, none is more accurate, and no cheaper one comes within " + rule + ".")
+    said = [f"Choose {_named(own)}: {own['accuracy']:.1f} % with {amount(by, own[by])} {WORDS[by]}."]
+    that = "that fits" + (f" and has a known {by}" if choice.unranked else "")
+    if choice.chosen == choice.best or subjects < 2:
+        said.append(f"No system {that} is more accurate{_nor_cheaper(margin, subjects)}.")
     else:
-        said.append(
-            f"It is the cheapest that is not below the best that fits, {_named(best)} ({best['accuracy']:.1f} %), by "
-            f"more than {rule}: {own['loss']:.1f} ± {own['error']:.1f} points over {subjects} subjects."
-        )
+        rule = "within one standard error of" if margin is None else f"that loses less than {margin:g} points to"
+        proof = "" if margin is None else ", p < 0.05"
+        said += [
+            f"It is the cheapest system {rule} the best one {that} ({_brief(best)}, {best['accuracy']:.1f} %{proof}).",
+            f"It loses {points(own['loss'], own['error'])} points (mean ± standard error over {subjects} subjects).",
+        ]
     if choice.costlier is not None:
-        next_one = rows[choice.costlier]
+        better = rows[choice.costlier]
+        more, less = apart(by, better[by], own[by])
+        gain = points(better["accuracy"] - own["accuracy"], np.nan)
         said.append(
-            f"The next costlier one that is more accurate, {_named(next_one)}, would buy "
-            f"{next_one['accuracy'] - own['accuracy']:.1f} points for {by} {amount(by, next_one[by])} in place of "
-            f"{amount(by, own[by])}."
+            f"The next better system, {_named(better)}, gains {gain} points but needs {more} {WORDS[by]} instead of "
+            f"{less}."
         )
     if choice.unranked:
         first = rows[choice.unranked[0]]
         said.append(
-            f"Candidates whose {by} is not known ({UNKNOWN[by]}), which cannot be the cheapest: "
-            f"{len(choice.unranked)}; the most accurate of them is {_named(first)}, {first['accuracy']:.1f} %."
+            f"{_several(len(choice.unranked), 'candidate')} cannot be chosen, because the {by} is unknown "
+            f"({UNKNOWN[by]}). The most accurate of these is {_named(first)}, {first['accuracy']:.1f} %."
         )
     said += limits
-    if subjects < FEW_SUBJECTS:
+    if subjects == 1:
+        said.append("Only 1 subject, so there is no standard error: this says little about the next person.")
+    elif subjects < FEW_SUBJECTS:
         said.append(f"Only {subjects} subjects: this says little about the next person.")
+    if mixed:
+        said.append("Training and test captures come from the same subjects: this does not hold for a new person.")
     return said
+
+
+def _nor_cheaper(margin: float | None, subjects: int) -> str:
+    """That no cheaper system comes near the best one, where subjects can show it."""
+    if subjects < 2:
+        return ""
+    if margin is None:
+        return ", and no cheaper one is within one standard error"
+    return f", and no cheaper one is shown to lose less than {margin:g} points (p < 0.05)"
 
 
 def _limited(limit: Budget, rows: dict[int, Row], best: int | None) -> str:
     """What a budget costs, or where nothing fits, how far the candidates are from it."""
     cost, count = limit.cost, limit.over + limit.unknown
     said = f"{cost} at most {amount(cost, limit.most)}"
-    unknown = f"of {limit.unknown} it is not known: {UNKNOWN[cost]}" if limit.unknown else ""
+    unknown = f"{limit.unknown} with unknown {cost}: {UNKNOWN[cost]}" if limit.unknown else ""
     without = "nothing fits either"
     if limit.without is not None:
         row = rows[limit.without]
         without = f"the best that fits is {_named(row)}, {row['accuracy']:.1f} %"
     if best is not None:
-        price = f"costs {limit.gain:.1f} ± {limit.error:.1f} points: without it {without}."
+        price = f"costs {points(limit.gain, limit.error)} points: without it {without}."
         if limit.without == best:
             price = "costs nothing: without it the best that fits is the same."
-        return f"{said} {price}" + (f" It rules out {count} candidates ({unknown})." if unknown else "")
-    counts = f"{said} alone rules out {count} of {len(rows)} candidates" + (f" ({unknown})" if unknown else "")
+        return f"{said} {price}" + (f" It rules out {_several(count, 'candidate')} ({unknown})." if unknown else "")
+    if not count:
+        return f"{said} rules out no candidate."
+    counts = f"{said} alone rules out {count} of {_several(len(rows), 'candidate')}"
+    counts += f" ({unknown})" if unknown else ""
     if limit.least is not None:
         row = rows[limit.least]
-        counts += f"; the least that any needs is {amount(cost, row[cost])}, {_named(row)}"
+        counts += f"; the least that any needs is {apart(cost, row[cost], limit.most)[0]}, {_named(row)}"
     return f"{counts}. Without it {without}."
 
 
+def _several(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' if number != 1 else ''}"
+
+
 def _named(row: Row) -> str:
-    return f"{row['system']} ({SAID.get(row['unit'], row['unit'])})"
+    """A candidate: the system, and in brackets what it labels unless that is whole captures."""
+    return str(row["system"]) + ("" if row["unit"] == "capture" else f" ({SAID.get(row['unit'], row['unit'])})")
+
+
+def _brief(row: Row) -> str:
+    """The same for a place that is in brackets."""
+    return _named(row).replace(" (", ", ").removesuffix(")")

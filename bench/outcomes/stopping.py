@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bench.outcomes.scores import subject_interval, windows
+from bench.paired import mean_and_error, within_one_standard_error
 
 THRESHOLDS = (*np.round(np.arange(0.05, 0.96, 0.05), 2).tolist(), 0.97, 0.98, 0.99, 0.995, 0.999, np.inf)
 SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
@@ -53,19 +54,20 @@ def learn_stopping(table: pd.DataFrame, rate_hz: float) -> tuple[float, pd.DataF
     rows = []
     for threshold in THRESHOLDS:
         rowed = stopped(table, threshold)
-        lost = (whole - _hits(rowed)).to_numpy()
-        error = lost.std(ddof=1) / np.sqrt(len(lost)) if len(lost) > 1 else 0.0
+        losses = (whole - _hits(rowed)).to_numpy()
+        lost, error = mean_and_error(losses)
         rows.append(
             {
                 "threshold": threshold,
                 "accuracy": (rowed["true"] == rowed["predicted"]).mean(),
-                "lost": lost.mean(),
+                "lost": lost,
                 "error": error,
+                "allowed": within_one_standard_error(losses),
                 "mean_ms": 1000 / rate_hz * rowed["frames"].mean(),
             }
         )
     series = pd.DataFrame(rows)
-    allowed = series[series["lost"] <= series["error"] + 1e-12]
+    allowed = series[series["allowed"]]
     best = allowed.sort_values(["mean_ms", "threshold"], ascending=[True, False], kind="stable").iloc[0]
     return float(best["threshold"]), series
 

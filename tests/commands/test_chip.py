@@ -58,10 +58,19 @@ def test_what_c_says_is_tracked_chosen_and_drawn(costs, capsys):
         assert run.data.metrics["python_accuracy"] == pytest.approx((whole["predicted"] == whole["true"]).mean())
         np.testing.assert_allclose(table.filter(like="p_").sum(axis=1), 1, rtol=1e-4)
     assert sorted(run.data.params["chip.bits"] for run in found) == ["32", "8"]
-    named, _, _ = candidates(connect(), {})
+    named = candidates(connect(), {}).table
     assert named["unit"].tolist() == ["capture", "in C, 32 bits", "in C, 8 bits"]
     assert named["cycles"].tolist()[1:] == [60, 60] and np.isnan(named["cycles"][0]) and named["flash"][1] == 9
     assert named["flash"][0] == 9  # of Python what is linked, which the count leaves code out of
+    touch = named["decision"][0]
+    assert named["decision"].tolist() == [touch] * 3
+    timed = candidates(connect(), {}, clock=0.5).table["decision"]
+    assert timed.tolist() == pytest.approx([touch, touch + 120, touch + 120])  # 60,000 cycles at 0.5 MHz
+    assert main(["choose", f"max_decision={touch + 1}ms", "clock=500kHz"]) == 0
+    out = re.sub(r"[│\s]+", " ", capsys.readouterr().out)
+    assert "for 2 of 3 candidates, plus the measured cycles at 0.5 MHz" in out and "ruled out: decision" in out
+    for wrong in ("64", "MHz", "-1MHz", "nanMHz"):
+        assert main(["choose", f"clock={wrong}"]) == 2 and f"clock={wrong}: give a number" in capsys.readouterr().err
     assert main(["choose", "max_cycles=0.1M"]) == 0
     assert "cycles not known" in re.sub(r"[│\s]+", " ", capsys.readouterr().out)
     assert main(["choose", "max_cycles=59999"]) == 2 and "max_cycles=59999" in capsys.readouterr().err

@@ -31,7 +31,7 @@ def test_the_page_says_what_bench_choose_says(store, runs, capsys, tmp_path):
         found = considered(store, runs["group"].iloc[0], runs, budget)
         assert found.choice.table["system"][found.choice.chosen] == system
         lines = found.answer().lines
-        assert lines[0].startswith(f"Choose {system} (whole captures): ")
+        assert lines[0].startswith(f"Choose {system}: ")
         words = [f"max_flash={v:g}kB" for v in budget.values()]
         assert found.answer().command == " ".join(["bench choose data=synth protocol=loso", *words])
         assert main(["choose", "data=synth", "protocol=loso", *words]) == 0

@@ -1,0 +1,33 @@
+"""Paired differences over subjects: their mean, its standard error, and the rule of one standard error."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+TOLERANCE = 1e-9  # relative and absolute: accuracies are shares of captures, so that smaller gaps are rounding
+
+
+def mean_and_error(differences: np.ndarray) -> tuple[float, float]:
+    """Mean and its standard error; the error is NaN for fewer than two subjects.
+
+    Args:
+        differences: one per subject.
+    """
+    error = differences.std(ddof=1) / np.sqrt(len(differences)) if len(differences) > 1 else np.nan
+    return float(differences.mean()), float(error)
+
+
+def within_one_standard_error(losses: np.ndarray) -> bool:
+    """Whether the mean loss is at most its standard error; of one subject, whether there is no loss.
+
+    Where two systems differ on one subject alone, the mean loss equals its standard error, whatever the number of
+    subjects. Both are rounded, so that they are compared with a tolerance.
+
+    Args:
+        losses: accuracy of the best system minus that of another, one per subject.
+    """
+    mean, error = mean_and_error(losses)
+    error = 0.0 if math.isnan(error) else error
+    return mean <= error or math.isclose(mean, error, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
