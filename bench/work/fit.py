@@ -79,6 +79,11 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
     if out is not None:
         new_folder(out)
     estimator, corpus = checked(cell), corpus_of(cell)
+    if conditions := contract.conditions(estimator):
+        raise InputError(
+            f"model={cell.model}: it needs {', '.join(conditions)} to predict, which a saved system is not given; "
+            "remove conditions from it, or evaluate it with bench run"
+        )
     contract.check_training(estimator, corpus, corpus.gestures)
     store, threads = connect(), usable_cores()
     plan = Plan(cell, corpus, (), 1, threads)

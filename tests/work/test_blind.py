@@ -192,3 +192,13 @@ def test_declared_conditions_are_visible_and_no_others(corpus):
         system.conditions = (wrong,)
         with pytest.raises(InputError, match="must not use"):
             contract.check_conditions(system, covered.with_target("cover"))
+
+
+def test_a_system_that_needs_a_condition_is_not_saved(tmp_path):
+    from bench.work.fit import fit
+
+    path = tmp_path / "my.py"
+    path.write_text("from tests.work.test_blind import Mean\n\nclass My(Mean):\n    conditions = ('variant',)\n")
+    (cell,) = cells(SMALL | {"model": f"{path}:My"})
+    with pytest.raises(InputError, match="it needs variant to predict"):
+        fit(cell)
