@@ -149,9 +149,10 @@ bench adapt MODEL FILE out=FOLDER [labels=no] [rate_hz=]
 
 Adapts a saved system to one person, in well under a second: FILE holds some of their captures, in the format of bench
 data import table. With a column gesture the system learns from them, else (or with labels=no) only how this person
-differs from those of training. Saves the adapted system as a folder, which bench predict and bench stream source=-
-accept; MODEL stays as it is. reflex, lda, networks (their last layer) and what was fitted with model.person= can adapt.
-What it is worth: bench run protocol=personal.
+differs from those of training. Channels ch1, ch2, ... are read by their numbers, and none may be missing or extra.
+Saves the adapted system as a folder, which bench predict and bench stream source=- accept; MODEL stays as it is.
+reflex, lda, networks (their last layer) and what was fitted with model.person= can adapt. What it is worth: bench run
+protocol=personal.
 
   bench fit data=haart model=reflex out=rec
   bench adapt rec anna.csv out=rec_anna
@@ -199,9 +200,10 @@ PREDICT = """\
 bench predict MODEL FILE [out=labels.csv] [rate_hz=]
 
 Labels the captures of a CSV, parquet or .npz file in the format of bench data import table; subject and gesture may be
-missing. A column capture names captures; else they are counted from 1. Prints capture, label, confidence and the
-probability of each class; in the file out=, made for people, a name that a spreadsheet would take for a formula is led
-by an apostrophe. rate_hz=, if given, must match the rate of the model's training captures.
+missing. Channels ch1, ch2, ... are read by their numbers, and none may be missing or extra. A column capture names
+captures; else they are counted from 1. Prints capture, label, confidence and the probability of each class; in the file
+out=, made for people, a name that a spreadsheet would take for a formula is led by an apostrophe. rate_hz=, if given,
+must match the rate of the model's training captures.
 
 MODEL is models:/..., runs:/.../model of the store of this folder, or a folder. A model is code: loading one runs it, so
 name only models saved by you or someone you trust.
