@@ -122,11 +122,13 @@ one run in MLflow with a child run per fold; an interrupted command goes on wher
 
 bench stream source=- model=MODEL [hop_ms=125] [window_ms=]
 
-Decides on frames from standard input: a line per frame, its values in row-major order with commas or spaces between
-them; a blank line ends a capture. Prints a line per decision: capture, ms, label, confidence, and settled, which is yes
-from where training subjects have shown that waiting for more of the capture gains too little (- if the model has not
-learned that). MODEL is a model that bench fit saved. Keeps and sees only the last window_ms, by default the length of
-the longest training capture.
+Decides on frames from standard input: a line per frame, its values in row-major order; a line of blanks, or of nothing,
+ends a capture. Values are decimal numbers (7, 0.25, 1e3), all with a comma between them or all with blanks (spaces,
+tabs); at most 32 characters a value. The C of bench export reads the same.
+
+Prints a line per decision: capture, ms, label, confidence, and settled, which is yes from where training subjects have
+shown that waiting for more of the capture gains too little (- if bench fit found no such moment). MODEL is a model that
+bench fit saved. Keeps and sees only the last window_ms, by default the length of the longest training capture.
 
   sensor | bench stream source=- model=models:/m-0123456789abcdef
 """

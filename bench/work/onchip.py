@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from bench.plan.plan import Fold, Plan
     from bench.source import Code
 
-# As large as what `bench fit` teaches, which takes three more fits; it changes no probability and never settles.
-UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), float("inf"))
+# As large as what `bench fit` teaches, which takes three more fits; it changes no probability.
+UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), 1.0)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import io
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -323,9 +324,35 @@ def test_the_program_prints_what_bench_stream_prints(tmp_path, monkeypatch, caps
     mine, theirs = ([line.split(",") for line in out.splitlines()] for out in (printed, capsys.readouterr().out))
     assert [row[:3] + row[4:] for row in mine] == [row[:3] + row[4:] for row in theirs]
     np.testing.assert_allclose(*([float(row[3]) for row in rows[1:]] for rows in (mine, theirs)), atol=0.01)
-    for wrong, told in (("1 2\n", "send 35 numbers"), ("x\n", "send"), (" ".join(["2000"] * 35), "out of range")):
+    large = " ".join(["2000"] * 35)
+    for wrong, told in (("1 2\n", "send 35 decimal numbers"), ("x\n", "send"), (large, "out of range")):
         done = subprocess.run(["c/touch"], input=wrong, capture_output=True, text=True, check=False)
         assert done.returncode == 2 and "line 1: " in done.stderr and told in done.stderr
+
+
+def test_where_no_saving_was_found_nothing_is_settled(tmp_path, monkeypatch, capsys):
+    import mlflow
+
+    corpus = touched()
+    found = fitted(SYSTEMS["bayes"](), corpus, stopping=True)
+    found.stopping = replace(found.stopping, threshold=float("inf"))
+    with quiet():
+        mlflow.pyfunc.save_model(str(tmp_path / "rec"), **found.model([], corpus[0][:2]))
+    assert main(["export", "rec", "out=c"]) == 0
+    assert "no saving found" in capsys.readouterr().out
+    header = (tmp_path / "c/touch.h").read_text()
+    assert "define TOUCH_THRESHOLD" not in header and "#define TOUCH_STOPPING 0" in header
+    label, proba, settled, _ = built(found, tmp_path / "asked")(corpus[0])
+    assert settled == 0 and proba.max() == pytest.approx(found.decision(corpus[:1], None)[1], abs=0.02)  # calibrated
+    subprocess.run(["make", "-C", "c", "CC=gcc"], check=True, capture_output=True)
+    text = lines_of(corpus, [0])
+    printed = subprocess.run(["c/touch"], input=text, capture_output=True, text=True, check=True).stdout
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(text.encode())))
+    assert main(["stream", "source=-", "model=rec"]) == 0
+    said = capsys.readouterr()
+    assert "no saving found" in said.err
+    for out in (printed, said.out):
+        assert {line.split(",")[4] for line in out.splitlines()[1:]} == {"-"}
 
 
 @pytest.mark.skipif(bool(lacking("make", "gcc", "awk")), reason=lacking("make", "gcc", "awk"))
