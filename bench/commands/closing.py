@@ -112,7 +112,8 @@ def exported(outcomes: Sequence[Outcome]) -> None:
         got = one.metrics
         say(
             f"{_where(one, outcomes)}{_system(one)} in C labels {_share(one)} correctly, with "
-            f"{got['chip_flash_bytes'] / 1000:.1f} kB of flash and {got['chip_ram_bytes'] / 1000:.1f} kB of RAM."
+            f"{got['chip_flash_bytes'] / 1000:.1f} kB of flash and {got['chip_ram_bytes'] / 1000:.1f} kB of RAM for "
+            f"touch.c ({got['chip_program_ram_bytes'] / 1000:.1f} kB with main.c, the C library, heap and stack)."
         )
         flash = max(1, _rounded_up(got["chip_flash_bytes"] / 1000))
         commands[typed("choose", _tracked(one) | {"max_flash": f"{flash}kB", "by": "cycles"})] = None

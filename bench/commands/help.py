@@ -165,9 +165,12 @@ bench export MODEL out=FOLDER [bits=32|8]
 Writes a saved system as C99 that needs no heap and no library but math.h: touch.h (touch_init, touch_push and
 touch_label), touch.c, and tables.h with what was learnt. A Makefile builds it for this machine, where main.c decides on
 frames from standard input as bench stream source=- does, as long as a capture is no longer than those in training
-(make, make check), and for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM (make chip, which does not link what
-does not fit; FLASH=512K RAM=64K for another; make flash prints the sizes, make count instructions). What the model has
-learned about when to decide goes along, and so does a person whom it was adapted to.
+(make, make check), and for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM (make chip; FLASH=512K RAM=64K for
+another; it says how many bytes are missing where the program does not fit). make flash prints the bytes of touch.c
+alone, make count its instructions and stack. What the model has learned about when to decide goes along, and so does a
+person whom it was adapted to.
+
+A model is code: loading one runs it, so name only models saved by you or someone you trust.
 
 reflex has C; so have lda, softmax, bayes, svm, tree, rf, et and xgb on touch with model.window=, or on jung28; and
 of networks hughes2017_cnn.
@@ -188,6 +191,10 @@ the C label the test captures beside Python, links it for a Cortex-M4F with 256 
 as large as if it had learned when to decide), and counts instructions in QEMU: of a frame, mean, and of the costliest
 frame with its label. Each system and number of
 bits is one run in MLflow; bench choose and bench report read them.
+
+library RAM is the state of touch.c, without the program's own stack and buffers; stack B is the most stack that a frame
+and its label take. program RAM is the whole program that make chip links: touch.c, main.c, the C library, and 4096
+bytes for heap and stack.
 
 Needs cc, make, arm-none-eabi-gcc and qemu-system-arm (Debian: gcc make gcc-arm-none-eabi libnewlib-arm-none-eabi
 qemu-system-arm).

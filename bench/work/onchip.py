@@ -130,7 +130,9 @@ class OnChip(Experiment[None]):
             "in Python": text("python_accuracy", 100),
             "other labels": text("other_labels", 1, 0),
             "flash kB": text("chip_flash_bytes", 1e-3),
-            "RAM kB": text("chip_ram_bytes", 1e-3),
+            "library RAM kB": text("chip_ram_bytes", 1e-3),
+            "program RAM kB": text("chip_program_ram_bytes", 1e-3),
+            "stack B": text("chip_stack_bytes", 1, 0),
             "instructions a frame": text("chip_frame_instructions", 1, 0),
             "at most": text("chip_most_instructions", 1, 0),
         }
