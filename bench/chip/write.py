@@ -107,7 +107,8 @@ int touch_init(touch_t *t);
 int touch_push(touch_t *t, const float *frame);
 
 /* The class of what has been seen since the beginning, or a code; and probabilities of all classes.
-   {settled} settled may be NULL. */
+   {settled}
+   settled may be NULL. */
 int touch_label(touch_t *t, float *probabilities, float *settled);
 
 /* What a class is called. */
