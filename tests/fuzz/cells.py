@@ -103,7 +103,8 @@ def lengths_of(starts: list, total: int) -> list:
 def layout(header: list, channels: int) -> tuple:
     """Places of the labels by name, and places of the channels, row by row."""
     places = numbered(header, channels) or list(range(len(header)))[-channels:]
-    names = {name: i for i, name in enumerate(header) if i not in set(places)}
+    taken = set(places)
+    names = {name: i for i, name in enumerate(header) if i not in taken}
     need(len(names) + channels == len(header), "too few columns")
     for name in ("subject", "gesture", "frame"):
         need(name in names, f"no {name} beside the channels")
