@@ -9,7 +9,7 @@ import pandas as pd
 
 from bench.outcomes import statistics
 from bench.outcomes.comparable import method_of
-from bench.outcomes.stopping import SHOWN_MS
+from bench.outcomes.stopping import NO_SAVING, SHOWN_MS, saves
 from bench.outcomes.store import Store
 from reports.behaviour import context_words, contexts, under
 from reports.groups import Group
@@ -40,11 +40,14 @@ def early(store: Store) -> str:
         if "adaptive_accuracy" not in measured:
             continue
         early, whole = (100 * measured[name] for name in ("adaptive_accuracy", "accuracy"))
-        said = (
-            f"On {context_words(best)}, {method_of(best.data.tags)} labels {early:.1f} % of captures correctly when it "
-            f"decides as soon as waiting gains too little, after {measured['adaptive_ms']:.0f} ms of touch on average, "
-            f"and {whole:.1f} % of whole captures."
-        )
+        said = f"On {context_words(best)}, {method_of(best.data.tags)} labels "
+        if saves(measured):
+            said += (
+                f"{early:.1f} % of captures correctly when it decides as soon as waiting gains too little, after "
+                f"{measured['adaptive_ms']:.0f} ms of touch on average, and {whole:.1f} % of whole captures."
+            )
+        else:
+            said += f"{whole:.1f} % of whole captures correctly; {NO_SAVING}."
         half = f"accuracy_at_{SHOWN_MS[1]}_ms"
         soon = [r for r in runs if half in r.data.metrics]
         if soon:

@@ -23,7 +23,7 @@ COSTS = {
 }
 ON_CHIP = {
     "chip_flash_bytes": ("kB of flash as C on a Cortex-M4F, linked", 1e3),
-    "chip_ram_bytes": ("kB of RAM as C, the state of a capture", 1e3),
+    "chip_ram_bytes": ("kB of RAM as C, of the library touch.c without the program's own stack and buffers", 1e3),
     "chip_most_instructions": ("instructions of the costliest frame and its label as C", 1),
 }
 COSTS |= ON_CHIP

@@ -19,12 +19,14 @@ from bench.chip.write import CODE
 
 PROGRAMS = ("cc", "make", "arm-none-eabi-gcc", "qemu-system-arm")
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC")
-REASON = re.compile(r"overflowed|error:|undefined reference")  # among the lines of a linker, what is not what follows
+REASON = re.compile(r"too small|error:|undefined reference")  # among the lines of a linker, what is not what follows
 LIMIT_S = 300  # of one program; QEMU takes seconds
 SAID = (
     r"flash: (?P<code>\d+) bytes of code, (?P<tables>\d+) of tables",
-    r"RAM: (?P<ram>\d+) bytes of state",
+    r"RAM of the library: (?P<ram>\d+) bytes of state",
     r"library: (?P<flash>\d+) bytes of flash",
+    r"stack: (?P<stack>\d+) bytes",
+    r"program: \d+ bytes of flash and (?P<program>\d+) of RAM, and (?P<reserve>\d+) more",
     r"instructions: (?P<mean>\d+) a frame on average.*; a frame and its label at most (?P<most>\d+)",
 )
 
@@ -61,26 +63,30 @@ def measured(folder: Path) -> dict[str, float]:
 
     Returns:
         ``chip_flash_bytes``: code, tables, and what both need of the C library, linked; ``chip_code_bytes`` and
-        ``chip_table_bytes`` of it are the program's own. ``chip_ram_bytes``: the state of a capture.
+        ``chip_table_bytes`` of it are the library's own. ``chip_ram_bytes``: RAM of the library, without the program's
+        own stack and buffers. ``chip_stack_bytes``: the most stack that a frame and a label take, below their caller,
+        without interrupts. ``chip_program_ram_bytes``: RAM of the whole program that reads frames from standard input,
+        with the C library and what the linker script reserves for heap and stack.
         ``chip_frame_instructions``: of a frame, mean; ``chip_most_instructions``: of the frame that costs most together
         with its label, as QEMU counts them (a generated capture of 8 s, a label every eighth frame and where a window
         ends).
 
     Raises:
-        ValueError: they do not compile, or do not fit into 256 KiB and 32 KiB beside the program that counts, or QEMU
-            does not end.
+        ValueError: they do not compile, or the program does not fit into 256 KiB and 32 KiB, or QEMU does not end.
     """
-    text = _said(["make", "-s", "flash", "count"], folder)
+    text = _said(["make", "-s", "flash", "count", "chip"], folder)
     found: dict[str, float] = {}
     for pattern in SAID:
         if not (match := re.search(pattern, text)):
-            raise ValueError(f"make flash count said nothing of {pattern.partition(':')[0]}: {text[-300:]}")
+            raise ValueError(f"make flash count chip said nothing of {pattern.partition(':')[0]}: {text[-300:]}")
         found |= {name: float(value) for name, value in match.groupdict().items()}
     return {
         "chip_flash_bytes": found["flash"],
         "chip_code_bytes": found["code"],
         "chip_table_bytes": found["tables"],
         "chip_ram_bytes": found["ram"],
+        "chip_program_ram_bytes": found["program"] + found["reserve"],
+        "chip_stack_bytes": found["stack"],
         "chip_frame_instructions": found["mean"],
         "chip_most_instructions": found["most"],
     }

@@ -210,14 +210,19 @@ def _windows(windows: Windows | None, early: Any, found: Recogniser) -> dict[str
 def _stopping(found: Recogniser) -> dict[str, Any]:
     stopping = found.stopping
     if stopping is None:
-        return {"STOPPING": 0, "THRESHOLD": "2.0f"}
+        return {"STOPPING": 0, "CALIBRATED": 0}
     heat = stopping.calibration
-    return {
-        "STOPPING": 1,
-        "THRESHOLD": number(min(stopping.threshold, 2.0)),  # what is settled is at most 1
+    calibration = {
+        "CALIBRATED": 1,
         "FIRST_MS": number(heat.first_ms),
         "LAST_MS": number(heat.last_ms),
         "FIRST_HEAT": number(heat.first),
         "LAST_HEAT": number(heat.last),
-        "WAITING": "{" + ", ".join(map(number, stopping.waiting.weights)) + "}",
     }
+    if not stopping.saves:
+        return {"STOPPING": 0} | calibration
+    return {
+        "STOPPING": 1,
+        "THRESHOLD": number(stopping.threshold),
+        "WAITING": "{" + ", ".join(map(number, stopping.waiting.weights)) + "}",
+    } | calibration

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 CODE = Path(__file__).parent / "code"
 TYPES = {"int8": "int8_t", "int16": "int16_t", "int32": "int", "float32": "float"}
-PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "THRESHOLD", "STOPPING")
+PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "STOPPING", "THRESHOLD")
+SETTLED = "settled: how settled the label is, 0 to 1; from TOUCH_THRESHOLD on, waiting for more gains too little."
+NOT_SETTLED = "settled: always 0, as no moment was learned from which waiting for more gains too little."
 TOP = """/* From frames to a label, in the order in which it happens: a frame is checked and repaired, joins what is
    kept of the capture, and, where a decision is due, features are computed and classified. touch_push and touch_label
    stand at the end. All that changes is in touch_t; what was learnt is in tables.h. */
@@ -31,7 +33,8 @@ ABOUT = {  # by the first constant of each group
     "WINDOW": "Frames of a window and from one to the next, and of the shorter ones before the first; 0 for none.",
     "CONVOLVED": "Frames of a window and from one to the next; windows that are open at a time; filters and pools.",
     "SEGMENT": "Spectra: frames of a segment, most points; lags of autocorrelations, in frames.",
-    "STOPPING": "How settled a label must be, and how sure it may be after so many ms, as training people have shown.",
+    "STOPPING": "How settled a label must be, as training people have shown.",
+    "CALIBRATED": "How sure a label may be after so many ms, as training people have shown.",
     "PASSES": "Rounds in which broken taxels are filled from their neighbours; labels that are remembered.",
     "SIGNALS": "Features of touch: signals of a frame, what is taken of each, and of the taxels in order of size.",
     "NAMES": "Classes, in the order of probabilities.",
@@ -80,7 +83,8 @@ def _fixed(name: str) -> str:
 
 def _header(chip: Chip, about: str, rate_hz: float) -> str:
     told = chip.defines | {"RATE_HZ": repr(rate_hz)}  # in full, as main.c counts hops with it
-    public = "\n".join(f"#define TOUCH_{name} {told[name]}" for name in PUBLIC)
+    public = "\n".join(f"#define TOUCH_{name} {told[name]}" for name in PUBLIC if name in told)
+    settled = SETTLED if told["STOPPING"] == "1" else NOT_SETTLED
     return f"""/* {about} */
 #ifndef TOUCH_H
 #define TOUCH_H
@@ -102,8 +106,9 @@ int touch_init(touch_t *t);
    A frame that is refused changes nothing. */
 int touch_push(touch_t *t, const float *frame);
 
-/* The class of what has been seen since the beginning, or a code; probabilities of all classes; and how settled the
-   label is, 0 to 1: from TOUCH_THRESHOLD on, waiting for more gains too little. settled may be NULL. */
+/* The class of what has been seen since the beginning, or a code; and probabilities of all classes.
+   {settled}
+   settled may be NULL. */
 int touch_label(touch_t *t, float *probabilities, float *settled);
 
 /* What a class is called. */
@@ -231,7 +236,7 @@ def _code(chip: Chip) -> str:
     ]
     pieces.append(_fixed(f"features_{chip.features}.c"))
     used = "".join(decider.body for decider in chip.deciders.values())
-    used += "softmax(" if chip.defines["STOPPING"] == "1" else ""
+    used += "softmax(" if chip.defines["CALIBRATED"] == "1" else ""
     pieces += [_fixed(f"{name}.c") for name in FUNCTIONS if f"{name}(" in used]
     for function, decider in chip.deciders.items():
         body = decider.body.format(**{name: f"{function}_{name}" for name in decider.arrays})

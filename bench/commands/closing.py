@@ -13,6 +13,7 @@ from bench.errors import InputError
 from bench.outcomes.advice import FIRST, SECOND, WHAT, is_first
 from bench.outcomes.comparable import context_of
 from bench.outcomes.scores import captures
+from bench.outcomes.stopping import NO_SAVING, saves
 from bench.outcomes.store import connect
 from bench.plan.arguments import typed
 from bench.plan.cells import cells
@@ -52,15 +53,20 @@ def streamed(outcomes: Sequence[Outcome]) -> None:
     for members in _contexts(outcomes):
         first = max(members, key=lambda o: o.metrics.get("adaptive_accuracy", 0.0))
         got = first.metrics
-        if "adaptive_accuracy" in got:
+        if "adaptive_accuracy" in got and not saves(got):
+            say(
+                f"{_where(first, outcomes)}{_system(first)}: {NO_SAVING}; whole captures, {got['mean_ms']:.0f} ms, get "
+                f"{100 * got['accuracy']:.1f} %."
+            )
+        elif "adaptive_accuracy" in got:
             say(
                 f"{_where(first, outcomes)}{_system(first)} labels {100 * got['adaptive_accuracy']:.1f} % when it "
                 f"decides early, after {got['adaptive_ms']:.0f} ms of touch on average; whole captures, "
                 f"{got['mean_ms']:.0f} ms, get {100 * got['accuracy']:.1f} %."
             )
         if _typed(first).get("start", "onset") == "onset":  # others are not chosen among
-            soon = f"{_rounded_up(got['adaptive_ms'])}ms"
-            commands[typed("choose", _tracked(first) | {"max_decision": soon})] = None
+            soon = {"max_decision": f"{_rounded_up(got['adaptive_ms'])}ms"} if saves(got) else {}
+            commands[typed("choose", _tracked(first) | soon)] = None
     then(*(commands or ["bench report"]))
 
 
@@ -106,7 +112,8 @@ def exported(outcomes: Sequence[Outcome]) -> None:
         got = one.metrics
         say(
             f"{_where(one, outcomes)}{_system(one)} in C labels {_share(one)} correctly, with "
-            f"{got['chip_flash_bytes'] / 1000:.1f} kB of flash and {got['chip_ram_bytes'] / 1000:.1f} kB of RAM."
+            f"{got['chip_flash_bytes'] / 1000:.1f} kB of flash and {got['chip_ram_bytes'] / 1000:.1f} kB of RAM for "
+            f"touch.c ({got['chip_program_ram_bytes'] / 1000:.1f} kB with main.c, the C library, heap and stack)."
         )
         flash = max(1, _rounded_up(got["chip_flash_bytes"] / 1000))
         commands[typed("choose", _tracked(one) | {"max_flash": f"{flash}kB", "by": "cycles"})] = None

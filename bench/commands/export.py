@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 
 from bench.errors import InputError
+from bench.outcomes.stopping import NO_SAVING
 from bench.plan.arguments import options_of
 from bench.scratch import made_whole, new_folder
 
@@ -42,6 +43,8 @@ def export(arguments: list[str]) -> int:
         for name, text in files.items():
             (beside / name).write_text(text, encoding="utf-8")
     print(f"{out}: {', '.join(sorted(p.name for p in out.iterdir()))}")
+    if found.stopping is not None and not found.stopping.saves:
+        print(f"{NO_SAVING}: touch.h has no TOUCH_THRESHOLD, and settled is always 0")
     print("make chip links it for a Cortex-M4F with FLASH=256K RAM=32K; give the sizes of yours behind it")
     print(f"next: make -C {shlex.quote(str(out))} check flash")
     return 0

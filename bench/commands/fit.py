@@ -9,6 +9,7 @@ from bench.commands.closing import has_c
 from bench.commands.printing import then
 from bench.corpora.table import read_unlabelled
 from bench.errors import InputError
+from bench.outcomes.stopping import NO_SAVING
 from bench.plan.arguments import Values, number, options_of, parse, quoted
 from bench.plan.cells import Cell, cells
 from bench.scratch import new_folder, replacing
@@ -34,6 +35,9 @@ def fit(arguments: list[str]) -> int:
     print(found)
     if out is not None:
         print(out)
+    stopping = found.recogniser.stopping
+    if stopping is not None and not stopping.saves:
+        print(f"{NO_SAVING}: the model decides on whole captures")
     place = quoted(found.uri if out is None else str(out))
     in_c = [f"bench export {place} out=in_c"] if has_c(found.recogniser.estimator) else []
     then(f"bench predict {place} new.csv", *in_c)

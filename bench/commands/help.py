@@ -125,11 +125,13 @@ one run in MLflow with a child run per fold; an interrupted command goes on wher
 
 bench stream source=- model=MODEL [hop_ms=125] [window_ms=]
 
-Decides on frames from standard input: a line per frame, its values in row-major order with commas or spaces between
-them; a blank line ends a capture. Prints a line per decision: capture, ms, label, confidence, and settled, which is yes
-from where training subjects have shown that waiting for more of the capture gains too little (- if the model has not
-learned that). MODEL is a model that bench fit saved. Keeps and sees only the last window_ms, by default the length of
-the longest training capture.
+Decides on frames from standard input: a line per frame, its values in row-major order; a line of blanks, or of nothing,
+ends a capture. Values are decimal numbers (7, 0.25, 1e3), all with a comma between them or all with blanks (spaces,
+tabs); at most 32 characters a value. The C of bench export reads the same.
+
+Prints a line per decision: capture, ms, label, confidence, and settled, which is yes from where training subjects have
+shown that waiting for more of the capture gains too little (- if bench fit found no such moment). MODEL is a model that
+bench fit saved. Keeps and sees only the last window_ms, by default the length of the longest training capture.
 
   sensor | bench stream source=- model=models:/m-0123456789abcdef
 """
@@ -152,9 +154,10 @@ bench adapt MODEL FILE out=FOLDER [labels=no] [rate_hz=]
 
 Adapts a saved system to one person, in well under a second: FILE holds some of their captures, in the format of bench
 data import table. With a column gesture the system learns from them, else (or with labels=no) only how this person
-differs from those of training. Saves the adapted system as a folder, which bench predict and bench stream source=-
-accept; MODEL stays as it is. reflex, lda, networks (their last layer) and what was fitted with model.person= can adapt.
-What it is worth: bench run protocol=personal.
+differs from those of training. Channels ch1, ch2, ... are read by their numbers, and none may be missing or extra.
+Saves the adapted system as a folder, which bench predict and bench stream source=- accept; MODEL stays as it is.
+reflex, lda, networks (their last layer) and what was fitted with model.person= can adapt. What it is worth: bench run
+protocol=personal.
 
   bench fit data=haart model=reflex out=rec
   bench adapt rec anna.csv out=rec_anna
@@ -165,9 +168,12 @@ bench export MODEL out=FOLDER [bits=32|8]
 Writes a saved system as C99 that needs no heap and no library but math.h: touch.h (touch_init, touch_push and
 touch_label), touch.c, and tables.h with what was learnt. A Makefile builds it for this machine, where main.c decides on
 frames from standard input as bench stream source=- does, as long as a capture is no longer than those in training
-(make, make check), and for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM (make chip, which does not link what
-does not fit; FLASH=512K RAM=64K for another; make flash prints the sizes, make count instructions). What the model has
-learned about when to decide goes along, and so does a person whom it was adapted to.
+(make, make check), and for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM (make chip; FLASH=512K RAM=64K for
+another; it says how many bytes are missing where the program does not fit). make flash prints the bytes of touch.c
+alone, make count its instructions and stack. What the model has learned about when to decide goes along, and so does a
+person whom it was adapted to.
+
+A model is code: loading one runs it, so name only models saved by you or someone you trust.
 
 reflex has C; so have lda, softmax, bayes, svm, tree, rf, et and xgb on touch with model.window=, or on jung28; and
 of networks hughes2017_cnn.
@@ -189,6 +195,10 @@ as large as if it had learned when to decide), and counts instructions in QEMU: 
 frame with its label. Each system and number of
 bits is one run in MLflow; bench choose and bench report read them.
 
+library RAM is the state of touch.c, without the program's own stack and buffers; stack B is the most stack that a frame
+and its label take. program RAM is the whole program that make chip links: touch.c, main.c, the C library, and 4096
+bytes for heap and stack.
+
 Needs cc, make, arm-none-eabi-gcc and qemu-system-arm (Debian: gcc make gcc-arm-none-eabi libnewlib-arm-none-eabi
 qemu-system-arm).
 
@@ -202,9 +212,10 @@ PREDICT = """\
 bench predict MODEL FILE [out=labels.csv] [rate_hz=]
 
 Labels the captures of a CSV, parquet or .npz file in the format of bench data import table; subject and gesture may be
-missing. A column capture names captures; else they are counted from 1. Prints capture, label, confidence and the
-probability of each class; in the file out=, made for people, a name that a spreadsheet would take for a formula is led
-by an apostrophe. rate_hz=, if given, must match the rate of the model's training captures.
+missing. Channels ch1, ch2, ... are read by their numbers, and none may be missing or extra. A column capture names
+captures; else they are counted from 1. Prints capture, label, confidence and the probability of each class; in the file
+out=, made for people, a name that a spreadsheet would take for a formula is led by an apostrophe. rate_hz=, if given,
+must match the rate of the model's training captures.
 
 MODEL is models:/..., runs:/.../model of the store of this folder, or a folder. A model is code: loading one runs it, so
 name only models saved by you or someone you trust.

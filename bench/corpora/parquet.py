@@ -65,11 +65,11 @@ class ParquetFile:
         if missing := [n for n in names if n not in self.columns]:
             raise InputError(f"{self.label}: no column {', '.join(missing)}; add it")
 
-    def read(self, channels: int, full_scale: float) -> tuple[pd.DataFrame, np.ndarray]:
+    def read(self, channels: list[str], full_scale: float) -> tuple[pd.DataFrame, np.ndarray]:
         """Labels and sensor values of every row.
 
         Args:
-            channels: number of columns of sensor values, the last ones.
+            channels: columns of sensor values.
             full_scale: largest value allowed.
 
         Returns:
@@ -78,8 +78,10 @@ class ParquetFile:
         Raises:
             InputError: a column or a value that does not fit; the message names the column or the row.
         """
-        check_conditions(len(self._fields) - channels, self.label)
-        about, sensors = self._fields[:-channels], self._fields[-channels:]
+        check_conditions(len(self._fields) - len(channels), self.label)
+        by_name = dict(zip(self.columns, self._fields, strict=True))
+        sensors = [by_name.pop(name) for name in channels]
+        about = list(by_name.values())
         for _, field in about:
             _check_label_type(field, self.label)
         for _, field in [*(f for f in about if f[1].name.strip() == "frame"), *sensors]:
@@ -98,7 +100,7 @@ class ParquetFile:
                     words[field.name].add(*found)
                 else:
                     others[field.name].append(batch.column(i))
-            block = np.empty((len(batch), channels))
+            block = np.empty((len(batch), len(channels)))
             for j, (i, _) in enumerate(sensors):
                 with self._readable():
                     column = batch.column(i).to_numpy(zero_copy_only=False)  # what is missing becomes NaN

@@ -10,6 +10,7 @@ import pandas as pd
 import pyarrow as pa
 
 from bench.corpora.arrays import read_arrays
+from bench.corpora.channels import channels_of
 from bench.corpora.corpus import RESERVED, Corpus
 from bench.corpora.labels import Words, words_of
 from bench.corpora.limits import SYNTHETIC, called, check_conditions, plain, short
@@ -25,7 +26,8 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
     """Read captures of any grid, rate and length.
 
     A CSV or parquet file has one row per frame: ``subject``, ``gesture``, ``frame`` (from 0 or 1, up by one within a
-    capture), any columns of conditions, and last the channels in row-major order. A ``.npz`` file has ``frames``
+    capture), any columns of conditions, and last the channels in row-major order. Channels that are numbered, such as
+    ch1, ch2, ..., are read in the order of their numbers (see `channels_of`). A ``.npz`` file has ``frames``
     [total, rows, cols], ``offsets`` [captures + 1], ``subject`` and ``gesture`` [captures], and any other arrays of
     that length as conditions. Spaces around labels are no part of them; no label is empty, longer than 200 characters
     or holds characters that cannot be seen. Numbers are decimal, such as 7, 0.25 or 1e3.
@@ -55,7 +57,7 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
     size = _size(grid) if grid else None
     if size is None and path.suffix.lower() != ".npz" and path.is_file():
         raise InputError(f"{called(path)}: give the grid of the sensor, such as grid=8x8")
-    frames, starts, lengths, captures = _file(path, size, full_scale, LABELS)
+    frames, starts, lengths, captures, warnings = _file(path, size, full_scale, LABELS)
     if taken := [n for n in captures if n in RESERVED or n.startswith("p_")]:
         name = short(taken[0])
         raise InputError(f"{called(path)}: a condition cannot be called {name}, which predictions need; rename it")
@@ -63,7 +65,7 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
         if captures[label].dtype != "str":
             captures[label] = captures[label].astype(str)
     made = _generated(captures, called(path))
-    info = {"source": plain(path.name, 200), "licence": "the user's own", "synthetic": made, "warnings": []}
+    info = {"source": plain(path.name, 200), "licence": "the user's own", "synthetic": made, "warnings": warnings}
     return Corpus(frames, starts, lengths, captures, float(rate_hz), float(full_scale), "table", info=info)
 
 
@@ -92,7 +94,8 @@ def read_unlabelled(path: Path, rate_hz: float, grid: tuple[int, int], full_scal
     Raises:
         InputError: the file does not fit; the message names the line, or the array.
     """
-    return _unlabelled(*_file(Path(path), grid, full_scale, ["frame"]), rate_hz, full_scale)
+    *parts, _ = _file(Path(path), grid, full_scale, ["frame"])
+    return _unlabelled(*parts, rate_hz, full_scale)
 
 
 def from_frame(
@@ -113,6 +116,9 @@ def from_frame(
         raise InputError(f"{label}: no column capture or frame; add one, so that captures can be told apart")
     if not len(table):
         raise InputError(f"{label}: there are no frames in it")
+    channels_of([str(column) for column in table], grid, label)  # refuses channels that are missing or extra
+    if missing := [name for name in channels if name not in table]:
+        raise InputError(f"{label}: no column {missing[0]}; channels are {channels[0]} to {channels[-1]}, row by row")
     if "frame" not in table:
         run = (table["capture"] != table["capture"].shift()).cumsum()
         table = table.assign(frame=table.groupby(run).cumcount())
@@ -139,25 +145,29 @@ def _unlabelled(
 
 def _file(
     path: Path, size: tuple[int, int] | None, full_scale: float, required: list[str]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, pd.DataFrame]:
-    """Frames, starts, lengths and columns of the captures of a file, which must have the required columns."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, pd.DataFrame, list[str]]:
+    """Frames, starts, lengths and columns of the captures of a file, which must have the required columns; warnings."""
     if not path.is_file():
         what = "a folder" if path.is_dir() else "not a plain file" if path.exists() else "there is no such file"
         raise InputError(f"{plain(path, 160)}: {what}; give the path of a file")
     if path.suffix.lower() == ".npz":
-        return _arrays(path, size, full_scale, required)
-    name, channels = called(path), size[0] * size[1]
-    if path.suffix.lower() == ".parquet":
-        rows = ParquetFile(path)
-        rows.require(required)
-        _check_layout(rows.columns, channels, name, required)
-        labels, values = rows.read(channels, full_scale)
-        return _cut(_with_frames(labels, name), values, size, name, "row")
-    file = FrameFile(path, name)
+        return *_arrays(path, size, full_scale, required), []
+    name = called(path)
+    parquet = path.suffix.lower() == ".parquet"
+    file = ParquetFile(path) if parquet else FrameFile(path, name)
     file.require(required)
-    _check_layout(file.columns, channels, f"{name}, line 1", required)
-    labels, values = file.read(["frame"], file.columns[-channels:], full_scale, fractions=True)
-    return _cut(labels, values, size, name, "line")
+    where = name if parquet else f"{name}, line 1"
+    channels = channels_of(file.columns, size, where)
+    _check_layout(file.columns, channels, where, required)
+    if isinstance(file, ParquetFile):
+        labels, values = file.read(channels, full_scale)
+        labels = _with_frames(labels, name)
+    else:
+        labels, values = file.read(["frame"], channels, full_scale, fractions=True)
+    chosen = set(channels)
+    moved = [column for column in file.columns if column in chosen] != channels
+    warnings = [f"channels are read in the order of their numbers, {channels[0]} to {channels[-1]}"] if moved else []
+    return *_cut(labels, values, size, name, "row" if parquet else "line"), warnings
 
 
 def _size(grid: str) -> tuple[int, int]:
@@ -187,10 +197,10 @@ def _plain(captures: pd.DataFrame) -> pd.DataFrame:
     return captures
 
 
-def _check_layout(columns: list[str], channels: int, where: str, required: list[str]) -> None:
-    if len(columns) < channels + len(required) or {*LABELS, *required} & set(columns[-channels:]):
+def _check_layout(columns: list[str], channels: list[str], where: str, required: list[str]) -> None:
+    if len(columns) < len(channels) + len(required) or {*LABELS, *required} & set(channels):
         raise InputError(
-            f"{where}: {len(columns)} columns cannot hold {', '.join(required)} and then {channels} channels; "
+            f"{where}: {len(columns)} columns cannot hold {', '.join(required)} and then {len(channels)} channels; "
             "check grid= and put the channels last"
         )
 

@@ -5,6 +5,8 @@ Pure functions of the replay table, which `bench.work.replay` describes.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import TypedDict
 
 import numpy as np
@@ -14,6 +16,7 @@ from bench.outcomes.scores import subject_interval, windows
 from bench.paired import mean_and_error, within_one_standard_error
 
 THRESHOLDS = (*np.round(np.arange(0.05, 0.96, 0.05), 2).tolist(), 0.97, 0.98, 0.99, 0.995, 0.999, np.inf)
+NO_SAVING = "no saving found by deciding early"
 SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
 
 
@@ -70,6 +73,11 @@ def learn_stopping(table: pd.DataFrame, rate_hz: float) -> tuple[float, pd.DataF
     allowed = series[series["allowed"]]
     best = allowed.sort_values(["mean_ms", "threshold"], ascending=[True, False], kind="stable").iloc[0]
     return float(best["threshold"]), series
+
+
+def saves(measured: Mapping[str, float]) -> bool:
+    """Whether deciding early takes less touch than whole captures, from the metrics of a run of ``bench stream``."""
+    return measured["adaptive_ms"] < measured.get("mean_ms", math.inf) - 0.5  # ms, as they are printed
 
 
 def _hits(labelled: pd.DataFrame) -> pd.Series:

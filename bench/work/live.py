@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import sys
 from collections import deque
 from collections.abc import Iterator
@@ -12,8 +13,10 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.table import checked
+from bench.corpora.limits import quoted
+from bench.corpora.values import checked, highest_of
 from bench.errors import InputError, nearest
+from bench.outcomes.stopping import NO_SAVING
 from bench.plan.arguments import number
 from bench.work.replay import GROWTH
 
@@ -22,7 +25,8 @@ if TYPE_CHECKING:
 
 HOP_MS = 125.0  # 8 decisions a second; the systems in the literature make 6 to 9
 OPTIONS = ("source", "model", "hop_ms", "window_ms")
-DIGITS = 32  # most characters of a value
+CHARACTERS = 32  # most of a number; a line has at most as many for each channel, its end included
+NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 def live(values: dict[str, str]) -> int:
@@ -54,6 +58,8 @@ def live(values: dict[str, str]) -> int:
         f"granted; at most the last {longest * frame_ms:g} ms of a capture are seen",
         file=sys.stderr,
     )
+    if recogniser.stopping is not None and not recogniser.stopping.saves:
+        print(f"{NO_SAVING}: settled is -", file=sys.stderr)
     out = csv.writer(sys.stdout, lineterminator="\n")
     out.writerow(["capture", "ms", "label", "confidence", "settled"])
     sys.stdout.flush()
@@ -90,39 +96,38 @@ def _corpus(window: list[np.ndarray], recogniser: Recogniser) -> Corpus:
 
 
 def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np.ndarray | None]:
-    """Frames of a stream, float64 [channels], and None where a capture ends.
+    """Frames of a stream, float64 [channels] rounded to single precision, and None where a capture ends.
+
+    A line is a frame: decimal numbers with a comma between two of them, and blanks (spaces, tabs) around it, or with
+    blanks alone. A line of blanks alone, or of nothing, ends a capture. Lines end with LF or CR LF. The C of ``bench
+    export`` reads the same.
 
     Raises:
         InputError: a line that is not a frame, with its number.
     """
-    at, most = 0, channels * DIGITS
+    at, most = 0, channels * CHARACTERS
     while line := stream.readline(most + 1):
         at += 1
         if len(line) > most:
             raise InputError(
                 f"line {at}: longer than {most} bytes, {channels} values are wanted; send one frame a line"
             )
-        if not line.strip():
+        text = line.removesuffix(b"\n").removesuffix(b"\r").strip(b" \t")
+        if not text:
             yield None
             continue
-        cells = line.split(b",") if b"," in line else line.split()
+        cells = [cell.strip(b" \t") for cell in text.split(b",")] if b"," in text else re.split(rb"[ \t]+", text)
         if len(cells) != channels:
             raise InputError(f"line {at}: {len(cells)} values instead of {channels}; send one frame a line")
-        if wrong := [c for c in cells if not _is_number(c)]:
-            word = wrong[0].strip().decode("utf-8", "replace")
-            raise InputError(f"line {at}: {word!r} is not a number; send sensor values")
-        values = np.array(cells, dtype=np.float64)
-        if not ((values >= 0) & (values <= full_scale)).all():
-            wrong = values[~((values >= 0) & (values <= full_scale))][0]
-            raise InputError(f"line {at}: {wrong:g} is not within 0 and the full scale {full_scale:g}")
+        if wrong := [c for c in cells if len(c) > CHARACTERS or not NUMBER.fullmatch(c)]:
+            word = quoted(wrong[0].decode("utf-8", "replace"))
+            raise InputError(f"line {at}: {word} is not a decimal number; send sensor values")
+        with np.errstate(over="ignore"):
+            values = np.array(cells, dtype=np.float64).astype(np.float32).astype(np.float64)
+        fit = (values >= 0) & (values <= highest_of(full_scale))
+        if not fit.all():
+            raise InputError(f"line {at}: {values[~fit][0]:g} is not within 0 and the full scale {full_scale:g}")
         yield values
-
-
-def _is_number(cell: bytes) -> bool:
-    try:
-        return b"_" not in cell and float(cell) is not None
-    except ValueError:
-        return False
 
 
 def decided_at(

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from bench.plan.plan import Fold, Plan
     from bench.source import Code
 
-# As large as what `bench fit` teaches, which takes three more fits; it changes no probability and never settles.
-UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), float("inf"))
+# As large as what `bench fit` teaches, which takes three more fits; it changes no probability.
+UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), 1.0)
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,9 @@ class OnChip(Experiment[None]):
             "in Python": text("python_accuracy", 100),
             "other labels": text("other_labels", 1, 0),
             "flash kB": text("chip_flash_bytes", 1e-3),
-            "RAM kB": text("chip_ram_bytes", 1e-3),
+            "library RAM kB": text("chip_ram_bytes", 1e-3),
+            "program RAM kB": text("chip_program_ram_bytes", 1e-3),
+            "stack B": text("chip_stack_bytes", 1, 0),
             "instructions a frame": text("chip_frame_instructions", 1, 0),
             "at most": text("chip_most_instructions", 1, 0),
         }

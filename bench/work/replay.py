@@ -245,12 +245,17 @@ class Stopping:
     Attributes:
         calibration: of probabilities.
         waiting: what the rest of a capture is expected to gain.
-        threshold: how settled a label must be; endless where waiting always pays.
+        threshold: how settled a label must be; endless where no saving was found.
     """
 
     calibration: Calibration
     waiting: Waiting
     threshold: float
+
+    @property
+    def saves(self) -> bool:
+        """Whether there is a moment before the end of a capture at which its label is settled."""
+        return bool(np.isfinite(self.threshold))
 
 
 def unlearnable(gestures: np.ndarray, subjects: np.ndarray) -> str:

@@ -108,12 +108,12 @@ class Recogniser(PythonModel):
             before: the label that stood when 1/1.41 as much had been seen, if any.
 
         Returns:
-            The last is None where the model has not learned when to decide.
+            The last is None where the model has not learned when to decide, or has found no saving.
         """
         raw = self._mean(corpus)
         proba = self._calibrated(raw, corpus.lengths).to_numpy()[0]
         best, settled = int(proba.argmax()), None
-        if self.stopping is not None:
+        if self.stopping is not None and self.stopping.saves:
             rows = (
                 raw
                 if before is None

@@ -28,6 +28,8 @@ COSTS = {
     "chip_code_bytes": 2000.0,
     "chip_table_bytes": 5000.0,
     "chip_ram_bytes": 3000.0,
+    "chip_program_ram_bytes": 11_000.0,
+    "chip_stack_bytes": 400.0,
     "chip_frame_instructions": 5000.0,
     "chip_most_instructions": 60_000.0,
 }
@@ -47,6 +49,9 @@ def test_what_c_says_is_tracked_chosen_and_drawn(costs, capsys):
     assert main(["run", "model=bayes", *SMALL]) == 0
     out = capsys.readouterr().out
     assert "in Python" in out and "60,000" in out and "9.0" in out
+    row = OnChip(8).row(COSTS)
+    assert [row[name] for name in ("library RAM kB", "program RAM kB", "stack B")] == ["3.0", "11.0", "400"]
+    assert "3.0 kB of RAM for touch.c (11.0 kB with main.c" in re.sub(r"\s+", " ", out)
     store, found = runs("chip")
     whole = scores.captures(predictions(store, runs("cell")[1][0]))
     for run in found:
@@ -101,13 +106,13 @@ def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):
 
 def test_c_that_does_not_fit_is_a_failed_fold(tmp_path):
     (tmp_path / "Makefile").write_text(
-        "flash count:\n\t@echo region FLASH overflowed >&2; echo make failed >&2; exit 1\n"
+        "flash count chip:\n\t@echo x does not fit: FLASH=1K is 9 bytes too small >&2; echo make failed >&2; exit 1\n"
     )
     if shutil.which("make") is None:
         pytest.skip("make not installed")
-    with pytest.raises(ValueError, match="flash count: region FLASH overflowed$"):
+    with pytest.raises(ValueError, match="flash count chip: x does not fit: FLASH=1K is 9 bytes too small$"):
         compiled.measured(tmp_path)
-    (tmp_path / "Makefile").write_text("flash count:\n\t@echo nothing\n")
+    (tmp_path / "Makefile").write_text("flash count chip:\n\t@echo nothing\n")
     with pytest.raises(ValueError, match="said nothing of flash"):
         compiled.measured(tmp_path)
 
@@ -115,7 +120,7 @@ def test_c_that_does_not_fit_is_a_failed_fold(tmp_path):
 def test_what_it_starts_ends_with_it(tmp_path, monkeypatch):
     """QEMU in an endless loop would stay, as only make is ended."""
     monkeypatch.setattr(compiled, "LIMIT_S", 1)
-    (tmp_path / "Makefile").write_text("flash count:\n\t@sleep 4321 & echo $$! > pid; wait\n")
+    (tmp_path / "Makefile").write_text("flash count chip:\n\t@sleep 4321 & echo $$! > pid; wait\n")
     with pytest.raises(ValueError, match="did not end within 1 s"):
         compiled.measured(tmp_path)
     pid = int((tmp_path / "pid").read_text())
@@ -143,5 +148,7 @@ def test_a_chip_is_measured():
     found = run.data.metrics
     assert found["chip_table_bytes"] == pytest.approx(found["flash_bytes"], rel=0.1)
     assert found["chip_ram_bytes"] == pytest.approx(found["ram_bytes"], rel=0.1)
+    assert found["chip_ram_bytes"] + 4096 < found["chip_program_ram_bytes"] < found["chip_ram_bytes"] + 4096 + 8192
+    assert 50 < found["chip_stack_bytes"] < 2000
     assert found["chip_code_bytes"] + found["chip_table_bytes"] < found["chip_flash_bytes"] < 64e3
     assert 1000 < found["chip_frame_instructions"] < found["chip_most_instructions"] < 1e6

@@ -3,6 +3,7 @@
 import io
 import re
 import shlex
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from bench.cli import main
-from bench.commands import printing
+from bench.commands import closing, printing
 from bench.plan.arguments import quoted
 from tests.conftest import predictions, runs
 
@@ -166,6 +167,17 @@ def test_stream_says_what_deciding_early_costs_and_its_next_command_finds_a_syst
     capsys.readouterr()
     (choose,) = next_commands(said)
     assert choose[0] == "choose" and main(choose) == 0
+
+
+def test_stream_says_where_deciding_early_saves_nothing(monkeypatch, capsys):
+    monkeypatch.setattr(closing, "_where", lambda one, outcomes: "")
+    monkeypatch.setattr(closing, "_contexts", lambda outcomes: [outcomes])
+    monkeypatch.setattr(closing, "_system", lambda one: "lda")
+    monkeypatch.setattr(closing, "_typed", lambda one: {"start": "middle"})
+    metrics = {"adaptive_accuracy": 0.8, "adaptive_ms": 8000.0, "mean_ms": 8000.0, "accuracy": 0.8}
+    closing.streamed([SimpleNamespace(metrics=metrics)])
+    said = capsys.readouterr().out
+    assert said.startswith("lda: no saving found by deciding early; whole captures, 8000 ms, get 80.0 %")
 
 
 def test_commands_inside_another_one_do_not_say_what_comes_next(capsys):

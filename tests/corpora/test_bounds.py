@@ -36,7 +36,7 @@ def test_a_header_of_a_megabyte(child, tmp_path):
     (tmp_path / "a.csv").write_text(f"subject,variant,gesture,frame,{','.join(CHANNELS)},{names}\n")
     refused(child.run("cost", tmp_path / "a.csv", {}), "a.csv, line 1: column 'c0' is not one of CoST's")
     (tmp_path / "b.csv").write_text(f"subject,gesture,frame,{names}\nann,pat,0{',7' * 150_000}\n")
-    refused(child.run("table", tmp_path / "b.csv", TABLE), "line 1: 150001 columns before the channels")
+    refused(child.run("table", tmp_path / "b.csv", TABLE), "line 1: ", "c2, c3, c4 and 149995 more are extra")
     for cell in ("0x1", "-1"):
         (tmp_path / "b.csv").write_text(f"subject,gesture,frame,{names}\nann,pat,0{',7' * 149_999},{cell}\n")
         refused(child.run("table", tmp_path / "b.csv", TABLE | {"grid": "300x500"}), "line 2: c149999 is ")

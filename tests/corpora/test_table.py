@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.corpora.table import read
+from bench.corpora.table import from_frame, read
 from bench.errors import InputError
 
 
@@ -226,3 +226,75 @@ def test_broken_tables(tmp_path):
     rows().assign(x3=[1, None, 2]).to_parquet(tmp_path / "p.parquet")
     with pytest.raises(InputError, match="row 2: channel 4 is nan"):
         read(tmp_path / "p.parquet", rate_hz=54.0, grid="2x3")
+
+
+def square(*names, before=()):
+    """One capture of one frame on 2 x 2 taxels; the value of a channel is the number in its name."""
+    values = [int("".join(c for c in name if c.isdecimal()) or 0) for name in names]
+    labels = {"subject": "ann", "gesture": "pat", **dict.fromkeys(before, 9), "frame": 0}
+    return pd.DataFrame([[*labels.values(), *values]], columns=[*labels, *names])
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+@pytest.mark.parametrize(
+    ("names", "conditions", "warned"),
+    [
+        (("ch1", "ch2", "ch3", "ch4"), [], False),
+        (("ch3", "ch1", "ch4", "ch2"), [], True),
+        (("ch1", "ch2", "room", "ch3", "ch4"), ["room"], False),
+        (("ch1", "ch2", "ch3", "ch4", "temp7"), ["temp7"], False),
+        (("cell04", "cell03", "cell02", "cell01"), [], True),
+        (("1", "2", "3", "4", "room"), ["room"], False),
+    ],
+)
+def test_numbered_channels_go_by_their_numbers(tmp_path, kind, names, conditions, warned):
+    path, table = tmp_path / f"my.{kind}", square(*names)
+    table.to_csv(path, index=False) if kind == "csv" else table.to_parquet(path)
+    corpus = read(path, rate_hz=54.0, grid="2x2")
+    assert corpus[0][0].tolist() == [[1, 2], [3, 4]]
+    assert list(corpus.captures) == ["subject", "gesture", *conditions]
+    assert any("order of their numbers" in w for w in corpus.info["warnings"]) is warned
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("ch1", "ch2", "ch3", "ch4", "ch5"), "2x2 has 4 channels, ch1 to ch4: ch5 is extra"),
+        (("ch0", "ch1", "ch2", "ch3", "ch4"), "ch0 to ch3: ch4 is extra"),
+        (("ch2", "ch3", "ch4", "ch5"), "ch1 to ch4: ch1 is missing, ch5 is extra"),
+        (("ch1", "ch2", "ch4", "temp"), "ch1 to ch4: ch3 is missing"),
+        (("cell1", "cell2", "cell4", "cell8"), "cell1 to cell4: cell3 is missing, cell8 is extra"),
+        (("cell1", "cell2", "cell3", "temp", "cell4", "cell5"), "cell1 to cell4: cell5 is extra"),
+        (("ch1", "ch01", "ch2", "ch3", "ch4"), "ch1 to ch4: ch01 is extra"),
+        (("ch1",), "ch1 to ch4: ch2, ch3, ch4 are missing"),
+        (tuple(f"ch{i}" for i in range(1, 12)), "ch5, ch6, ch7 and 4 more are extra"),
+    ],
+)
+def test_numbered_channels_that_are_missing_or_extra_are_named(tmp_path, kind, names, message):
+    path, table = tmp_path / f"my.{kind}", square(*names)
+    table.to_csv(path, index=False) if kind == "csv" else table.to_parquet(path)
+    with pytest.raises(InputError, match=message):
+        read(path, rate_hz=54.0, grid="2x2")
+
+
+def test_names_with_two_numbers_stay_in_file_order(tmp_path):
+    names = ["x0y0", "x1y0", "x0y1", "x1y1"]
+    square(*names).assign(**dict(zip(names, range(4), strict=True))).to_csv(tmp_path / "my.csv", index=False)
+    assert read(tmp_path / "my.csv", rate_hz=54.0, grid="2x2")[0][0].tolist() == [[0, 1], [2, 3]]
+
+
+def test_a_frame_with_other_channels_than_the_model_is_refused():
+    channels = ["ch1", "ch2", "ch3", "ch4"]
+    for names, message in (
+        (("ch1", "ch2", "ch3", "ch4", "ch5"), "input: a grid of 2x2 has 4 channels, ch1 to ch4: ch5 is extra"),
+        (("ch1", "ch2", "ch4"), "ch3 is missing"),
+        (("ch0", "ch1", "ch2", "ch3"), "no column ch4"),
+        (("a", "b", "c", "d"), "no column ch1"),
+    ):
+        with pytest.raises(InputError, match=message):
+            from_frame(square(*names), channels, 54.0, (2, 2), 1023.0, "input")
+    assert from_frame(square(*channels[::-1]), channels, 54.0, (2, 2), 1023.0, "input")[0][0].tolist() == [
+        [1, 2],
+        [3, 4],
+    ]

@@ -191,23 +191,24 @@ def parquet(path: Path, grid: tuple, highest: float) -> Content:
         raise Invalid(f"not parquet: {e!r}") from e
     need(names, "no columns")
     names = column_names(names)
-    about = layout(names, channels)
+    about, places = layout(names, channels)
     need(len(about) <= MOST_CONDITIONS, "too many conditions")
     need(cells[0], "no frames")
     columns = {}
-    for name, kind, column in zip(about, kinds, cells, strict=False):
+    for name, i in about.items():
+        kind, column = kinds[i], cells[i]
         need(not pa.types.is_nested(kind), "lists")
         need(None not in column and not any(v != v for v in column), "an empty cell")
         if name == "frame":
             need((pa.types.is_integer(kind) or pa.types.is_floating(kind)), "frame is no number")
             need(all(abs(v) < 2**53 and v == int(v) for v in column), "frame is no whole number")
         columns[name] = [text_of(v) for v in column] if name != "frame" else [int(v) for v in column]
-    for kind in kinds[-channels:]:
+    sensors = [cells[i] for i in places]
+    for kind in (kinds[i] for i in places):
         need(pa.types.is_integer(kind) or pa.types.is_floating(kind), "channels that are no numbers")
-    need(all(v is not None for column in cells[-channels:] for v in column), "an empty cell")
+    need(all(v is not None for column in sensors for v in column), "an empty cell")
     values = [
-        [sensor(float(v) if isinstance(v, float) else v, highest) for v in row]
-        for row in zip(*cells[-channels:], strict=True)
+        [sensor(float(v) if isinstance(v, float) else v, highest) for v in row] for row in zip(*sensors, strict=True)
     ]
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     return long_table(rows, values, grid)

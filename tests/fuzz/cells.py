@@ -100,12 +100,36 @@ def lengths_of(starts: list, total: int) -> list:
     return [b - a for a, b in zip(starts, [*starts[1:], total], strict=True)]
 
 
-def layout(header: list, channels: int) -> list:
-    need(len(header) > channels, "too few columns")
-    names = header[: len(header) - channels]
+def layout(header: list, channels: int) -> tuple:
+    """Places of the labels by name, and places of the channels, row by row."""
+    places = numbered(header, channels) or list(range(len(header)))[-channels:]
+    taken = set(places)
+    names = {name: i for i, name in enumerate(header) if i not in taken}
+    need(len(names) + channels == len(header), "too few columns")
     for name in ("subject", "gesture", "frame"):
-        need(name in names, f"no {name} before the channels")
-    return names
+        need(name in names, f"no {name} beside the channels")
+    return names, places
+
+
+def numbered(header: list, channels: int) -> list:
+    """Places of channels that have numbers, in the order of the numbers; nothing where they have none."""
+    groups: dict = {}
+    for i, name in enumerate(header):
+        digits = len(name) - len(name.rstrip("0123456789"))
+        digits = min(digits, 9)
+        if digits:
+            groups.setdefault(name[:-digits], []).append((int(name[-digits:]), i))
+    end = len(header) - channels
+    inside = {stem: [i for _, i in group if i >= end] for stem, group in groups.items()}
+    whole = [stem for stem, places in inside.items() if len(places) == channels > 1]
+    split = [stem for stem, places in inside.items() if places and len(places) < len(groups[stem])]
+    stems = [s for s in groups if s == "ch"] or whole or sorted(split, key=lambda stem: inside[stem][0])
+    if not stems:
+        return []
+    group = sorted(groups[stems[0]])
+    first = min(1, group[0][0])
+    need([n for n, _ in group] == list(range(first, first + channels)), "channels that are missing or extra")
+    return [i for _, i in group]
 
 
 def long_table(rows: list, values: list, grid: tuple) -> Content:

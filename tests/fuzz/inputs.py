@@ -133,6 +133,9 @@ def good_csv(rng: random.Random) -> tuple:
             cells += [number(rng, value_of(rng, style, scale)) for _ in range(grid[0] * grid[1])]
             lines.append(cells)
     header = [cell_of(rng, n) for n in [*names, *(f"ch{i}" for i in range(1, grid[0] * grid[1] + 1))]]
+    if rng.random() < 0.2:
+        order = rng.sample(range(len(header)), len(header))
+        header, lines = [header[i] for i in order], [[cells[i] for i in order] for cells in lines]
     return text_of(rng, header, lines), options_of(rng, grid, scale)
 
 

@@ -96,13 +96,13 @@ def _quote_open(line: str, header: bool) -> bool:
 def table(path: Path, grid: tuple, highest: float) -> Content:
     header, *lines = grid_of_cells(path.read_bytes())
     channels = grid[0] * grid[1]
-    names = layout(header, channels)
+    names, places = layout(header, channels)
     need(len(names) <= MOST_CONDITIONS, "too many conditions")
     rows, values = [], []
     for cells in lines:
-        about = dict(zip(names, cells, strict=False))
+        about = {name: cells[i] for name, i in names.items()}
         rows.append({n: integer(c) if n == "frame" else label(c) for n, c in about.items()})
-        values.append([decimal(c, highest) for c in cells[-channels:]])
+        values.append([decimal(cells[i], highest) for i in places])
     return long_table(rows, values, grid)
 
 

@@ -82,6 +82,14 @@ def test_what_is_known_early(store):
     assert said.endswith("rf gets 60.0 % after 500 ms, most of all.")
 
 
+def test_a_system_that_saves_nothing_is_said_to(store):
+    params = {"stream.start": "onset", "stream.hop_ms": "None"}
+    metrics = {"accuracy": 0.8, "adaptive_accuracy": 0.8, "adaptive_ms": 8000.0, "mean_ms": 8000.0}
+    other_run(store, "stream", "svm", metrics | {"decide_ms_p50": 1.0}, at=1, params=params)
+    said = early(store)
+    assert "80.0 % of whole captures" in said and "no saving found" in said and "waiting gains" not in said
+
+
 def test_topics_come_only_with_something_to_say(store):
     assert briefs(store, {}, []) == []
     found = dict(briefs(store, {"here": group({"a": [60, 80], "b": [50, 50]})}, []))

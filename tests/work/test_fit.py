@@ -210,6 +210,10 @@ def test_files_of_every_format_are_labelled(suffix, grown, capsys):
     own = cell.estimator().fit(corpus, corpus.gestures)
     assert labels["label"].tolist() == own.predict(corpus).tolist()
     np.testing.assert_allclose(labels[["p_pat", "p_rub", "p_tap"]], own.predict_proba(corpus), atol=1e-5)
+    if suffix == "csv":
+        estimated[estimated.columns[::-1]].to_csv(path, index=False)
+        assert main(["predict", model, path, "out=other.csv"]) == 0  # channels go by their names
+        assert Path("other.csv").read_text() == Path("labels.csv").read_text()
 
 
 def test_a_bad_file_is_one_line(grown, capsys):
@@ -217,7 +221,8 @@ def test_a_bad_file_is_one_line(grown, capsys):
     table = as_table(corpus[:3])
     for bad, told in (
         (table.drop(columns="frame"), "no column frame"),
-        (table.drop(columns="ch12"), "12 channels"),
+        (table.drop(columns="ch12"), "12 channels, ch1 to ch12: ch12 is missing"),
+        (table.assign(ch13=1), "12 channels, ch1 to ch12: ch13 is extra"),
         (table.assign(ch5="x"), "line 2: ch5 is 'x'"),
         (table.assign(ch5=5000), "above the full scale 1023"),
         (table.iloc[1:], "a capture starts at frame"),

@@ -8,7 +8,7 @@ int touch_init(touch_t *t)
     return 0;
 }
 
-#if STOPPING
+#if CALIBRATED
 static float milliseconds(int frames) { return 1000.0f / RATE_HZ * (float)frames; }
 
 /* Probabilities as sure as training people have shown them to be after so many frames, in place. */
@@ -23,7 +23,9 @@ static void calibrated(float *proba, int frames)
         proba[c] = logf(fmaxf(proba[c], 1e-6f)) / heat;
     softmax(proba);
 }
+#endif
 
+#if STOPPING
 /* One less what waiting is expected to gain: probabilities before calibration, and the label before, or -1. */
 static float settled_of(const float *proba, int frames, int label, int before)
 {
@@ -182,10 +184,12 @@ int touch_label(touch_t *t, float *probabilities, float *settled)
     int before = earlier(t, label);
     if (settled)
         *settled = settled_of(probabilities, t->seen, label, before);
-    calibrated(probabilities, t->seen);
 #else
     if (settled)
         *settled = 0;
+#endif
+#if CALIBRATED
+    calibrated(probabilities, t->seen);
 #endif
     return label;
 }

@@ -1,4 +1,4 @@
-/* Instructions of a frame and of a label on generated frames: SysTick at 25 MHz while QEMU counts a nanosecond for each. */
+/* Instructions and stack of a frame and of a label on generated frames: SysTick at 25 MHz while QEMU counts a nanosecond for each. */
 
 #include <stdint.h>
 #include <stdio.h>
@@ -9,6 +9,9 @@
 #define RELOAD (*(volatile uint32_t *)0xE000E014)
 #define VALUE (*(volatile uint32_t *)0xE000E018)
 #define PER_TICK 40
+#define UNUSED 0x5AFE57ACu /* what stack and heap hold until something is written there */
+
+extern uint32_t end[]; /* of data, where the heap begins, which nothing takes before printf */
 
 static touch_t state;
 static float frame[TOUCH_TAXELS], proba[TOUCH_CLASSES];
@@ -20,6 +23,10 @@ int main(void)
     uint32_t seed = 1, most = 0, most_idle = 0, label_most = 0, both_most = 0;
     double all = 0;
     int count = (int)(8 * TOUCH_RATE_HZ), taken = 0, deciding = 0;
+    volatile uint32_t *at, *here;
+    __asm volatile("mov %0, sp" : "=r"(here));
+    for (at = end; at < here; at++)
+        *at = UNUSED;
     RELOAD = 0xFFFFFF;
     VALUE = 0;
     CONTROL = 5;
@@ -53,10 +60,13 @@ int main(void)
             deciding++;
         }
     }
+    for (at = end; at < here && *at == UNUSED;)
+        at++;
     if (most > both_most)
         both_most = most;
     printf("instructions: %.0f a frame on average, at most %lu without and %lu with a window that ends; label at most %lu; "
            "a frame and its label at most %lu\n",
            all / taken, (unsigned long)most_idle, (unsigned long)most, (unsigned long)label_most, (unsigned long)both_most);
+    printf("stack: %lu bytes at most, below the caller\n", (unsigned long)((here - at) * sizeof *at));
     return deciding ? 0 : 1;
 }

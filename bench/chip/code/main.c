@@ -10,30 +10,66 @@
 #define HOP_MS 125.0
 #endif
 
-static touch_t state;
-static char line[TOUCH_TAXELS * 33 + 2];
+enum { FRAME, BLANK, REFUSED, ENDED };
+enum { CHARACTERS = 32 }; /* most of a number; a line has at most as many for each taxel, its end included */
 
-/* Values of a line; 0 for a blank one, -1 for one that is no frame. */
-static int parsed(float *frame)
+static touch_t state;
+
+/* The next byte of the input; CR LF is LF, and CR at the end of the input is the end. */
+static int next_byte(int *bytes)
 {
-    char *at = line;
-    int count = 0;
-    while (*at == ' ' || *at == '\t' || *at == '\r' || *at == '\n')
-        at++;
-    if (!*at)
-        return 0;
-    while (count < TOUCH_TAXELS) {
-        char *end;
-        frame[count++] = strtof(at, &end);
-        if (end == at)
-            return -1;
-        at = end;
-        while (*at == ' ' || *at == '\t' || *at == '\r' || *at == '\n')
-            at++;
-        if (*at == ',' && count < TOUCH_TAXELS)
-            at++;
+    int c = getchar();
+    if (c == EOF)
+        return c;
+    ++*bytes;
+    if (c != '\r')
+        return c;
+    int after = getchar();
+    if (after == '\n')
+        ++*bytes;
+    return after == '\n' || after == EOF ? after : '\r';
+}
+
+/* Read a line: decimal numbers, with a comma between them and blanks (spaces, tabs) around it, or with blanks alone. */
+static int read_line(float *frame)
+{
+    char word[CHARACTERS + 1];
+    int bytes = 0, length = 0, count = 0;
+    char between = 0, gap = 0; /* first two numbers, and behind the last one: a blank, a comma or nothing */
+    for (;;) {
+        int c = next_byte(&bytes);
+        if (c == EOF && !bytes)
+            return ENDED;
+        if (bytes > CHARACTERS * TOUCH_TAXELS)
+            return REFUSED;
+        int blank = c == ' ' || c == '\t', ended = c == '\n' || c == EOF;
+        if (length && (blank || ended || c == ',')) {
+            char *end;
+            word[length] = 0;
+            frame[count++] = strtof(word, &end);
+            if (*end)
+                return REFUSED;
+            length = gap = 0;
+        }
+        if (ended)
+            return !count && !gap ? BLANK : count == TOUCH_TAXELS && gap != ',' ? FRAME : REFUSED;
+        if (blank) {
+            gap = gap || !count ? gap : ' ';
+        } else if (c == ',') {
+            if (!count || gap == ',')
+                return REFUSED;
+            gap = ',';
+        } else {
+            if (!length && count) {
+                if (count == TOUCH_TAXELS || (count > 1 && gap != between))
+                    return REFUSED;
+                between = gap;
+            }
+            if (length == CHARACTERS || !c || !strchr("0123456789+-.eE", c))
+                return REFUSED;
+            word[length++] = (char)c;
+        }
     }
-    return *at ? -1 : 1;
 }
 
 /* A class name as a cell of a table. */
@@ -60,9 +96,15 @@ static int decided(int capture, int seen, int *settled)
     int label = touch_label(&state, proba, &how);
     if (label < 0)
         return label;
+#if TOUCH_STOPPING
     *settled = *settled || how >= TOUCH_THRESHOLD;
+    const char *word = *settled ? "yes" : "no";
+#else
+    const char *word = "-";
+    (void)settled;
+#endif
     printf("%d,%.0f,%s,%.3f,%s\n", capture, 1000.0 / TOUCH_RATE_HZ * seen, cell(touch_name(label)), (double)proba[label],
-           TOUCH_STOPPING ? (*settled ? "yes" : "no") : "-");
+           word);
     fflush(stdout);
     return 0;
 }
@@ -74,10 +116,12 @@ int main(void)
     const double per_hop = HOP_MS * TOUCH_RATE_HZ / 1000;
     touch_init(&state);
     printf("capture,ms,label,confidence,settled\n");
-    while (fgets(line, sizeof line, stdin)) {
-        int kind = parsed(frame);
+    for (;;) {
+        int kind = read_line(frame);
+        if (kind == ENDED)
+            break;
         number++;
-        if (kind > 0) {
+        if (kind == FRAME) {
             int code = touch_push(&state, frame);
             if (code < 0) {
                 fprintf(stderr, "line %d: %s\n", number, code == TOUCH_LONG ? "the capture is too long" : "out of range");
@@ -88,8 +132,9 @@ int main(void)
                 decided(capture, seen, &settled);
                 at_last = seen;
             }
-        } else if (kind < 0) {
-            fprintf(stderr, "line %d: send %d numbers\n", number, TOUCH_TAXELS);
+        } else if (kind == REFUSED) {
+            fprintf(stderr, "line %d: send %d decimal numbers, all with commas or all with blanks between them\n", number,
+                    TOUCH_TAXELS);
             return 2;
         } else if (seen) {
             if (at_last < seen)
