@@ -250,11 +250,12 @@ bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023
                                                 any long CSV or parquet (subject, gesture, frame, conditions, channels)
                                                 or .npz (frames, offsets, subject, gesture); a column synthetic, true
                                                 or false, marks generated captures. A name that is taken is replaced
-bench data show haart [where=CONDITION] [out=look] [capture=N]
+bench data show haart [where=CONDITION] [target=COLUMN] [out=look] [capture=N]
                                                 what it holds: counts and gaps, durations, pressure, broken or odd
                                                 taxels, captures that are the same. Writes into out= the mean pressure
                                                 of each gesture, film strips, an animation (of one capture of each
-                                                gesture, or of capture N, counted from 0) and index.html with all of it
+                                                gesture, or of capture N, counted from 0) and index.html with all of it.
+                                                target= counts the classes of another column besides
 bench data show synth data.subjects=4           generated captures, with any parameter of data=synth
 bench data verify arm                           whether every stored file is as it was imported; exit code 1 if not
 bench data export synth out.csv format=cost subjects=31 repetitions=6
