@@ -24,7 +24,7 @@ combination is one run in MLflow with a child run per fold. An interrupted comma
   model.scale=   peak: captures divided by the largest reading so far; log: logarithms of readings
   model.faults=  all, or names joined by + (see: bench stress --help): trained on damaged copies, too (model.copies=3)
   model.turns=   so many copies of each training capture, mirrored or turned as on a skin that was mounted otherwise
-  seed=       for models that have one; default 0
+  seed=       of models and feature sets that have one; default 0. protocol.seed= draws other splits
   jobs=       worker processes; default one per core
   cluster=    do the folds on workers of dask instead: tcp://HOST:8786, or the file of its scheduler (docs/cluster.md)
   limit=      with cluster=, seconds after which a fold has failed; default none
