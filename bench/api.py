@@ -128,6 +128,7 @@ def look(
     where: str = "",
     out: str | Path | None = None,
     capture: int | None = None,
+    target: str = "gesture",
     **parameters: object,
 ) -> Survey:
     """What a corpus holds, as ``bench data show`` tells it; prints the same words.
@@ -137,15 +138,16 @@ def look(
         where: captures to look at, a condition on their columns.
         out: folder for figures, an animation and a page that holds them; None draws nothing.
         capture: the one to animate, by its position in the whole corpus; None for a typical one of each gesture.
+        target: columns that make the class to predict, such as ``variant``; its classes are counted.
         parameters: of ``synth``.
 
     Returns:
-        Tables ``counts``, ``gaps``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
+        Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
 
     Raises:
         InputError: it is not here, a value cannot be used, or the folder cannot be written.
     """
-    return _data.looked(data, where, None if out is None else Path(out), capture, parameters)
+    return _data.looked(data, where, target, None if out is None else Path(out), capture, parameters)
 
 
 def run(**values: object) -> pd.DataFrame:

@@ -414,9 +414,9 @@ class Auto(ClassifierMixin, BaseEstimator):
             tried = Tried(portfolio.complete(trial), "unjudged")
             self.best_ = inner.fitted(tried.trial)
             tried.costs = inner.costs(self.best_)
+            self.tried_.append(tried)
             if within(tried.costs, self._limits()):
                 return [(tried, 1.0)]
-            self.tried_.append(tried)
         raise InputError(self._too_large())
 
     def _too_large(self) -> str:

@@ -68,15 +68,19 @@ def contexts(store: Store, kind: str) -> dict[str, list[Run]]:
     """
     runs = store.of_kind(kind, finished=True)
     groups: dict[tuple, dict[str, Run]] = {}
+    several: set[tuple] = set()  # groups that have runs of a system with other seeds
     for run in sorted(runs, key=lambda r: (seed_number(r.data.tags["seed"]), -len(under(r, "loss.")))):
         same = comparable(run.data.params | run.data.tags)
-        groups.setdefault(same, {}).setdefault(run.data.tags["system"], run)
-    ordered = sorted(groups.values(), key=lambda g: (next(iter(g.values())).data.tags["synthetic"], -len(g)))
+        lowest = groups.setdefault(same, {}).setdefault(run.data.tags["system"], run)
+        if lowest.data.tags["seed"] != run.data.tags["seed"]:
+            several.add(same)
+    ordered = sorted(groups.items(), key=lambda g: (next(iter(g[1].values())).data.tags["synthetic"], -len(g[1])))
     found = {}
-    for members in ordered[:CONTEXTS]:
+    for same, members in ordered[:CONTEXTS]:
         best = sorted(members.values(), key=lambda r: -r.data.metrics["accuracy"])[:METHODS]
         left_out = len(members) - len(best)
-        found[context_words(best[0]) + (f", {left_out} less accurate methods left out" if left_out else "")] = best
+        words = context_words(best[0]) + (f", {left_out} less accurate methods left out" if left_out else "")
+        found[words + (", only the lowest seed of each system" if same in several else "")] = best
     return found
 
 

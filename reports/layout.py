@@ -129,7 +129,7 @@ def _markdown(block: Block, folder: Path) -> str:
 
 def md_table(frame: pd.DataFrame, code: Collection[str] = ()) -> str:
     """A table in markdown; ``code`` are columns that hold commands."""
-    rows = [frame.columns.tolist(), ["---"] * len(frame.columns)]
+    rows = [[md_escape(name) for name in frame], ["---"] * len(frame.columns)]
     rows += [
         [_code(c) if k in code else md_escape(c) for k, c in zip(frame, row, strict=True)]
         for row in frame.values.tolist()

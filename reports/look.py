@@ -257,7 +257,9 @@ def _blocks(found: Survey, group: str) -> list[Block]:
     if found.synthetic:
         about.append(Text(f"Synthetic: {SYNTHETIC}.", warning=True))
     said = f" Synthetic: {SYNTHETIC}." if found.synthetic else ""
+    classes = ("Classes", f"Captures and subjects of each class of target={found.target}.", found.classes)
     tables = [
+        *([] if found.target == "gesture" else [classes]),
         ("Durations", f"{DURATIONS.capitalize()}.", found.durations),
         ("Pressure", f"{PRESSURE.capitalize()}.", found.pressure),
         ("Gaps", f"{found.gap_lines()[0]}.", found.gaps),

@@ -87,7 +87,7 @@ def _run(runs: list[str], backend: Backend) -> tuple[list[Measured], int]:
             data = store.run(outcome.run_id).data
             table = outcome.findings.tables["predictions.parquet"]
             measured = gate.measured(data.params | data.tags | data.metrics, table, run)
-            found.setdefault(tuple(measured.names.values()), measured)  # seeds of features have no name
+            found.setdefault(tuple(measured.names.values()), measured)
     return list(found.values()), code
 
 

@@ -87,8 +87,8 @@ def listed() -> int:
 
 def show(name: str, options: dict[str, str]) -> int:
     """Print what a corpus holds, and draw it."""
-    out, where = Path(options.pop("out", OUT)), options.pop("where", "")
-    found = looked(name, where, out, options.pop("capture", None), dict(options))
+    out, where, target = Path(options.pop("out", OUT)), options.pop("where", ""), options.pop("target", "gesture")
+    found = looked(name, where, target, out, options.pop("capture", None), dict(options))
     print(found)
     if told := [] if name == "synth" else open_corpus(name, {}).info["warnings"]:
         print(f"\nWarnings of the import: {len(told)}", *told, sep="\n  ")
@@ -96,17 +96,22 @@ def show(name: str, options: dict[str, str]) -> int:
     on = {"data": name} | {f"data.{k.removeprefix('data.')}": v for k, v in options.items()}
     if where:
         on["where"] = where
+    if target != "gesture":
+        on["target"] = target
     print(f"next: {typed('run', on | {'protocol': 'loso'} | FIRST)}")
     print(f"      {typed('run', on | {'protocol': 'loso'} | WINDOWED)}")
     return 0
 
 
-def looked(name: str, where: str, out: Path | None, capture: object, parameters: dict[str, object]) -> Survey:
+def looked(
+    name: str, where: str, target: str, out: Path | None, capture: object, parameters: dict[str, object]
+) -> Survey:
     """A survey of the captures of a corpus, drawn into a folder if one is given.
 
     Args:
         name: of the corpus.
         where: captures to look at.
+        target: columns whose classes are counted besides.
         out: folder for the figures, or None.
         capture: the one to animate, by its position in the whole corpus; None for one of each gesture.
         parameters: of ``synth``.
@@ -118,7 +123,7 @@ def looked(name: str, where: str, out: Path | None, capture: object, parameters:
     from reports.look import place, write
 
     number = None if capture is None else convert("capture", capture, 0)
-    corpus = captures_of(name, one_variant(name, parameters), where, "gesture")
+    corpus = captures_of(name, one_variant(name, parameters), where, target)
     if number is not None:
         place(corpus, number)
     if out is not None:

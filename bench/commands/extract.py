@@ -47,6 +47,6 @@ def extract(arguments: list[str]) -> int:
     print(f"{out}: {len(table)} {kind}captures, {table.shape[1]} features")
     if contract.learns(features):
         print("these features are fitted to all of these captures: whoever is tested on them has been seen")
-    on = {k: v for k, v in asked[0].arguments().items() if k.split(".")[0] in ("data", "where", "features")}
+    on = {k: v for k, v in asked[0].arguments().items() if k.split(".")[0] in ("data", "where", "features", "seed")}
     print(f"next: {typed('run', on | {'model': 'bayes,lda,svm,rf'})}")
     return 0

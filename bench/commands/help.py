@@ -24,7 +24,7 @@ combination is one run in MLflow with a child run per fold. An interrupted comma
   model.scale=   peak: captures divided by the largest reading so far; log: logarithms of readings
   model.faults=  all, or names joined by + (see: bench stress --help): trained on damaged copies, too (model.copies=3)
   model.turns=   so many copies of each training capture, mirrored or turned as on a skin that was mounted otherwise
-  seed=       for models that have one; default 0
+  seed=       of models and feature sets that have one; default 0. protocol.seed= draws other splits
   jobs=       worker processes; default one per core
   cluster=    do the folds on workers of dask instead: tcp://HOST:8786, or the file of its scheduler (docs/cluster.md)
   limit=      with cluster=, seconds after which a fold has failed; default none
@@ -264,11 +264,12 @@ bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023
                                                 any long CSV or parquet (subject, gesture, frame, conditions, channels)
                                                 or .npz (frames, offsets, subject, gesture); a column synthetic, true
                                                 or false, marks generated captures. A name that is taken is replaced
-bench data show haart [where=CONDITION] [out=look] [capture=N]
+bench data show haart [where=CONDITION] [target=COLUMN] [out=look] [capture=N]
                                                 what it holds: counts and gaps, durations, pressure, broken or odd
                                                 taxels, captures that are the same. Writes into out= the mean pressure
                                                 of each gesture, film strips, an animation (of one capture of each
-                                                gesture, or of capture N, counted from 0) and index.html with all of it
+                                                gesture, or of capture N, counted from 0) and index.html with all of it.
+                                                target= counts the classes of another column besides
 bench data show synth data.subjects=4           generated captures, with any parameter of data=synth
 bench data verify arm                           whether every stored file is as it was imported; exit code 1 if not
 bench data export synth out.csv format=cost subjects=31 repetitions=6

@@ -39,6 +39,8 @@ class Survey:
         synthetic: whether the captures were generated.
         factors: the columns that ``counts`` crosses: ``subject``, ``gesture`` and conditions.
         counts: a row for each combination of the factors, whether recorded or not, with its number of ``captures``.
+        target: the columns that make the class to predict.
+        classes: by class of the target: ``captures`` and ``subjects``.
         durations: by gesture: ``captures``, ``subjects``, and seconds ``median``, ``shortest``, ``longest``.
         pressure: by gesture, in sensor values: ``lowest``, ``mean`` and ``highest`` reading; ``full_scale``, percent of
             readings at full scale; ``still``, captures in which nothing varies.
@@ -57,6 +59,8 @@ class Survey:
     synthetic: bool
     factors: list[str]
     counts: pd.DataFrame
+    target: str
+    classes: pd.DataFrame
     durations: pd.DataFrame
     pressure: pd.DataFrame
     taxels: pd.DataFrame
@@ -87,6 +91,7 @@ class Survey:
     def __str__(self) -> str:
         parts = [
             [self.title, *(["synthetic: generated captures, not people"] if self.synthetic else [])],
+            *([] if self.target == "gesture" else [self.class_lines()]),
             [f"Durations: {DURATIONS}", _text(self.durations)],
             [f"Pressure: {PRESSURE}", _text(self.pressure)],
             self.gap_lines(),
@@ -96,6 +101,10 @@ class Survey:
         return "\n\n".join("\n".join(part) for part in parts)
 
     __repr__ = __str__
+
+    def class_lines(self) -> list[str]:
+        """The classes of the target and their captures, as a table."""
+        return [f"Classes of target={self.target}:", _text(self.classes)]
 
     def gap_lines(self) -> list[str]:
         """How even the counts are: a sentence, and the first examples."""
@@ -221,6 +230,8 @@ def survey(corpus: Corpus) -> Survey:
         synthetic=corpus.synthetic,
         factors=factors,
         counts=_counts(corpus.captures, factors),
+        target=corpus.target,
+        classes=_classes(corpus),
         durations=durations,
         pressure=pressure,
         taxels=taxels,
@@ -376,6 +387,12 @@ def _counts(captures: pd.DataFrame, factors: list[str]) -> pd.DataFrame:
     words = words.where(words.notna(), "").astype(str)
     every = pd.MultiIndex.from_product([sorted(set(words[f]), key=_counted) for f in factors], names=factors)
     return words.groupby(factors).size().reindex(every, fill_value=0).rename("captures").reset_index()
+
+
+def _classes(corpus: Corpus) -> pd.DataFrame:
+    """The table of `Survey.classes`."""
+    labelled = pd.DataFrame({"class": corpus.gestures, "subject": corpus.subjects})
+    return labelled.groupby("class")["subject"].agg(captures="size", subjects="nunique").reset_index()
 
 
 def _counted(name: str) -> tuple[int, str]:

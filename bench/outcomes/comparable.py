@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from bench.plan.splits import with_seed
 
 Row = Mapping[str, Any]  # of a run: tags and parameters, which are text, and metrics; nan for what it has not
 COMPARABLE = ("data", "corpus_digest", "subset", "target", "protocol_label")  # tags, with the digest of the parameters
@@ -41,6 +44,41 @@ def method_of(tags: Row) -> str:
 def seed_number(seed: str) -> int:
     """A tracked seed as a number to sort by, 0 for a system that has none."""
     return int(seed) if seed.lstrip("-").isdecimal() else 0
+
+
+def seeds_named(tags: Mapping[str, str], params: Mapping[str, str]) -> dict[str, str]:
+    """Tags that name the seeds of protocol and feature set, of a run from before they did.
+
+    Args:
+        tags: of the run, as they were tracked.
+        params: of the run.
+
+    Returns:
+        The tags that change.
+    """
+    if "protocol_label" not in tags:
+        return {}
+    found, arguments = {}, {}
+    protocol, features = params.get("protocol.seed", "0"), params.get("features.seed")
+    if protocol not in ("0", "None") and "seed=" not in tags["protocol"]:
+        found["protocol"] = _with_parameter(tags["protocol"], f"seed={protocol}")
+        found["protocol_label"] = with_seed(tags["protocol_label"], protocol)
+        arguments["protocol.seed"] = protocol
+    usual = "0" if any(name.startswith("tuning.") for name in params) else tags["seed"]
+    if features is not None and usual == "none":
+        found["seed"] = features
+        arguments |= {"seed": features} if features != "0" else {}
+    elif features not in (None, usual) and "seed=" not in tags["features"]:
+        found |= {name: _with_parameter(tags[name], f"seed={features}") for name in ("system", "features")}
+        arguments["features.seed"] = str(features)
+    if arguments and "touchbench.arguments" in tags:
+        found["touchbench.arguments"] = json.dumps(json.loads(tags["touchbench.arguments"]) | arguments)
+    return found
+
+
+def _with_parameter(label: str, parameter: str) -> str:
+    """``kfold[folds=5]`` with one more parameter."""
+    return f"{label[:-1]}, {parameter}]" if label.endswith("]") else f"{label}[{parameter}]"
 
 
 @dataclass(frozen=True)

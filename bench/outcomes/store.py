@@ -23,6 +23,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from bench.errors import InputError, StoreError
+from bench.outcomes.comparable import seeds_named
 from bench.scratch import home, owner, sweep
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ class Store:
         token = None
         while True:  # MLflow gives them in pages
             page = self.client.search_runs([self.experiment_id], asked, max_results=1000, page_token=token)
-            found += page
+            found += map(_with_seeds, page)
             if not (token := page.token):
                 return found
 
@@ -127,7 +128,7 @@ class Store:
     @patient
     def run(self, run_id: str) -> Run:
         """A run by its id."""
-        return self.client.get_run(run_id)
+        return _with_seeds(self.client.get_run(run_id))
 
     def folds(self, run_id: str) -> list[Run]:
         """The child runs of a run, newest first."""
@@ -267,6 +268,12 @@ class Store:
     def delete(self, run_id: str) -> None:
         """Take a run out of all lists."""
         self.client.delete_run(run_id)
+
+
+def _with_seeds(run: Run) -> Run:
+    """A run whose tags name all seeds, whenever it was made."""
+    run.data.tags.update(seeds_named(run.data.tags, run.data.params))
+    return run
 
 
 def _local(place: str) -> Path | None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 import itertools
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
+
+import numpy as np
 
 from bench.corpora.faults import known
 from bench.errors import InputError, nearest
@@ -60,10 +64,20 @@ class Part(Generic[Made]):
         """Build one that takes nothing from the harness: a protocol or a feature set."""
         return self.factory(**self.parameters) if self.given is None else contract.copied(self.given)
 
-    def changed(self) -> dict[str, object]:
-        """Parameters that are not the default; the seed is no such."""
-        usual = parameters(self.factory) if self.given is None else {}
-        return {k: v for k, v in self.parameters.items() if k not in usual or (v != usual[k] and k != "seed")}
+    def changed(self, seed: int | None = None) -> dict[str, object]:
+        """Parameters that are not the default. The seed of a model is no such, as it is that of the run.
+
+        Args:
+            seed: the default of a parameter ``seed``, if it is not that of the factory.
+        """
+        if self.given is not None:
+            return _arguments(self.given) if self.name == type(self.given).__name__ else {}
+        usual = parameters(self.factory)
+        if self.room == "models" and "seed" in self.parameters:
+            usual["seed"] = self.parameters["seed"]
+        elif seed is not None:
+            usual["seed"] = seed
+        return {k: v for k, v in self.parameters.items() if k not in usual or v != usual[k]}
 
     @property
     def short(self) -> str:
@@ -74,8 +88,15 @@ class Part(Generic[Made]):
         return f"{Path(file).stem}.{own}" if own in names(self.room) else own
 
     def __str__(self) -> str:
-        """The name with those parameters that are not the default: ``svm[C=8.0]``."""
-        told = {k: text_of(v) if isinstance(v, tuple) else v for k, v in self.changed().items()}
+        return self.label()
+
+    def label(self, seed: int | None = None) -> str:
+        """The name with those parameters that are not the default: ``svm[C=8.0]``.
+
+        Args:
+            seed: as of `changed`.
+        """
+        told = {k: text_of(v) if isinstance(v, tuple) else v for k, v in self.changed(seed).items()}
         changed = ", ".join(f"{k}={v}" for k, v in told.items())
         return f"{self.short}[{changed}]" if changed else self.short
 
@@ -109,7 +130,7 @@ class Cell:
     def system(self) -> str:
         """Model and feature set as they are named in tables."""
         model = f"tuned {self.model.short}[{_described(self.tuning)}]" if self.tuning else str(self.model)
-        return f"{model} · {self.features}" if self.features else model
+        return f"{model} · {self.features.label(self._features_seed)}" if self.features else model
 
     def title(self) -> str:
         """System, data and protocol: the name of the run."""
@@ -122,9 +143,15 @@ class Cell:
 
     @property
     def seed(self) -> int | None:
-        """Of the search or the model; None where there is nothing random."""
-        seed = self.tuning.get("seed") if self.tuning else self.model.parameters.get("seed")
-        return seed if isinstance(seed, int) else None
+        """Of the search, of the model, or else of the feature set; None where there is nothing random."""
+        parts = [part.parameters for part in (self.model, self.features) if part]
+        seeds = [self.tuning.get("seed")] if self.tuning else [own["seed"] for own in parts if "seed" in own]
+        return seeds[0] if seeds and isinstance(seeds[0], int) else None
+
+    @property
+    def _features_seed(self) -> int | None:
+        """The default of the seed of the feature set: that of the run; a search has its own."""
+        return None if self.tuning else self.seed
 
     def estimator(self) -> contract.System:
         """The untrained scikit-learn classifier."""
@@ -140,7 +167,11 @@ class Cell:
 
     def feature_sets(self) -> dict[str, contract.Features]:
         """The feature sets that the system uses, by name; none for one that reads raw frames."""
-        return {str(self.features): self.features.make()} if self.features else contract.features(self.estimator())
+        return (
+            {self.features.label(self._features_seed): self.features.make()}
+            if self.features
+            else contract.features(self.estimator())
+        )
 
     def packages(self) -> tuple[str, ...]:
         """Packages that this system alone depends on."""
@@ -176,13 +207,29 @@ class Cell:
         found |= {"target": self.target} if self.target != DEFAULTS["target"] else {}
         for key, part in (("protocol", self.protocol), ("model", self.model), ("features", self.features)):
             if part:
-                found |= {key: part.name} | {f"{key}.{k}": text_of(v) for k, v in part.changed().items()}
+                changed = part.changed(self._features_seed if key == "features" else None)
+                found |= {key: part.name} | {f"{key}.{k}": text_of(v) for k, v in changed.items()}
         if self.tuning:
             lists = {k: v for k, v in self.tuning["space"].items() if isinstance(v, list)}
             found |= {f"model.{k}": ",".join(map(text_of, v)) for k, v in lists.items()}
             asked = dict(self.tuning)
             found |= {k: text_of(asked[k]) for k in (("over", "inner") if "over" in asked else HOW) if k in asked}
         return found | ({"seed": str(self.seed)} if self.seed else {})
+
+
+def _arguments(made: object) -> dict[str, object]:
+    """What an object was made with, where it keeps that under the same names and it is not the default."""
+    asked, usual = inspect.signature(type(made)).parameters, parameters(type(made))
+    kept = {name: value for name, value in vars(made).items() if name in asked}
+    return {k: _brief(v) for k, v in kept.items() if k not in usual or repr(v) != repr(usual[k])}
+
+
+def _brief(value: object) -> object:
+    """A value in a label: a number or a name as it is, of anything else a digest."""
+    if value is None or isinstance(value, int | float | str):
+        return value
+    with np.printoptions(threshold=sys.maxsize):
+        return hashlib.sha256(repr(value).encode()).hexdigest()[:8]
 
 
 def _usual_data() -> dict[str, object]:

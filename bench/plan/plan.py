@@ -65,7 +65,8 @@ class Plan:
     @cached_property
     def label(self) -> str:
         """The protocol in the words that stand in every row of results."""
-        return splits.label(self.cell.protocol.make(), self.corpus, self.mixes_subjects)
+        part = self.cell.protocol
+        return splits.label(part.make(), self.corpus, self.mixes_subjects, str(part), part.changed().get("seed"))
 
     @cached_property
     def facts(self) -> dict[str, str]:

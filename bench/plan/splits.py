@@ -3,8 +3,8 @@
 A protocol is an object with ``split(X, y, groups)`` over a `Corpus`, its classes and its subjects, which yields (train,
 test) capture positions. It may also have
 
-- ``label(corpus)``: the words that stand in every row of results; else its class name, with ``subjects mixed`` where
-  captures of a subject are on both sides of a fold;
+- ``label(corpus)``: the words that stand in every row of results; else its name with the parameters that are not the
+  default, and ``subjects mixed`` where captures of a subject are on both sides of a fold;
 - ``official_split(corpus)``: whether its folds are those of a publication, where there is such a split at all;
 - ``joined(corpus)``: the captures that it splits, where these are more than those of ``data=``;
 - ``calibrations(X, y, groups)``: of each fold and draw, pairs of positions: captures that are known of the person who
@@ -16,6 +16,7 @@ Whether subjects are mixed, and how many captures are tested by those trained on
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import repeat
@@ -33,10 +34,23 @@ class Splitter(Protocol):
         """Training and test captures of each fold, by position."""
 
 
-def label(protocol: Splitter, corpus: Corpus, mixes_subjects: bool) -> str:
-    """The protocol in words."""
+def label(protocol: Splitter, corpus: Corpus, mixes_subjects: bool, name: str, seed: object = None) -> str:
+    """The protocol in words, which tell runs on other splits apart.
+
+    Args:
+        protocol: that splits.
+        corpus: what it splits.
+        mixes_subjects: whether captures of a subject are on both sides of a fold.
+        name: of a protocol without a label, with its parameters.
+        seed: of the protocol, None where that is the default; a label that does not name it gets it at its end.
+    """
     own = getattr(protocol, "label", None)
-    return own(corpus) if own else type(protocol).__name__ + (", subjects mixed" if mixes_subjects else "")
+    return with_seed(own(corpus), seed) if own else name + (", subjects mixed" if mixes_subjects else "")
+
+
+def with_seed(label: str, seed: object) -> str:
+    """A label that names the seed, if there is one."""
+    return label if seed is None or re.search(rf"\bseed {seed}\b", label) else f"{label}, seed {seed}"
 
 
 @dataclass(frozen=True)

@@ -142,7 +142,7 @@ class TrackedRun(Generic[Shown]):
         }
         run_id = self.store.create(f"{self.experiment.command(cell)} {cell.title()}", tags | self.tags)
         params = params_of(cell, corpus, self.plan.threads) | {"protocol": cell.protocol.name}
-        params |= {f"protocol.{k}": v for k, v in cell.protocol.parameters.items()}
+        params |= {f"protocol.{k}": v for k, v in (cell.protocol.parameters | cell.protocol.changed()).items()}
         self.store.log(run_id, params=params | self.experiment.options())
         log_captures(self.store, run_id, cell, corpus, "evaluation")
         return run_id

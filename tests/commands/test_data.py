@@ -34,6 +34,21 @@ def test_it_writes_into_look_and_animates_the_capture_that_is_asked_for(capsys):
     assert "capture 3, at the speed" in Path("look/index.html").read_text()
 
 
+def test_classes_of_another_column_are_counted(capsys):
+    assert main(["data", "export", "synth", "arm.csv", "subjects=2"]) == 0
+    assert main(["data", "import", "cost", "arm.csv", "name=arm"]) == 0
+    assert main(["data", "show", "arm", "target=variant", "out=here"]) == 0
+    said = capsys.readouterr().out
+    counted = open_corpus("arm", {}).captures["variant"].value_counts()
+    rows = [line.split() for line in said.partition("Classes of target=variant:")[2].splitlines()[2:5]]
+    assert rows == [[name, str(counted[name]), "2"] for name in sorted(counted.index)]
+    assert "target=variant" in said.splitlines()[-1] and "target=variant" in said.splitlines()[-2]
+    found = bench.look("arm", target="variant")
+    assert found.classes["captures"].tolist() == counted.sort_index().tolist()
+    assert main(["data", "show", "arm", "target=reaction"]) == 2
+    assert "target=reaction: arm has no full column 'reaction'; known: subject" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [

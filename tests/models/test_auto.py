@@ -237,6 +237,15 @@ def test_where_there_is_no_time_at_all_something_decides_within_the_limits(quick
         Auto(budget=1.0, inner="2", max_flash="10B").fit(corpus, corpus.gestures)
 
 
+def test_a_budget_that_is_spent_before_the_first_trial_still_lists_what_decides(quick, monkeypatch):
+    corpus = noisy()
+    monkeypatch.setattr(auto, "time", Ticking(1.0))  # every look at the clock takes longer than the budget
+    found = Auto(budget=0.1, inner="2").fit(corpus, corpus.gestures)
+    assert found.trials_["state"].tolist() == ["unjudged"] and found.trials_["weight"].tolist() == [1.0]
+    assert found.trials_["accuracy"].isna().all() and not found.trials_["front_flash"].any()
+    assert found.chosen_["1"].startswith("1.00 lda") and set(found.predict(corpus)) <= set(corpus.gestures)
+
+
 def test_a_trial_that_fails_is_told_and_the_others_go_on(quick, monkeypatch, tmp_path):
     corpus = stored(noisy(), tmp_path / "corpus")
     real = judged.Inner.judge

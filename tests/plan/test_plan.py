@@ -1,18 +1,31 @@
 """Plans: folds by name, facts of their protocols, and the arguments that make a cell."""
 
+import re
 import shlex
 
 import numpy as np
 import pytest
-from sklearn.model_selection import GroupKFold, KFold
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.model_selection import GroupKFold, KFold, PredefinedSplit
 
 from bench.errors import InputError
-from bench.plan.arguments import KEYS, parse
+from bench.plan import splits
+from bench.plan.arguments import KEYS, PARTS, parse
 from bench.plan.cells import Part, cells
 from bench.plan.plan import Fold, Plan, folds_of, planned, shared_ratio
+from bench.registry import load, names, parameters, required
 from bench.work.loop import warnings
 from tests.conftest import random_corpus
 from tests.corpora.test_duplicates import copied
+
+SEEDS = [  # of a run, of a feature set, of both
+    {},
+    {"seed": "2"},
+    {"features.seed": "2"},
+    {"model": "rf", "features.seed": "2"},
+    {"model": "rf", "seed": "1", "features.seed": "0"},
+]
 
 
 def plan_of(corpus, **values):
@@ -62,8 +75,12 @@ def test_halves_that_swap_share_nothing():
 
 
 def test_a_plain_splitter_is_a_protocol_and_says_whom_it_mixes(corpus):
-    assert plan_of(corpus, protocol=GroupKFold(2)).label == "GroupKFold"
-    assert plan_of(corpus, protocol=KFold(3)).label == "KFold, subjects mixed"
+    assert plan_of(corpus, protocol=GroupKFold(2)).label == "GroupKFold[n_splits=2]"
+    assert plan_of(corpus, protocol=KFold()).label == "KFold, subjects mixed"
+    seeded = KFold(3, shuffle=True, random_state=1)
+    assert plan_of(corpus, protocol=seeded).label == "KFold[n_splits=3, shuffle=True, random_state=1], subjects mixed"
+    listed = [plan_of(corpus, protocol=PredefinedSplit(np.arange(len(corpus)) % n)).label for n in (2, 2, 3)]
+    assert listed[0] == listed[1] != listed[2] and len(listed[0]) < 80
 
 
 @pytest.mark.parametrize(
@@ -84,6 +101,63 @@ def test_the_arguments_of_a_cell_make_it_again(line):
     assert {f"{k}={v}" for k, v in again.items()} == set(shlex.split(line))
 
 
+def with_seed(room):
+    """Registered parts that have a seed."""
+    return [name for name in names(room) if "seed" in parameters(load(room, name))]
+
+
+@pytest.mark.parametrize("where", [("protocol", name) for name in with_seed("protocols")])
+def test_runs_on_other_splits_have_another_label_and_other_arguments(where):
+    key, name = where
+    source = {"protocol.source": "synth+seed=9"} if name == "transfer" else {}
+    (usual,) = cells({key: name} | source)
+    (other,) = cells({key: name, f"{key}.seed": "1"} | source)
+    assert str(other.protocol) == f"{str(usual.protocol).rstrip(']')}{', ' if source else '['}seed=1]"
+    assert other.system() == usual.system() and other.seed == usual.seed
+    assert other.arguments() == usual.arguments() | {"protocol.seed": "1"}
+    corpus = splits.captures(usual.protocol.make(), random_corpus(per_class=10))
+    label, seeded = (Plan(cell, corpus, (), 1, 1).label for cell in (usual, other))
+    assert label != seeded and re.search(r"\bseed 1\b", seeded)
+
+
+@given(
+    protocol=st.sampled_from(list(names("protocols"))),
+    model=st.sampled_from(list(names("models"))),
+    features=st.sampled_from([*with_seed("features"), "jung28"]),
+    seeds=st.dictionaries(
+        st.sampled_from(["seed", "protocol.seed", "model.seed", "features.seed"]), st.integers(0, 2), max_size=4
+    ),
+)
+def test_the_arguments_of_a_cell_repeat_every_seed(protocol, model, features, seeds):
+    """Of registered parts; which of the seeds a part takes is seen from its signature."""
+    takes = [
+        key
+        for key, room, name in zip(PARTS, PARTS.values(), (protocol, features, model), strict=True)
+        if "seed" in parameters(load(room, name))
+    ]
+    typed = {k: str(v) for k, v in seeds.items() if "." not in k or k.split(".")[0] in takes}
+    values = {"protocol": protocol, "model": model} | typed
+    if required(load("models", model)):
+        values["features"] = features
+    else:
+        values.pop("features.seed", None)
+    (cell,) = cells(values)
+    again = parse([f"{k}={v}" for k, v in cell.arguments().items()], KEYS)
+    assert cells(again) == [cell] and cells(again)[0].arguments() == cell.arguments()
+    assert (cells(again)[0].system(), cells(again)[0].seed) == (cell.system(), cell.seed)
+
+
+def test_the_seed_of_a_feature_set_is_that_of_the_run_or_named():
+    found = [cells({"model": "bayes", "features": "hughes36", **more})[0] for more in SEEDS]
+    assert [(cell.system(), cell.seed) for cell in found] == [
+        ("bayes · hughes36", 0),
+        ("bayes · hughes36", 2),
+        ("bayes · hughes36", 2),
+        ("rf · hughes36[seed=2]", 0),
+        ("rf · hughes36[seed=0]", 1),
+    ]
+
+
 def test_commands_that_search_make_the_same_search_again(monkeypatch):
     from bench.commands import choose, tune
     from bench.work.evaluation import Evaluation
@@ -96,6 +170,9 @@ def test_commands_that_search_make_the_same_search_again(monkeypatch):
         ("model=bayes trials=4 inner=loso", "tune"),
         ("model=cnn85 over=frames model.frames=10,85 model.epochs=2", "choose"),
         ("model=svm features=jung28 over=features inner=2", "choose"),
+        ("model=rf features=hughes36 model.trees=5,10 seed=2", "tune"),
+        ("model=rf features=hughes36 model.trees=5,10 seed=2 features.seed=1", "tune"),
+        ("model=rf features=hughes36 over=trees model.trees=5,10 seed=2 protocol=kfold protocol.seed=3", "choose"),
     ):
         search = {"tune": tune.searched, "choose": choose.smallest}[verb]
         known = {"tune": tune.KEYS, "choose": choose.KEYS}[verb]
@@ -150,3 +227,7 @@ def test_the_same_capture_is_a_warning_where_subjects_are_mixed_or_the_same(monk
     known = copies(monkeypatch, [(0, 1), (2, 1)], protocol="personal", **{"protocol.shots": "1"})
     assert {tested for tested, _ in known.repeats} == {0, 1, 2} and not known.mixes_subjects
     assert sum("same frames" in line for line in warnings(known)) == 1
+
+    (tmp_path / "fold.py").write_text("class Mine:\n    def __init__(self, seed=7):\n        self.seed = seed\n")
+    assert str(Part("protocols", f"{tmp_path}/fold.py:Mine", {"seed": 7})) == "Mine"
+    assert str(Part("protocols", f"{tmp_path}/fold.py:Mine", {"seed": 0})) == "Mine[seed=0]"

@@ -48,9 +48,9 @@ def test_subjects_are_apart_where_the_name_promises_it(protocol, mixed, corpus):
 
 
 def test_a_plain_splitter_is_named_after_its_class_and_what_it_mixes(corpus):
-    assert (
-        label(KFold(3), corpus, True) == "KFold, subjects mixed" and label(GroupKFold(3), corpus, False) == "GroupKFold"
-    )
+    assert label(KFold(3), corpus, True, "KFold[n_splits=3]") == "KFold[n_splits=3], subjects mixed"
+    assert label(GroupKFold(), corpus, False, "GroupKFold") == "GroupKFold"
+    assert label(CaptureKFold(3, 1), corpus, True, "kfold", 1) == "3-fold, subjects mixed, seed 1"
     assert official_split(KFold(3), corpus) is None and official_split(Challenge(), corpus) is False
     assert official_split(Challenge(), declared(corpus, ["1", "3"], ["4"])) is True
 

@@ -318,3 +318,5 @@ def test_markup_in_names_is_text():
     block = layout.Table(pd.DataFrame({"a": ["<b>", "x|`y`"]}), "c", code=("a",))
     assert '<th scope="row"><code>&lt;b&gt;</code></th>' in layout.page([layout.Heading("t", 1), block], "t")
     assert r"`` x\|`y` ``" in layout.markdown([block], Path("."))
+    named = layout.Table(pd.DataFrame({"<img src=x>": ["1"], "a|b": ["2"]}), "c")
+    assert layout.markdown([named], Path(".")).splitlines()[2] == r"| \<img src=x\> | a\|b |"
