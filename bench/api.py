@@ -243,14 +243,15 @@ def results(of: str = "", **values: object) -> pd.DataFrame | Found:
     if of:
         return _reference(of, values)
     given = _values(values, set(_choose.AMONG))
-    runs = tracked(connect())
+    store = connect()
+    runs = tracked(store)
     asked = {key: items(key, value) for key, value in given.items()}
     for lacking in without_runs([runs], asked):
         warn(f"warning: {lacking}: no run of it is tracked")
     runs = selected(runs, asked)
     if not len(runs):
         raise InputError("no run is tracked for these values; make some with bench.run")
-    return comparison(runs, published())
+    return comparison(store, runs, published(), beside=not {"model", "features"} & set(given))
 
 
 def _reference(of: str, values: dict[str, object]) -> Found:
