@@ -5,8 +5,8 @@ Accuracies are of captures, in percent, [systems, subjects], averaged over the s
 One procedure decides every sentence and table: paired two-sided Wilcoxon tests of each system against the best one,
 with Holm's correction (`against_best`). `paired` and `pairs` use the same test for two systems and for all pairs. With
 10 subjects the smallest p is 0.002, so that from 8 systems on (28 pairs) a correction for all pairs leaves nothing
-below 0.05. Nemenyi's critical difference of mean ranks (Demsar 2006) is another procedure for all pairs, shown beside it:
-mean ranks depend on which other systems are in the table.
+below 0.05. Nemenyi's critical difference of mean ranks (Demsar 2006) is another procedure for all pairs, shown beside
+it: mean ranks depend on which other systems are in the table.
 """
 
 from __future__ import annotations
