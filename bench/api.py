@@ -20,11 +20,10 @@ from bench.commands import run as _run
 from bench.commands import stream as _stream
 from bench.commands import stress as _stress
 from bench.commands import tune as _tune
-from bench.commands.printing import grid, output
+from bench.commands.printing import grid, output, system_in_tables
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
-from bench.outcomes.comparable import system_of
 from bench.outcomes.runs import selected, tracked, with_groups, without_runs
 from bench.outcomes.store import connect
 from bench.plan.arguments import check_key, items
@@ -48,7 +47,7 @@ NUMBERS = NAMED | {
     "predict ms": "predict_ms_p50",
 }
 MOST = 4  # tables that are named
-FIRST = ("system", "accuracy", "low", "high", "macro_f1", "flash_bytes", "predict_ms_p50")
+FIRST = ("system", "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes", "predict_ms_p50")
 SHOWN = (*FIRST, "seed", "folds", "run_id", "subset", "target", "data", "protocol")  # of what `run` returns
 ON = ("data", "where", "target", "protocol")
 SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in percent
@@ -173,7 +172,7 @@ def run(**values: object) -> pd.DataFrame:
 
     Returns:
         One row per run: ``system``, ``accuracy`` in percent with its 95 % bootstrap interval over subjects (``low``,
-        ``high``), ``macro_f1`` in percent, ``flash_bytes``, ``predict_ms_p50``, what it ran on, ``folds`` and
+        ``high``), ``subject_sd`` over subjects and ``macro_f1`` in percent, ``flash_bytes``, ``predict_ms_p50``, what it ran on, ``folds`` and
         ``run_id``. ``bench.results(full=True)`` has everything that was measured.
 
     Raises:
@@ -232,7 +231,7 @@ def stream(**values: object) -> Found:
     """
     known = _stream.KEYS - {"source", "window_ms"}
     outcomes, _ = _stream.streamed(_values(values, known))
-    good = [(o.findings.tables, _name(o)) for o in outcomes if o.findings]
+    good = [(o.findings.tables, system_in_tables(o)) for o in outcomes if o.findings]
     more = {
         name: pd.concat([tables[f"{name}.csv"].assign(system=system) for tables, system in good], ignore_index=True)
         for name in ("instants", "stopping")
@@ -317,8 +316,8 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
 
     Returns:
         ``difference`` (first less second, mean over subjects, in points), its 95 % t-interval ``low`` and ``high``,
-        ``p`` (two-sided Wilcoxon test), ``subjects`` (their number), ``gain`` and ``lose`` (the subjects on whom the first or
-        the second is more accurate) and ``accuracy`` (a table [subjects, 2]).
+        ``p`` (two-sided Wilcoxon test), ``subjects`` (their number), ``gain`` and ``lose`` (the subjects on whom the
+        first or the second is more accurate) and ``accuracy`` (a table [subjects, 2]).
 
     Raises:
         InputError: a system has no complete run, or the two were not run on the same data, subset and protocol.
@@ -358,7 +357,7 @@ def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
         plan, cell = outcome.plan, outcome.plan.cell
         measured = {k: 100 * v if any(s in k for s in SHARES) else v for k, v in outcome.metrics.items()}
         about: dict[str, object] = {
-            "system": _name(outcome),
+            "system": system_in_tables(outcome),
             "data": cell.data + (" (synthetic)" if plan.corpus.synthetic else ""),
             "subset": cell.where or "all",
             "target": cell.target,
@@ -370,13 +369,9 @@ def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _name(outcome: Outcome) -> str:
-    return system_of({"system": outcome.plan.cell.system()} | outcome.tags)
-
-
 def _short(table: pd.DataFrame) -> pd.DataFrame:
     """The columns that matter, the first and the last ones most: where it is narrow, pandas leaves out the others."""
-    named = table.rename(columns={"accuracy_low": "low", "accuracy_high": "high"})
+    named = table.rename(columns={"accuracy_low": "low", "accuracy_high": "high", "subject_accuracy_sd": "subject_sd"})
     return named[[name for name in SHOWN if name in named]]
 
 

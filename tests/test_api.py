@@ -71,7 +71,7 @@ def test_run_is_the_command_and_results_are_what_is_tracked(capsys):
 
 def test_what_run_and_results_print_shows_the_accuracy():
     table = bench.run(model=["svm", "bayes"], seed=0, **SMALL)
-    assert len(table.columns) <= 14
+    assert len(table.columns) <= 15
     for shown in (table, bench.results()):
         head = shown.to_string(max_cols=8).splitlines()[0].split()
         assert head[:4] == ["system", "accuracy", "low", "high"] and head[-2:] == ["data", "protocol"]
@@ -105,7 +105,7 @@ def test_two_systems_are_compared_person_by_person(store):
     assert found.difference == pytest.approx(gained.mean()) and found.subjects == 10
     expected = stats.ttest_1samp(gained, 0).confidence_interval(0.95)
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
-    # Nine differ: six times 5 points, rank 3.5, of which two are negative; three times 10, rank 8. The negative sum is 7.
+    # Nine differ: six by 5 points, rank 3.5, of which two are negative; three by 10, rank 8: the negative sum is 7
     ranks = stats.rankdata(np.abs(gained[gained != 0]))
     sums = [np.dot(signs, ranks) for signs in itertools.product((0, 1), repeat=9)]
     assert found.p == pytest.approx(2 * np.mean([s <= 7 for s in sums]))
