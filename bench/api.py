@@ -172,8 +172,8 @@ def run(**values: object) -> pd.DataFrame:
 
     Returns:
         One row per run: ``system``, ``accuracy`` in percent with its 95 % bootstrap interval over subjects (``low``,
-        ``high``), ``subject_sd`` over subjects and ``macro_f1`` in percent, ``flash_bytes``, ``predict_ms_p50``, what it ran on, ``folds`` and
-        ``run_id``. ``bench.results(full=True)`` has everything that was measured.
+        ``high``), ``subject_sd`` over subjects and ``macro_f1`` in percent, ``flash_bytes``, ``predict_ms_p50``, what
+        it ran on, ``folds`` and ``run_id``. ``bench.results(full=True)`` has everything that was measured.
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.

@@ -134,7 +134,7 @@ def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys)
     assert printing.show(outcomes) == 0
     said = capsys.readouterr().out
     name = top.plan.cell.system()
-    assert f"│ {name} † " in said and f"{name} † (best)" not in said and said.count("(best)") == 1
+    assert f"│ {name} † " in said and f"{name} † (best)" not in said and "(best)" in said
     assert MARKED in said.splitlines()
 
 
