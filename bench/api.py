@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from html import escape
 from io import StringIO
@@ -20,20 +20,21 @@ from bench.commands import run as _run
 from bench.commands import stream as _stream
 from bench.commands import stress as _stress
 from bench.commands import tune as _tune
-from bench.commands.printing import grid, output
+from bench.commands.printing import grid, output, system_in_tables
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
-from bench.outcomes.runs import selected, tracked, without_runs
+from bench.outcomes.runs import selected, tracked, with_groups, without_runs
 from bench.outcomes.store import connect
 from bench.plan.arguments import check_key, items
-from bench.plan.cells import corpus_variants
+from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import captures_of
 from bench.work.fit import Fitted
 from bench.work.loop import Outcome, warn
 from reports.comparison import comparison, published
 from reports.latex import latex as latex
 from reports.leaderboard import OWN, reference, scores_of
+from reports.pair import Compared, compared
 
 WORDS = ("task", "system", "data", "subset", "target", "protocol", "seed", "origin")  # columns of text that matter
 SAID_BY_TASK = ("data", "subset", "protocol")
@@ -46,6 +47,9 @@ NUMBERS = NAMED | {
     "predict ms": "predict_ms_p50",
 }
 MOST = 4  # tables that are named
+FIRST = ("system", "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes", "predict_ms_p50")
+SHOWN = (*FIRST, "seed", "folds", "run_id", "subset", "target", "data", "protocol")  # of what `run` returns
+ON = ("data", "where", "target", "protocol")
 SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in percent
 
 
@@ -154,28 +158,54 @@ def run(**values: object) -> pd.DataFrame:
     """Evaluate every combination of the values; what is tracked already is not run again.
 
     Args:
-        values: as ``bench run`` takes them.
+        values: a list of values runs each of them. ``model__C=8`` sets a parameter of a part, as ``model.C=8`` does on
+            the command line.
+
+            - ``data``: an imported corpus, or ``synth`` (default).
+            - ``where``: captures to use, a condition on their columns.
+            - ``target``: columns that make the class to predict; default ``gesture``.
+            - ``protocol``: how captures are split, by name, or a scikit-learn splitter; default ``loso``.
+            - ``model``: a system by name or as ``file.py:Name``, or a scikit-learn estimator; default ``svm``.
+            - ``features``: a feature set, for models that take one; default ``jung54``.
+            - ``seed``: for models that have one; default 0.
+            - ``jobs``: worker processes; default one per core.
+            - ``cluster``: address of a dask scheduler whose workers do the folds.
+            - ``limit``: with ``cluster``, seconds after which a fold has failed; default none.
 
     Returns:
-        One row per run, accuracies in percent.
+        One row per run: ``system``, ``accuracy`` in percent with its 95 % bootstrap interval over subjects (``low``,
+        ``high``), ``subject_sd`` over subjects and ``macro_f1`` in percent, ``flash_bytes``, ``predict_ms_p50``, what
+        it ran on, ``folds`` and ``run_id``. ``bench.results(full=True)`` has everything that was measured.
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    return table_of(_run.evaluated_values(_values(values, _run.KEYS)))
+    return _short(table_of(_run.evaluated_values(_values(values, _run.KEYS))))
 
 
 def tune(**values: object) -> pd.DataFrame:
     """Search parameters inside each training part, as ``bench tune`` does; a row per run.
 
+    Args:
+        values: keys of `run`; values of ``model__X`` to try; ``trials`` (combinations in each fold, default 50),
+            ``budget`` (seconds of searching in a fold), ``inner`` (groups of training subjects that judge, default 3,
+            or ``loso``) and ``objective`` (``accuracy``, ``accuracy+time`` or ``smallest``).
+
+    Returns:
+        The columns of `run`.
+
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    return table_of(_tune.searched(_values(values, _tune.KEYS)))
+    return _short(table_of(_tune.searched(_values(values, _tune.KEYS))))
 
 
 def stress(**values: object) -> Found:
     """Find where systems fail, as ``bench stress`` does; tables ``faults``, ``conditions``, ``slices``, ``learning``.
+
+    Args:
+        values: keys of `run`; ``faults`` to test under (default all), ``train_subjects`` (numbers of training subjects
+            for a learning curve) and ``out`` (folder, which only the command writes).
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
@@ -194,12 +224,16 @@ def stress(**values: object) -> Found:
 def stream(**values: object) -> Found:
     """Replay captures, as ``bench stream`` does; tables ``instants`` and ``stopping``.
 
+    Args:
+        values: keys of `run`; ``hop_ms`` (milliseconds between decisions), ``start`` (``onset`` or ``middle``) and
+            ``out`` (folder, which only the command writes).
+
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
     known = _stream.KEYS - {"source", "window_ms"}
     outcomes, _ = _stream.streamed(_values(values, known))
-    good = [(o.findings.tables, o.plan.cell.system()) for o in outcomes if o.findings]
+    good = [(o.findings.tables, system_in_tables(o)) for o in outcomes if o.findings]
     more = {
         name: pd.concat([tables[f"{name}.csv"].assign(system=system) for tables, system in good], ignore_index=True)
         for name in ("instants", "stopping")
@@ -211,6 +245,10 @@ def stream(**values: object) -> Found:
 def fit(**values: object) -> Fitted:
     """Train one system on all captures and save it, as ``bench fit`` does; ``recogniser.label(corpus)`` uses it.
 
+    Args:
+        values: ``data``, ``where``, ``target``, ``model``, ``features`` and ``seed`` of `run`; ``stopping`` (``false``
+            learns no early decision) and ``out`` (folder to save it in, besides the store).
+
     Raises:
         InputError: something in the values or the data cannot be used.
     """
@@ -220,39 +258,90 @@ def fit(**values: object) -> Fitted:
 def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
     """The cheapest tracked system that is within one standard error of the best, as ``bench choose`` tells it.
 
-    With ``over=``, runs are made as ``bench choose over=`` makes them; see `run` for what they give.
+    With ``over``, runs are made as ``bench choose over=`` makes them; see `run` for what they give.
+
+    Args:
+        values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, to choose among;
+            ``by`` (the cost to keep low, default ``flash``); budgets ``max_flash``, ``max_ram``, ``max_predict``,
+            ``max_decision``, ``max_cycles``; ``margin`` (points of accuracy that do not matter); ``unit`` (``capture``
+            or ``window``); ``shots`` (known captures of a new person); ``over`` (a parameter, or ``features``) with
+            ``inner`` and the other keys of `run`.
 
     Raises:
         InputError: something in the values cannot be used, or nothing is tracked for them.
     """
     given = _values(values, _choose.KEYS)
-    return table_of(_choose.smallest(given)) if "over" in given else _choose.chosen(given)
+    return _short(table_of(_choose.smallest(given))) if "over" in given else _choose.chosen(given)
 
 
-def results(of: str = "", **values: object) -> pd.DataFrame | Found:
-    """Tracked evaluations, one row per run and unit, accuracies in percent, published numbers beside them.
-
-    ``bench.results("reference")`` are the results that come with touchbench: a row per frozen task and system, and by
-    ``<task>/<name>`` the labels of every capture.
+def results(of: str = "", full: bool = False, **values: object) -> pd.DataFrame | Found:
+    """Tracked evaluations, accuracies in percent, with published numbers and reference results beside them.
 
     Args:
-        of: ``reference``, or nothing for the store.
-        values: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to keep.
+        of: nothing for the store; ``reference`` for the results that come with touchbench: a row per frozen task and
+            system, and by ``<task>/<name>`` the labels of every capture.
+        full: one row per run with every tag, parameter and metric, as MLflow has them: accuracies are fractions there.
+        values: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to keep. With ``model``
+            or ``features``, no reference results stand among them.
+
+    Returns:
+        One row per run and way to score it, as `reports.comparison.comparison` makes them.
 
     Raises:
         InputError: nothing is tracked for them.
     """
     if of:
-        return _reference(of, values)
+        return _reference(of, values | ({"full": full} if full else {}))
     given = _values(values, set(_choose.AMONG))
-    runs = tracked(connect())
+    store = connect()
+    runs = tracked(store)
     asked = {key: items(key, value) for key, value in given.items()}
     for lacking in without_runs([runs], asked):
         warn(f"warning: {lacking}: no run of it is tracked")
     runs = selected(runs, asked)
     if not len(runs):
         raise InputError("no run is tracked for these values; make some with bench.run")
-    return comparison(runs, published())
+    if full:
+        return runs.reset_index(drop=True)
+    return comparison(store, runs, published(), beside=not {"model", "features"} & set(given))
+
+
+def compare(system: str | Mapping[str, object], other: str | Mapping[str, object], **values: object) -> Compared:
+    """Two tracked systems on whole captures, paired over subjects; seeds are averaged.
+
+    Args:
+        system: as tables name it, such as ``"svm · jung54"`` or ``"reflex (reference)"``, or its values as `run` takes
+            them, such as ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or
+            ``protocol`` among these, it is looked for there.
+        other: the system to compare it with.
+        values: ``data``, ``where``, ``target`` and ``protocol`` of both.
+
+    Returns:
+        ``difference`` (first less second, mean over subjects, in points), its 95 % t-interval ``low`` and ``high``,
+        ``p`` (two-sided Wilcoxon test), ``subjects`` (their number), ``gain`` and ``lose`` (the subjects on whom the
+        first or the second is more accurate) and ``accuracy`` (a table [subjects, 2]).
+
+    Raises:
+        InputError: a system has no complete run, or the two were not run on the same data, subset and protocol.
+    """
+    on = _values(values, set(ON))
+    store = connect()
+    runs = with_groups(tracked(store))
+    sides = []
+    for one in (system, other):
+        given = {} if isinstance(one, str) else _values(dict(one), _run.KEYS)
+        asked = {key: items(key, value) for key, value in (on | given).items() if key in ON}
+        name = one if isinstance(one, str) else _system({k: v for k, v in given.items() if k not in ON})
+        sides.append((name, selected(runs, asked)))
+    return compared(store, sides)
+
+
+def _system(given: dict[str, object]) -> str:
+    """The name of the one system that some values mean."""
+    names = {cell.system() for cell in cells(given)}
+    if len(names) > 1:
+        raise InputError(f"{given} are {len(names)} systems; give one")
+    return names.pop()
 
 
 def _reference(of: str, values: dict[str, object]) -> Found:
@@ -270,7 +359,7 @@ def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
         plan, cell = outcome.plan, outcome.plan.cell
         measured = {k: 100 * v if any(s in k for s in SHARES) else v for k, v in outcome.metrics.items()}
         about: dict[str, object] = {
-            "system": cell.system(),
+            "system": system_in_tables(outcome),
             "data": cell.data + (" (synthetic)" if plan.corpus.synthetic else ""),
             "subset": cell.where or "all",
             "target": cell.target,
@@ -280,6 +369,12 @@ def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
         counts = {"folds": f"{len(outcome.results)}/{len(plan.folds)}", "run_id": outcome.run_id}
         rows.append(about | measured | counts)
     return pd.DataFrame(rows)
+
+
+def _short(table: pd.DataFrame) -> pd.DataFrame:
+    """The columns that matter, the first and the last ones most: where it is narrow, pandas leaves out the others."""
+    named = table.rename(columns={"accuracy_low": "low", "accuracy_high": "high", "subject_accuracy_sd": "subject_sd"})
+    return named[[name for name in SHOWN if name in named]]
 
 
 def _values(given: dict[str, object], known: set[str]) -> dict[str, object]:

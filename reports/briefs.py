@@ -104,42 +104,26 @@ def people(groups: dict[str, Group], curves: list[Curves]) -> str:
 
 
 def told_apart(group: Group) -> str:
-    """Which systems of a group differ and which do not, by tests that are paired over subjects."""
+    """Which systems of a group differ from the best one and which do not, by the p Holm of its table."""
     subjects = group.subjects.iloc[: statistics.RANKED]
     systems, n = subjects.shape
     if systems == 1:
         return f"{subjects.index[0]} has nothing to be compared with."
     if n < statistics.FEW_SUBJECTS:
         return f"{n} subject{'s are' if n != 1 else ' is'} too few to tell {systems} systems apart."
-    said = _two(subjects) if systems == 2 else _many(subjects)
-    return said + (" Captures of one subject are on both sides, so that nothing holds for a new person." * group.mixed)
+    return _against_best(subjects) + (
+        " Captures of one subject are on both sides, so that nothing holds for a new person." * group.mixed
+    )
 
 
-def _two(subjects: pd.DataFrame) -> str:
-    better, other = subjects.index
-    p = statistics.wilcoxon((subjects.iloc[0] - subjects.iloc[1]).to_numpy(dtype=float).round(9))
-    test = f"(Wilcoxon's signed rank test over {subjects.shape[1]} subjects, p = {p:.2g})"
-    return f"{better} beats {other} {test}." if p < 0.05 else f"{better} and {other} cannot be told apart {test}."
-
-
-def _many(subjects: pd.DataFrame) -> str:
-    """By Nemenyi's test: the systems that cannot be told from the best one, and which others all of them beat."""
-    ranks = statistics.friedman(subjects)
-    if not ranks.p < 0.05:  # NaN where all are equal
-        return (
-            f"None of {len(subjects)} systems can be told from another (Friedman's test over {ranks.subjects} "
-            f"subjects, p = {ranks.p:.2g})."
-        )
-    mean = ranks.mean
-    top = mean.index[mean - mean.iloc[0] < ranks.critical]
-    behind = mean.index[mean - mean[top[-1]] >= ranks.critical]
-    between = [system for system in mean.index if system not in top and system not in behind]
-    test = f"(Nemenyi's test over {ranks.subjects} subjects, 5 %)"
-    if len(top) == 1:
-        return f"{top[0]} beats {listed([*behind])} {test}."
-    said = f"{listed([*top])} cannot be told apart"
-    if len(behind):
-        said += f"; {'both' if len(top) == 2 else 'all'} beat {listed([*behind])}"
-    if between:
-        said += f"; only {f'{top[0]} beats' if len(top) == 2 else 'some of them beat'} {listed(between)}"
-    return f"{said} {test}."
+def _against_best(subjects: pd.DataFrame) -> str:
+    """The systems that the best one beats, and those that cannot be told apart from it."""
+    rows = statistics.against_best(subjects).iloc[1:]
+    best = subjects.index[0]
+    behind, level = ([*rows.loc[beaten, "system"]] for beaten in (rows["p_holm"] < 0.05, ~(rows["p_holm"] < 0.05)))
+    test = f"(paired Wilcoxon tests against the best, Holm's correction, over {subjects.shape[1]} subjects, 5 %)"
+    if len(level) > 1 and not behind:
+        return f"None of the other {len(level)} systems can be told apart from {best} {test}."
+    parts = [f"{best} beats {listed(behind)}"] if behind else []
+    parts += [f"{listed(level)} cannot be told apart from {best}"] if level else []
+    return f"{'; '.join(parts)} {test}."

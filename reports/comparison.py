@@ -1,17 +1,58 @@
-"""The table of tracked runs, one row per run and unit, rebuilt from MLflow and the published numbers."""
+"""The table of tracked runs, rebuilt from MLflow, the published numbers and the reference results."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from importlib.resources import files
 
 import numpy as np
 import pandas as pd
 
-from bench.outcomes.comparable import context_of, seed_number
-from bench.outcomes.runs import with_groups
+from bench.outcomes import statistics
+from bench.outcomes.comparable import Row, context_of, seed_number
+from bench.outcomes.runs import rows_of, with_groups
+from bench.outcomes.store import Store
+from bench.outcomes.submissions import Submission, score
+from reports.references import systems_by_subject
+from reports.words import count, one, p_value, two
 
 SAME = ["data", "subset_key", "target_key", "protocol_key", "system"]  # of published.csv, and without _key of a run
-UNITS = {"capture": "", "capture vote": "vote_", "window": "window_"}
+# Metrics' prefix: what a row labels, how its windows are combined, and the units of published numbers beside it.
+SCORED = {
+    "": ("capture", "mean probability", ("capture", "subject mean")),
+    "vote_": ("capture", "majority vote", ("capture vote",)),
+    "window_": ("window", "", ("window", "window macro precision", "window macro recall")),
+}
+TESTED = ("difference", "p_holm")
+MEASURED = ("parameters", "flash_bytes", "ram_bytes", "peak_rss_bytes", "captures", "subjects")
+COLUMNS = [
+    "system",
+    "accuracy",
+    "low",
+    "high",
+    *TESTED,
+    "against",
+    "unit",
+    "combined",
+    "seed",
+    "source",
+    "subject_mean",
+    "subject_sd",
+    "macro_f1",
+    "macro_precision",
+    "fit_seconds",
+    "predict_ms_p50",
+    "predict_ms_p95",
+    "decision_ms",
+    *MEASURED,
+    "published",
+    "folds",
+    "run_id",
+    "group",
+    "subset",
+    "data",
+    "protocol",
+]
 
 
 def published() -> pd.DataFrame:
@@ -20,69 +61,104 @@ def published() -> pd.DataFrame:
         return pd.read_csv(f, dtype={"system": str}, keep_default_na=True).fillna({"system": ""})
 
 
-def comparison(runs: pd.DataFrame, papers: pd.DataFrame) -> pd.DataFrame:
-    """One row per run and unit, best captures first within each data, subset and protocol.
+def comparison(store: Store, runs: pd.DataFrame, papers: pd.DataFrame, beside: bool = True) -> pd.DataFrame:
+    """One row per run and way to score it, most accurate systems first within each data, subset, protocol and unit.
 
-    Accuracies, SDs and F1 are in percent. ``published`` holds numbers of the same system, data, subset, protocol and
-    unit; rows from generated captures have none, whatever they are called.
+    ``unit`` is what is labelled, a capture or a window; ``combined`` is how a system on windows labels a capture.
+    Accuracies, SDs and F1 are in percent. ``difference`` (points, mean over subjects) and ``p_holm`` compare the system
+    with ``against``, the best of its group, as `bench.outcomes.statistics.against_best` does; a system on windows with
+    its captures by mean probability. ``published`` holds numbers of the same system, data, subset, protocol and unit;
+    rows from generated captures have none, whatever they are called.
+
+    Args:
+        store: where the runs are.
+        runs: as `bench.outcomes.runs.tracked` makes them.
+        papers: `published`.
+        beside: whether reference results of the same captures and protocol stand among the rows.
     """
     rows = []
     numbers = {key: list(part.itertuples()) for key, part in papers.groupby(SAME)}
-    for run in with_groups(runs).to_dict("records"):
-        for unit, prefix in UNITS.items():
-            if pd.isna(run.get(f"{prefix}accuracy", np.nan)):
-                continue
-            whole = unit != "window"
-            data, subset, protocol = context_of(run)
-            rows.append(
-                {
-                    "system": run["system"],
-                    "data": data,
-                    "subset": subset,
-                    "protocol": protocol,
-                    "unit": "capture, mean probability" if unit == "capture" and run.get("windows", 0) > 0 else unit,
-                    "seed": run["seed"],
-                    "accuracy": 100 * run[f"{prefix}accuracy"],
-                    "low": 100 * run.get("accuracy_low", np.nan) if unit == "capture" else np.nan,
-                    "high": 100 * run.get("accuracy_high", np.nan) if unit == "capture" else np.nan,
-                    "subject_mean": 100 * run[f"{prefix}subject_accuracy_mean"],
-                    "subject_sd": 100 * run.get(f"{prefix}subject_accuracy_sd", np.nan),
-                    "macro_f1": 100 * run[f"{prefix}macro_f1"],
-                    "macro_precision": 100 * run[f"{prefix}macro_precision"],
-                    "fit_seconds": run["fit_seconds"],
-                    "predict_ms_p50": run["predict_ms_p50"],
-                    "predict_ms_p95": run["predict_ms_p95"],
-                    "decision_ms": run["capture_decision_ms" if whole else "decision_ms"],
-                    "parameters": run.get("parameters", np.nan),
-                    "flash_bytes": run.get("flash_bytes", np.nan),
-                    "ram_bytes": run.get("ram_bytes", np.nan),
-                    "peak_rss_bytes": run.get("peak_rss_bytes", np.nan),
-                    "captures": run.get("captures", np.nan),
-                    "subjects": run.get("subjects", np.nan),
-                    "published": _published(run, unit, numbers),
-                    "folds": f"{run['folds']:.0f}/{run['folds'] + run['folds_failed']:.0f}",
-                    "run_id": run["run_id"],
-                    "group": run["group"],
-                }
-            )
-    table = pd.DataFrame(rows)
-    best = table.groupby(["data", "subset", "protocol", "system"])["accuracy"].transform("max")
+    for _, part in with_groups(runs).groupby("group", sort=False):
+        subjects, _, references = systems_by_subject(store, part, beside)
+        tests = _tests(subjects)
+        for run in rows_of(part):
+            for row in _rows(run, numbers):
+                tested = row["combined"] != "majority vote" and row["unit"] == "capture"
+                rows.append(row | (tests.get(str(row["system"]), {}) if tested else {}))
+        first = _context(rows_of(part)[0])
+        rows += [first | _reference(name, one) | tests.get(name, {}) for name, one in references.items()]
+    table = pd.DataFrame(rows).reindex(columns=COLUMNS)
+    context = ["data", "subset", "protocol", "group", "unit"]
+    best = table.groupby([*context, "system"])["accuracy"].transform("max")
     order = table.assign(best=-best, number=table["seed"].map(seed_number)).sort_values(
-        ["data", "subset", "protocol", "best", "system", "number"], kind="stable"
+        [*context, "best", "system", "number"], kind="stable"
     )
     return order.drop(columns=["best", "number"]).reset_index(drop=True)
 
 
-def _published(run: dict, unit: str, numbers: dict[tuple, list]) -> str:
+def _context(run: Row) -> dict[str, object]:
+    data, subset, protocol = context_of(run)
+    return {"data": data, "subset": subset, "protocol": protocol, "group": run["group"]}
+
+
+def _tests(subjects: pd.DataFrame) -> dict[str, dict[str, object]]:
+    """By system, its difference from the best one; empty where nothing can be compared."""
+    if len(subjects) < 2 or subjects.shape[1] < 2:
+        return {}
+    rows = statistics.against_best(subjects.iloc[: statistics.RANKED])
+    return {str(row["system"]): {k: row[k] for k in TESTED} | {"against": subjects.index[0]} for row in rows_of(rows)}
+
+
+def _rows(run: Row, numbers: dict[tuple, list]) -> Iterator[dict[str, object]]:
+    """The rows of a run."""
+    for prefix, (unit, combined, units) in SCORED.items():
+        if pd.isna(run.get(f"{prefix}accuracy", np.nan)):
+            continue
+        windowed = run.get("windows", 0) > 0
+        yield {
+            **_context(run),
+            "system": run["system"],
+            "source": "store",
+            "unit": unit,
+            "combined": combined if windowed else "",
+            "seed": run["seed"],
+            "accuracy": 100 * run[f"{prefix}accuracy"],
+            "low": np.nan if prefix else 100 * run.get("accuracy_low", np.nan),
+            "high": np.nan if prefix else 100 * run.get("accuracy_high", np.nan),
+            "against": "",
+            "subject_mean": 100 * run[f"{prefix}subject_accuracy_mean"],
+            "subject_sd": 100 * run.get(f"{prefix}subject_accuracy_sd", np.nan),
+            "macro_f1": 100 * run[f"{prefix}macro_f1"],
+            "macro_precision": 100 * run[f"{prefix}macro_precision"],
+            "fit_seconds": run["fit_seconds"],
+            "predict_ms_p50": run["predict_ms_p50"],
+            "predict_ms_p95": run["predict_ms_p95"],
+            "decision_ms": run["decision_ms" if unit == "window" else "capture_decision_ms"],
+            **{name: run.get(name, np.nan) for name in MEASURED},
+            # One decision a capture is its vote.
+            "published": _published(run, units if windowed else (*units, "capture vote"), numbers),
+            "folds": f"{run['folds']:.0f}/{run['folds'] + run['folds_failed']:.0f}",
+            "run_id": run["run_id"],
+        }
+
+
+def _reference(name: str, answer: Submission) -> dict[str, object]:
+    """The row of a reference result; what only runs tell is missing."""
+    found = score(answer)
+    about = {k: answer.about.get(k, np.nan) for k in ("parameters", "flash_bytes", "ram_bytes")}
+    counts = {"captures": answer.table["capture"].nunique(), "subjects": answer.table["subject"].nunique()}
+    words = {"system": name, "source": "reference", "unit": "capture", "combined": "", "seed": "", "against": ""}
+    return (
+        words | {k: 100 * v for k, v in found.items()} | about | counts | {"published": "", "folds": "", "run_id": ""}
+    )
+
+
+def _published(run: Row, units: Sequence[str], numbers: dict[tuple, list]) -> str:
     """Published numbers that may stand beside a row, each with its unit and id."""
     if run["synthetic"] == "true":
         return ""
-    units = {"capture": ["capture", "subject mean"], "capture vote": ["capture vote"]}
-    if not run.get("windows", 0) > 0:  # one decision a capture: the vote over its decisions is that decision
-        units["capture"].append("capture vote")
-    units["window"] = ["window", "window macro precision", "window macro recall"]
     same = numbers.get(tuple(run[k.removesuffix("_key")] for k in SAME), [])
-    return "; ".join(f"{r.accuracy:g} ({r.unit_key}, {r.id})" for r in same if r.unit_key in units[unit])
+    return "; ".join(f"{r.accuracy:g} ({r.unit_key}, {r.id})" for r in same if r.unit_key in units)
 
 
 def shown(table: pd.DataFrame) -> pd.DataFrame:
@@ -91,19 +167,20 @@ def shown(table: pd.DataFrame) -> pd.DataFrame:
         {
             "system": table["system"],
             "accuracy % [95 %]": [_with_interval(r) for r in table.itertuples()],
-            "unit": table["unit"],
-            "seed": table["seed"],
+            "p Holm": table["p_holm"].map(p_value),
+            "windows combined by": table["combined"].replace("", "-"),
+            "seed": table["seed"].replace("", "-"),
             "flash kB": (table["flash_bytes"] / 1e3).map(_three),
             "RAM kB": (table["ram_bytes"] / 1e3).map(_three),
-            "predict ms p50 / p95": [f"{r.predict_ms_p50:.2f} / {r.predict_ms_p95:.2f}" for r in table.itertuples()],
-            "decision ms": table["decision_ms"].map("{:.0f}".format),
-            "fit s": table["fit_seconds"].map("{:.2f}".format),
-            "macro-F1 %": table["macro_f1"].map("{:.1f}".format),
+            "predict ms p50 / p95": [f"{two(r.predict_ms_p50)} / {two(r.predict_ms_p95)}" for r in table.itertuples()],
+            "decision ms": table["decision_ms"].map(count),
+            "fit s": table["fit_seconds"].map(two),
+            "macro-F1 %": table["macro_f1"].map(one),
             "subjects: mean ± SD": [_with_sd(r) for r in table.itertuples()],
             "n": table["subjects"].map(_whole),
             "parameters": table["parameters"].map(_whole),
             "published %": table["published"].replace("", "-"),
-            "folds": table["folds"],
+            "folds": table["folds"].replace("", "-"),
         }
     )
 

@@ -10,11 +10,12 @@ import pandas as pd
 
 from bench.outcomes import scores, statistics
 from bench.outcomes.comparable import COMPARABLE, facts_of, seed_number
-from bench.outcomes.runs import by_subject, predictions, rows_of
+from bench.outcomes.runs import by_subject, independent, predictions, rows_of
 from bench.outcomes.store import Store
 from reports import curves, details, ranks, speed
 from reports.figures import Picture
-from reports.layout import Block, Table, Text
+from reports.layout import Block, Text
+from reports.references import systems_by_subject
 
 GROUPS = 3  # captures-and-protocol groups that get a verdict, statistics and figures
 SYSTEMS = 2  # systems of a group whose predictions are read and drawn
@@ -25,9 +26,11 @@ class Group:
     """What the report shows of a group.
 
     Attributes:
-        subjects: accuracy in percent [systems, subjects], best first; empty where no run is complete.
+        subjects: accuracy in percent [systems, subjects], best first, reference results among them; empty where no run
+            is complete.
         mixed: whether captures of one subject are on both sides of a fold.
         rows: the statistics, a row per system.
+        pairs: those of every pair of the most accurate systems.
         compared: blocks with the statistics.
         people: the picture of the subjects.
         speed: the pictures of accuracy against costs.
@@ -37,6 +40,7 @@ class Group:
     subjects: pd.DataFrame
     mixed: bool = False
     rows: pd.DataFrame = field(default_factory=pd.DataFrame)
+    pairs: pd.DataFrame = field(default_factory=pd.DataFrame)
     compared: list[Block] = field(default_factory=list)
     people: list[Block] = field(default_factory=list)
     speed: list[Picture] = field(default_factory=list)
@@ -78,10 +82,12 @@ def group_of(
         number: of the group, in the names of files.
     """
     group = runs["group"].iloc[0]
-    subjects, seeds = by_subject(store, runs)
+    subjects, seeds, references = systems_by_subject(store, runs)
     if not len(subjects):
-        return Group(subjects, compared=[Text("No run is complete, so that nothing can be compared.", warning=True)])
+        return Group(subjects, compared=[Text("There is no complete run to compare.", warning=True)])
+    runs = independent(runs)
     first = runs[runs["status"] == "FINISHED"].iloc[0].to_dict()
+    own = subjects.drop(index=[*references])
     kept = subjects.iloc[: statistics.RANKED]
     facts = facts_of(first)
     ratio = facts.test_over_train
@@ -95,24 +101,27 @@ def group_of(
     caption += ranks.STATISTICS
     if len(subjects) > len(kept):
         caption += f" The {len(kept)} most accurate of {len(subjects)} systems."
-    compared.append(Table(ranks.statistics_table(rows), caption))
+    compared.append(ranks.statistics_table(rows, caption, first["data"]))
     name = f"{number}-{slug(group)}"
+    pairs = statistics.pairs(kept.iloc[: statistics.PAIRED])
     if len(kept) > 2 and subjects.shape[1] > 1:
+        compared.append(ranks.matrix(kept.iloc[: statistics.PAIRED], pairs, group))
         tested = statistics.friedman(kept)
         compared.append(ranks.difference_diagram(tested, group, folder, f"{name}-ranks", len(subjects) - len(kept)))
         rows = rows.assign(mean_rank=rows["system"].map(tested.mean), friedman_p=tested.p)
-    points = speed.points(runs, subjects, papers)
-    if chips is not None and len(own := chips.merge(runs[[*COMPARABLE]].drop_duplicates(), on=[*COMPARABLE])):
-        found = speed.chip_points(own, lambda runs: by_subject(store, runs)[0])
+    points = speed.points(runs, own, papers)
+    if chips is not None and len(on_chip := chips.merge(runs[[*COMPARABLE]].drop_duplicates(), on=[*COMPARABLE])):
+        found = speed.chip_points(on_chip, lambda runs: by_subject(store, runs)[0])
         points = pd.concat([points, found]).sort_values("accuracy", ascending=False, ignore_index=True)
     return Group(
         subjects,
         facts.mixes_subjects,
         rows,
+        pairs,
         compared,
         [ranks.strip_plot(subjects, group, folder, f"{name}-subjects")],
         [speed.speed_chart(points, group, folder, f"{name}-speed")],
-        detail_figures(store, runs, subjects, group, folder, name),
+        detail_figures(store, runs, own, group, folder, name),
     )
 
 
@@ -123,7 +132,7 @@ def fold_table(store: Store, runs: pd.DataFrame, kept: pd.DataFrame, ratio: floa
         return None
     rows = [store.fold_accuracy(run_id) for run_id in complete["run_id"]]
     table = pd.DataFrame(rows, index=complete["system"].to_numpy())
-    return table.groupby(level=0).mean().loc[kept.index]
+    return table.groupby(level=0).mean().reindex(kept.index)
 
 
 def detail_figures(

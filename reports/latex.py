@@ -7,9 +7,12 @@ import re
 import pandas as pd
 
 from bench.errors import InputError
+from bench.outcomes.comparable import MARK
+from reports.words import notes_on, p_value
 
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
 NEEDED = ("system", *TOGETHER, "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes")
+P = "$p$ (Holm)"
 ESCAPED = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
@@ -22,6 +25,7 @@ ESCAPED = {
     "`": r"\textasciigrave{}",
     "·": r"$\cdot$",
     "±": r"$\pm$",
+    MARK: r"$^\dagger$",
     "\N{MULTIPLICATION SIGN}": r"$\times$",
 } | {sign: rf"\{sign}" for sign in "&%$#_{}"}
 HEAD = """\
@@ -34,7 +38,8 @@ def latex(table: pd.DataFrame) -> str:
 
     Args:
         table: as `bench.results` gives it, that of the store or of ``reference``: a row per run and unit, accuracies in
-            percent. Rows on the same captures, under the same protocol and in the same unit come into one table.
+            percent. Rows on the same captures, under the same protocol and in the same unit come into one table. Choose
+            systems with `bench.results` rather than in its table: p is corrected for all systems of that.
 
     Returns:
         Text for a document that loads booktabs.
@@ -63,16 +68,19 @@ def _one(part: pd.DataFrame, number: int) -> str:
     columns["accuracy"] = [_one_decimal(row["accuracy"]) for row in rows]
     if part["low"].notna().any():
         columns[r"95\,\% interval"] = [_interval(row["low"], row["high"]) for row in rows]
+    if part.get("p_holm", pd.Series(dtype=float)).notna().any():
+        columns[P] = [p_value(row["p_holm"]).replace("-", "--").replace("<", "$<$") for row in rows]
     columns["SD"] = [_one_decimal(row["subject_sd"]) for row in rows]
     columns["macro-F1"] = [_one_decimal(row["macro_f1"]) for row in rows]
     columns["kB"] = [_one_decimal(row["flash_bytes"] / 1000) for row in rows]
     if "predict_ms_p50" in part:
         columns["ms"] = [_one_decimal(row["predict_ms_p50"]) for row in rows]
-    best = part["accuracy"].max()
+    best = part.loc[[not _depends_on_batch(row) for row in rows], "accuracy"].max()
     lines = []
     for row, cells in zip(rows, zip(*columns.values(), strict=True), strict=True):
         name, accuracy, *rest = cells
-        accuracy = rf"\textbf{{{accuracy}}}" if row["accuracy"] == best and len(rows) > 1 else accuracy
+        if row["accuracy"] == best and len(rows) > 1 and not _depends_on_batch(row):
+            accuracy = rf"\textbf{{{accuracy}}}"
         lines.append(" & ".join([name, accuracy, *rest]) + r" \\")
     return "\n".join(
         [
@@ -112,7 +120,25 @@ def _caption(part: pd.DataFrame) -> str:
         f"In percent: accuracy, pooled over {pooled}{interval}; SD over subjects; macro-F1. kB: learnt numbers, "
         f"without code.{ms}"
     )
+    said += _tested(part)
+    if "source" in part and (part["source"] == "reference").any():
+        said.append("Rows marked (reference) come with touchbench.")
+    notes = [note for system in part["system"] for note in notes_on(str(system), str(one["data"]))]
+    said += [note.rstrip(".") + "." for note in dict.fromkeys(notes)]
     return escaped(" ".join(said)).replace(r"95 \%", r"95\,\%")
+
+
+def _tested(part: pd.DataFrame) -> list[str]:
+    """What p is, with the system that all are compared with."""
+    against = [name for name in dict.fromkeys(part.get("against", [])) if name]
+    if not against or not part["p_holm"].notna().any():
+        return []
+    return [f"p: paired two-sided Wilcoxon test over subjects against {against[0]}, corrected by Holm's procedure."]
+
+
+def _depends_on_batch(row: dict) -> bool:
+    """Whether a row is of a system whose predictions depend on the batch."""
+    return str(row["system"]).endswith(MARK)
 
 
 def _numbers(column: pd.Series) -> str:
@@ -124,8 +150,9 @@ def _numbers(column: pd.Series) -> str:
 def _named(row: dict) -> str:
     """A system with what makes its row another one: a seed, failed folds."""
     done, _, folds = str(row.get("folds", "")).partition("/")
-    words = [f"seed {row['seed']}"] if row.get("seed", "none") not in ("0", "none") else []
+    words = [f"seed {row['seed']}"] if row.get("seed", "none") not in ("0", "none", "") else []
     words += [f"{row['folds']} folds"] if folds and done != folds else []
+    words += [str(row["combined"])] if row.get("combined") else []
     return ", ".join([str(row["system"]), *words])
 
 

@@ -12,7 +12,8 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.outcomes import statistics
-from bench.outcomes.runs import of_kinds, tracked, with_groups
+from bench.outcomes.comparable import MARKED, depends_on_batch
+from bench.outcomes.runs import independent, of_kinds, rows_of, tracked, with_groups
 from bench.outcomes.store import Store
 from bench.scratch import owner, sweep
 from reports import behaviour, recomputed
@@ -22,13 +23,13 @@ from reports.comparison import comparison, published, shown
 from reports.figures import Picture
 from reports.groups import GROUPS, group_of, largest_groups
 from reports.latex import latex
-from reports.layout import Block, Briefs, Chart, Heading, Table, Text, markdown, page
+from reports.layout import Block, Briefs, Chart, Heading, Table, Text, footnotes, markdown, page
 from reports.newcomers import curves_of, newcomer_blocks
 from reports.papers import published_blocks, recomputed_blocks
 from reports.provenance import provenance, software
 from reports.sheet import write_sheet
 from reports.verdicts import against
-from reports.words import listed
+from reports.words import listed, notes_on
 
 ROWS = 300  # of a table on the page; the CSV files hold all
 
@@ -91,10 +92,11 @@ def assemble(
         g: group_of(store, part, others.get("chip"), papers, folder, i)
         for i, (g, part) in enumerate(largest.items(), 1)
     }
-    choices = [considered(store, g, runs, budgets, others | {"cell": runs}) for g in largest]
+    kinds = {kind: independent(found) for kind, found in (others | {"cell": runs}).items()}
+    choices = [considered(store, g, runs, budgets, kinds) for g in largest]
     curves = curves_of(store, runs)
     beside = against(papers, runs, store)
-    table = comparison(runs, papers)
+    table = comparison(store, runs, papers)
 
     blocks: list[Block] = [Heading(f"Which recogniser to take: {_corpora(runs)}", 1), *warnings(runs)]
     blocks += [Heading("Verdict"), *(c.answer() if isinstance(c, Considered) else c for c in choices)]
@@ -122,11 +124,13 @@ def assemble(
     from_runs = provenance(pd.concat([runs, *map(with_groups, others.values())], ignore_index=True))
     blocks += [Heading("Provenance"), *provenance_blocks(runs, from_runs)]
     rows = [group.rows.assign(group=name) for name, group in groups.items()]
+    pairs = [group.pairs.assign(group=name) for name, group in groups.items()]
     return blocks, {
         "comparison": table,
         "published": beside,
         "recomputed": recomputed.recomputed(papers),
         "statistics": pd.concat(rows, ignore_index=True),
+        "pairs": pd.concat(pairs, ignore_index=True),
         "provenance": from_runs,
     }
 
@@ -161,6 +165,8 @@ def warnings(runs: pd.DataFrame) -> list[Block]:
         blocks.append(
             Text(f"Runs with failed folds are scored on the others and compared with nothing: {systems}.", warning=True)
         )
+    if marked := sorted({str(run["system"]) for run in rows_of(runs) if depends_on_batch(run)}):
+        blocks.append(Text(f"{MARKED}: {', '.join(marked)}.", warning=True))
     return blocks
 
 
@@ -175,27 +181,33 @@ def run_blocks(table: pd.DataFrame, order: list[str], runs: int, systems: int) -
     """
     said = Text(
         f"{runs} tracked runs of {systems} systems. Numbers are compared only where data, subset, protocol and unit "
-        "agree. Every interval is over subjects: people differ more than captures of one person do."
+        "agree: the rows under one heading of the table. Every interval is over subjects: people differ more than "
+        "captures of one person do."
     )
     caption = (
-        "Accuracy is pooled over the tested captures (or windows), its interval a bootstrap over subjects. Flash "
+        "Accuracy is pooled over the tested captures (or windows), its interval a bootstrap over subjects. p Holm is "
+        "of the paired Wilcoxon test against the best system, as under statistics; - where there is no test. Flash "
         "counts learnt numbers, RAM the numbers in memory for one decision. Predict is one whole capture from raw "
         "frames to label on one thread, feature extraction included; decision is the median touch that must be "
         "observed plus computing time. Fit is the mean of a fold without feature extraction. n is the number of "
         "tested subjects."
     )
+    if (table["source"] == "reference").any():
+        caption += " Rows marked (reference) come with touchbench: costs that only runs tell are missing."
     table = table.sort_values("group", key=lambda names: names.map(order.index), kind="stable")
+    together = table["group"] + table["unit"].map({"capture": ", whole captures", "window": ", single windows"})
     kept = table
     if len(table) > ROWS:
-        each = max(1, ROWS // table["group"].nunique())
-        kept = table.groupby("group", sort=False).head(each)
+        each = max(1, ROWS // together.nunique())
+        kept = table.groupby(together, sort=False).head(each)
         caption += f" The first {each} rows of each group; all {len(table)} are in comparison.csv."
+    marks, notes = footnotes([notes_on(r.system, r.data) for r in kept.itertuples()])
     few = [g for g in order if (table.loc[table["group"] == g, "subjects"] < statistics.FEW_SUBJECTS).any()]
     warning = f"Fewer than {statistics.FEW_SUBJECTS} test subjects, so that intervals are hardly worth anything: "
     return [
         said,
         *([Text(warning + "; ".join(few) + ".", warning=True)] if few else []),
-        Table(shown(kept), caption, groups=list(kept["group"])),
+        Table(shown(kept), caption, groups=list(together[kept.index]), marks=marks, notes=notes),
     ]
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 from bench.outcomes import statistics
 from reports import recomputed
 from reports.layout import Block, Table, Text, footnotes
-from reports.ranks import statistics_table
+from reports.ranks import shown_statistics
 from reports.words import bounded, count, listed, one, signed, sized, two, with_sd
 
 NAMES = {"cost": "CoST", "haart": "HAART"}
@@ -146,10 +146,10 @@ def recomputed_blocks(papers: pd.DataFrame) -> list[Block]:
         Text(
             f"Jung et al. 2017 print the accuracy of each of {subjects.shape[1]} subjects (Table 7). Friedman's test "
             f"over their five classifiers: p = {tested.p:.1g}; mean ranks that differ by less than "
-            f"{tested.critical:.2f} are not "
-            f"told apart: " + ", ".join(f"{name} {rank:.2f}" for name, rank in tested.mean.items()) + "."
+            f"{tested.critical:.2f} are not separated by Nemenyi's test, which is more conservative "
+            "than the table below: " + ", ".join(f"{name} {rank:.2f}" for name, rank in tested.mean.items()) + "."
         ),
         Table(
-            statistics_table(rows), "Jung et al. 2017, Table 7: each classifier against the best one, over subjects."
+            shown_statistics(rows), "Jung et al. 2017, Table 7: each classifier against the best one, over subjects."
         ),
     ]

@@ -9,7 +9,8 @@ import pandas as pd
 
 from bench.outcomes import statistics
 from reports.figures import LINE, Picture, new_figure, plain, save, width_of
-from reports.words import bounded, one, p_value, span
+from reports.layout import Table, footnotes
+from reports.words import bounded, count, notes_on, one, p_value, signed, span
 
 STATISTICS = (
     "Difference is in points with its 95 % t-interval; corrected is the same with Nadeau and Bengio's variance, "
@@ -21,7 +22,49 @@ STATISTICS = (
 )
 
 
-def statistics_table(rows: pd.DataFrame) -> pd.DataFrame:
+def statistics_table(rows: pd.DataFrame, caption: str, data: str) -> Table:
+    """The block of `shown_statistics`, with footnotes.
+
+    Args:
+        rows: as `bench.outcomes.statistics.against_best` makes them.
+        caption: of the table.
+        data: name of the corpus.
+    """
+    marks, notes = footnotes([notes_on(system, data) for system in rows["system"]])
+    return Table(shown_statistics(rows), caption, marks=marks, notes=notes)
+
+
+def matrix(subjects: pd.DataFrame, pairs: pd.DataFrame, group: str) -> Table:
+    """Every pair of systems: the difference above the diagonal, the corrected p below it.
+
+    Args:
+        subjects: accuracy in percent [systems, subjects], best first.
+        pairs: `bench.outcomes.statistics.pairs` of them.
+        group: in words.
+    """
+    names = [*subjects.index]
+    place = {name: i for i, name in enumerate(names)}
+    cells = np.full((len(names), len(names)), "\N{MIDDLE DOT}", dtype=object)
+    for row in pairs.itertuples():
+        i, j = place[row.system], place[row.other]
+        cells[i, j], cells[j, i] = signed(row.difference), p_value(row.p_holm)
+    frame = pd.DataFrame(cells, columns=[str(i) for i in range(1, len(names) + 1)])
+    frame.insert(0, "system", [f"{i} {name}" for i, name in enumerate(names, 1)])
+    least = min(1, 2.0 ** (1 - subjects.shape[1]) * len(pairs))
+    caption = (
+        f"{group}: every pair of the {len(names)} most accurate systems, paired over {subjects.shape[1]} subjects. "
+        "Above the diagonal: accuracy of the row less that of the column, in points. Below it: p of the two-sided "
+        f"Wilcoxon test with Holm's correction for these {len(pairs)} pairs, which is stricter than against the best. "
+    )
+    if least >= 0.05:
+        caption += (
+            f"The smallest p that so few subjects can give here is {least:.2g}, so no pair can reach 0.05; "
+            "bench.compare tests two systems that you name beforehand. "
+        )
+    return Table(frame, caption + "Intervals and numbers of subjects that gain and lose are in pairs.csv.")
+
+
+def shown_statistics(rows: pd.DataFrame) -> pd.DataFrame:
     """`bench.outcomes.statistics.against_best` as text."""
     frame = {
         "system": rows["system"],
@@ -35,7 +78,7 @@ def statistics_table(rows: pd.DataFrame) -> pd.DataFrame:
         "r": rows["rank_biserial"].map(lambda v: "-" if np.isnan(v) else f"{v:+.2f}"),
     }
     if "seeds" in rows:
-        frame["seeds"] = rows["seeds"]
+        frame["seeds"] = rows["seeds"].map(count)
     return pd.DataFrame(frame)
 
 
@@ -69,8 +112,10 @@ def difference_diagram(ranks: statistics.Ranks, group: str, folder: Path, name: 
     ax.grid(axis="both", alpha=0.25)
     found = "not defined" if np.isnan(ranks.p) else f"p = {ranks.p:.2g}"
     caption = (
-        f"Mean ranks; a bar on the right joins systems that Nemenyi's test does not tell apart (5 %, all pairs). "
-        f"Friedman's test: {found}." + (f" {left_out} systems of lower accuracy are not ranked." if left_out else "")
+        "Another procedure, and a more conservative one: mean ranks, which depend on all systems of the figure. A bar "
+        "on the right joins systems whose mean ranks differ by less than Nemenyi's critical difference (5 %, all "
+        f"pairs). No sentence or table is based on it. Friedman's test: {found}."
+        + (f" {left_out} systems of lower accuracy are not ranked." if left_out else "")
     )
     return save(figure, folder, name, "ranks", group, caption)
 

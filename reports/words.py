@@ -2,9 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import pandas as pd
+
+from bench.outcomes.comparable import MARK, MARKED
+
+DESIGNED = (
+    "The system reflex and the features touch were designed on seven of HAART's ten people, the training subjects of "
+    "its challenge split. LOSO tests on these seven, too."
+)
+
+
+def notes_on(system: str, data: str) -> list[str]:
+    """What a reader must know of a system that a table names: footnotes.
+
+    Args:
+        system: as tables name it.
+        data: name of the corpus.
+    """
+    own = data == "haart" and re.search(r"(?<![\w.])(reflex|touch)(?![\w.])", system) is not None
+    return [DESIGNED] * own + [MARKED] * system.endswith(MARK)
 
 
 def listed(names: Sequence[str], most: int = 4) -> str:

@@ -1,5 +1,7 @@
 """The Python API: the names of the command line, tables that say what the store says."""
 
+import itertools
+import re
 import subprocess
 import sys
 import time
@@ -8,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 from sklearn.model_selection import LeaveOneGroupOut
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -15,8 +18,13 @@ from sklearn.svm import SVC
 
 import bench
 from bench.cli import main
+from bench.commands import choose, fit, stream, stress, tune
+from bench.outcomes.comparable import BATCH, MARKED
+from bench.plan.arguments import KEYS
+from bench.plan.tasks import HAART
 from features.jung28 import Jung28
 from tests.conftest import predictions, runs
+from tests.reports.store import tracked_run, with_hits
 
 SMALL = {"data__subjects": 4, "data__variants": ("normal",)}
 TYPED = ["data.subjects=4", "data.variants=normal"]
@@ -59,6 +67,81 @@ def test_run_is_the_command_and_results_are_what_is_tracked(capsys):
     assert found["accuracy"].tolist() == pytest.approx([table["accuracy"][0]]) and "published" in found
     with pytest.raises(bench.InputError, match="no run is tracked for these values"):
         bench.results(model="rf")
+
+
+def test_what_run_and_results_print_shows_the_accuracy():
+    table = bench.run(model=["svm", "bayes"], seed=0, **SMALL)
+    assert len(table.columns) <= 15
+    for shown in (table, bench.results()):
+        head = shown.to_string(max_cols=8).splitlines()[0].split()
+        assert head[:4] == ["system", "accuracy", "low", "high"] and head[-2:] == ["data", "protocol"]
+    everything = bench.results(full=True)
+    assert {"search_seconds", "accuracy_low", "git"} & set(everything) and len(everything.columns) > 40
+    store, tracked = runs("cell")
+    found = everything.set_index("run_id")["accuracy"]
+    assert all(found[r.info.run_id] == r.data.metrics["accuracy"] for r in tracked)
+
+
+@pytest.mark.parametrize(
+    ("function", "keys"),
+    [(bench.run, KEYS), (bench.tune, tune.KEYS), (bench.stress, stress.KEYS), (bench.fit, fit.KEYS)]
+    + [(bench.choose, choose.KEYS), (bench.stream, stream.KEYS - {"source", "window_ms"})],
+)
+def test_help_names_every_key(function, keys):
+    text = function.__doc__ + ("" if function is bench.run else bench.run.__doc__)
+    assert [key for key in keys if not re.search(rf"\b{key}\b", text)] == []
+
+
+def hits_of(store, name, hits, **about):
+    tracked_run(store, name, with_hits(hits), **about)
+
+
+def test_two_systems_are_compared_person_by_person(store):
+    # Seven of ten gain one or two captures of 20, two lose one, one is equal.
+    hits_of(store, "svm · jung54", [18, 18, 18, 17, 17, 17, 17, 15, 15, 16])
+    hits_of(store, "bayes · jung54", [16, 16, 16, 16, 16, 16, 16, 16, 16, 16], **{BATCH: "true"})
+    found = bench.compare("svm · jung54", {"model": "bayes"}, data="synth")
+    gained = np.array([10, 10, 10, 5, 5, 5, 5, -5, -5, 0])
+    assert found.difference == pytest.approx(gained.mean()) and found.subjects == 10
+    expected = stats.ttest_1samp(gained, 0).confidence_interval(0.95)
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
+    # Nine differ: six by 5 points, rank 3.5, of which two are negative; three by 10, rank 8: the negative sum is 7
+    ranks = stats.rankdata(np.abs(gained[gained != 0]))
+    sums = [np.dot(signs, ranks) for signs in itertools.product((0, 1), repeat=9)]
+    assert found.p == pytest.approx(2 * np.mean([s <= 7 for s in sums]))
+    assert found.gain == ["1", "2", "3", "4", "5", "6", "7"] and found.lose == ["8", "9"]
+    text = repr(found)
+    assert "svm · jung54 is 4.0 points more accurate than bayes · jung54 †" in text and MARKED in text
+    assert "10 subjects: 7 gain (1, 2, 3, 4, 5, 6, 7), 2 lose (8, 9)" in text
+    back = bench.compare("bayes · jung54 †", "svm · jung54")
+    assert back.difference == pytest.approx(-found.difference) and back.gain == found.lose
+
+
+def test_what_cannot_be_compared_is_refused_in_one_line(store):
+    hits_of(store, "a", [15] * 6)
+    hits_of(store, "b", [14] * 6, subset="variant == 'rough'")
+    with pytest.raises(bench.InputError, match=r"a and b share no data, subset and protocol: .*, all, .*'rough'"):
+        bench.compare("a", "b")
+    with pytest.raises(bench.InputError, match="no complete run of 'c' is tracked; .*a, b"):
+        bench.compare("a", "c")
+    with pytest.raises(bench.InputError, match="give two systems"):
+        bench.compare("a", "a")
+    hits_of(store, "a", [15] * 6, subset="variant == 'rough'")
+    hits_of(store, "b", [14] * 6)
+    with pytest.raises(
+        bench.InputError, match="both have runs on .*; name one with data=, where=, target= or protocol="
+    ):
+        bench.compare("a", "b")
+    assert bench.compare("a", "b", where="variant == 'rough'").difference == pytest.approx(5)
+
+
+def test_a_run_is_compared_with_a_reference_result(store):
+    about = {"data": "haart", "synthetic": "false", "corpus_digest": HAART, "protocol_label": "LOSO (10 subjects)"}
+    hits_of(store, "mine", [18] * 10, **about)
+    found = bench.compare("mine", "reflex (reference)")
+    reference = bench.results("reference")["haart-loso-v1/reflex"]
+    own = (reference["true"] == reference["predicted"]).groupby(reference["subject"]).mean().mean()
+    assert found.difference == pytest.approx(90 - 100 * own)
 
 
 def test_objects_give_what_their_names_give():

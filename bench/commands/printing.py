@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.errors import InputError
-from bench.outcomes.comparable import comparable, context_of
+from bench.outcomes.comparable import MARKED, comparable, context_of, depends_on_batch, system_of
 from bench.work.loop import Outcome, console
 
 FAILED = 3  # folds that are named
@@ -138,7 +138,7 @@ def best(outcomes: Sequence[Outcome]) -> list[int]:
     """Places of the most accurate complete runs of each context in which there is something to compare."""
     found = []
     for places in contexts(outcomes):
-        whole = [p for p in places if not outcomes[p].errors]
+        whole = [p for p in places if not outcomes[p].errors and not depends_on_batch(outcomes[p].tags)]
         if len(whole) > 1:
             most = max(outcomes[p].metrics["accuracy"] for p in whole)
             found += [p for p in whole if outcomes[p].metrics["accuracy"] == most]
@@ -158,7 +158,14 @@ def show(outcomes: Sequence[Outcome]) -> int:
     _rows(out, outcomes)
     if any(outcome.plan.corpus.synthetic for outcome in outcomes):
         out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
+    if any(depends_on_batch(outcome.tags) for outcome in outcomes):
+        out.print(MARKED, markup=False, highlight=False)
     return failures(outcomes)
+
+
+def system_in_tables(outcome: Outcome) -> str:
+    """The system of a run, as tables name it."""
+    return system_of({"system": outcome.plan.cell.system()} | outcome.tags)
 
 
 def failures(outcomes: Sequence[Outcome]) -> int:
@@ -194,7 +201,7 @@ def _rows(out: Console, outcomes: Sequence[Outcome]) -> None:
     marked = best(outcomes) if outcomes[0].experiment.kind in COMPARED else []
     rows = []
     for place, (outcome, about) in enumerate(zip(outcomes, abouts, strict=True)):
-        row = {"system": outcome.plan.cell.system() + " (best)" * (place in marked)}
+        row = {"system": system_in_tables(outcome) + " (best)" * (place in marked)}
         row |= {name: about[name] for name in differing} | _measured(outcome)
         rows.append(row | {"folds": f"{len(outcome.results)}/{len(outcome.plan.folds)}"})
     title = outcomes[0].experiment.heading

@@ -9,6 +9,9 @@ from typing import Any
 
 from bench.plan.splits import with_seed
 
+BATCH, CONDITIONS = "touchbench.depends_on_batch", "touchbench.conditions"  # tags of a run, absent where neither holds
+MARK = "\N{DAGGER}"  # behind the name of a system whose predictions depend on the batch
+MARKED = f"{MARK} predictions of a capture change with the other captures predicted together; not comparable"
 Row = Mapping[str, Any]  # of a run: tags and parameters, which are text, and metrics; nan for what it has not
 COMPARABLE = ("data", "corpus_digest", "subset", "target", "protocol_label")  # tags, with the digest of the parameters
 SAME_SYSTEM = ("protocol", "system", "seed")  # besides, what makes two runs repetitions of one
@@ -36,9 +39,21 @@ def context_of(tags: Row) -> tuple[str, str, str]:
     return data, str(tags["subset"]) + target, str(tags["protocol_label"])
 
 
+def depends_on_batch(tags: Row) -> bool:
+    """Whether predictions of a capture changed with the other captures that were predicted together."""
+    return tags.get(BATCH) == "true"
+
+
+def system_of(tags: Row) -> str:
+    """The system as tables name it: with the conditions that it uses, and a mark if it depends on the batch."""
+    conditions = tags.get(CONDITIONS)
+    uses = f" (uses {conditions.replace(',', ', ')})" if isinstance(conditions, str) and conditions else ""
+    return str(tags["system"]) + uses + (f" {MARK}" if depends_on_batch(tags) else "")
+
+
 def method_of(tags: Row) -> str:
     """System, and its seed where that is not the usual one."""
-    return str(tags["system"]) + (f", seed {tags['seed']}" if tags["seed"] not in ("0", "none") else "")
+    return system_of(tags) + (f", seed {tags['seed']}" if tags["seed"] not in ("0", "none") else "")
 
 
 def seed_number(seed: str) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bench.errors import InputError
-from bench.outcomes.comparable import COMPARABLE, SAME_SYSTEM, Row, context_of
+from bench.outcomes.comparable import COMPARABLE, SAME_SYSTEM, Row, context_of, depends_on_batch, system_of
 from bench.outcomes.store import Store
 from bench.plan.arguments import PARTS
 from bench.plan.cells import Part
@@ -103,11 +103,15 @@ def rows_of(runs: pd.DataFrame) -> list[Row]:
 def with_groups(runs: pd.DataFrame) -> pd.DataFrame:
     """The runs with a column ``group``: in words, the captures and the protocol that make runs comparable.
 
-    Generated captures say so; where several corpora go by one name, the digest tells them apart.
+    Generated captures say so; where several corpora go by one name, the digest tells them apart. ``system`` gets the
+    marks of `bench.outcomes.comparable.system_of`. Runs that have a group stay as they are.
     """
+    if "group" in runs:
+        return runs
     known = rows_of(runs[["data", "synthetic", "subset", "target", "protocol_label"]])
     words = pd.Series([", ".join(context_of(tags)) for tags in known], runs.index)
     digests = runs.groupby(words)["corpus_digest"].transform("nunique")
+    runs = runs.assign(system=[system_of(run) for run in rows_of(runs)])
     return runs.assign(group=words + np.where(digests > 1, ", corpus " + runs["corpus_digest"].str[:8], ""))
 
 
@@ -146,6 +150,11 @@ def subject_accuracy(store: Store, run: Row) -> dict[str, float]:
         return {row["subject"]: 100 * float(row["accuracy"]) for row in csv.DictReader(f)}
 
 
+def independent(runs: pd.DataFrame) -> pd.DataFrame:
+    """The runs whose predictions of a capture do not depend on the other captures predicted together."""
+    return runs[np.array([not depends_on_batch(run) for run in rows_of(runs)], dtype=bool)]
+
+
 def by_subject(store: Store, runs: pd.DataFrame) -> tuple[pd.DataFrame, pd.Series]:
     """Accuracy in percent [systems, subjects] of the complete runs of one group, best mean first.
 
@@ -153,7 +162,7 @@ def by_subject(store: Store, runs: pd.DataFrame) -> tuple[pd.DataFrame, pd.Serie
 
     Args:
         store: where the runs are.
-        runs: of one group, as `with_groups` makes them.
+        runs: of one group, as `with_groups` makes them; `independent` leaves out those that are not comparable.
 
     Returns:
         The table, and the number of seeds behind each row.

@@ -2,15 +2,17 @@
 
 Accuracies are of captures, in percent, [systems, subjects], averaged over the seeds of a system.
 
-All pairs are compared by Nemenyi's critical difference of mean ranks (Demsar 2006) and not by Wilcoxon tests with
-Holm's correction: with 10 subjects the smallest p that a Wilcoxon test can give is 0.002, so that nothing could be told
-apart from 8 systems on (28 pairs). Mean ranks depend on which systems are in the table, which is why every system is
-also compared with the best one alone, by its differences.
+One procedure decides every sentence and table: paired two-sided Wilcoxon tests of each system against the best one,
+with Holm's correction (`against_best`). `paired` and `pairs` use the same test for two systems and for all pairs. With
+10 subjects the smallest p is 0.002, so that from 8 systems on (28 pairs) a correction for all pairs leaves nothing
+below 0.05. Nemenyi's critical difference of mean ranks (Demsar 2006) is another procedure for all pairs, shown beside
+it: mean ranks depend on which other systems are in the table.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
@@ -18,6 +20,7 @@ from scipy import special, stats
 
 FEW_SUBJECTS = 6  # with five, no two-sided sign or Wilcoxon test can reach p < 0.05
 RANKED = 30  # systems that are compared in one table and diagram
+PAIRED = 12  # systems whose pairs stand in one matrix
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,37 @@ def against_best(
     ]
     table = pd.DataFrame(rows, columns=columns)
     return table.assign(p_holm=holm(table["p"].to_numpy()))
+
+
+def paired(one: pd.Series, other: pd.Series) -> dict[str, float]:
+    """Two systems, paired over subjects.
+
+    Args:
+        one: accuracy in percent [subjects].
+        other: the same of the other system, on the same subjects in the same order.
+
+    Returns:
+        ``difference`` (one minus other, mean over subjects, in points), its 95 % t-interval (``low``, ``high``), ``p``
+        of the two-sided Wilcoxon test, and the numbers of subjects that ``gain`` and ``lose`` with the first system.
+    """
+    gained = (one - other).to_numpy(dtype=float).round(9)
+    low, high = interval(gained)
+    counts = {"gain": int((gained > 0).sum()), "lose": int((gained < 0).sum())}
+    return {"difference": float(gained.mean()), "low": low, "high": high, "p": wilcoxon(gained), **counts}
+
+
+def pairs(subjects: pd.DataFrame) -> pd.DataFrame:
+    """`paired` of every pair of systems: a row per pair, with ``system``, ``other`` and ``p_holm`` over all pairs.
+
+    Args:
+        subjects: accuracy in percent [systems, subjects].
+    """
+    rows = [
+        {"system": a, "other": b, **paired(subjects.loc[a], subjects.loc[b])}
+        for a, b in combinations(subjects.index, 2)
+    ]
+    table = pd.DataFrame(rows)
+    return table.assign(p_holm=holm(table["p"].to_numpy())) if rows else table
 
 
 def interval(values: np.ndarray) -> tuple[float, float]:

@@ -226,13 +226,14 @@ class TrackedRun(Generic[Shown]):
             None if no fold went well.
         """
         results, folds = self.results(), len(self.plan.folds)
+        self.tags |= _batch_effects(results)
         findings = self.experiment.findings(self.plan, self.tags, results) if results else None
         if self.finished:  # nothing was run, nothing is written
             return findings
         if findings:
             counts = {"folds": len(results), "folds_failed": folds - len(results)}
-            facts = findings.facts | _batch_effects(results)
-            self.store.log(self.run_id, findings.metrics | counts, tags=facts | self._machines())
+            tags = findings.facts | self.tags | self._machines()
+            self.store.log(self.run_id, findings.metrics | counts, tags=tags)
             with tempfile.TemporaryDirectory() as folder:
                 for name, table in (findings.tables | _choices(results)).items():
                     write_table(table, Path(folder) / name)

@@ -12,6 +12,8 @@ from rich.console import Console
 
 from bench.cli import main
 from bench.commands import closing, printing
+from bench.commands.run import evaluated_values
+from bench.outcomes.comparable import BATCH, MARKED
 from bench.plan.arguments import quoted
 from tests.conftest import predictions, runs
 
@@ -123,6 +125,18 @@ def test_run_marks_the_best_says_so_and_what_it_says_to_type_can_be_typed(capsys
     assert predict == ["predict", "chosen", "new.csv"]
     for command in export:
         assert main(command) == 0
+
+
+def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys):
+    values = {"data": "synth", "data.subjects": 3, "data.variants": ("normal",), "data.repetitions": 1, "jobs": 1}
+    outcomes = evaluated_values(values | {"model": ["bayes", "lda", "tree"], "features": "jung28"})
+    top = max(outcomes, key=lambda outcome: outcome.metrics["accuracy"])
+    top.tags[BATCH] = "true"
+    assert printing.show(outcomes) == 0
+    said = capsys.readouterr().out
+    name = top.plan.cell.system()
+    assert f"│ {name} † " in said and f"{name} † (best)" not in said and "(best)" in said
+    assert MARKED in said.splitlines()
 
 
 def test_one_run_is_told_to_be_compared_and_a_subset_is_named_where_there_are_several(capsys):

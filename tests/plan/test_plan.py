@@ -186,6 +186,9 @@ def test_commands_that_search_make_the_same_search_again(monkeypatch):
 def test_a_part_is_shown_with_what_is_not_the_default(tmp_path):
     (tmp_path / "mine.py").write_text("class Mine:\n    def __init__(self, a=1, seed=0):\n        self.a = a\n")
     assert str(Part("models", f"{tmp_path}/mine.py:Mine", {"a": 2, "seed": 5})) == "Mine[a=2]"
+    (tmp_path / "fold.py").write_text("class Mine:\n    def __init__(self, seed=7):\n        self.seed = seed\n")
+    assert str(Part("protocols", f"{tmp_path}/fold.py:Mine", {"seed": 7})) == "Mine"
+    assert str(Part("protocols", f"{tmp_path}/fold.py:Mine", {"seed": 0})) == "Mine[seed=0]"
 
 
 def copies(monkeypatch, pairs, **values):
@@ -227,7 +230,3 @@ def test_the_same_capture_is_a_warning_where_subjects_are_mixed_or_the_same(monk
     known = copies(monkeypatch, [(0, 1), (2, 1)], protocol="personal", **{"protocol.shots": "1"})
     assert {tested for tested, _ in known.repeats} == {0, 1, 2} and not known.mixes_subjects
     assert sum("same frames" in line for line in warnings(known)) == 1
-
-    (tmp_path / "fold.py").write_text("class Mine:\n    def __init__(self, seed=7):\n        self.seed = seed\n")
-    assert str(Part("protocols", f"{tmp_path}/fold.py:Mine", {"seed": 7})) == "Mine"
-    assert str(Part("protocols", f"{tmp_path}/fold.py:Mine", {"seed": 0})) == "Mine[seed=0]"

@@ -48,6 +48,19 @@ def made_up(subjects=4, per_class=4, skill=0.7, seed=0, windows=1, gestures=GEST
     return pd.DataFrame(rows, columns=names)
 
 
+def with_hits(hits, of=20, gestures=GESTURES, windows=1):
+    """A predictions table in which of each subject's ``of`` captures as many are right as ``hits`` says."""
+    names = ["fold", "capture", "start", "frames", "true", "subject", *(f"p_{g}" for g in gestures)]
+    rows = []
+    for s, right in enumerate(hits, 1):
+        for c in range(of):
+            truth = c % len(gestures)
+            p = np.full(len(gestures), 0.1)
+            p[truth if c < right else (truth + 1) % len(gestures)] = 0.8
+            rows += [(str(s), 100 * s + c, 10 * w, 10, gestures[truth], str(s), *p) for w in range(windows)]
+    return pd.DataFrame(rows, columns=names)
+
+
 def tracked_run(store, system, predictions, failed=0, history=(), cost=1.0, **about):
     """Store a parent run with its artifacts and a child for each fold; ``about`` are tags and parameters."""
     given = {k: str(v) for k, v in about.items()}

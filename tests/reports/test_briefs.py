@@ -1,11 +1,17 @@
 """What the page says in a sentence, against numbers that are known beforehand."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
+from bench.outcomes.runs import tracked, with_groups
 from reports.briefs import EARLY, FAULTS, PEOPLE, STATISTICS, briefs, early, faults, told_apart
-from reports.groups import Group
+from reports.comparison import published
+from reports.figures import Picture
+from reports.groups import Group, group_of
+from tests.reports.store import tracked_run, with_hits
 from tests.reports.test_behaviour import other_run, stressed
 
 
@@ -15,32 +21,41 @@ def group(rows, mixed=False):
     return Group(table.loc[table.mean(axis=1).sort_values(ascending=False, kind="stable").index], mixed)
 
 
+TEST = "paired Wilcoxon tests against the best, Holm's correction,"
 EVEN, ODD = [70, 60] * 6, [60, 70] * 6
 
 
-def test_two_that_take_turns_are_not_told_apart_and_both_beat_the_third():
-    # Mean ranks 1.5, 1.5 and 3 of 12 subjects; Nemenyi's critical difference is 2.343 sqrt(3 * 4 / (6 * 12)) = 0.96.
+def test_two_that_take_turns_are_not_told_apart_and_the_first_beats_the_third():
+    # Twelve differences of one sign: p = 2 / 2 ** 12, Holm's correction doubles it. As many of either sign: p = 1.
     said = told_apart(group({"rf": EVEN, "xgb": ODD, "svm": [50] * 12}))
-    assert said == "rf and xgb cannot be told apart; both beat svm (Nemenyi's test over 12 subjects, 5 %)."
+    assert said == f"rf beats svm; xgb cannot be told apart from rf ({TEST} over 12 subjects, 5 %)."
 
 
 def test_one_that_is_always_first():
     said = told_apart(group({"rf": [90] * 12, "xgb": ODD, "svm": EVEN}))
-    assert said.startswith("rf beats ") and "xgb and svm" in said.replace("svm and xgb", "xgb and svm")
-
-
-def test_those_that_only_the_first_beats():
-    # Mean ranks 1.5, 2 and 2.5 of 36 subjects; the critical difference is 2.343 sqrt(3 * 4 / (6 * 36)) = 0.55.
-    rows = {"a": [3] * 6 + [2] * 6, "b": [2] * 6 + [3] * 3 + [1] * 3, "c": [1] * 9 + [3] * 3}
-    assert pd.DataFrame(rows).T.rank(ascending=False).mean(axis=1).tolist() == [1.5, 2.0, 2.5]
-    said = told_apart(group({k: v * 3 for k, v in rows.items()}))
-    assert said == "a and b cannot be told apart; only a beats c (Nemenyi's test over 36 subjects, 5 %)."
+    assert said == f"rf beats xgb and svm ({TEST} over 12 subjects, 5 %)."
 
 
 def test_many_that_do_not_differ():
     rng = np.random.default_rng(0)
     said = told_apart(group({f"s{i}": rng.permutation(20) for i in range(5)}))
-    assert said.startswith("None of 5 systems can be told from another (Friedman's test over 20 subjects, p = 0.")
+    assert said.startswith("None of the other 4 systems can be told apart from s") and "over 20 subjects" in said
+
+
+def test_sentence_and_table_say_the_same_where_nemenyi_does_not_separate(store, monkeypatch):
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
+    # All ten subjects gain one capture of 20 with a: p = 2 / 2 ** 10, times four comparisons: 0.008. The mean ranks 1
+    # and 2 differ by less than Nemenyi's critical difference, 2.728 sqrt(5 * 6 / (6 * 10)) = 1.93.
+    for place, name in enumerate("abcde"):
+        tracked_run(store, name, with_hits([18 - place] * 10))
+    runs = with_groups(tracked(store))
+    found = group_of(store, runs, None, published(), Path.cwd(), 1)
+    rows = found.rows.set_index("system")
+    assert rows.loc["b", "mean_rank"] - rows.loc["a", "mean_rank"] < 1.93
+    assert rows.loc["b", "p_holm"] == pytest.approx(4 * 2 / 2**10)
+    assert told_apart(found) == f"a beats b, c, d and e ({TEST} over 10 subjects, 5 %)."
+    diagram = next(b for b in found.compared if isinstance(b, Picture))
+    assert "more conservative" in diagram.caption and "no sentence" in diagram.caption.lower()
 
 
 @pytest.mark.parametrize(
@@ -49,8 +64,8 @@ def test_many_that_do_not_differ():
         ({"a": [1, 2]}, "a has nothing to be compared with."),
         ({"a": [1, 2, 3], "b": [3, 2, 1]}, "3 subjects are too few to tell 2 systems apart."),
         # Ten differences of one sign: p = 2 / 2 ** 10; as many of each sign and equal size: p = 1.
-        ({"a": [60] * 10, "b": range(50, 60)}, "a beats b (Wilcoxon's signed rank test over 10 subjects, p = 0.002)."),
-        ({"a": EVEN, "b": ODD}, "a and b cannot be told apart (Wilcoxon's signed rank test over 12 subjects, p = 1)."),
+        ({"a": [60] * 10, "b": range(50, 60)}, f"a beats b ({TEST} over 10 subjects, 5 %)."),
+        ({"a": EVEN, "b": ODD}, f"b cannot be told apart from a ({TEST} over 12 subjects, 5 %)."),
     ],
 )
 def test_one_two_and_few(rows, said):

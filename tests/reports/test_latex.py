@@ -8,11 +8,15 @@ from pathlib import Path
 import pytest
 
 import bench
+from bench.outcomes.comparable import BATCH, CONDITIONS
 from bench.outcomes.runs import tracked
 from bench.outcomes.store import connect
+from bench.outcomes.submissions import score
+from bench.plan.tasks import HAART
 from reports.comparison import comparison, published
 from reports.latex import escaped, latex
-from tests.reports.store import made_up, tracked_run
+from reports.leaderboard import reference
+from tests.reports.store import made_up, tracked_run, with_hits
 
 
 @pytest.fixture
@@ -32,7 +36,7 @@ def table():
         synthetic="false",
         data="my_arm",
     )
-    return comparison(tracked(store), published())
+    return comparison(store, tracked(store), published())
 
 
 def tables_of(text):
@@ -49,7 +53,7 @@ def tables_of(text):
 
 def test_each_comparison_is_a_table_with_its_numbers(table):
     found = tables_of(latex(table))
-    assert len(found) == 1 + 4  # of synth; of my_arm the captures of either system, votes and windows
+    assert len(found) == 1 + 2  # of synth; of my_arm the captures of both systems, and windows
     caption, rows = next((c, r) for c, r in found if "synth (synthetic)" in c)
     for said in ("48 captures of 4 subjects", "scored by capture", "LOSO (4 subjects)"):
         assert said in caption, caption
@@ -65,16 +69,67 @@ def test_each_comparison_is_a_table_with_its_numbers(table):
     assert low <= 100 * right <= high
 
 
-def test_windows_votes_and_captures_stand_apart_and_a_failed_fold_is_told(table):
+def test_windows_stand_apart_and_a_failed_fold_is_told(table):
     captions = [caption for caption, _ in tables_of(latex(table)) if r"my\_arm" in caption]
-    assert sum("scored by window." in c for c in captions) == 1 and sum("capture vote" in c for c in captions) == 1
+    assert ["scored by window." in c for c in captions] == [False, True]
     assert all("people" not in c and r"variant == \textquotesingle{}rough" in c for c in captions)
     assert "broken, 5/6 folds" in latex(table)
 
 
+def test_systems_on_windows_and_others_share_a_table_with_one_winner_and_p():
+    # b loses one capture of 20 on each of ten subjects: p = 2 / 2 ** 10; c two, so that Holm's correction doubles it.
+    store = connect()
+    tracked_run(store, "a", with_hits([18] * 10, windows=3))
+    tracked_run(store, "b", with_hits([17] * 10))
+    tracked_run(store, "c", with_hits([16] * 10))
+    captures, windows = tables_of(latex(bench.results()))
+    caption, rows = captures
+    shown = {row["system"]: (row["accuracy"], row["$p$ (Holm)"]) for row in rows}
+    assert shown == {
+        "a, mean probability": (r"\textbf{90.0}", "--"),
+        "a, majority vote": (r"\textbf{90.0}", "--"),
+        "b": ("85.0", "0.004"),
+        "c": ("80.0", "0.004"),
+    }
+    assert "against a, corrected by Holm" in caption and "200 captures of 10 subjects, scored by capture" in caption
+    assert "scored by window" in windows[0] and [row["system"] for row in windows[1]] == ["a"]
+
+
+def test_reference_results_stand_in_the_same_table_and_are_marked():
+    store = connect()
+    about = {"data": "haart", "synthetic": "false", "corpus_digest": HAART, "protocol_label": "LOSO (10 subjects)"}
+    tracked_run(store, "mine", with_hits([18] * 10), **about)
+    tracked_run(store, "svm · jung54", with_hits([4] * 10), **about)
+    ((caption, rows),) = tables_of(latex(bench.results()))
+    own = score(next(one for one in reference() if one.task.name == "haart-loso-v1" and one.name == "reflex"))
+    names = [row["system"] for row in rows]
+    assert names[:2] == ["mine", "reflex (reference)"] and rows[1]["accuracy"] == f"{100 * own['accuracy']:.1f}"
+    assert r"svm $\cdot$ jung54" in names and r"svm $\cdot$ jung54 (reference)" not in names  # the same system twice
+    assert "come with touchbench" in caption and "seven of HAART" in caption
+    assert [row["system"] for _, rows in tables_of(latex(bench.results(model="mine"))) for row in rows] == ["mine"]
+
+
+def test_a_system_that_depends_on_the_batch_is_marked_and_not_compared():
+    store = connect()
+    tracked_run(store, "a", with_hits([19] * 10), **{BATCH: "true"})
+    tracked_run(store, "b", with_hits([18] * 10), **{CONDITIONS: "substrate,cover"})
+    tracked_run(store, "c", with_hits([17] * 10))
+    found = bench.results()
+    assert found["system"].tolist() == ["a †", "b (uses substrate, cover)", "c"]
+    assert set(found["against"]) == {"", "b (uses substrate, cover)"}
+    ((caption, rows),) = tables_of(latex(found))
+    assert [row["$p$ (Holm)"] for row in rows] == ["--", "--", "0.002"] and rows[0]["system"] == r"a $^\dagger$"
+    assert [r"\textbf" in row["accuracy"] for row in rows] == [False, True, False]
+    assert r"$^\dagger$ predictions of a capture change with the other captures" in caption
+
+
 def test_a_choice_of_rows_from_python(table):
     text = bench.latex(table[table["system"] == "net"])
-    assert {row["system"] for _, rows in tables_of(text) for row in rows} == {"net"}
+    assert {row["system"] for _, rows in tables_of(text) for row in rows} == {
+        "net, mean probability",
+        "net, majority vote",
+        "net",
+    }
     assert len(tables_of(bench.latex(bench.results(data="synth")))) == 1
 
 

@@ -3,6 +3,7 @@
 import json
 import re
 import socket
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -12,12 +13,15 @@ import pytest
 
 from bench.cli import main
 from bench.errors import InputError
+from bench.outcomes.comparable import BATCH, MARK, MARKED
 from bench.outcomes.runs import tracked, with_groups
+from bench.plan.tasks import HAART
 from reports import curves, details, layout, page, speed
 from reports.comparison import comparison, published
 from reports.figures import spread
 from reports.provenance import command
-from tests.reports.store import made_up, tracked_run
+from reports.words import DESIGNED
+from tests.reports.store import made_up, tracked_run, with_hits
 
 HOSTILE = 'svm[x=<script>alert(1)</script>|"&*_] · `a`'
 
@@ -83,6 +87,7 @@ def test_the_whole_report(store):
         "recomputed.csv",
         "statistics.csv",
         "provenance.csv",
+        "pairs.csv",
     } <= set(files)
     kinds = {Path(f).stem.split("subjects-")[1] for f in files if f.endswith(".svg")}
     assert kinds == {"ranks", "subjects", "speed", "gestures", "confusion", "calibration", "training", "lengths"}
@@ -146,10 +151,41 @@ def test_failed_folds_are_told_and_compared_with_nothing(quick, store):
     assert "6/8" in set(pd.read_csv("report/comparison.csv")["folds"])
 
 
+def test_runs_that_depend_on_the_batch_are_marked_and_left_out_of_verdict_and_statistics(quick, store):
+    for place, name in enumerate("abcd"):
+        tracked_run(store, name, with_hits([18 - place] * 7), **({BATCH: "true"} if name == "a" else {}))
+    report(store)
+    text, _ = read()
+    assert text.count(f"{MARKED}: a {MARK}.") == 1 and text.count(f">{MARKED}</li>") == 1
+    assert set(pd.read_csv("report/statistics.csv")["system"]) == {"b", "c", "d"}
+    pairs = pd.read_csv("report/pairs.csv").set_index(["system", "other"])
+    assert [*pairs.index] == [("b", "c"), ("b", "d"), ("c", "d")]
+    # All of seven subjects lose one capture of 20: p = 2 / 2 ** 7, times three pairs.
+    assert pairs.loc[("b", "c"), "difference"] == pytest.approx(5)
+    assert pairs.loc[("b", "c"), "p_holm"] == pytest.approx(6 / 2**7)
+    assert pairs["gain"].tolist() == [7, 7, 7] and not pairs["lose"].any()
+    answer = text[text.index('class="answer"') :]
+    assert "a \N{DAGGER}" not in answer[: answer.index("</div>")]
+    assert "<td>+5.0</td><td>+10.0</td>" in text and "<td>0.047</td>" in text  # the matrix
+
+
+def test_reference_results_and_the_people_of_haart_are_told(quick, store):
+    about = {"data": "haart", "synthetic": "false", "corpus_digest": HAART, "protocol_label": "LOSO (10 subjects)"}
+    tracked_run(store, "mine · touch", with_hits([18] * 10), **about)
+    tracked_run(store, "other", with_hits([16] * 10), **about)
+    report(store)
+    text, _ = read()
+    assert text.count(f">{escape(DESIGNED)}</li>") == 2  # under the runs and under the statistics
+    rows = pd.read_csv("report/statistics.csv").set_index("system")
+    table = pd.read_csv("report/comparison.csv").set_index("system")
+    assert "reflex (reference)" in rows.index and (table["source"] == "reference").sum() == 8
+    assert table["p_holm"].to_dict() == pytest.approx(rows["p_holm"].to_dict(), nan_ok=True)
+
+
 def test_only_incomplete_runs_still_make_a_report(quick, store):
     tracked_run(store, "a", made_up(4), failed=1)
     report(store)
-    assert "No run is complete" in read()[0]
+    assert "no complete run to compare" in read()[0]
 
 
 def test_folds_of_several_subjects_are_corrected_by_fold(quick, store):
@@ -227,14 +263,14 @@ def test_a_newer_run_with_failed_folds_hides_no_complete_one(store):
 def test_seeds_are_in_the_order_of_numbers(store):
     for seed in (10, 9, 100):
         tracked_run(store, "a", made_up(3), seed=seed)
-    assert comparison(tracked(store), published())["seed"].tolist() == ["9", "10", "100"]
+    assert comparison(store, tracked(store), published())["seed"].tolist() == ["9", "10", "100"]
 
 
 def test_published_numbers_stand_beside_the_runs_they_belong_to(store):
     haart = {"data": "haart", "synthetic": "false", "protocol": "challenge"}
     tracked_run(store, "ta2015_rf", made_up(3), **haart)
     tracked_run(store, "ta2015_rf", made_up(3), **haart | {"data": "synth", "synthetic": "true"})
-    table = comparison(tracked(store), published()).set_index("data")
+    table = comparison(store, tracked(store), published()).set_index("data")
     assert table.loc["haart", "published"] == "70.91 (capture, ta2015-haart-test)"
     assert table.loc["synth (synthetic)", "published"] == ""
 

@@ -1,0 +1,148 @@
+"""Any two systems of one group of runs, paired over subjects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import pandas as pd
+
+from bench.errors import InputError, nearest
+from bench.outcomes import statistics
+from bench.outcomes.comparable import MARK, MARKED
+from bench.outcomes.runs import by_subject
+from bench.outcomes.store import Store
+from reports.references import accuracies, references
+from reports.words import p_value, span
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Two systems on the same captures under the same protocol; prints as a sentence each.
+
+    Attributes:
+        system: the first one, as tables name it.
+        other: the second one.
+        on: data, subset and protocol, in words.
+        accuracy: in percent of whole captures [subjects, 2], means over seeds; its columns are the two systems.
+    """
+
+    system: str
+    other: str
+    on: str
+    accuracy: pd.DataFrame
+
+    @cached_property
+    def _test(self) -> dict[str, float]:
+        return statistics.paired(self.accuracy[self.system], self.accuracy[self.other])
+
+    @property
+    def difference(self) -> float:
+        """Accuracy of the first system less that of the second, mean over subjects, in points."""
+        return self._test["difference"]
+
+    @property
+    def low(self) -> float:
+        """Lower end of the 95 % t-interval of the difference over subjects; NaN for one subject."""
+        return self._test["low"]
+
+    @property
+    def high(self) -> float:
+        """Upper end of it."""
+        return self._test["high"]
+
+    @property
+    def p(self) -> float:
+        """Of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for one subject."""
+        return self._test["p"]
+
+    @property
+    def subjects(self) -> int:
+        """Number of subjects."""
+        return len(self.accuracy)
+
+    @property
+    def gain(self) -> list[str]:
+        """Subjects on whom the first system is more accurate."""
+        return self._where(1)
+
+    @property
+    def lose(self) -> list[str]:
+        """Subjects on whom the second system is more accurate."""
+        return self._where(-1)
+
+    def _where(self, sign: int) -> list[str]:
+        gained = (self.accuracy[self.system] - self.accuracy[self.other]).round(9)
+        return [str(subject) for subject in gained.index[gained * sign > 0]]
+
+    def __repr__(self) -> str:
+        points = f"{abs(self.difference):.1f} points {'more' if self.difference >= 0 else 'less'} accurate"
+        lines = [
+            f"On {self.on}: {self.system} is {points} than {self.other}.",
+            f"95 % interval {span(self.low, self.high)}, p = {p_value(self.p)} (paired two-sided Wilcoxon test).",
+            f"{self.subjects} subjects: {_counted(self.gain, 'gain')}, {_counted(self.lose, 'lose')}.",
+        ]
+        if self.subjects < statistics.FEW_SUBJECTS:
+            lines.append(f"Below {statistics.FEW_SUBJECTS} subjects, this test cannot reach p < 0.05.")
+        if any(MARK in name for name in (self.system, self.other)):
+            lines.append(f"{MARKED}.")
+        return "\n".join(lines)
+
+
+def compared(store: Store, sides: Sequence[tuple[str, pd.DataFrame]]) -> Compared:
+    """Two systems on whole captures of the one group of runs that both have.
+
+    Args:
+        store: where the runs are.
+        sides: of each system, its name and the runs to look for it in, as `bench.outcomes.runs.with_groups` makes them.
+
+    Raises:
+        InputError: one has no complete run, or they share no group, or several.
+    """
+    groups = [_groups(name, runs) for name, runs in sides]
+    both = [group for group in groups[0] if group in groups[1]]
+    names = " and ".join(name for name, _ in sides)
+    if not both:
+        on = "; ".join(f"{name} on {', on '.join(found)}" for (name, _), found in zip(sides, groups, strict=True))
+        raise InputError(f"{names} share no data, subset and protocol: {on}; run one of them where the other was run")
+    if len(both) > 1:
+        raise InputError(f"both have runs on {'; '.join(both)}; name one with data=, where=, target= or protocol=")
+    found = [(groups[i][both[0]], _accuracy(store, name, runs, both[0])) for i, (name, runs) in enumerate(sides)]
+    (system, one), (other, two) = found
+    if system == other:
+        raise InputError(f"both are {system}; give two systems")
+    if set(one.index) != set(two.index):
+        raise InputError(f"{names} were tested on different subjects of {both[0]}; run the one that lacks some again")
+    return Compared(system, other, both[0], pd.DataFrame({system: one, other: two}))
+
+
+def _groups(name: str, runs: pd.DataFrame) -> dict[str, str]:
+    """Groups in which a system has a complete run or a reference result, and its name there, with its marks."""
+    complete = runs[runs["status"] == "FINISHED"]
+    found = {}
+    for group, part in complete.groupby("group", sort=False):
+        systems = [*dict.fromkeys(part["system"]), *references(part)]
+        if matching := [system for system in systems if _is(name, system)]:
+            found[str(group)] = matching[0]
+    if not found:
+        known = sorted(set(complete["system"]))
+        raise InputError(f"no complete run of {name!r} is tracked; {nearest(name, known)}")
+    return found
+
+
+def _is(name: str, system: str) -> bool:
+    """Whether a name means a system, with or without the marks that tables add."""
+    return name in (system, system.removesuffix(f" {MARK}"), system.removesuffix(f" {MARK}").split(" (uses ")[0])
+
+
+def _accuracy(store: Store, name: str, runs: pd.DataFrame, group: str) -> pd.Series:
+    part = runs[runs["group"] == group]
+    others = references(part)
+    if name in others:
+        return pd.Series(accuracies(others[name]))
+    return by_subject(store, part[[_is(name, system) for system in part["system"]]])[0].iloc[0]
+
+
+def _counted(subjects: list[str], verb: str) -> str:
+    return f"{len(subjects)} {verb}" + (f" ({', '.join(subjects)})" if subjects else "")

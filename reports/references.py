@@ -1,0 +1,65 @@
+"""Reference results, which come with touchbench, beside the runs of a store on the same captures and protocol."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from bench.outcomes import scores
+from bench.outcomes.comparable import Row
+from bench.outcomes.runs import by_subject, independent, rows_of
+from bench.outcomes.store import Store
+from bench.outcomes.submissions import Submission
+from bench.plan.tasks import TASKS, Task
+from reports.leaderboard import reference
+
+REFERENCE = " (reference)"  # behind the name of such a system
+
+
+def references(runs: pd.DataFrame) -> dict[str, Submission]:
+    """Reference results by the name that tables give them, which are comparable with the runs.
+
+    Args:
+        runs: of one group, as `bench.outcomes.runs.with_groups` makes them.
+    """
+    first = rows_of(runs)[0]
+    answered = [task for task in TASKS.values() if _answers(first, task)]
+    return {one.about["system"] + REFERENCE: one for one in reference() if one.task in answered} if answered else {}
+
+
+def accuracies(one: Submission) -> dict[str, float]:
+    """Accuracy of the captures of each subject, in percent."""
+    return (100 * scores.per_subject(one.table).set_index("subject")["accuracy"]).to_dict()
+
+
+def systems_by_subject(
+    store: Store, runs: pd.DataFrame, beside: bool = True
+) -> tuple[pd.DataFrame, pd.Series, dict[str, Submission]]:
+    """What statistics compare: accuracy in percent [systems, subjects] of a group, with its reference results.
+
+    Left out are runs that depend on the batch, and reference results of systems that the store has a complete run of.
+
+    Args:
+        store: where the runs are.
+        runs: of one group, as `bench.outcomes.runs.with_groups` makes them.
+        beside: whether reference results are wanted.
+
+    Returns:
+        The table, best mean first; the number of seeds behind each row, which is not known of a reference result; and
+        the reference results of the table by name.
+    """
+    subjects, seeds = by_subject(store, independent(runs))
+    if not beside or not len(subjects):
+        return subjects, seeds, {}
+    others = {name: one for name, one in references(runs).items() if name.removesuffix(REFERENCE) not in subjects.index}
+    table = {name: accuracies(one) for name, one in others.items()}
+    table = {name: each for name, each in table.items() if set(each) == set(subjects.columns)}
+    found = pd.concat([subjects, pd.DataFrame(table, index=subjects.columns).T])
+    order = found.mean(axis=1).sort_values(ascending=False, kind="stable").index
+    return found.loc[order], seeds.reindex(order), {name: others[name] for name in table}
+
+
+def _answers(run: Row, task: Task) -> bool:
+    """Whether a run has the captures and protocol of a task, one label for each capture."""
+    same = {"data": task.data, "corpus_digest": task.digest, "subset": "all", "target": "gesture"}
+    same |= {"protocol": task.protocol, "synthetic": "false"}
+    return task.kind == "cell" and not task.keys and all(str(run.get(k, "")) == v for k, v in same.items())
