@@ -13,8 +13,10 @@ from bench.cli import main
 from bench.corpora.corpus import storage
 from bench.registry import load, names, parameters
 from bench.work.audit import CHECKS, FAILED, PASSED, SKIPPED, captures
+from models import rf
+from models.tuning import Search
 
-FEW = {"epochs": 1, "pretraining": 1, "runs": 1, "trees": 20, "rounds": 20}  # parameters by name, to train for a moment
+FEW = {"epochs": 1, "pretraining": 1, "runs": 1}  # parameters by name, to train for a moment
 FEWER = {
     "auto": {"budget": float("inf"), "trials": 1, "members": 1},
     "perceptron": {"updates": 50},
@@ -264,7 +266,11 @@ def test_the_limit_of_chance_by_hand():
 
 @pytest.mark.live
 @pytest.mark.parametrize("name", names("models"))
-def test_built_in_systems_pass(name):
+def test_built_in_systems_pass(name, monkeypatch):
+    """With few epochs, trees and trials of a search: the rules are the same, and CI is done in minutes."""
+    forest, search = rf._forest, Search.__init__
+    monkeypatch.setattr(rf, "_forest", lambda kind, features, trees, *rest: forest(kind, features, 20, *rest))
+    monkeypatch.setattr(search, "__defaults__", (None, "3", 4, *search.__defaults__[3:]))
     usual = parameters(load("models", name))
     few = {key: value for key, value in (FEW | FEWER.get(name, {})).items() if key in usual}
     table = bench.audit(model=name, **{f"model__{key}": value for key, value in few.items()})
