@@ -45,7 +45,14 @@ def show(cell: Cell, verdicts: list[Verdict]) -> None:
     """Print the checks of one system, and how many passed."""
     rows = [{"check": v.check, "result": v.result, "reason": v.sentence} for v in verdicts]
     places = [place for place, v in enumerate(verdicts) if v.result == FAILED]
-    grid(output(), f"Audit of {cell.system()} on generated captures", rows, ("check", "result", "reason"), (), places)
+    grid(
+        output(),
+        f"Audit of {cell.system()} on generated captures (synthetic)",
+        rows,
+        ("check", "result", "reason"),
+        (),
+        places,
+    )
     counts = Counter(v.result for v in verdicts)
     words = ", ".join(f"{counts[result]} {result}" for result in (PASSED, FAILED, SKIPPED) if counts[result])
     say(f"{cell.system()}: {words}; {sum(v.seconds for v in verdicts):.1f} s")

@@ -163,7 +163,8 @@ def no_labels(subject: Subject) -> Answer:
     if unknown := sorted(set(labels) - set(map(str, subject.expected))):
         return FAILED, f"it predicts {unknown[0]!r}, which is no class of its training captures"
     columns = contract.conditions(subject.first)
-    return PASSED, f"it predicts from frames and {', '.join(columns) or 'nothing else'}"
+    declared = f"; it declares to need {', '.join(columns)}" if columns else ""
+    return PASSED, f"it predicts without labels, subjects and origin{declared}"
 
 
 def probabilities(subject: Subject) -> Answer:

@@ -21,6 +21,7 @@ FEWER = {
     "auto": {"budget": float("inf"), "trials": 1, "members": 1},
     "perceptron": {"updates": 50},
     "reflex": {"copies": 1},
+    "ren2023_transformer": {"frames": 16},
     "touchnet": {"updates": 2},
 }
 
