@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from html import escape
 from io import StringIO
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
+from bench.commands import audit as _audit
 from bench.commands import choose as _choose
 from bench.commands import data as _data
 from bench.commands import fit as _fit
@@ -253,6 +254,22 @@ def fit(**values: object) -> Fitted:
         InputError: something in the values or the data cannot be used.
     """
     return _fit.trained(_values(values, _fit.KEYS))[0]
+
+
+def audit(**values: object) -> pd.DataFrame:
+    """Verify that systems keep the rules of the contract, as ``bench audit`` does, on generated captures.
+
+    Args:
+        values: ``model``, ``features``, ``seed`` and their parameters, as `run` takes them.
+
+    Returns:
+        One row per system and check: system, check, result (passed, failed or not applicable), sentence, seconds.
+
+    Raises:
+        InputError: something in the values cannot be used, or a system cannot be made; nothing was checked.
+    """
+    audits = _audit.audited_values(_values(values, _audit.KEYS))
+    return pd.DataFrame([{"system": cell.system(), **asdict(v)} for cell, verdicts in audits for v in verdicts])
 
 
 def choose(**values: object) -> _choose.Chosen | pd.DataFrame:

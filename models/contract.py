@@ -149,9 +149,12 @@ def check_conditions(estimator: System, corpus: Corpus) -> None:
             raise InputError(f"conditions: {corpus.name} has no column {name!r}; {nearest(name, others)}")
 
 
-def blinded(estimator: System, X: Corpus) -> Corpus:
-    """What a system gets of some captures when it predicts: no labels, no subjects, no origin (`Corpus.blind`)."""
-    return X if X.is_blind else X.blind(conditions(estimator))
+def blinded(estimator: System, X: Given) -> Given:
+    """What a system gets of some captures when it predicts: no labels, no subjects, no origin (`Corpus.blind`).
+
+    A table of features stays as it is.
+    """
+    return X.blind(conditions(estimator)) if isinstance(X, Corpus) and not X.is_blind else X
 
 
 # A person whom it meets

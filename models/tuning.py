@@ -252,9 +252,7 @@ class Search(ClassifierMixin, BaseEstimator):
         for fold, (train, test) in enumerate(tables.folds):
             model = self._make(chosen, features)
             model.fit(tables.train(name, fold), y[train])
-            judged = tables.test(name, fold)
-            judged = contract.blinded(model, judged) if isinstance(judged, Corpus) else judged
-            hit = model.predict(judged) == y[test]
+            hit = model.predict(contract.blinded(model, tables.test(name, fold))) == y[test]
             for subject in np.unique(subjects[test]):
                 accuracy[str(subject)] = float(hit[subjects[test] == subject].mean())
             if self.objective == "accuracy":

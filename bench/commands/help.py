@@ -246,6 +246,20 @@ counts too, as a leak makes a system better.
   bench check
   bench check baseline=reports/baseline.json junit=check.xml slower=3
 """
+AUDIT = """\
+bench audit model=my.py:Mine [key=value ...]
+
+Verifies that a system keeps the rules that its accuracy does not show: it predicts without labels and one capture at a
+time, repeats with equal seeds, learns nothing from test captures or from an earlier fit, takes another grid and rate,
+and can be copied, saved and loaded. Prints a table of passed, failed or not applicable with one sentence each. It uses
+generated captures and stores nothing; a fast model takes a few seconds. Exit code 1 if a check failed. It finds
+mistakes, not fraud.
+
+  model= features= seed=   as for bench run, with parameters such as model.C=8; a comma audits several
+
+  bench audit model=my.py:Mine
+  bench audit model=lda,svm features=touch
+"""
 SYSTEMS = """\
 bench systems
 
@@ -372,6 +386,7 @@ COMMANDS = {
     "chip": ("bench.commands.chip:chip", "measure what systems answer and take as C on a microcontroller", CHIP),
     "predict": ("bench.commands.fit:predict", "label the captures of a file with a saved model", PREDICT),
     "check": ("bench.commands.check:check", "compare with a stored baseline, a gate for CI", CHECK),
+    "audit": ("bench.commands.audit:audit", "verify that a system of your own keeps the rules", AUDIT),
     "systems": ("bench.commands.systems:systems", "list published numbers and the commands that repeat them", SYSTEMS),
     "extract": ("bench.commands.extract:extract", "write a table of features", EXTRACT),
     "data": ("bench.commands.data:data", "list, import, look at, verify and export corpora", DATA),
@@ -386,7 +401,7 @@ COMMANDS = {
 GROUPS = {  # of the overview; a command that is in none stands under "more"
     "start here": ("demo", "run", "choose", "report"),
     "your captures": ("data", "extract"),
-    "compare": ("systems", "tune", "stress", "stream", "chip", "ui"),
+    "compare": ("systems", "audit", "tune", "stress", "stream", "chip", "ui"),
     "ship": ("fit", "predict", "adapt", "export"),
     "publish": ("submit", "leaderboard"),
 }

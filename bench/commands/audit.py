@@ -1,0 +1,58 @@
+"""The command ``bench audit``: whether systems keep the rules of the contract."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from bench.commands.printing import grid, output, say, then
+from bench.plan.arguments import Values, parse, typed
+from bench.plan.cells import Cell, cells
+from bench.work.audit import FAILED, PASSED, SKIPPED, Verdict, audited, refuse
+
+KEYS = {"model", "features", "seed"}
+
+
+def audit(arguments: list[str]) -> int:
+    """Print a table of checks for each system; exit code 1 if a check failed.
+
+    Raises:
+        InputError: something in the arguments cannot be used, or a system cannot be made.
+    """
+    passed = []
+    for cell, verdicts in audited_values(parse(arguments, KEYS)):
+        show(cell, verdicts)
+        passed.append(all(verdict.result != FAILED for verdict in verdicts))
+    if all(passed):
+        then(typed("run", cell.arguments()))
+    return 0 if all(passed) else 1
+
+
+def audited_values(values: Values) -> Iterator[tuple[Cell, list[Verdict]]]:
+    """The systems of some values, each with its checks.
+
+    Raises:
+        InputError: something in the values cannot be used, or a system cannot be made; nothing was checked.
+    """
+    asked = cells(values)
+    for cell in asked:
+        refuse(cell)
+    for cell in asked:
+        yield cell, audited(cell)
+
+
+def show(cell: Cell, verdicts: list[Verdict]) -> None:
+    """Print the checks of one system, and how many passed."""
+    rows = [{"check": v.check, "result": v.result, "reason": v.sentence} for v in verdicts]
+    places = [place for place, v in enumerate(verdicts) if v.result == FAILED]
+    grid(
+        output(),
+        f"Audit of {cell.system()} on generated captures (synthetic)",
+        rows,
+        ("check", "result", "reason"),
+        (),
+        places,
+    )
+    counts = Counter(v.result for v in verdicts)
+    words = ", ".join(f"{counts[result]} {result}" for result in (PASSED, FAILED, SKIPPED) if counts[result])
+    say(f"{cell.system()}: {words}; {sum(v.seconds for v in verdicts):.1f} s")

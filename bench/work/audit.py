@@ -1,0 +1,399 @@
+"""The audit of a system: rules that a score does not show, each checked on generated captures.
+
+A check is one function of a `Subject`. It returns a result and one sentence, or raises what the system raises, which is
+a failure. The first fit and its predictions are shared by all checks.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binom
+from sklearn.base import clone
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.synth import generate
+from bench.errors import HiddenError, InputError
+from bench.plan.cells import Cell
+from bench.plan.plan import Fold, checked
+from bench.work.fold import TOLERANCE, batch_effects, computing
+from bench.work.personal import met
+from models import contract
+
+PASSED, FAILED, SKIPPED = "passed", "failed", "not applicable"
+EQUAL = 1e-6  # of a probability: two fits that should be the same
+LEVEL = 0.999  # of the interval around chance
+TRAINED = ("1", "2", "3")  # subjects; the other two are tested
+Answer = tuple[str, str]  # a result and a sentence
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer of one check.
+
+    Attributes:
+        check: its name.
+        result: passed, failed or not applicable.
+        sentence: the reason.
+        seconds: of the clock.
+    """
+
+    check: str
+    result: str
+    sentence: str
+    seconds: float
+
+
+@cache
+def captures() -> Corpus:
+    """The captures that a system is audited on: 14 gestures of 5 subjects, once each."""
+    return generate(5, variants=("normal",))
+
+
+@cache
+def probe() -> Corpus:
+    """Captures of another subject, which no check trains on or changes."""
+    return generate(1, variants=("normal",), repetitions=2, seed=1)
+
+
+class Subject:
+    """The system that is audited, with what several checks need of it.
+
+    Args:
+        cell: names the system; its data and protocol are not looked at.
+    """
+
+    def __init__(self, cell: Cell) -> None:
+        self.cell = cell
+        self.corpus = captures()
+        trained = np.isin(self.corpus.subjects.astype(str), TRAINED)
+        self.train, self.test = np.flatnonzero(trained), np.flatnonzero(~trained)
+
+    def fitted(self, corpus: Corpus, train: np.ndarray | None = None) -> contract.System:
+        """A new system that is fitted to a part of some captures, by default to all, as in a fold of a run."""
+        train = np.arange(len(corpus)) if train is None else train
+        part = corpus[train]
+        contract.check_training(self.cell.estimator(), part, part.gestures)
+        test = np.setdiff1d(np.arange(len(corpus)), train)
+        return next(met(self.cell, corpus, Fold("audit", train, test))).estimator
+
+    @cached_property
+    def first(self) -> contract.System:
+        """The system, fitted to the training captures."""
+        return self.fitted(self.corpus, self.train)
+
+    @cached_property
+    def expected(self) -> pd.DataFrame:
+        """Its predictions of the probe captures."""
+        return predicted(self.first, probe())
+
+    @cached_property
+    def repeats(self) -> str:
+        """How a second fit to the same captures differs; empty where it does not."""
+        return difference(self.expected, predicted(self.fitted(self.corpus, self.train), probe()))
+
+    @property
+    def is_seeded(self) -> bool:
+        """Whether it declares random training by a parameter ``seed`` or ``random_state``."""
+        params = parameters(self.cell.estimator())
+        named = any(k.split("__")[-1] in ("seed", "random_state") and v is not None for k, v in params.items())
+        return self.cell.seed is not None or (self.cell.given and named)
+
+
+def parameters(estimator: contract.System) -> dict[str, object]:
+    """``get_params()`` of a system; none where it has no such method."""
+    return estimator.get_params() if hasattr(estimator, "get_params") else {}
+
+
+def predicted(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:
+    """Mean probability over the decisions on each capture [captures, classes].
+
+    Raises:
+        ValueError: a probability is not finite, or a capture has no decision.
+    """
+    table, proba = contract.decide(estimator, corpus)
+    names = np.asarray(estimator.classes_).astype(str)
+    mean = pd.DataFrame(np.asarray(proba, dtype=np.float64), columns=names).groupby(table["capture"].to_numpy()).mean()
+    if not np.isfinite(mean.to_numpy()).all():
+        raise ValueError(
+            f"{int((~np.isfinite(mean)).any(axis=1).sum())} captures have probabilities that are not finite"
+        )
+    if len(mean) != len(corpus):
+        raise ValueError(f"{len(corpus)} captures have {len(mean)} predictions")
+    return mean
+
+
+def difference(one: pd.DataFrame, other: pd.DataFrame) -> str:
+    """How two tables of `predicted` of the same captures differ; empty where they do not."""
+    if set(one) != set(other):
+        return f"the classes differ: {len(one.columns)} and {len(other.columns)}"
+    labels = int((one.idxmax(axis=1) != other.idxmax(axis=1)).sum())
+    if labels:
+        return f"{labels} of {len(one)} labels differ"
+    most = float((one - other).abs().to_numpy().max())
+    return f"labels are equal, probabilities differ by up to {most:.2g}" if most > EQUAL else ""
+
+
+def passed_if(differs: str, sentence: str, reason: str) -> Answer:
+    """Passed where two predictions do not differ."""
+    return (FAILED, f"{reason}: {differs}") if differs else (PASSED, sentence)
+
+
+# The checks
+
+
+def fits(subject: Subject) -> Answer:
+    """A fit to the training captures."""
+    subject.first  # noqa: B018 - it may raise
+    return PASSED, f"it fits {len(subject.train)} captures of {len(TRAINED)} subjects"
+
+
+def no_labels(subject: Subject) -> Answer:
+    """Predictions of captures without labels, subjects and origin."""
+    subject.expected  # noqa: B018 - it may raise
+    labels = np.asarray(subject.first.predict(contract.blinded(subject.first, probe()))).astype(str)
+    if unknown := sorted(set(labels) - set(map(str, subject.expected))):
+        return FAILED, f"it predicts {unknown[0]!r}, which is no class of its training captures"
+    columns = contract.conditions(subject.first)
+    declared = f"; it declares to need {', '.join(columns)}" if columns else ""
+    return PASSED, f"it predicts without labels, subjects and origin{declared}"
+
+
+def probabilities(subject: Subject) -> Answer:
+    """Probabilities from 0 to 1 with a sum of 1, of the classes in training."""
+    classes = np.unique(subject.corpus.gestures[subject.train].astype(str))
+    if sorted(str(name) for name in subject.first.classes_) != classes.tolist():
+        return FAILED, f"classes_ has {len(subject.first.classes_)} names, training had {len(classes)} classes"
+    if not (contract.has_probabilities(subject.first) or contract.decides_often(subject.first)):
+        return SKIPPED, "it predicts labels without probabilities"
+    values = subject.expected.to_numpy()
+    if values.min() < -EQUAL or np.abs(values.sum(axis=1) - 1).max() > TOLERANCE:
+        return FAILED, f"probabilities are from {values.min():.3g}, sums up to {values.sum(axis=1).max():.3g}"
+    return PASSED, f"they are 0 or more and have a sum of 1 over {len(classes)} classes"
+
+
+def single_capture(subject: Subject) -> Answer:
+    """Predictions of a capture alone, in a batch, and in a batch in reverse order."""
+    effects = batch_effects(subject.first, subject.corpus, subject.test)
+    if effects:
+        return FAILED, f"{len(effects)} of {len(subject.test)} predictions depend on the other captures: {effects[0]}"
+    return PASSED, f"{len(subject.test)} captures alone are predicted as in a batch, within {TOLERANCE:g}"
+
+
+def equal_seeds(subject: Subject) -> Answer:
+    """Two fits to the same captures."""
+    hint = "" if subject.is_seeded else "; give it a parameter seed"
+    return passed_if(
+        subject.repeats,
+        "two fits to the same captures predict the same",
+        f"two fits to the same captures differ{hint}",
+    )
+
+
+def training_order(subject: Subject) -> Answer:
+    """A fit to the training captures in another order."""
+    order = np.random.default_rng(0).permutation(subject.train)
+    other = predicted(subject.fitted(subject.corpus, order), probe())
+    share = float((subject.expected.idxmax(axis=1) == other.idxmax(axis=1)).mean())
+    if share < 1 and subject.is_seeded:
+        return SKIPPED, f"training is random (seed); in another order {100 * share:.0f} % of the labels are equal"
+    if share < 1:
+        return FAILED, f"in another order of training captures {100 * share:.0f} % of the labels are equal"
+    return PASSED, f"training captures in another order give the same {len(other)} labels"
+
+
+def shuffled_labels(subject: Subject) -> Answer:
+    """Accuracy on test subjects after training on shuffled labels."""
+    corpus, rng = subject.corpus, np.random.default_rng(0)
+    names = corpus.gestures.copy()
+    for who in TRAINED:  # within a subject, so that every class stays in every inner fold
+        mine = np.flatnonzero(corpus.subjects.astype(str) == who)
+        names[mine] = rng.permutation(names[mine])
+    shuffled = corpus.changed(captures=corpus.captures.assign(gesture=names))
+    tested = corpus[subject.test]
+    hits, usual = (
+        int((predicted(one, tested).idxmax(axis=1).to_numpy() == tested.gestures).sum())
+        for one in (subject.fitted(shuffled, subject.train), subject.first)
+    )
+    most = int(binom.interval(LEVEL, len(tested), 1 / len(set(tested.gestures)))[1])
+    sentence = (
+        f"after training on shuffled labels {hits} of {len(tested)} test captures are correct, on true ones {usual}"
+    )
+    return FAILED if hits > most else PASSED, f"{sentence}; chance gives 0 to {most} ({100 * LEVEL:g} % interval)"
+
+
+def clones(subject: Subject) -> Answer:
+    """scikit-learn's ``clone``, ``get_params`` and ``set_params``."""
+    estimator: Any = subject.cell.estimator()
+    if not hasattr(estimator, "get_params"):
+        return SKIPPED, "it has no get_params, so scikit-learn cannot copy it"
+    params = shown(estimator)
+    if shown(clone(estimator)) != params:  # which itself raises where a constructor changes an argument
+        return FAILED, "clone() gives other parameters"
+    if shown(estimator.set_params(**estimator.get_params(deep=False))) != params:
+        return FAILED, "set_params() with the values of get_params() changes parameters"
+    if "first" in vars(subject) and shown(subject.first) != params:
+        return FAILED, "fit() changes parameters; keep learned values in attributes that end in _"
+    return PASSED, f"clone, get_params and set_params keep {len(estimator.get_params())} parameters"
+
+
+def shown(estimator: contract.System) -> str:
+    """Parameters in full, without addresses in memory."""
+    return re.sub(r" at 0x[0-9a-f]+", "", contract.settings(estimator))
+
+
+def no_state(subject: Subject) -> Answer:
+    """A fit after a fit to other classes, against a first fit."""
+    estimator = subject.cell.estimator()
+    part, names = subject.corpus[subject.train], np.unique(subject.corpus.gestures.astype(str))
+    few = part[np.isin(part.gestures.astype(str), names[::3])]
+    for training in (few, part):
+        estimator.fit(training, training.gestures)
+    return passed_if(
+        difference(subject.expected, predicted(estimator, probe())),
+        "a fit after a fit to other gestures predicts as a first fit",
+        "a fit depends on the fit before it",
+    )
+
+
+def other_test_captures(subject: Subject) -> Answer:
+    """A fit in a fold whose test captures have other values and labels."""
+    corpus, test, rng = subject.corpus, subject.test, np.random.default_rng(0)
+    frames, names = corpus.frames.copy(), corpus.gestures.copy()
+    for start, length in zip(corpus.starts[test], corpus.lengths[test], strict=True):
+        values = rng.integers(0, int(corpus.full_scale) + 1, (length, *corpus.grid))
+        frames[start : start + length] = values.astype(frames.dtype)
+    names[test] = rng.permutation(names[test])
+    other = corpus.changed(frames=frames, captures=corpus.captures.assign(gesture=names))
+    return passed_if(
+        difference(subject.expected, predicted(subject.fitted(other, subject.train), probe())),
+        "other values and labels of test captures change no prediction",
+        "other values and labels of test captures change what is learned",
+    )
+
+
+def other_skin(subject: Subject) -> Answer:
+    """A fit to captures of 5x3 taxels at 54 Hz."""
+    corpus = generate(3, variants=("normal",), rows=5, cols=3, rate_hz=54.0)
+    predicted(subject.fitted(corpus), corpus)
+    return PASSED, f"it fits and predicts {len(corpus)} captures of 5x3 taxels at 54 Hz"
+
+
+def one_frame(subject: Subject) -> Answer:
+    """A fit to captures of which some have one frame, and predictions of captures of one frame."""
+    corpus = subject.corpus[subject.train]
+    lengths = np.where(np.arange(len(corpus)) % 5 == 0, 1, corpus.lengths)
+    estimator = subject.fitted(corpus.changed(lengths=lengths))
+    predicted(estimator, probe().changed(lengths=np.ones(len(probe()), dtype=np.int64)))
+    return PASSED, f"it fits with {int((lengths == 1).sum())} captures of one frame and predicts {len(probe())} of them"
+
+
+def saved(subject: Subject) -> Answer:
+    """A system that is pickled and loaded as ``bench fit`` and ``bench predict`` do."""
+    import cloudpickle
+
+    from bench.work.saved import Recogniser, by_value
+
+    by_value()
+    recogniser = Recogniser(subject.first, subject.corpus[subject.train])
+    content = cloudpickle.dumps(recogniser)
+    labels = [one.label(probe()) for one in (recogniser, cloudpickle.loads(content))]
+    return passed_if(
+        difference(*(table.drop(columns=["label", "confidence"]) for table in labels)),
+        f"saved ({len(content) / 1000:,.0f} kB) and loaded, it predicts the same",
+        "saved and loaded, it predicts otherwise",
+    )
+
+
+@dataclass(frozen=True)
+class Check:
+    """One rule.
+
+    Attributes:
+        name: in the table.
+        answer: the function that checks it.
+        needs: the check without which this one says nothing; empty for none.
+    """
+
+    name: str
+    answer: Callable[[Subject], Answer]
+    needs: str = "no labels needed"
+
+
+CHECKS = (
+    Check("fit", fits, ""),
+    Check("no labels needed", no_labels, "fit"),
+    Check("probabilities", probabilities),
+    Check("single capture", single_capture),
+    Check("equal seeds", equal_seeds),
+    Check("training order", training_order, "equal seeds"),
+    Check("shuffled labels", shuffled_labels),
+    Check("clone and parameters", clones, ""),
+    Check("no state between fits", no_state, "equal seeds"),
+    Check("test captures", other_test_captures, "equal seeds"),
+    Check("another grid and rate", other_skin),
+    Check("one-frame captures", one_frame),
+    Check("saved and loaded", saved),
+)
+
+
+def audited(cell: Cell) -> list[Verdict]:
+    """Every check of one system, in the order of `CHECKS`.
+
+    Args:
+        cell: names the system; its data and protocol are not looked at.
+
+    Returns:
+        One verdict per check.
+    """
+    subject = Subject(cell)
+    verdicts: list[Verdict] = []
+    with computing(1), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for check in CHECKS:
+            began = time.perf_counter()
+            result, sentence = _answer(check, subject, verdicts)
+            verdicts.append(Verdict(check.name, result, sentence, time.perf_counter() - began))
+    return verdicts
+
+
+def refuse(cell: Cell) -> None:
+    """Refuse a system before its audit.
+
+    Raises:
+        InputError: it cannot be made, or declares conditions that the generated captures do not have.
+    """
+    try:
+        contract.check_conditions(checked(cell), captures())
+    except InputError:
+        raise
+    except Exception as e:  # a constructor of the user's may raise anything
+        raise InputError(f"model={cell.model.short}: it cannot be made: {last_line(e)}") from e
+
+
+def _answer(check: Check, subject: Subject, before: list[Verdict]) -> Answer:
+    """The answer of one check; not applicable where the check that it needs has not passed."""
+    if check.needs in {verdict.check for verdict in before if verdict.result != PASSED}:
+        return SKIPPED, f"not checked, as {check.needs!r} has not passed"
+    try:
+        return check.answer(subject)
+    except InputError as e:
+        return SKIPPED if before else FAILED, f"the system refuses these captures: {e}"
+    except HiddenError as e:  # its message names the attribute
+        return FAILED, str(e)
+    except Exception as e:  # a system of the user's may raise anything
+        return FAILED, last_line(e)
+
+
+def last_line(error: Exception) -> str:
+    """The type of an exception and the last line of its message."""
+    lines = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {lines[-1]}" if lines else type(error).__name__

@@ -1,0 +1,279 @@
+"""The audit finds each kind of mistake by exactly its check, and passes systems that make none."""
+
+from math import comb
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.naive_bayes import GaussianNB
+
+import bench
+from bench.cli import main
+from bench.corpora.corpus import storage
+from bench.registry import load, names, parameters
+from bench.work.audit import CHECKS, FAILED, PASSED, SKIPPED, captures
+from models import rf
+from models.tuning import Search
+
+FEW = {"epochs": 1, "pretraining": 1, "runs": 1}  # parameters by name, to train for a moment
+FEWER = {
+    "auto": {"budget": float("inf"), "trials": 1, "members": 1},
+    "perceptron": {"updates": 50},
+    "reflex": {"copies": 1},
+    "ren2023_transformer": {"frames": 16},
+    "touchnet": {"updates": 2},
+}
+
+
+class Nearest(ClassifierMixin, BaseEstimator):
+    """Nearest class mean of length and pressure: fast, and right."""
+
+    def __init__(self, power=1.0):
+        self.power = power
+
+    def fit(self, X, y):
+        X, y = self.training(X, np.asarray(y))
+        values = self.values(X)
+        self.spread_ = values.std(axis=0)
+        self.classes_ = np.unique(y)
+        self.means_ = np.array([values[y == name].mean(axis=0) for name in self.classes_])
+        return self
+
+    def training(self, X, y):
+        return X, y
+
+    def values(self, X):
+        return np.array([self.of(frames) for frames in X])
+
+    def of(self, frames):
+        pressure = frames.astype(float) ** self.power
+        return np.log(
+            [len(frames), 1 + pressure.mean(), 1 + pressure.max(), 1 + (frames > 200).sum(axis=(1, 2)).mean()]
+        )
+
+    def predict_proba(self, X):
+        distance = np.linalg.norm((self.values(X)[:, None] - self.means_) / self.spread_, axis=2)
+        return np.exp(-distance) / np.exp(-distance).sum(axis=1, keepdims=True)
+
+    def predict(self, X):
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+
+class FailsToFit(Nearest):
+    def training(self, X, y):
+        raise RuntimeError("too few")
+
+
+class ReadsLabels(Nearest):
+    def predict_proba(self, X):
+        return (X.captures["gesture"].to_numpy()[:, None] == self.classes_).astype(float)
+
+
+class Logits(Nearest):
+    def predict_proba(self, X):
+        return np.log(super().predict_proba(X))
+
+
+class CentresOnTheBatch(Nearest):
+    def values(self, X):
+        values = super().values(X)
+        return values - values.mean(axis=0)
+
+
+class DependsOnOrder(Nearest):
+    def training(self, X, y):
+        half = np.arange(len(X)) < len(X) // 2
+        half[np.unique(y, return_index=True)[1]] = True
+        return X[half], y[half]
+
+
+class KnowsTheAnswers(Nearest):
+    """Looks labels up by the first frame, as a system that was trained on the test captures elsewhere might."""
+
+    def predict_proba(self, X):
+        table = {frames[0].tobytes(): label for frames, label in zip(captures(), captures().gestures, strict=True)}
+        known = [table.get(frames[0].tobytes(), self.classes_[0]) for frames in X]
+        return (np.array(known)[:, None] == self.classes_).astype(float)
+
+
+class Unseeded(Nearest):
+    def fit(self, X, y):
+        super().fit(X, y).means_ += np.random.default_rng().normal(0, 1, self.means_.shape)
+        return self
+
+
+class Seeded(Nearest):
+    """Random, and so of the order of its captures; but it says so, and repeats."""
+
+    def __init__(self, power=1.0, seed=0):
+        super().__init__(power)
+        self.seed = seed
+
+    def training(self, X, y):
+        drawn = np.random.default_rng(self.seed).random(len(X)) < 0.5
+        drawn[np.unique(y, return_index=True)[1]] = True
+        return X[drawn], y[drawn]
+
+
+class ChangesArguments(Nearest):
+    def __init__(self, power=1.0):
+        self.power = power * 2
+
+
+class ChangesParametersInFit(Nearest):
+    def __init__(self, power=1.0, largest=None):
+        super().__init__(power)
+        self.largest = largest
+
+    def fit(self, X, y):
+        self.largest = int(X.frames.max())
+        return super().fit(X, y)
+
+
+class KeepsState(Nearest):
+    def fit(self, X, y):
+        before = getattr(self, "means_", np.zeros(1))
+        super().fit(X, y).means_ += 0.5 * before.mean()
+        return self
+
+
+class ReadsTestFrames(Nearest):
+    def training(self, X, y):
+        self.scale_ = float(storage(X)[0].mean())
+        return X, y
+
+    def of(self, frames):
+        return super().of(frames) + np.log(1 + frames.mean() / self.scale_) * np.array([0, 3, 0, 0])
+
+
+class EightByEight(Nearest):
+    def of(self, frames):
+        return super().of(frames.reshape(-1, 8, 8))
+
+
+class NeedsTwoFrames(Nearest):
+    def of(self, frames):
+        if len(frames) < 2:
+            raise ValueError("the difference of\none frame")
+        return super().of(frames)
+
+
+class CannotBeSaved(Nearest):
+    def fit(self, X, y):
+        self.stream_ = (frames for frames in X)
+        return super().fit(X, y)
+
+
+def audit_of(kind):
+    """Names of checks by result, and the table, of a class of this file."""
+    table = bench.audit(model=f"{__file__}:{kind.__name__}")
+    return {result: set(table["check"][table["result"] == result]) for result in (PASSED, FAILED, SKIPPED)}, table
+
+
+@pytest.mark.parametrize(
+    ("kind", "check", "words"),
+    [
+        (FailsToFit, "fit", "RuntimeError: too few"),
+        (ReadsLabels, "no labels needed", "X.captures is hidden in prediction"),
+        (Logits, "probabilities", "probabilities are from -"),
+        (CentresOnTheBatch, "single capture", "of 28 predictions depend on the other captures: capture "),
+        (Unseeded, "equal seeds", "two fits to the same captures differ; give it a parameter seed: "),
+        (DependsOnOrder, "training order", "in another order of training captures "),
+        (KnowsTheAnswers, "shuffled labels", "28 of 28 test captures are correct"),
+        (ChangesArguments, "clone and parameters", "RuntimeError: Cannot clone object"),
+        (ChangesParametersInFit, "clone and parameters", "fit() changes parameters"),
+        (KeepsState, "no state between fits", "a fit depends on the fit before it: "),
+        (ReadsTestFrames, "test captures", "change what is learned: "),
+        (EightByEight, "another grid and rate", "ValueError: cannot reshape array"),
+        (NeedsTwoFrames, "one-frame captures", "ValueError: one frame"),
+        (CannotBeSaved, "saved and loaded", "TypeError: cannot pickle 'generator' object"),
+    ],
+)
+def test_each_mistake_is_found_by_exactly_its_check(kind, check, words):
+    answers, table = audit_of(kind)
+    (sentence,) = table["sentence"][table["result"] == FAILED]
+    assert answers[FAILED] == {check} and words in sentence and "\n" not in sentence
+    assert answers[SKIPPED] == {each.name for each in CHECKS if check in needs(each)}
+
+
+def needs(check):
+    """Names of all checks without which one says nothing."""
+    (before,) = [each for each in CHECKS if each.name == check.needs] or [None]
+    return {before.name, *needs(before)} if before else set()
+
+
+def test_every_check_has_a_system_that_it_finds():
+    (mark,) = test_each_mistake_is_found_by_exactly_its_check.pytestmark
+    assert {check for _, check, _ in mark.args[1]} == {check.name for check in CHECKS}
+
+
+def test_systems_without_a_mistake_pass(capsys):
+    answers, _ = audit_of(Nearest)
+    assert answers[PASSED] == {check.name for check in CHECKS}
+    answers, table = audit_of(Seeded)
+    assert answers[FAILED] == set() and answers[SKIPPED] == {"training order"}
+    assert table["sentence"][5].startswith("training is random (seed); in another order ")
+    table = bench.audit(model=GaussianNB(), features="jung28")
+    assert set(table["result"]) == {PASSED} and set(table["system"]) == {"GaussianNB() · jung28"}
+    assert main(["audit", f"model={__file__}:Nearest,{__file__}:Seeded", "model.power=0.5", "seed=3"]) == 0
+    said = capsys.readouterr().out
+    assert "Nearest[power=0.5]: 13 passed; " in said and ": 12 passed, 1 not applicable; " in said
+    assert said.splitlines()[-1].startswith("next: bench run ") and "model.power=0.5" in said.splitlines()[-1]
+
+
+def test_a_failure_is_a_row_and_exit_code_1(capsys):
+    assert main(["audit", f"model={__file__}:NeedsTwoFrames,{__file__}:Nearest"]) == 1
+    said = capsys.readouterr()
+    assert "│ failed │ ValueError: one frame" in said.out and "NeedsTwoFrames: 12 passed, 1 failed; " in said.out
+    assert "next:" not in said.out and not said.err
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("def __init__(self): raise KeyError('colour')", "it cannot be made: KeyError: 'colour'"),
+        ("conditions = ('cover',)", "synth has no column 'cover'"),
+        ("conditions = ('gesture',)", "the system declares 'gesture'"),
+        ("def check(self): raise InputError('model.depth=0: give 1')", "model.depth=0: give 1"),
+    ],
+)
+def test_what_cannot_be_audited_is_one_line_and_exit_code_2(code, words, capsys):
+    Path("own.py").write_text(f"from bench import InputError\nclass Own:\n    fit = predict = None\n    {code}\n")
+    assert main(["audit", "model=own.py:Own"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+def test_the_arguments_of_other_commands_are_refused(capsys):
+    assert main(["audit", "model=svm", "data=haart"]) == 2 and "'data'" in capsys.readouterr().err
+
+
+def test_a_system_without_parameters_is_not_copied():
+    Path("own.py").write_text("class Own:\n    def fit(self, X, y):\n        raise KeyError\n")
+    table = bench.audit(model="own.py:Own").set_index("check")
+    assert table["sentence"]["fit"] == "KeyError"
+    assert table["sentence"]["clone and parameters"] == "it has no get_params, so scikit-learn cannot copy it"
+    assert set(table["result"]) == {FAILED, SKIPPED}
+
+
+def test_the_limit_of_chance_by_hand():
+    """28 captures of 14 classes: 9 hits or more have a probability below 0.0005, 8 have not."""
+    assert len(captures()) == 70 and len(set(captures().gestures)) == 14
+    tail = [sum(comb(28, n) * 13 ** (28 - n) for n in range(least, 29)) / 14**28 for least in (8, 9)]
+    assert tail[1] < 0.0005 < tail[0]
+    assert "chance gives 0 to 8 " in audit_of(Nearest)[1]["sentence"][6]
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("name", names("models"))
+def test_built_in_systems_pass(name, monkeypatch):
+    """With few epochs, trees and trials of a search: the rules are the same, and CI is done in minutes."""
+    forest, search = rf._forest, Search.__init__
+    monkeypatch.setattr(rf, "_forest", lambda kind, features, trees, *rest: forest(kind, features, 20, *rest))
+    monkeypatch.setattr(search, "__defaults__", (None, "3", 4, *search.__defaults__[3:]))
+    usual = parameters(load("models", name))
+    few = {key: value for key, value in (FEW | FEWER.get(name, {})).items() if key in usual}
+    table = bench.audit(model=name, **{f"model__{key}": value for key, value in few.items()})
+    assert not (failed := table["sentence"][table["result"] == FAILED].tolist()), failed
+    assert set(table["check"][table["result"] == SKIPPED]) <= {"training order"}
