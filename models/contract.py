@@ -154,7 +154,7 @@ def blinded(estimator: System, X: Given) -> Given:
 
     A table of features stays as it is.
     """
-    return X.blind(conditions(estimator)) if isinstance(X, Corpus) and not X.is_blind else X
+    return X.blind(conditions(estimator)) if isinstance(X, Corpus) and not X.is_blind else X  # type: ignore[return-value]
 
 
 # A person whom it meets
