@@ -1,6 +1,6 @@
 """The audit of a system: rules that a score does not show, each checked on generated captures.
 
-A check is one function of a `Subject`. It returns a result and one sentence, or raises what the system raises, which is
+A check is one function of a `Audited`. It returns a result and one sentence, or raises what the system raises, which is
 a failure. The first fit and its predictions are shared by all checks.
 """
 
@@ -64,7 +64,7 @@ def probe() -> Corpus:
     return generate(1, variants=("normal",), repetitions=2, seed=1)
 
 
-class Subject:
+class Audited:
     """The system that is audited, with what several checks need of it.
 
     Args:
@@ -150,13 +150,13 @@ def passed_if(differs: str, sentence: str, reason: str) -> Answer:
 # The checks
 
 
-def fits(subject: Subject) -> Answer:
+def fits(subject: Audited) -> Answer:
     """A fit to the training captures."""
     subject.first  # noqa: B018 - it may raise
     return PASSED, f"it fits {len(subject.train)} captures of {len(TRAINED)} subjects"
 
 
-def no_labels(subject: Subject) -> Answer:
+def no_labels(subject: Audited) -> Answer:
     """Predictions of captures without labels, subjects and origin."""
     subject.expected  # noqa: B018 - it may raise
     labels = np.asarray(subject.first.predict(contract.blinded(subject.first, probe()))).astype(str)
@@ -167,7 +167,7 @@ def no_labels(subject: Subject) -> Answer:
     return PASSED, f"it predicts without labels, subjects and origin{declared}"
 
 
-def probabilities(subject: Subject) -> Answer:
+def probabilities(subject: Audited) -> Answer:
     """Probabilities from 0 to 1 with a sum of 1, of the classes in training."""
     classes = np.unique(subject.corpus.gestures[subject.train].astype(str))
     if sorted(str(name) for name in subject.first.classes_) != classes.tolist():
@@ -180,7 +180,7 @@ def probabilities(subject: Subject) -> Answer:
     return PASSED, f"they are 0 or more and have a sum of 1 over {len(classes)} classes"
 
 
-def single_capture(subject: Subject) -> Answer:
+def single_capture(subject: Audited) -> Answer:
     """Predictions of a capture alone, in a batch, and in a batch in reverse order."""
     effects = batch_effects(subject.first, subject.corpus, subject.test)
     if effects:
@@ -188,7 +188,7 @@ def single_capture(subject: Subject) -> Answer:
     return PASSED, f"{len(subject.test)} captures alone are predicted as in a batch, within {TOLERANCE:g}"
 
 
-def equal_seeds(subject: Subject) -> Answer:
+def equal_seeds(subject: Audited) -> Answer:
     """Two fits to the same captures."""
     hint = "" if subject.is_seeded else "; give it a parameter seed"
     return passed_if(
@@ -198,7 +198,7 @@ def equal_seeds(subject: Subject) -> Answer:
     )
 
 
-def training_order(subject: Subject) -> Answer:
+def training_order(subject: Audited) -> Answer:
     """A fit to the training captures in another order."""
     order = np.random.default_rng(0).permutation(subject.train)
     other = predicted(subject.fitted(subject.corpus, order), probe())
@@ -210,7 +210,7 @@ def training_order(subject: Subject) -> Answer:
     return PASSED, f"training captures in another order give the same {len(other)} labels"
 
 
-def shuffled_labels(subject: Subject) -> Answer:
+def shuffled_labels(subject: Audited) -> Answer:
     """Accuracy on test subjects after training on shuffled labels."""
     corpus, rng = subject.corpus, np.random.default_rng(0)
     names = corpus.gestures.copy()
@@ -230,7 +230,7 @@ def shuffled_labels(subject: Subject) -> Answer:
     return FAILED if hits > most else PASSED, f"{sentence}; chance gives 0 to {most} ({100 * LEVEL:g} % interval)"
 
 
-def clones(subject: Subject) -> Answer:
+def clones(subject: Audited) -> Answer:
     """scikit-learn's ``clone``, ``get_params`` and ``set_params``."""
     estimator: Any = subject.cell.estimator()
     if not hasattr(estimator, "get_params"):
@@ -250,7 +250,7 @@ def shown(estimator: contract.System) -> str:
     return re.sub(r" at 0x[0-9a-f]+", "", contract.settings(estimator))
 
 
-def no_state(subject: Subject) -> Answer:
+def no_state(subject: Audited) -> Answer:
     """A fit after a fit to other classes, against a first fit."""
     estimator = subject.cell.estimator()
     part, names = subject.corpus[subject.train], np.unique(subject.corpus.gestures.astype(str))
@@ -264,7 +264,7 @@ def no_state(subject: Subject) -> Answer:
     )
 
 
-def other_test_captures(subject: Subject) -> Answer:
+def other_test_captures(subject: Audited) -> Answer:
     """A fit in a fold whose test captures have other values and labels."""
     corpus, test, rng = subject.corpus, subject.test, np.random.default_rng(0)
     frames, names = corpus.frames.copy(), corpus.gestures.copy()
@@ -280,14 +280,14 @@ def other_test_captures(subject: Subject) -> Answer:
     )
 
 
-def other_skin(subject: Subject) -> Answer:
+def other_skin(subject: Audited) -> Answer:
     """A fit to captures of 5x3 taxels at 54 Hz."""
     corpus = generate(3, variants=("normal",), rows=5, cols=3, rate_hz=54.0)
     predicted(subject.fitted(corpus), corpus)
     return PASSED, f"it fits and predicts {len(corpus)} captures of 5x3 taxels at 54 Hz"
 
 
-def one_frame(subject: Subject) -> Answer:
+def one_frame(subject: Audited) -> Answer:
     """A fit to captures of which some have one frame, and predictions of captures of one frame."""
     corpus = subject.corpus[subject.train]
     lengths = np.where(np.arange(len(corpus)) % 5 == 0, 1, corpus.lengths)
@@ -296,7 +296,7 @@ def one_frame(subject: Subject) -> Answer:
     return PASSED, f"it fits with {int((lengths == 1).sum())} captures of one frame and predicts {len(probe())} of them"
 
 
-def saved(subject: Subject) -> Answer:
+def saved(subject: Audited) -> Answer:
     """A system that is pickled and loaded as ``bench fit`` and ``bench predict`` do."""
     import cloudpickle
 
@@ -324,7 +324,7 @@ class Check:
     """
 
     name: str
-    answer: Callable[[Subject], Answer]
+    answer: Callable[[Audited], Answer]
     needs: str = "no labels needed"
 
 
@@ -354,7 +354,7 @@ def audited(cell: Cell) -> list[Verdict]:
     Returns:
         One verdict per check.
     """
-    subject = Subject(cell)
+    subject = Audited(cell)
     verdicts: list[Verdict] = []
     with computing(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -379,7 +379,7 @@ def refuse(cell: Cell) -> None:
         raise InputError(f"model={cell.model.short}: it cannot be made: {last_line(e)}") from e
 
 
-def _answer(check: Check, subject: Subject, before: list[Verdict]) -> Answer:
+def _answer(check: Check, subject: Audited, before: list[Verdict]) -> Answer:
     """The answer of one check; not applicable where the check that it needs has not passed."""
     if check.needs in {verdict.check for verdict in before if verdict.result != PASSED}:
         return SKIPPED, f"not checked, as {check.needs!r} has not passed"
