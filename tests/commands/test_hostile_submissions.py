@@ -45,7 +45,7 @@ def test_a_wrong_table_is_left_out_with_a_line(table, said, capsys):
     out, err = capsys.readouterr()
     (line,) = err.splitlines()
     assert line.startswith("left out: wrong: ") and said in line
-    assert "haart-challenge-v1: mine, 100.0 % of 251 captures" in out
+    assert "haart-challenge-v1: mine by A. Name, 100.0 % of 251 captures, not verified" in out
     text = Path("leaderboard.html").read_text()
     assert (
         '<th scope="row">mine</th>' in text

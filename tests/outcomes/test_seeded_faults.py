@@ -8,6 +8,7 @@ import pytest
 import torch
 from sklearn.base import BaseEstimator, TransformerMixin
 
+from bench.corpora.corpus import origin
 from bench.corpora.synth import generate
 from bench.outcomes import scores
 from bench.outcomes.baseline import Measured
@@ -50,7 +51,7 @@ class Stored(TransformerMixin, BaseEstimator):
         return self
 
     def transform(self, X):
-        return table(self.rows_swapped).iloc[X.index]
+        return table(self.rows_swapped).iloc[origin(X).index]
 
     def __sklearn_is_fitted__(self):
         return True
