@@ -182,7 +182,7 @@ def test_hostile_folders_are_left_out_with_a_line(how, said, capsys):
     out, err = capsys.readouterr()
     (line,) = err.splitlines()
     assert line.startswith("left out: wrong: ") and said in line and len(line) < 400
-    assert "haart-challenge-v1: mine, 100.0 %" in out
+    assert "haart-challenge-v1: mine by A. Name, 100.0 %" in out
 
 
 def test_names_are_text_and_links_are_not_followed(capsys):
