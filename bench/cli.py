@@ -9,7 +9,7 @@ import os
 import sys
 
 from bench.commands.help import COMMANDS, GROUPS
-from bench.errors import ClusterError, InputError, StoreError, nearest
+from bench.errors import ClusterError, HiddenError, InputError, StoreError, nearest
 from bench.registry import check_rooms, names
 from bench.scratch import scratch
 
@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
             code = getattr(importlib.import_module(module), function)(rest)
         sys.stdout.flush()
         return code
-    except InputError as e:
+    except (InputError, HiddenError) as e:
         print(_line(e), file=sys.stderr)
         return 2
     except (StoreError, ClusterError) as e:

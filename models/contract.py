@@ -14,6 +14,7 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from importlib.metadata import PackageNotFoundError, version
 from types import FunctionType
 from typing import Any, Protocol, TypeGuard, TypeVar
@@ -132,7 +133,12 @@ def conditions(estimator: System) -> tuple[str, ...]:
 
     Such as the substrate under the skin, where a robot knows it. Its runs are tagged and labelled with them.
     """
-    return tuple(sorted({name for part in _nested(estimator) for name in _told(part, "conditions", ())}))
+    names = set()
+    for part in _nested(estimator):
+        if isinstance(declared := _told(part, "conditions", ()), str):
+            raise InputError(f"conditions = {declared!r}: give a tuple of names, such as ({declared!r},)")
+        names |= {*declared}
+    return tuple(sorted(names))
 
 
 def check_conditions(estimator: System, corpus: Corpus) -> None:
@@ -141,12 +147,19 @@ def check_conditions(estimator: System, corpus: Corpus) -> None:
     Raises:
         InputError: a column that is not there, or that tells the class or the subject.
     """
+    secret = {"subject", "gesture", *corpus.target.split("+")}
     for name in conditions(estimator):
-        if name in {"subject", *corpus.target.split("+")} or name == "gesture":
+        if name in secret:
             raise InputError(f"conditions: the system declares {name!r}, which a prediction must not use; remove it")
         if name not in corpus.captures:
-            others = [str(c) for c in corpus.captures if c not in ("subject", "gesture")]
+            others = [str(c) for c in corpus.captures if c not in secret]
             raise InputError(f"conditions: {corpus.name} has no column {name!r}; {nearest(name, others)}")
+        values = corpus.captures[name]
+        for what, of in (("class", corpus.gestures), ("subject", corpus.subjects)):
+            if values.nunique() > 1 and pd.Series(of).groupby(values.to_numpy(), dropna=False).nunique().max() == 1:
+                raise InputError(
+                    f"conditions: each value of {name!r} has one {what}, so it tells the {what}; remove it"
+                )
 
 
 def blinded(estimator: System, X: Given) -> Given:
@@ -176,6 +189,7 @@ def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
         y: their class names; None where they are not known.
     """
     X = blinded(estimator, X) if y is None else X
+    estimator = deepcopy(estimator)  # one that changes itself would carry the captures of a person into other tests
     if not isinstance(estimator, Pipeline):
         return estimator.adapt(X, y)  # type: ignore[attr-defined]
     *before, (name, last) = estimator.steps

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from bench.outcomes import statistics
-from bench.outcomes.comparable import method_of
+from bench.outcomes.comparable import depends_on_batch, method_of
 from bench.outcomes.stopping import NO_SAVING, SHOWN_MS, saves
 from bench.outcomes.store import Store
 from reports.behaviour import context_words, contexts, under
@@ -34,7 +34,9 @@ def briefs(store: Store, groups: dict[str, Group], curves: list[Curves]) -> list
 
 def early(store: Store) -> str:
     """What replayed systems get when they need not see the whole capture, on the first of all comparable captures."""
-    for runs in contexts(store, "stream").values():
+    for replays in contexts(store, "stream").values():
+        if not (runs := [run for run in replays if not depends_on_batch(run.data.tags)]):
+            continue
         best = max(runs, key=lambda r: r.data.metrics.get("adaptive_accuracy", -1))
         measured = best.data.metrics
         if "adaptive_accuracy" not in measured:
@@ -62,7 +64,9 @@ def early(store: Store) -> str:
 def faults(store: Store) -> str:
     """Who loses least under faults, and to which it loses most, on the first of all comparable captures."""
     for runs in contexts(store, "stress").values():
-        losses = {method_of(r.data.tags): under(r, "loss.") for r in runs}
+        losses = {method_of(r.data.tags): under(r, "loss.") for r in runs if not depends_on_batch(r.data.tags)}
+        if not losses:
+            continue
         sets = Counter(frozenset(loss) for loss in losses.values() if loss)
         if not sets:
             continue

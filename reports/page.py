@@ -189,8 +189,8 @@ def run_blocks(table: pd.DataFrame, order: list[str], runs: int, systems: int) -
         "of the paired Wilcoxon test against the best system, as under statistics; - where there is no test. Flash "
         "counts learnt numbers, RAM the numbers in memory for one decision. Predict is one whole capture from raw "
         "frames to label on one thread, feature extraction included; decision is the median touch that must be "
-        "observed plus computing time. Fit is the mean of a fold without feature extraction. n is the number of "
-        "tested subjects."
+        "observed plus computing time on that machine; the verdict's budget counts touch alone. Fit is the mean of a "
+        "fold without feature extraction. n is the number of tested subjects."
     )
     if (table["source"] == "reference").any():
         caption += " Rows marked (reference) come with touchbench: costs that only runs tell are missing."

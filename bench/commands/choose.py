@@ -19,6 +19,7 @@ from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
 from bench.outcomes.advice import FIRST, MOST_AT_HAND, SECOND, WHAT, at_hand, compared_on, is_first, merged
 from bench.outcomes.choice import Choice, amount, candidates, decide, points, sentences
+from bench.outcomes.comparable import MARK, MARKED
 from bench.outcomes.runs import NothingTracked, of_kinds, without_runs
 from bench.outcomes.store import connect
 from bench.plan.arguments import BACKEND, Values, backend_of, convert, items, parse, typed
@@ -119,7 +120,7 @@ def chosen(values: Values) -> Chosen:
     budgets = {BUDGETS[k]: quantity(k, values[k]) for k in BUDGETS if k in values}
     margin = quantity("margin", values["margin"]) if "margin" in values else None
     clock = _clock(str(values["clock"])) if "clock" in values else None
-    batch = str(values.get("batch", "no"))
+    batch = {"true": "yes", "false": "no"}.get(given := str(values.get("batch", "no")).lower(), given)
     if batch not in ("yes", "no"):
         raise InputError(f"batch={batch}: give yes or no")
     asked = {k: items(k, values[k]) for k in AMONG if k in values}
@@ -258,10 +259,14 @@ def _print(found: Chosen) -> None:
     grid(output(), title, rows, ("system", "labels", "verdict"), spare, bold)
     if 0 < found.choice.table["linked"].sum() < len(rows):
         output().print("* as linked in C, code included; the other sizes are counted without code", style="dim")
-    say(*found.lines())
+    say(*found.lines(), *([f"{MARKED}."] if any(MARK in row["system"] for row in rows) else []))
     if found.choice.chosen is not None:
         one = dict(found.choice.table.loc[found.choice.chosen])
-        steps = closing.shipped(json.loads(one["arguments"] or "{}"), one["command"], one["unit"])
+        steps = (
+            []
+            if one.get("conditions")
+            else closing.shipped(json.loads(one["arguments"] or "{}"), one["command"], one["unit"])
+        )
         most = {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in found.budgets.items()}
         then(*steps, *([typed("report", most)] if most else []))
 

@@ -74,7 +74,7 @@ folds, and runs on an older version of a corpus, are left out and counted.
                 for instructions that take more than a cycle, and for all else that it does
   margin=       points of accuracy that do not matter: a one-sided paired t-test (p < 0.05) replaces the SE
   unit=         capture (default), or window: percent of single windows, of the systems that decide on such
-  batch=        yes: also systems whose labels depend on which captures are predicted together; default no
+  batch=        yes: also systems whose predictions depend on the captures predicted together
   shots=        among runs of protocol=personal (or transfer) of which so many captures of a new person are known;
                 protocol.draws=, protocol.source= and the like choose among them
   data= where= target= protocol= model= features=   choose among the runs

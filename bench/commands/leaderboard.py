@@ -36,14 +36,14 @@ def submit(arguments: list[str]) -> int:
     for key, what in needs.items():
         if key not in values:
             raise InputError(f"bench submit needs {key}=, {what}; see bench submit --help")
-    if values.get("batch", "yes") != "yes":
-        raise InputError(f"batch={values['batch']}: write batch=yes, or leave it out")
+    if values.get("batch", "no") not in ("yes", "no"):
+        raise InputError(f"batch={values['batch']}: give yes or no")
     task = task_of(values["task"])
     out = new_folder(Path(values["out"]))
     wanted, how = _wanted(task, values)
     store = connect()
     run = answers.find(store, task, wanted, how)
-    if "batch" in answers.rests_on(run) and "batch" not in values:
+    if "batch" in answers.rests_on(run) and values.get("batch") != "yes":
         raise InputError(
             f"run {run['run_id']}: the labels of this run depend on other test captures; to submit it, add batch=yes"
         )

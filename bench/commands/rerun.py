@@ -91,9 +91,11 @@ def _place(name: str, folders: Sequence[Path]) -> Path:
         InputError: there is none of this name, or several.
     """
     among = ", ".join(map(str, folders))
-    if Path(name).name != name:
-        raise InputError(f"rerun={name}: give the name of a folder in {among}")
+    if Path(name).name != name or "," in name:
+        raise InputError(f"rerun={name}: give the name of one folder in {among}")
     found = [folder / name for folder in folders if (folder / name).is_dir() and not (folder / name).is_symlink()]
+    if not found and any(submissions.REFERENCE.glob(f"*/{name}/*.json")):
+        raise InputError(f"rerun={name}: this is a reference result that comes with touchbench; give a submission")
     if len(found) != 1:
         raise InputError(f"rerun={name}: there is {'more than one' if found else 'no'} such folder in {among}")
     return found[0]

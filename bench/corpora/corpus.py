@@ -170,7 +170,15 @@ class Corpus:
         """A corpus with some of the constructor's arguments replaced; a blind corpus stays blind.
 
         Frames and starts that are not replaced are shared.
+
+        Raises:
+            TypeError: the constructor has no such argument.
         """
+        if "visible" in fields:
+            raise TypeError("a Corpus has no visible; blind() hides what a prediction must not use")
+        return self._with(**fields)
+
+    def _with(self, **fields: object) -> Corpus:
         new = object.__new__(type(self))
         new.__dict__.update(self.__dict__)
         new.__dict__.pop("_own", None)
@@ -190,7 +198,7 @@ class Corpus:
         """
         if self._visible is not None:
             visible = tuple(name for name in visible if name in self._visible)
-        return self.changed(visible=tuple(visible))
+        return self._with(visible=tuple(visible))
 
     @property
     def is_blind(self) -> bool:
@@ -199,7 +207,8 @@ class Corpus:
 
     def _refused(self, name: str) -> HiddenError:
         return HiddenError(
-            f"X.{name} is hidden in prediction, which may use frames, lengths, rate_hz, full_scale and grid alone"
+            f"X.{name} is hidden in prediction, which may use frames, starts, lengths, rate_hz, full_scale and grid; "
+            "a system that needs a condition declares it: conditions = ('cover',)"
         )
 
     def __len__(self) -> int:
@@ -217,7 +226,7 @@ class Corpus:
 
     @property
     def frames(self) -> np.ndarray:
-        """Frames of these captures, one after another [frames, rows, cols]; copied if they do not lie together."""
+        """Frames of these captures, one after another [frames, rows, cols]; a copy where the corpus is a slice."""
         return self._compact()[0]
 
     @property
@@ -228,12 +237,8 @@ class Corpus:
     def _compact(self) -> tuple[np.ndarray, np.ndarray]:
         if (own := self.__dict__.get("_own")) is None:
             first = np.cumsum(self.lengths) - self.lengths
-            begin = int(self._starts[0]) if len(self) else 0
-            end = begin + int(self.lengths.sum())
-            if np.array_equal(self._starts, begin + first):
-                frames = self._frames if end - begin == len(self._frames) else self._frames[begin:end]
-            else:
-                frames = np.concatenate(list(self))
+            whole = int(self.lengths.sum()) == len(self._frames) and np.array_equal(self._starts, first)
+            frames = self._frames if whole else np.concatenate([self._frames[:0], *self])
             own = self.__dict__["_own"] = frames, first
         return own
 
@@ -300,6 +305,8 @@ class Corpus:
         Raises:
             InputError: it is no condition on these columns, or no capture satisfies it.
         """
+        if self._visible is not None:
+            raise self._refused("select")
         from bench.corpora.where import chosen  # here, so that a change of its messages is no change of the Corpus
 
         return self[np.flatnonzero(chosen(where, self.captures, self.name))]
@@ -310,6 +317,8 @@ class Corpus:
         Raises:
             InputError: a column is not there, or says nothing of some capture.
         """
+        if self._visible is not None:
+            raise self._refused("with_target")
         for column in target.split("+"):
             if column not in self.captures or self.captures[column].isna().any():
                 whole = [c for c in self.captures if self.captures[c].notna().all()]
@@ -351,6 +360,8 @@ class Corpus:
         Returns:
             A matplotlib figure.
         """
+        if self._visible is not None:
+            raise self._refused("plot")
         from bench.corpora.picture import picture
 
         about = self.captures.iloc[capture]
@@ -361,7 +372,7 @@ class Corpus:
 
 def unblinded(corpus: Corpus) -> tuple[Corpus, tuple[str, ...] | None]:
     """The same captures with all that is known of them, and what a blind corpus shows; None if it was not blind."""
-    return corpus.changed(visible=None), corpus._visible
+    return corpus._with(visible=None), corpus._visible
 
 
 def storage(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from scipy.stats import ttest_1samp
 
 from bench.errors import InputError
 from bench.outcomes import scores
-from bench.outcomes.comparable import COMPARABLE, Row, context_of, facts_of
+from bench.outcomes.comparable import BATCH, COMPARABLE, CONDITIONS, Row, context_of, facts_of, system_of
 from bench.outcomes.runs import (
     COLUMNS,
     NothingTracked,
@@ -38,7 +38,6 @@ WORDS = {  # an amount of a cost
     "decision": "until the decision",
     "cycles": "instructions",
 }
-BATCH = "touchbench.depends_on_batch"  # tag of runs whose labels change with the captures predicted beside them
 FEW_SUBJECTS = 6  # with five, no sign test can reach p < 0.05
 ORIGIN = {
     "kind": "touchbench.kind",
@@ -152,7 +151,7 @@ def candidates(
         runs_of: `bench.outcomes.runs.tracked` by kind, where somebody has read it.
         windows: label single windows, in percent of windows, of the systems that decide on such.
         clock: of the target in MHz: the measured cycles at this clock are part of a decision's time.
-        batch: whether systems whose labels depend on the captures predicted beside them are candidates.
+        batch: whether systems whose predictions depend on the captures that are predicted together are candidates.
 
     Raises:
         NothingTracked: no complete run is tracked for these values.
@@ -184,8 +183,12 @@ def candidates(
             costs = pd.DataFrame([units[unit][0] for units in each]).mean().reindex([*COSTS])
             if clock is not None and np.isfinite(costs["cycles"]):
                 costs["decision"] += costs["cycles"] / clock  # thousands by MHz: ms
-            about = {"linked": is_c or system in linked, "windows": _windowed(group).any()}
-            rows.append({"system": system, "unit": unit, **costs, **about, **_origin(group)})
+            about = {
+                "conditions": value if isinstance(value := rows_of(group)[-1].get(CONDITIONS), str) else "",
+                "linked": is_c or system in linked,
+                "windows": _windowed(group).any(),
+            }
+            rows.append({"system": system_of(rows_of(group)[-1]), "unit": unit, **costs, **about, **_origin(group)})
             accuracy.append(pd.concat([units[unit][1] for units in each], axis=1).mean(axis=1))
     subjects = pd.DataFrame(accuracy).reset_index(drop=True)
     table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
@@ -199,7 +202,7 @@ def _usable(runs: pd.DataFrame, batch: bool, same: bool) -> tuple[pd.DataFrame, 
 
     Args:
         runs: that were asked for.
-        batch: whether systems whose labels depend on the captures predicted beside them stay.
+        batch: whether systems whose predictions depend on the captures that are predicted together stay.
         same: whether one set of captures and one protocol were asked for.
 
     Raises:
@@ -217,8 +220,8 @@ def _usable(runs: pd.DataFrame, batch: bool, same: bool) -> tuple[pd.DataFrame, 
         if names:
             complete = complete[~complete["system"].isin(names)]
             notes.append(
-                f"Left out, because labels depend on which captures are predicted together: {'; '.join(names)}. "
-                "Give batch=yes to choose among them, too."
+                "Left out, because predictions depend on the captures that are predicted together: "
+                f"{'; '.join(names)}. Give batch=yes to choose among them, too."
             )
     return complete, notes
 

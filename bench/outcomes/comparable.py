@@ -9,9 +9,12 @@ from typing import Any
 
 from bench.plan.splits import with_seed
 
-BATCH, CONDITIONS = "touchbench.depends_on_batch", "touchbench.conditions"  # tags of a run, absent where neither holds
+BATCH, CONDITIONS = (
+    "touchbench.depends_on_batch",
+    "touchbench.conditions",
+)  # tags of a run; the second where it uses some
 MARK = "\N{DAGGER}"  # behind the name of a system whose predictions depend on the batch
-MARKED = f"{MARK} predictions of a capture change with the other captures predicted together; not comparable"
+MARKED = f"{MARK} predictions depend on the captures that are predicted together; not compared"
 Row = Mapping[str, Any]  # of a run: tags and parameters, which are text, and metrics; nan for what it has not
 COMPARABLE = ("data", "corpus_digest", "subset", "target", "protocol_label")  # tags, with the digest of the parameters
 SAME_SYSTEM = ("protocol", "system", "seed")  # besides, what makes two runs repetitions of one
@@ -42,6 +45,11 @@ def context_of(tags: Row) -> tuple[str, str, str]:
 def depends_on_batch(tags: Row) -> bool:
     """Whether predictions of a capture changed with the other captures that were predicted together."""
     return tags.get(BATCH) == "true"
+
+
+def is_checked(tags: Row) -> bool:
+    """Whether the run checked what its predictions depend on; those of older versions did not."""
+    return tags.get(BATCH) in ("true", "false")
 
 
 def system_of(tags: Row) -> str:

@@ -11,7 +11,15 @@ import numpy as np
 import pandas as pd
 
 from bench.errors import InputError
-from bench.outcomes.comparable import COMPARABLE, SAME_SYSTEM, Row, context_of, depends_on_batch, system_of
+from bench.outcomes.comparable import (
+    COMPARABLE,
+    SAME_SYSTEM,
+    Row,
+    context_of,
+    depends_on_batch,
+    is_checked,
+    system_of,
+)
 from bench.outcomes.store import Store
 from bench.plan.arguments import PARTS
 from bench.plan.cells import Part
@@ -27,9 +35,12 @@ class NothingTracked(InputError):
 def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
     """Tags, parameters and metrics of every scored parent run of a kind, the newest of equal ones, complete ones first.
 
+    Runs of older versions, which did not check what a prediction depends on, are left out.
+
     Raises:
         InputError: there is none.
     """
+    scored = [run for run in store.of_kind(kind) if "accuracy" in run.data.metrics]
     rows = [
         {"target": "gesture"}
         | r.data.params
@@ -38,9 +49,14 @@ def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
         | {"run_id": r.info.run_id, "status": r.info.status, "started": r.info.start_time}
         | {"artifacts": r.info.artifact_uri}
         | {f"{part}_name": r.data.params.get(part, "") for part in PARTS}
-        for r in store.of_kind(kind)
-        if "accuracy" in r.data.metrics
+        for r in scored
+        if is_checked(r.data.tags)
     ]
+    if scored and not rows:
+        raise NothingTracked(
+            "the runs here are of an older version, which did not check what predictions depend on; repeat their "
+            "commands"
+        )
     if not rows:
         raise NothingTracked("no scored run is tracked here; make one first, for example: bench run model=svm")
     found = pd.DataFrame(rows)

@@ -48,7 +48,9 @@ def options_of(given: list[str], known: tuple[str, ...]) -> dict[str, str]:
     values: dict[str, str] = {}
     for option in given:
         name, _, value = option.partition("=")
-        if name not in known or not value:
+        if name in known and not value:
+            raise InputError(f"{name}= has no value; give one, or leave it out")
+        if name not in known:
             raise InputError(f"{option!r}: no such option; {nearest(name, known)}")
         if name in values:
             raise InputError(f"{name}= is given twice; give it once")

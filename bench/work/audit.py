@@ -64,6 +64,12 @@ def probe() -> Corpus:
     return generate(1, variants=("normal",), repetitions=2, seed=1)
 
 
+def with_conditions(corpus: Corpus, names: tuple[str, ...]) -> Corpus:
+    """Captures with columns of two values, for conditions that a system declares and that these captures have not."""
+    values = np.where(np.arange(len(corpus)) % 2, "a", "b")
+    return corpus.changed(captures=corpus.captures.assign(**{n: values for n in names if n not in corpus.captures}))
+
+
 class Audited:
     """The system that is audited, with what several checks need of it.
 
@@ -73,7 +79,8 @@ class Audited:
 
     def __init__(self, cell: Cell) -> None:
         self.cell = cell
-        self.corpus = captures()
+        conditions = contract.conditions(cell.estimator())
+        self.corpus, self.probe = (with_conditions(corpus, conditions) for corpus in (captures(), probe()))
         trained = np.isin(self.corpus.subjects.astype(str), TRAINED)
         self.train, self.test = np.flatnonzero(trained), np.flatnonzero(~trained)
 
@@ -93,12 +100,12 @@ class Audited:
     @cached_property
     def expected(self) -> pd.DataFrame:
         """Its predictions of the probe captures."""
-        return predicted(self.first, probe())
+        return predicted(self.first, self.probe)
 
     @cached_property
     def repeats(self) -> str:
         """How a second fit to the same captures differs; empty where it does not."""
-        return difference(self.expected, predicted(self.fitted(self.corpus, self.train), probe()))
+        return difference(self.expected, predicted(self.fitted(self.corpus, self.train), self.probe))
 
     @property
     def is_seeded(self) -> bool:
@@ -159,7 +166,7 @@ def fits(subject: Audited) -> Answer:
 def no_labels(subject: Audited) -> Answer:
     """Predictions of captures without labels, subjects and origin."""
     subject.expected  # noqa: B018 - it may raise
-    labels = np.asarray(subject.first.predict(contract.blinded(subject.first, probe()))).astype(str)
+    labels = np.asarray(subject.first.predict(contract.blinded(subject.first, subject.probe))).astype(str)
     if unknown := sorted(set(labels) - set(map(str, subject.expected))):
         return FAILED, f"it predicts {unknown[0]!r}, which is no class of its training captures"
     columns = contract.conditions(subject.first)
@@ -201,7 +208,7 @@ def equal_seeds(subject: Audited) -> Answer:
 def training_order(subject: Audited) -> Answer:
     """A fit to the training captures in another order."""
     order = np.random.default_rng(0).permutation(subject.train)
-    other = predicted(subject.fitted(subject.corpus, order), probe())
+    other = predicted(subject.fitted(subject.corpus, order), subject.probe)
     share = float((subject.expected.idxmax(axis=1) == other.idxmax(axis=1)).mean())
     if share < 1 and subject.is_seeded:
         return SKIPPED, f"training is random (seed); in another order {100 * share:.0f} % of the labels are equal"
@@ -258,7 +265,7 @@ def no_state(subject: Audited) -> Answer:
     for training in (few, part):
         estimator.fit(training, training.gestures)
     return passed_if(
-        difference(subject.expected, predicted(estimator, probe())),
+        difference(subject.expected, predicted(estimator, subject.probe)),
         "a fit after a fit to other gestures predicts as a first fit",
         "a fit depends on the fit before it",
     )
@@ -274,7 +281,7 @@ def other_test_captures(subject: Audited) -> Answer:
     names[test] = rng.permutation(names[test])
     other = corpus.changed(frames=frames, captures=corpus.captures.assign(gesture=names))
     return passed_if(
-        difference(subject.expected, predicted(subject.fitted(other, subject.train), probe())),
+        difference(subject.expected, predicted(subject.fitted(other, subject.train), subject.probe)),
         "other values and labels of test captures change no prediction",
         "other values and labels of test captures change what is learned",
     )
@@ -283,6 +290,7 @@ def other_test_captures(subject: Audited) -> Answer:
 def other_skin(subject: Audited) -> Answer:
     """A fit to captures of 5x3 taxels at 54 Hz."""
     corpus = generate(3, variants=("normal",), rows=5, cols=3, rate_hz=54.0)
+    corpus = with_conditions(corpus, contract.conditions(subject.cell.estimator()))
     predicted(subject.fitted(corpus), corpus)
     return PASSED, f"it fits and predicts {len(corpus)} captures of 5x3 taxels at 54 Hz"
 
@@ -292,12 +300,18 @@ def one_frame(subject: Audited) -> Answer:
     corpus = subject.corpus[subject.train]
     lengths = np.where(np.arange(len(corpus)) % 5 == 0, 1, corpus.lengths)
     estimator = subject.fitted(corpus.changed(lengths=lengths))
-    predicted(estimator, probe().changed(lengths=np.ones(len(probe()), dtype=np.int64)))
-    return PASSED, f"it fits with {int((lengths == 1).sum())} captures of one frame and predicts {len(probe())} of them"
+    predicted(estimator, subject.probe.changed(lengths=np.ones(len(subject.probe), dtype=np.int64)))
+    return (
+        PASSED,
+        f"it fits with {int((lengths == 1).sum())} captures of one frame and predicts {len(subject.probe)} of them",
+    )
 
 
 def saved(subject: Audited) -> Answer:
     """A system that is pickled and loaded as ``bench fit`` and ``bench predict`` do."""
+    if columns := contract.conditions(subject.first):
+        return SKIPPED, f"it needs {', '.join(columns)} to predict, which a saved system is not given"
+
     import cloudpickle
 
     from bench.work.saved import Recogniser, by_value
@@ -305,7 +319,7 @@ def saved(subject: Audited) -> Answer:
     by_value()
     recogniser = Recogniser(subject.first, subject.corpus[subject.train])
     content = cloudpickle.dumps(recogniser)
-    labels = [one.label(probe()) for one in (recogniser, cloudpickle.loads(content))]
+    labels = [one.label(subject.probe) for one in (recogniser, cloudpickle.loads(content))]
     return passed_if(
         difference(*(table.drop(columns=["label", "confidence"]) for table in labels)),
         f"saved ({len(content) / 1000:,.0f} kB) and loaded, it predicts the same",
@@ -369,10 +383,11 @@ def refuse(cell: Cell) -> None:
     """Refuse a system before its audit.
 
     Raises:
-        InputError: it cannot be made, or declares conditions that the generated captures do not have.
+        InputError: it cannot be made, or declares conditions that a prediction must not use.
     """
     try:
-        contract.check_conditions(checked(cell), captures())
+        system = checked(cell)
+        contract.check_conditions(system, with_conditions(captures(), contract.conditions(system)))
     except InputError:
         raise
     except Exception as e:  # a constructor of the user's may raise anything

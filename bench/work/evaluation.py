@@ -10,7 +10,7 @@ import pandas as pd
 from bench.outcomes import scores
 from bench.outcomes.results import Findings, FoldResult, costs, measure, table_of
 from bench.work.experiment import Experiment
-from bench.work.fold import batch_effects, computing, decisions, footprint, latency
+from bench.work.fold import ALONE, batch_effects, computing, decisions, footprint, latency
 from bench.work.personal import met
 from models import contract
 
@@ -35,12 +35,13 @@ class Evaluation(Experiment[pd.DataFrame]):
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Predictions of the test captures, and what they cost."""
-        parts = []
+        parts, effects = [], []
+        share = -(-ALONE // (sum(map(len, fold.known.draws)) if fold.known else 1))
         with computing(threads):
             for one in met(cell, corpus, fold):
                 parts.append(decisions(one.estimator, corpus, one.name, one.tested))
+                effects += batch_effects(one.estimator, corpus, one.tested, parts[-1], share)
             estimator, metrics, predictions = one.estimator, one.metrics, pd.concat(parts, ignore_index=True)
-            effects = batch_effects(estimator, corpus, one.tested, parts[-1])
         with computing(1):
             spent = latency(estimator, corpus[fold.test], int(predictions["frames"].max()))
         predict_ms, decide_ms, relative = spent

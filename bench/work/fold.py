@@ -18,6 +18,7 @@ from models import contract
 from models.sizes import sizes
 
 ALONE = 32  # test captures of a fold that are predicted alone, too
+SOME = 8  # the same of captures that are damaged, or of which the beginning is seen
 TOLERANCE = 1e-3  # of a probability: float32 rounds otherwise in a batch of another size
 TIMED_CAPTURES = 20
 WARM_UP = 3
@@ -82,6 +83,8 @@ def decisions(
     tested = corpus[test]
     table, proba = contract.decide(estimator, tested)
     position = table["capture"].to_numpy()
+    if len(without := np.setdiff1d(np.arange(len(tested)), position)):
+        raise ValueError(f"there is no decision on capture {tested.index[without[0]]}")
     table = table.assign(fold=fold, capture=tested.index[position], true=tested.gestures[position])
     about = tested.captures.drop(columns=tested.target if tested.target == "gesture" else [])
     about = about.iloc[position].reset_index(drop=True)
@@ -95,55 +98,78 @@ def decisions(
 
 
 def batch_effects(
-    estimator: contract.System, corpus: Corpus, test: np.ndarray, predictions: pd.DataFrame | None = None
+    estimator: contract.System,
+    corpus: Corpus,
+    test: np.ndarray,
+    predictions: pd.DataFrame | None = None,
+    most: int = ALONE,
 ) -> list[str]:
     """Test captures whose prediction depends on the captures that are predicted together with them.
 
-    Up to 32 test captures are copied out of the corpus, so that no cache knows them, and predicted alone and together
-    in reverse order. Their windows and labels must be those of the fold, their probabilities within 0.001.
+    Some test captures are copied out of the corpus, so that no cache knows them, and predicted alone and together in
+    reverse order. Their windows and labels must be those of the fold, their probabilities within 0.001.
 
     Args:
         estimator: fitted.
         corpus: the captures that the fold is of.
         test: positions of the test captures.
         predictions: table of `decisions` of all of them; made anew if not given.
+        most: captures that are predicted again.
 
     Returns:
         One sentence per capture; none if every prediction depends on its own capture alone.
     """
     if predictions is None:
         predictions = decisions(estimator, corpus, "", test)
-    chosen = test[np.unique(np.linspace(0, len(test) - 1, min(ALONE, len(test))).astype(int))][::-1]
-    together, proba = contract.decide(estimator, corpus[chosen].detached())
+    chosen = test[np.unique(np.linspace(0, len(test) - 1, min(most, len(test))).astype(int))][::-1]
+    together = _decided(estimator, corpus[chosen].detached())
     names = [f"p_{name}" for name in np.asarray(estimator.classes_).astype(str)]
     expected = predictions.groupby("capture", sort=False)
     effects = []
     for place, position in enumerate(chosen):
         capture = corpus.index[position]
-        rows = expected.get_group(capture)
-        mine = (together["capture"] == place).to_numpy()
-        alone = contract.decide(estimator, corpus[[position]].detached())
-        for how, (table, values) in (("alone", alone), ("in another order", (together[mine], proba[mine]))):
-            if effect := _difference(rows, names, table, np.asarray(values, dtype=np.float64)):
-                effects.append(f"capture {capture}: {effect[0]} {how}, {effect[1]} among {len(test)} test captures")
+        rows = expected.get_group(capture)[["start", "frames", *names]].set_axis(together.columns[1:], axis=1)
+        one = corpus[[position]].detached()
+        alone = _decided(estimator, one)
+        ordered = together[together["capture"] == place]
+        for how, table in (("alone", alone), ("in another order", ordered)):
+            if effect := _difference(rows, table):
+                if _difference(alone, _decided(estimator, one)):
+                    effects.append(f"capture {capture} is predicted differently each time")
+                else:
+                    before, now = effect
+                    effects.append(f"capture {capture} has {now} {how}, {before} among {len(test)} test captures")
                 break
     return effects
 
 
-def _difference(rows: pd.DataFrame, names: list[str], table: pd.DataFrame, proba: np.ndarray) -> tuple[str, str] | None:
-    """What two predictions of one capture do not have in common, in words; None if they agree."""
-    if rows[["start", "frames"]].to_numpy().tolist() != table[["start", "frames"]].to_numpy().tolist():
-        return f"{len(table)} decisions", f"{len(rows)} others"
-    before = rows[names].to_numpy(dtype=np.float64)
-    if np.abs(before - proba).max() <= TOLERANCE and _label(before) == _label(proba):
+def _decided(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:
+    """Decisions on some captures: capture, start, frames and a column for each class."""
+    table, proba = contract.decide(estimator, corpus)
+    values = pd.DataFrame(np.asarray(proba, dtype=np.float64), columns=np.asarray(estimator.classes_).astype(str))
+    places = table[["capture", "start", "frames"]].reset_index(drop=True)
+    return pd.concat([places, values], axis=1)
+
+
+def _difference(before: pd.DataFrame, now: pd.DataFrame) -> tuple[str, str] | None:
+    """What two tables of decisions on one capture do not have in common, in words; None if they agree."""
+    if len(before) != len(now):
+        return f"{len(before)} decisions", f"{len(now)}"
+    for name in ("start", "frames"):
+        if (moved := before[name].to_numpy() != now[name].to_numpy()).any():
+            first = int(moved.argmax())
+            what = "a window that begins at frame" if name == "start" else "a window with a number of frames of"
+            return f"{what} {before[name].iloc[first]}", f"{what} {now[name].iloc[first]}"
+    old, new = (table.drop(columns=["start", "frames", "capture"], errors="ignore") for table in (before, now))
+    if (one := _label(new)) != (other := _label(old)):
+        return f"label {other}", f"label {one}"
+    if np.abs(old.to_numpy() - new.to_numpy()).max() <= TOLERANCE:
         return None
-    if (one := _label(proba)) != (other := _label(before)):
-        return names[one].removeprefix("p_"), names[other].removeprefix("p_")
-    return f"{names[one].removeprefix('p_')} with {proba.mean(axis=0)[one]:.3f}", f"{before.mean(axis=0)[one]:.3f}"
+    return f"label {one} with {old[one].mean():.3f}", f"label {one} with {new[one].mean():.3f}"
 
 
-def _label(proba: np.ndarray) -> int:
-    return int(np.float32(proba).mean(axis=0).argmax())
+def _label(proba: pd.DataFrame) -> str:
+    return str(proba.columns[int(np.float32(proba.to_numpy()).mean(axis=0).argmax())])
 
 
 def latency(

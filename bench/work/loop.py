@@ -210,10 +210,7 @@ def work(
         outcomes[begun.place] = outcome
         for result in outcome.results:
             if result.batch_effects:
-                warn(
-                    f"warning: {plan.cell.system()}: a prediction depends on the captures predicted together with it: "
-                    f"fold {result.name}, {result.batch_effects[0]}"
-                )
+                warn(f"warning: {plan.cell.system()}: fold {result.name}: {result.batch_effects[0]}")
                 break
         bar.end(begun.bar)
         under_way.remove(begun)

@@ -9,13 +9,14 @@ from bench.errors import InputError
 from bench.outcomes.results import Findings, FoldResult, costs, table_of
 from bench.outcomes.stopping import SHOWN_MS, Curves, by_instant, by_threshold, learned_point, shown, stopped
 from bench.work.experiment import Experiment
-from bench.work.fold import batch_effects, computing, fitted, footprint, latency
+from bench.work.fold import SOME, batch_effects, computing, fitted, footprint, latency
 from bench.work.replay import (
     INNER,
     STATE,
     Replay,
     decision_latency,
     learned,
+    prefix,
     replayed,
     system_hop,
     unlearnable,
@@ -89,7 +90,10 @@ class Stream(Experiment[Curves]):
             stopping, series = learned(cell.estimator, corpus, fold.train, self.replay)
             metrics = fitted(estimator, corpus[fold.train])
             table = replayed(estimator, begun, fold.name, fold.test, instants)
-            effects = batch_effects(estimator, corpus, fold.test)
+            early = prefix(begun, int(instants[len(instants) // 2]))
+            effects = batch_effects(estimator, corpus, fold.test) + batch_effects(
+                estimator, early, fold.test, most=SOME
+            )
             table = weighed(table, stopping.calibration, stopping.waiting, corpus.rate_hz)
         with computing(1):
             whole, *_ = latency(estimator, corpus[fold.test], int(corpus.lengths.max()))

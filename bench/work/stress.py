@@ -23,7 +23,7 @@ from bench.outcomes import scores, stability
 from bench.outcomes.results import Findings, FoldResult, table_of
 from bench.outcomes.stability import CLEAN, Analysis
 from bench.work.experiment import Experiment
-from bench.work.fold import batch_effects, computing, decisions
+from bench.work.fold import SOME, batch_effects, computing, decisions
 from models import contract
 
 if TYPE_CHECKING:
@@ -111,6 +111,7 @@ class Stress(Experiment[Analysis]):
                     parts.append(labelled(estimator, worse, name, test, about | how))
             tested, cpu = time.perf_counter(), time.process_time() - cpu
             effects = batch_effects(estimator, corpus, test)
+            effects += batch_effects(estimator, worse, test, most=SOME) if self.faults else []
             met = set(contract.trained_faults(estimator))  # of a search by what it has chosen
             for count in self.train_subjects:
                 part = subset(corpus, train, test, count, cell.seed or 0)

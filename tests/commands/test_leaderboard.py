@@ -409,7 +409,7 @@ def test_what_a_run_rests_on_is_recorded_and_shown(store, capsys):
     submit = ["submit", "task=haart-loso-v1", "model=svm", "who=A. Name", "out=all/mine"]
     assert main(submit) == 2
     assert "labels of this run depend on other test captures; to submit it, add batch=yes" in capsys.readouterr().err
-    assert main([*submit, "batch=no"]) == 2 and "batch=no: write batch=yes" in capsys.readouterr().err
+    assert main([*submit, "batch=no"]) == 2 and "to submit it, add batch=yes" in capsys.readouterr().err
     assert main([*submit, "batch=yes"]) == 0
     about = submissions.read(Path("all/mine")).about
     assert (about["batch"], about["conditions"]) == ("yes", "substrate,cover")

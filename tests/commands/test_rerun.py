@@ -118,7 +118,7 @@ def test_commands_that_are_not_repeated(command, told, capsys):
 def test_what_a_rerun_is_of(capsys):
     for arguments, told in (
         (["rerun=mine"], "rerun=mine: there is no such folder in submissions"),
-        (["rerun=../mine"], "rerun=../mine: give the name of a folder in submissions"),
+        (["rerun=../mine"], "rerun=../mine: give the name of one folder in submissions"),
         (["rerun=mine", "out=x.html"], "leave out out="),
     ):
         assert main(["leaderboard", *arguments]) == 2 and told in capsys.readouterr().err

@@ -7,6 +7,8 @@ import pytest
 from bench.cli import main
 from bench.errors import InputError
 from bench.outcomes.choice import candidates
+from bench.outcomes.comparable import MARKED
+from bench.outcomes.runs import NothingTracked
 from tests.reports.store import made_up, tracked_run
 
 
@@ -100,17 +102,17 @@ def test_a_system_whose_labels_depend_on_the_batch_is_chosen_only_if_asked_for(s
     tracked_run(store, "centred", made_up(skill=0.99), cost=0.1, **{"touchbench.depends_on_batch": "true"})
     tracked_run(store, "lda", made_up(skill=0.5), **{"touchbench.depends_on_batch": "false"})
     assert systems(store) == ["lda", "svm"]
-    assert systems(store, batch=True) == ["centred", "lda", "svm"]
+    assert systems(store, batch=True) == ["centred †", "lda", "svm"]
     assert main(["choose"]) == 0
     out = capsys.readouterr().out
     assert "Choose centred" not in out
     assert (
-        "Left out, because labels depend on which captures are predicted together: centred. "
+        "Left out, because predictions depend on the captures that are predicted together: centred. "
         "Give batch=yes to choose among them, too." in out
     )
     assert main(["choose", "batch=yes"]) == 0
     out = capsys.readouterr().out
-    assert "Choose centred" in out and "Left out" not in out
+    assert "Choose centred †" in out and "Left out" not in out and MARKED in out
     assert main(["choose", "batch=maybe"]) == 2
     assert "batch=maybe: give yes or no" in capsys.readouterr().err
 
@@ -119,3 +121,16 @@ def test_a_protocol_that_mixes_subjects_is_said_so(store, capsys):
     tracked_run(store, "svm", made_up(), mixes_subjects="true", protocol="kfold", protocol_label="5-fold")
     assert main(["choose"]) == 0
     assert "Training and test captures come from the same subjects: this does not hold" in capsys.readouterr().out
+
+
+def test_runs_that_did_not_check_what_predictions_depend_on_are_left_out(store):
+    tracked_run(store, "cheat", made_up(skill=0.99), cost=0.1, **{"touchbench.depends_on_batch": ""})
+    with pytest.raises(NothingTracked, match="of an older version"):
+        candidates(store, {})
+    tracked_run(store, "lda", made_up(skill=0.5))
+    assert candidates(store, {}).table["system"].tolist() == ["lda"]
+
+
+def test_a_candidate_names_the_conditions_that_it_uses(store):
+    tracked_run(store, "lda", made_up(skill=0.5), **{"touchbench.conditions": "cover"})
+    assert candidates(store, {}).table[["system", "conditions"]].to_numpy().tolist() == [["lda (uses cover)", "cover"]]

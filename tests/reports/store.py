@@ -68,6 +68,7 @@ def tracked_run(store, system, predictions, failed=0, history=(), cost=1.0, **ab
     params = {k: v for k, v in given.items() if k in own or ("." in k and not k.startswith("touchbench."))}
     tags = {
         "touchbench.kind": "cell",
+        "touchbench.depends_on_batch": "false",
         "data": "synth",
         "synthetic": "true",
         "subset": "all",

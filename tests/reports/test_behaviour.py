@@ -9,6 +9,7 @@ from reports.behaviour import contexts, stream_blocks, stress_blocks
 from tests.reports.store import made_up, tracked_run
 
 ABOUT = {
+    "touchbench.depends_on_batch": "false",
     "data": "haart",
     "synthetic": "false",
     "subset": "all",

@@ -1,5 +1,6 @@
 """The audit finds each kind of mistake by exactly its check, and passes systems that make none."""
 
+import re
 from math import comb
 from pathlib import Path
 
@@ -233,7 +234,6 @@ def test_a_failure_is_a_row_and_exit_code_1(capsys):
     ("code", "words"),
     [
         ("def __init__(self): raise KeyError('colour')", "it cannot be made: KeyError: 'colour'"),
-        ("conditions = ('cover',)", "synth has no column 'cover'"),
         ("conditions = ('gesture',)", "the system declares 'gesture'"),
         ("def check(self): raise InputError('model.depth=0: give 1')", "model.depth=0: give 1"),
     ],
@@ -277,3 +277,14 @@ def test_built_in_systems_pass(name, monkeypatch):
     table = bench.audit(model=name, **{f"model__{key}": value for key, value in few.items()})
     assert not (failed := table["sentence"][table["result"] == FAILED].tolist()), failed
     assert set(table["check"][table["result"] == SKIPPED]) <= {"training order"}
+
+
+def test_a_system_that_declares_a_condition_is_audited(capsys):
+    Path("own.py").write_text(
+        "from tests.work.test_blind import Mean\n\n\nclass Own(Mean):\n    conditions = ('substrate',)\n\n"
+        "    def predict_proba(self, X):\n        assert set(X.captures) == {'substrate'}\n"
+        "        return super().predict_proba(X)\n"
+    )
+    assert main(["audit", "model=own.py:Own"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "it declares to need substrate" in re.sub(r"[│ ]+", " ", out) and "1 failed" not in out

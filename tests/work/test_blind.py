@@ -3,6 +3,7 @@
 import pickle
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -94,6 +95,8 @@ def test_a_blind_corpus_hides_everything_but_frames_and_grid(corpus, name):
     assert np.array_equal(blind.lengths, corpus.lengths) and all(map(np.array_equal, blind, corpus))
     with pytest.raises(AttributeError, match="does not change"):
         blind.visible = ("subject",)
+    with pytest.raises(TypeError, match="blind"):
+        blind.changed(visible=None)
 
 
 def test_what_is_made_of_a_blind_corpus_is_blind(corpus, tmp_path):
@@ -167,6 +170,59 @@ def test_features_of_the_whole_corpus_do_not_hide_that_they_depend_on_the_batch(
         assert bool(batch_effects(system, stored, test)) is effects
 
 
+class Neighbours(Mean):
+    """Remembers the captures of a person in itself, as much code of others does."""
+
+    def adapt(self, X, y):
+        self.near_ = dict(zip((frames.tobytes() for frames in X), y, strict=True)) | getattr(self, "near_", {})
+        return self
+
+    def predict_proba(self, X):
+        proba = super().predict_proba(X)
+        for place, frames in enumerate(X):
+            if (label := getattr(self, "near_", {}).get(frames.tobytes())) is not None:
+                proba[place] = self.classes_ == label
+        return proba
+
+
+def test_what_adapts_in_place_carries_nothing_into_other_tests(corpus):
+    part = corpus.subjects == "1"
+    system = Neighbours().fit(corpus[~part], corpus.gestures[~part])
+    before = system.predict(corpus[part].blind()).tolist()
+    assert contract.adapted(system, corpus[part], corpus.gestures[part]).predict(corpus[part].blind()).tolist() == (
+        corpus.gestures[part].tolist()
+    )
+    assert system.predict(corpus[part].blind()).tolist() == before
+
+
+class Noisy(Mean):
+    """Predicts at random, without a seed."""
+
+    def predict_proba(self, X):
+        noise = np.random.default_rng().random((len(X), len(self.classes_)))
+        return noise / noise.sum(axis=1, keepdims=True)
+
+
+class Lists(Mean):
+    """Gives lists in place of arrays, and skips a capture if it is told so."""
+
+    skips = False
+
+    def decide(self, X):
+        some = range(len(X) - self.skips)
+        return pd.DataFrame({"capture": some, "start": 0, "frames": 1}), self.predict_proba(X)[: len(some)].tolist()
+
+
+def test_random_predictions_lists_and_skipped_captures_are_told_apart(corpus):
+    train, test = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
+    noisy, lists = (system.fit(corpus[train], corpus.gestures[train]) for system in (Noisy(), Lists()))
+    assert "is predicted differently each time" in batch_effects(noisy, corpus, test)[0]
+    assert batch_effects(lists, corpus, test) == []
+    lists.skips = True
+    with pytest.raises(ValueError, match=f"no decision on capture {test[-1]}"):
+        decisions(lists, corpus, "", test)
+
+
 def test_the_effect_names_capture_and_both_labels(corpus):
     test = np.flatnonzero(corpus.subjects == "1")
     system = Mean().fit(corpus[corpus.subjects != "1"], corpus.gestures[corpus.subjects != "1"])
@@ -176,7 +232,8 @@ def test_the_effect_names_capture_and_both_labels(corpus):
     table.loc[one, [f"p_{c}" for c in system.classes_]] = [0.0, 0.0, 0.0]
     table.loc[one, f"p_{(label := 'tap' if system.predict(corpus[[test[4]]].blind())[0] != 'tap' else 'pat')}"] = 1.0
     (effect,) = batch_effects(system, corpus, test, table)
-    assert effect.startswith(f"capture {corpus.index[test[4]]}: ") and f"{label} among {len(test)}" in effect
+    assert effect.startswith(f"capture {corpus.index[test[4]]} has label ")
+    assert effect.endswith(f" alone, label {label} among {len(test)} test captures")
 
 
 def test_declared_conditions_are_visible_and_no_others(corpus):
@@ -187,11 +244,31 @@ def test_declared_conditions_are_visible_and_no_others(corpus):
     assert contract.probabilities(system, covered).shape == (len(corpus), 3)
     with pytest.raises(InputError, match="no column 'cover'"):
         contract.check_conditions(system, corpus)
+    for wrong, why in (("number", "so it tells the class"), ("who", "so it tells the subject")):
+        known = {"number": covered.gestures == "tap", "who": covered.captures["subject"] + "!"}
+        system = Cover()
+        system.conditions = (wrong,)
+        two = covered[np.flatnonzero(covered.gestures != "pat")] if wrong == "number" else covered
+        telling = two.changed(captures=two.captures.assign(**{wrong: np.asarray(known[wrong])[two.index]}))
+        with pytest.raises(InputError, match=why):
+            contract.check_conditions(system, telling)
+    system.conditions = "cover"
+    with pytest.raises(InputError, match="give a tuple of names"):
+        contract.conditions(system)
     for wrong in ("gesture", "subject", "cover"):
         system = Cover()
         system.conditions = (wrong,)
         with pytest.raises(InputError, match="must not use"):
             contract.check_conditions(system, covered.with_target("cover"))
+
+
+def test_fit_of_a_system_that_reads_labels_is_one_line(tmp_path, capsys):
+    from bench.cli import main
+
+    path = tmp_path / "my.py"
+    path.write_text("from tests.work.test_blind import Reads\n")
+    assert main(["fit", f"model={path}:Reads", "stopping=no", *(f"{k}={v}" for k, v in SMALL.items())]) == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith("bench: X.captures is hidden in prediction")
 
 
 def test_a_system_that_needs_a_condition_is_not_saved(tmp_path):
