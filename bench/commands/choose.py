@@ -120,7 +120,8 @@ def chosen(values: Values) -> Chosen:
     budgets = {BUDGETS[k]: quantity(k, values[k]) for k in BUDGETS if k in values}
     margin = quantity("margin", values["margin"]) if "margin" in values else None
     clock = _clock(str(values["clock"])) if "clock" in values else None
-    batch = {"true": "yes", "false": "no"}.get(given := str(values.get("batch", "no")).lower(), given)
+    text = str(values.get("batch", "no")).lower()
+    batch = {"true": "yes", "false": "no"}.get(text, text)
     if batch not in ("yes", "no"):
         raise InputError(f"batch={batch}: give yes or no")
     asked = {k: items(k, values[k]) for k in AMONG if k in values}
