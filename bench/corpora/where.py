@@ -87,8 +87,10 @@ def _kind(node: ast.expr, table: pd.DataFrame) -> str:
         case ast.Constant(value=int() | float()):
             return "number"
         case ast.Name(id=name):
-            dtype = table[name].dtype
-            return "condition" if dtype == bool else "number" if pd.api.types.is_numeric_dtype(dtype) else "text"
+            column = table[name]
+            return (
+                "condition" if column.dtype == bool else "number" if pd.api.types.is_numeric_dtype(column) else "text"
+            )
         case ast.BoolOp(values=parts) if {_kind(part, table) for part in parts} == {"condition"}:
             return "condition"
         case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=part) if _kind(part, table) == "condition":
