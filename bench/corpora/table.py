@@ -43,7 +43,7 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
 
     Returns:
         uint16 frames when all values are whole numbers up to 65535, else float32, which holds whole numbers up to
-        16777216; larger ones that it would change are refused.
+        16777216; larger ones that it would change are refused. A CSV file's numbers are first read as float64.
 
     Raises:
         InputError: the file does not fit; the message names the line, or the array.

@@ -162,8 +162,8 @@ class FrameFile:
 
 def _parsed(content: bytes, types: dict[str, pa.DataType]) -> pa.RecordBatch:
     table = pacsv.read_csv(
-        pa.BufferReader(content + b"\n"),  # which ends the line, but no quotes
-        read_options=pacsv.ReadOptions(column_names=list(types), block_size=len(content) + 2),
+        pa.BufferReader(b"\n%b\n" % content),  # no mark of a file's beginning is skipped, no open quote is closed
+        read_options=pacsv.ReadOptions(column_names=list(types), block_size=len(content) + 3),
         convert_options=pacsv.ConvertOptions(column_types=types, null_values=[]),
     )
     if len(table) != content.count(b"\n") + 1:

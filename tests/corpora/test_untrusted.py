@@ -84,6 +84,10 @@ def test_hexadecimal_words_are_labels_like_others(tmp_path):
     assert corpus.frames.ravel().tolist() == [1000, 0.5, 1, 7]
 
 
+def test_a_byte_order_mark_is_none_behind_the_header(tmp_path):
+    refused("line 2: subject is", read, csv_file(tmp_path, "\ufeffann,pat,0,arm,1,2"))
+
+
 @pytest.mark.parametrize("flaw", ["a\0b", "a\x1bb", "a\x7fb", "a\u2028b", "\ufeffa", "\x85 \x9f", "x" * 201])
 def test_labels_that_cannot_be_read(tmp_path, flaw):
     good = "ann,pat,0,arm,1,2"
