@@ -87,9 +87,12 @@ def words_of(column: pa.Array, name: str, where: str, first: int = 1) -> pd.Cate
         InputError: a label that cannot be; the message names its row.
     """
     coded = column if kinds.is_dictionary(column.type) else column.dictionary_encode()
-    used, codes = np.unique(coded.indices.fill_null(-1).to_numpy(), return_inverse=True)
+    count = len(coded.dictionary)
+    indices = coded.indices.cast(pa.int64()).fill_null(count).to_numpy()
+    used = np.flatnonzero(np.bincount(indices))  # words of other rows are not looked at
+    codes = np.searchsorted(used, indices)
     words = []
-    contents = coded.dictionary.take(pa.array(used, mask=used < 0)).cast(pa.large_binary())
+    contents = coded.dictionary.take(pa.array(used, mask=used == count)).cast(pa.large_binary())
     for i, content in enumerate(contents.to_pylist()):
         try:
             word = (content or b"").decode().strip()
