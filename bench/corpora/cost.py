@@ -17,22 +17,7 @@ from bench.corpora.text import FrameFile, capture_starts
 from bench.errors import InputError
 from bench.scratch import replacing
 
-GESTURES = (
-    "grab",
-    "hit",
-    "massage",
-    "pat",
-    "pinch",
-    "poke",
-    "press",
-    "rub",
-    "scratch",
-    "slap",
-    "squeeze",
-    "stroke",
-    "tap",
-    "tickle",
-)
+GESTURES = tuple("grab hit massage pat pinch poke press rub scratch slap squeeze stroke tap tickle".split())
 VARIANTS = ("gentle", "normal", "rough")
 LABELS = ["subject", "variant", "gesture", "frame"]
 CHANNELS = [f"ch{i}" for i in range(1, 65)]
@@ -51,98 +36,25 @@ PUBLISHED_LENGTHS = (10, 1747)
 # Which subjects the challenge trained on was not published, but the lengths of their captures identify them: frames of
 # a subject's 12 gentle and normal captures of a gesture, for the 21 training subjects.
 CHALLENGE_FRAMES = {
-    "grab": (
-        957,
-        5247,
-        1518,
-        2679,
-        2409,
-        1260,
-        2217,
-        2745,
-        2340,
-        1194,
-        2127,
-        1422,
-        2250,
-        1722,
-        1572,
-        2445,
-        1107,
-        1665,
-        3126,
-        3180,
-        1809,
-    ),
-    "press": (
-        663,
-        3777,
-        1197,
-        2565,
-        1548,
-        1224,
-        3105,
-        1758,
-        2610,
-        1155,
-        1707,
-        1524,
-        2310,
-        1008,
-        1170,
-        2226,
-        1035,
-        1536,
-        3726,
-        2391,
-        2040,
-    ),
-    "rub": (
-        1494,
-        4512,
-        3918,
-        3942,
-        3390,
-        2316,
-        4293,
-        5388,
-        5541,
-        1599,
-        3480,
-        2097,
-        5724,
-        3231,
-        2226,
-        4095,
-        1995,
-        2082,
-        5646,
-        2853,
-        3120,
-    ),
-    "scratch": (
-        1410,
-        3594,
-        4977,
-        4398,
-        3366,
-        2082,
-        3198,
-        3087,
-        4179,
-        1158,
-        3165,
-        1749,
-        5622,
-        3960,
-        2751,
-        3225,
-        1836,
-        2604,
-        3906,
-        3132,
-        2445,
-    ),
+    gesture: tuple(map(int, sums.split()))
+    for gesture, sums in (
+        (
+            "grab",
+            "957 5247 1518 2679 2409 1260 2217 2745 2340 1194 2127 1422 2250 1722 1572 2445 1107 1665 3126 3180 1809",
+        ),
+        (
+            "press",
+            "663 3777 1197 2565 1548 1224 3105 1758 2610 1155 1707 1524 2310 1008 1170 2226 1035 1536 3726 2391 2040",
+        ),
+        (
+            "rub",
+            "1494 4512 3918 3942 3390 2316 4293 5388 5541 1599 3480 2097 5724 3231 2226 4095 1995 2082 5646 2853 3120",
+        ),
+        (
+            "scratch",
+            "1410 3594 4977 4398 3366 2082 3198 3087 4179 1158 3165 1749 5622 3960 2751 3225 1836 2604 3906 3132 2445",
+        ),
+    )
 }
 
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
-from functools import partial
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,7 +11,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.limits import called, plain, quoted
-from bench.corpora.packed import Archive, by_macos
+from bench.corpora.packed import by_macos, opened
 from bench.corpora.text import FrameFile, capture_starts
 from bench.errors import InputError
 
@@ -46,9 +43,8 @@ def read(path: Path) -> Corpus:
         InputError: a file is missing or broken; the message names the line.
     """
     path = Path(path)
-    with ExitStack() as stack:
-        sources = _members(stack.enter_context(Archive(path, _BROKEN))) if path.is_file() else _files(path)
-        parts = [_read_part(sources[TRAINING], TRAINING, "train"), _read_part(sources[TEST], TEST, "test")]
+    sources = _members(path) if path.is_file() else _files(path)
+    parts = [_part(sources[TRAINING], TRAINING, "train"), _part(sources[TEST], TEST, "test")]
     frames = np.concatenate([values for _, values in parts]).reshape(-1, 8, 8)
     captures = pd.concat([rows for rows, _ in parts], ignore_index=True)
     info = {
@@ -89,25 +85,12 @@ def _files(folder: Path) -> dict[str, Path]:
     return _chosen({file.relative_to(folder).as_posix(): file for file in files}.items(), called(folder))
 
 
-def _members(archive: Archive) -> dict[str, Callable[[], Iterator[bytes]]]:
-    name = called(archive.path)
-    found = _chosen(((member.filename, member) for member in archive.members), name)
-    for member in found.values():
-        if member.file_size > LARGEST_MEMBER:
-            raise InputError(
-                f"{name}: {plain(member.filename, 60)} is larger than {LARGEST_MEMBER >> 20} MiB; "
-                "this is not the HAART release"
-            )
-    return {name: partial(archive.content, member) for name, member in found.items()}
-
-
-def _read_part(source: Path | Callable[[], Iterator[bytes]], name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
-    try:
-        return _part(source, name, split)
-    except InputError:
-        if not isinstance(source, Path):
-            deque(source(), maxlen=0)  # a damaged archive, which its checksum shows at the end, is the better reason
-        raise
+def _members(path: Path) -> dict[str, bytes]:
+    with opened(path, _BROKEN) as (archive, members):
+        chosen = _chosen(((member.filename, member) for member in members), called(path))
+        if max(member.file_size for member in chosen.values()) > LARGEST_MEMBER:
+            raise InputError(f"{called(path)}: a file in it is larger than {LARGEST_MEMBER >> 20} MiB; get it again")
+        return {name: archive.read(member) for name, member in chosen.items()}
 
 
 def _chosen(everything: Iterable[tuple[str, T]], where: str) -> dict[str, T]:
@@ -129,7 +112,7 @@ def _chosen(everything: Iterable[tuple[str, T]], where: str) -> dict[str, T]:
     return chosen
 
 
-def _part(source: Path | Callable[[], Iterator[bytes]], name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
+def _part(source: Path | bytes, name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
     file = FrameFile(source, name)
     participant = "ParticipantNo" if split == "train" else "ParticipantID"
     numbered = [] if split == "train" else ["Sequence"]

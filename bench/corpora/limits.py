@@ -104,11 +104,6 @@ def size(count: int) -> str:
     return "more than 1000 TiB"
 
 
-def allowance(path: Path) -> int:
-    """Bytes that a packed file may unpack to."""
-    return max(ALWAYS, MOST_TIMES * path.stat().st_size)
-
-
 def check_unpacked(unpacked: int, path: Path, instead: str) -> None:
     """Refuse a file that unpacks to so much more than it is that it cannot be sensor values.
 
@@ -120,7 +115,8 @@ def check_unpacked(unpacked: int, path: Path, instead: str) -> None:
     Raises:
         InputError: it is too much.
     """
-    if unpacked > (most := allowance(path)):
+    most = max(ALWAYS, MOST_TIMES * path.stat().st_size)
+    if unpacked > most:
         raise InputError(
             f"{called(path)}: unpacks to {size(unpacked)}, a file of this size to at most {size(most)}; if it is "
             f"right, {instead}"

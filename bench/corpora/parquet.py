@@ -13,10 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pyarrow.types as kinds
 
-from bench.corpora.labels import Words, words_of
-from bench.corpora.limits import allowance, called, check_conditions, check_names, check_unpacked, plain
-from bench.corpora.pages import unpacked
-from bench.corpora.values import check, smallest
+from bench.corpora.limits import called, check_conditions, check_names, check_unpacked, plain
+from bench.corpora.rows import Rows, is_text
 from bench.errors import InputError
 
 _AT_ONCE = 1 << 22  # values that are unpacked in one step
@@ -43,12 +41,15 @@ class ParquetFile:
                 metadata, schema = file.metadata, file.schema_arrow
             leaves = [metadata.schema.column(i) for i in range(metadata.num_columns)]
             row = sum(_WIDTHS.get(leaf.physical_type, max(8, leaf.length)) for leaf in leaves)
-            needed = max(metadata.num_rows * row, unpacked(path, metadata, allowance(path)))
+            groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
+            needed = max(
+                sum(group.num_rows for group in groups) * row,
+                sum(group.column(i).total_uncompressed_size for group in groups for i in range(len(leaves))),
+            )
             index = _index_columns(schema)
         check_unpacked(needed, path, "save it as CSV")
-        self._rows = metadata.num_rows
-        self._fields = [(i, field) for i, field in enumerate(schema) if field.name not in index]
-        self.columns = [field.name.strip() for _, field in self._fields]
+        self._fields = [field for field in schema if field.name not in index]
+        self.columns = [field.name.strip() for field in self._fields]
         check_names(self.columns, self.label)
 
     @contextmanager
@@ -78,60 +79,22 @@ class ParquetFile:
         Raises:
             InputError: a column or a value that does not fit; the message names the column or the row.
         """
-        check_conditions(len(self._fields) - len(channels), self.label)
-        by_name = dict(zip(self.columns, self._fields, strict=True))
-        sensors = [by_name.pop(name) for name in channels]
-        about = list(by_name.values())
-        for _, field in about:
-            _check_label_type(field, self.label)
-        for _, field in [*(f for f in about if f[1].name.strip() == "frame"), *sensors]:
-            if not (kinds.is_integer(field.type) or kinds.is_floating(field.type)):
-                raise InputError(
-                    f"{self.label}: {plain(field.name.strip(), 60)} is not a column of numbers; correct it"
-                )
-        words = {field.name: Words() for _, field in about if _is_text(field.type)}
-        others: dict[str, list[pa.Array]] = {field.name: [] for _, field in about if field.name not in words}
-        values, row = [], 0
-        for batch in self._batches(list(words), max(1, _AT_ONCE // len(self._fields))):
-            for i, field in about:
-                if field.name in words:
-                    with self._readable():
-                        found = words_of(batch.column(i), field.name.strip(), f"{self.label}, row", row)
-                    words[field.name].add(*found)
-                else:
-                    others[field.name].append(batch.column(i))
-            block = np.empty((len(batch), len(channels)))
-            for j, (i, _) in enumerate(sensors):
-                with self._readable():
-                    column = batch.column(i).to_numpy(zero_copy_only=False)  # what is missing becomes NaN
-                check(column[:, None], full_scale, self.label, "row", row, j)
-                block[:, j] = column
-            values.append(block.astype(smallest(block)))
-            row += len(batch)
-        if row != self._rows or not row:
-            what = "there are no frames in it" if not row else f"{row} rows instead of {self._rows}; save it again"
-            raise InputError(f"{self.label}: {what}")
-        labels = {}
-        for _, field in about:
-            with self._readable():
-                name = field.name
-                plainly = words[name].column() if name in words else pa.chunked_array(others[name]).to_pandas()
-                labels[name.strip()] = plainly
-        return pd.DataFrame(labels), np.concatenate(values)
-
-    def _batches(self, text: list[str], rows: int) -> Iterator[pa.RecordBatch]:
-        """The file in parts; of text each word once, so that a long one that is repeated is not multiplied."""
-        with self._readable():
-            file = pq.ParquetFile(self.path, read_dictionary=text, page_checksum_verification=True)
-        with file:
-            batches = file.iter_batches(batch_size=rows)
-            while True:
-                with self._readable():
-                    batch = next(batches, None)
-                if batch is None:
-                    return
+        check_conditions(len(self.columns) - len(channels), self.label)
+        sensors = {*channels, "frame"}
+        for name, field in zip(self.columns, self._fields, strict=True):
+            _check_type(field.type, plain(name, 60), name in sensors, self.label)
+        text = [field.name for field in self._fields if is_text(field.type)]
+        rows = Rows(f"{self.label}, row", 1, channels, full_scale)
+        at_once = max(1, _AT_ONCE // len(self.columns))
+        # Of text each word once, so that a long one that is repeated is not multiplied.
+        with (
+            self._readable(),
+            pq.ParquetFile(self.path, read_dictionary=text, page_checksum_verification=True) as file,
+        ):
+            for batch in file.iter_batches(at_once, columns=[field.name for field in self._fields]):
                 if len(batch):
-                    yield batch
+                    rows.add(self.columns, batch)
+            return rows.result()
 
 
 def _index_columns(schema: pa.Schema) -> set[str]:
@@ -140,25 +103,11 @@ def _index_columns(schema: pa.Schema) -> set[str]:
     return {name for name in about.get("index_columns", []) if isinstance(name, str)}
 
 
-def _is_text(kind: pa.DataType) -> bool:
-    if kinds.is_dictionary(kind):
-        kind = kind.value_type
-    return any(
-        test(kind)
-        for test in (
-            kinds.is_string,
-            kinds.is_large_string,
-            kinds.is_binary,
-            kinds.is_large_binary,
-            kinds.is_fixed_size_binary,
-        )
-    )
-
-
-def _check_label_type(field: pa.Field, label: str) -> None:
-    kind = field.type.value_type if kinds.is_dictionary(field.type) else field.type
-    name = plain(field.name.strip(), 60)
+def _check_type(kind: pa.DataType, name: str, number: bool, label: str) -> None:
+    kind = kind.value_type if kinds.is_dictionary(kind) and not number else kind
+    if number and not (kinds.is_integer(kind) or kinds.is_floating(kind)):
+        raise InputError(f"{label}: {name} is not a column of numbers; correct it")
     if kinds.is_nested(kind):
         raise InputError(f"{label}: {name} holds lists or arrays; give one value per frame")
-    if not (_is_text(kind) or kinds.is_primitive(kind) or kinds.is_decimal(kind)):
+    if not (is_text(kind) or kinds.is_primitive(kind) or kinds.is_decimal(kind)):
         raise InputError(f"{label}: {name} is of type {plain(kind, 40)}; save it as text or numbers")

@@ -12,9 +12,9 @@ import pyarrow as pa
 from bench.corpora.arrays import read_arrays
 from bench.corpora.channels import channels_of
 from bench.corpora.corpus import RESERVED, Corpus
-from bench.corpora.labels import Words, words_of
 from bench.corpora.limits import SYNTHETIC, called, check_conditions, plain, short
 from bench.corpora.parquet import ParquetFile
+from bench.corpora.rows import words_of
 from bench.corpora.text import FrameFile, capture_starts
 from bench.corpora.values import check, checked, smallest
 from bench.errors import InputError
@@ -43,7 +43,7 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
 
     Returns:
         uint16 frames when all values are whole numbers up to 65535, else float32, which holds whole numbers up to
-        16777216; larger ones that it would change are refused.
+        16777216; larger ones that it would change are refused. A CSV file's numbers are first read as float64.
 
     Raises:
         InputError: the file does not fit; the message names the line, or the array.
@@ -232,7 +232,7 @@ def _of_table(table: pd.DataFrame, channels: int, full_scale: float, name: str) 
             values = (
                 series.to_numpy() if isinstance(series.dtype, np.dtype) else series.to_numpy(float, na_value=np.nan)
             )
-            check(values[:, None], full_scale, name, "row", 0, len(columns))
+            check(values[:, None], full_scale, f"{name}, row", 1, [str(column)])
             columns.append(values)
     block = np.stack(columns, axis=1)
     return _with_frames(labels, name), block.astype(smallest(block))
@@ -275,6 +275,8 @@ def _condition(array: np.ndarray, column: str, name: str) -> np.ndarray | pd.Cat
         raise InputError(f"{name}: {short(column)} is of type {plain(array.dtype, 40)}; save it as {wanted}")
     if array.dtype.kind in "US":
         return _words(array, column, name)
+    if array.dtype.kind == "b":
+        return array.view(np.uint8) != 0  # a byte that is neither 0 nor 1 is no truth value
     if array.dtype.itemsize > 8:  # long doubles
         double = array.astype(np.float64)
         changed = np.flatnonzero((double != array) & ~np.isnan(array))
@@ -292,6 +294,4 @@ def _words(array: np.ndarray, column: str, name: str) -> pd.Categorical:
     strange = (codes > most) | ((codes >= 0xD800) & (codes < 0xE000))  # numbers of no character
     if len(wrong := np.flatnonzero(ended.any(axis=1) | strange.any(axis=1))):
         raise InputError(f"{name}, capture {wrong[0] + 1}: {short(column)} is not text; save it again")
-    words = Words()
-    words.add(*words_of(pa.array(array), column, f"{name}, capture"))
-    return words.column()
+    return words_of(pa.array(array), column, f"{name}, capture")

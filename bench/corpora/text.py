@@ -2,40 +2,26 @@
 
 from __future__ import annotations
 
-import re
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import partial
+import csv
+import io
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO, NoReturn
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 
-from bench.corpora.cells import Wanted, cells_of, explain, is_written
-from bench.corpora.labels import Words
-from bench.corpora.limits import check_conditions, check_names, flaw, quoted
-from bench.corpora.lines import Lines, blocks, parts_of
-from bench.corpora.values import smallest, unfit
+from bench.corpora.limits import check_conditions, check_names, quoted, short
+from bench.corpora.rows import Rows
 from bench.errors import InputError
 
-DOUBLE = 1 << 53  # float64 holds every whole number up to here
-
-
-@dataclass
-class _Block:
-    """What was read of some lines: sensor values [rows, channels], and by name whole numbers or words and codes."""
-
-    values: np.ndarray
-    labels: dict[str, np.ndarray | tuple[list[str], np.ndarray]]
-
-
-class _Unfit(Exception):
-    """Something in a block does not fit; what, is found by a slower look."""
+BLOCK = 8 << 20  # bytes that are read at once
+MOST_LINE = 4 << 20  # bytes
+_BLANK = b" \t\r\n"
+_TEXT, _COUNT, _WHOLE, _NUMBER = pa.dictionary(pa.int32(), pa.string()), pa.int64(), pa.uint16(), pa.float64()
+_KINDS = {_COUNT: "a whole number", _WHOLE: "a whole number from 0 to 65535", _NUMBER: "a number"}
 
 
 class FrameFile:
@@ -45,7 +31,7 @@ class FrameFile:
     Lines are parsed in blocks, so what is no table costs a block, whatever it would expand to.
 
     Args:
-        source: path, or what gives the content in parts, from the beginning at each call.
+        source: path or content.
         label: what messages call it.
 
     Attributes:
@@ -55,23 +41,34 @@ class FrameFile:
         InputError: the file is missing, empty or not text.
     """
 
-    def __init__(self, source: Path | Callable[[], Iterable[bytes]], label: str) -> None:
-        self.source = partial(parts_of, source, label) if isinstance(source, Path) else source
-        self.label = label
-        lines = next(blocks(self.source(), label), None)
-        if lines is None:
+    def __init__(self, source: Path | bytes, label: str) -> None:
+        self.source, self.label = source, label
+        where = f"{label}, line 1"
+        with self._opened() as file:
+            line = file.readline(MOST_LINE)
+        if not line:
             raise InputError(f"{label}: the file is empty; give a file with a header line and one line per frame")
         try:
-            header = lines.content.partition(b"\n")[0].decode("utf-8-sig")
+            header = line.decode("utf-8-sig").rstrip("\r\n")
+            cells = next(csv.reader([header], skipinitialspace=True), [])
         except UnicodeDecodeError as e:
             raise InputError(f"{label}: not a text file in UTF-8; give the CSV file itself") from e
+        except csv.Error as e:
+            raise InputError(f"{where}: not a header; give a CSV file whose lines end with line feeds") from e
         if not header.strip():
-            raise InputError(f"{label}, line 1: blank; begin the file with its header")
-        cells = cells_of(header, header=True)
-        if cells[-1].endswith("\n"):
-            raise InputError(f"{label}, line 1: the quote of the last cell is not closed; a cell holds no line break")
+            raise InputError(f"{where}: blank; begin the file with its header")
         self.columns = [name.strip().strip('"').strip() for name in cells]
-        check_names(self.columns, f"{label}, line 1")
+        check_names(self.columns, where)
+
+    def _opened(self) -> BinaryIO:
+        if isinstance(self.source, bytes):
+            return io.BytesIO(self.source)
+        try:
+            if self.source.exists() and not (self.source.is_file() or self.source.is_dir()):
+                raise OSError(0, "a device or a pipe")  # which may have no end
+            return open(self.source, "rb")
+        except OSError as e:
+            raise InputError(f"{self.label}: cannot be read ({e.strerror}); check the path") from e
 
     def require(self, names: list[str]) -> None:
         """Raise an `InputError` that names the columns that are missing."""
@@ -102,120 +99,76 @@ class FrameFile:
             InputError: a cell that does not fit, with its line and column.
         """
         check_conditions(len(self.columns) - len(channels), f"{self.label}, line 1")
-        wanted = Wanted(whole, channels, full_scale, fractions)
-        values, numbers, words = [], {name: [] for name in whole}, {}
-        for block in _ahead(self._reader(wanted), self._rows()):
-            values.append(block.values)
-            for name, column in block.labels.items():
-                if name in numbers:
-                    numbers[name].append(column)
-                else:
-                    words.setdefault(name, Words()).add(*column)
-        if not values:
-            raise InputError(f"{self.label}: a header and no frames; give a file with one line per frame")
-        labels = {n: np.concatenate(numbers[n]) if n in numbers else words[n].column() for n in block.labels}
-        return pd.DataFrame(labels), np.concatenate(values)
+        types = dict.fromkeys(self.columns, _TEXT) | dict.fromkeys(whole, _COUNT)
+        types |= dict.fromkeys(channels, _NUMBER if fractions else _WHOLE)
+        rows = Rows(f"{self.label}, line", 2, channels, full_scale)
+        for first, content in self._blocks():
+            try:
+                batch = _parsed(content, types)
+            except pa.ArrowException:
+                self._explain(content.split(b"\n"), first, types)
+            rows.add(self.columns, batch)
+        return rows.result()
 
-    def _rows(self) -> Iterator[Lines]:
-        """All lines but the header."""
-        for lines in blocks(self.source(), self.label):
-            if lines.first == 1:
-                _, _, rest = lines.content.partition(b"\n")
-                lines = Lines(2, lines.count - 1, rest)
-            if lines.content:
-                yield lines
+    def _blocks(self) -> Iterator[tuple[int, bytes]]:
+        """Whole lines behind the header, with the number of the first, without blank lines at the end of the file."""
+        first, blank = 2, 0
+        with self._opened() as file:
+            file.readline()
+            while content := file.read(BLOCK):
+                content += file.readline(MOST_LINE)
+                lines, content = content.count(b"\n"), content.rstrip(_BLANK)
+                used = content.count(b"\n") + 1 if content else 0
+                if content and blank:
+                    raise InputError(f"{self.label}, line {blank}: blank, but not at the end; delete the line")
+                if content:
+                    yield first, content
+                if lines > used and not blank:
+                    blank = first + used
+                first += lines
 
-    def _reader(self, wanted: Wanted) -> Callable[[Lines], _Block]:
-        """What reads a block, or says what is wrong with it."""
-        text = pa.dictionary(pa.int32(), pa.string())
-        types = dict.fromkeys(self.columns, text) | dict.fromkeys(wanted.whole, pa.int64())
-        plain = types | dict.fromkeys(wanted.channels, pa.uint16())
-        forms = [plain, types | dict.fromkeys(wanted.channels, pa.float64())] if wanted.fractions else [plain]
-
-        def read(lines: Lines) -> _Block:
-            for types in list(forms):
-                try:
-                    found = self._parsed(lines, types, wanted)
-                except _Unfit:
-                    continue
-                if types is forms[-1]:
-                    del forms[:-1]  # one decimal seldom comes alone
-                return found
-            explain(lines, self.columns, wanted, self.label)
-
-        return read
-
-    def _parsed(self, lines: Lines, types: dict[str, pa.DataType], wanted: Wanted) -> _Block:
-        table = self._parse(lines.content, types)
-        if len(table) != lines.count or any(column.null_count for column in table.itercolumns()):
-            raise _Unfit  # a blank line, a line break within quotes, or an empty cell
-        if (b"x" in lines.content or b"X" in lines.content) and re.search(rb"0[xX]", lines.content):
-            self._refuse_hexadecimal(lines.content, types, wanted)
-        columns = dict(zip(self.columns, table.itercolumns(), strict=True))
-        whole_values = types[wanted.channels[0]] == pa.uint16()
-        values = np.empty((len(table), len(wanted.channels)), np.uint16 if whole_values else np.float64)
-        for i, name in enumerate(wanted.channels):
-            values[:, i] = columns.pop(name).to_numpy()
-        if values.max() > wanted.highest if whole_values else unfit(values, wanted.highest).any():
-            raise _Unfit
-        if values.max() >= DOUBLE:
-            self._refuse_rounded(lines.content, values, wanted)
-        whole = set(wanted.whole)
-        labels = {n: column.to_numpy() if n in whole else _words(column) for n, column in columns.items()}
-        return _Block(values.astype(smallest(values), copy=False), labels)
-
-    def _parse(self, content: bytes, types: dict[str, pa.DataType]) -> pa.Table:
-        if content.startswith(b"\xef\xbb\xbf"):  # pyarrow would take what is a flaw in a label for the file's mark
-            raise _Unfit
+    def _explain(self, lines: list[bytes], first: int, types: dict[str, pa.DataType]) -> NoReturn:
+        """Say what is wrong with the first line that does not fit, which is found by halving."""
+        low, high = 0, len(lines)
+        while high - low > 1:
+            middle = (low + high) // 2
+            try:
+                _parsed(b"\n".join(lines[low:middle]), types)
+                low = middle
+            except pa.ArrowException:
+                high = middle
+        where = f"{self.label}, line {first + low}"
+        if not lines[low].strip(_BLANK):
+            raise InputError(f"{where}: blank, but not at the end; delete the line")
         try:
-            return pacsv.read_csv(
-                pa.BufferReader(content),
-                read_options=pacsv.ReadOptions(
-                    column_names=self.columns, block_size=len(content) + 1, use_threads=False
-                ),
-                convert_options=pacsv.ConvertOptions(column_types=types, strings_can_be_null=True, null_values=[""]),
+            cells = next(csv.reader([lines[low].decode().rstrip("\r")]), [])
+        except UnicodeDecodeError as e:
+            raise InputError(f"{where}: not text in UTF-8; get the file again") from e
+        except csv.Error as e:
+            raise InputError(f"{where}: not a line of a table ({e}); correct it") from e
+        if len(cells) != len(types):
+            raise InputError(
+                f"{where}: {len(cells)} fields instead of {len(types)}; the file is cut off or damaged here, get it "
+                "again or delete the line"
             )
-        except pa.ArrowException as e:
-            raise _Unfit from e
-
-    def _refuse_hexadecimal(self, content: bytes, types: dict[str, pa.DataType], wanted: Wanted) -> None:
-        """Find numbers such as 0x10, which pyarrow reads as 16, among labels that may be called so."""
-        numbers = {*wanted.channels, *wanted.whole}
-        table = self._parse(content, types | dict.fromkeys(numbers, pa.string()))
-        for name, column in zip(self.columns, table.itercolumns(), strict=True):
-            if name in numbers and pc.any(pc.match_substring_regex(column, "[xX]")).as_py():
-                raise _Unfit
-
-    def _refuse_rounded(self, content: bytes, values: np.ndarray, wanted: Wanted) -> None:
-        """Find numbers so large that float64 is not what is written."""
-        text = content.split(b"\n")
-        place = {name: i for i, name in enumerate(self.columns)}
-        for row in np.flatnonzero((values >= DOUBLE).any(axis=1)):
-            cells = cells_of(text[row].decode())
-            for name, value in zip(wanted.channels, values[row], strict=True):
-                if value >= DOUBLE and not is_written(cells[place[name]], value):
-                    raise _Unfit
+        for cell, (name, kind) in zip(cells, types.items(), strict=True):
+            try:
+                pa.scalar(cell.strip(" \t")).cast(kind)
+            except pa.ArrowException:
+                what = f"is {quoted(cell)}, not {_KINDS.get(kind, 'text')}; correct the cell"
+                raise InputError(f"{where}: {short(name)} {what}") from None
+        raise InputError(f"{where}: cannot be read as CSV; check quotes and line ends")
 
 
-def _words(column: pa.ChunkedArray) -> tuple[list[str], np.ndarray]:
-    """The words of a column without spaces around them, and the code of each row."""
-    coded = column.combine_chunks()
-    words = [word.strip() for word in coded.dictionary.to_pylist()]
-    if any(map(flaw, words)):
-        raise _Unfit
-    return words, coded.indices.to_numpy()
-
-
-def _ahead(work: Callable, items: Iterable) -> Iterator:
-    """The results of ``work`` in order, with as many under way as there are processors."""
-    waiting: deque[Future] = deque()
-    with ThreadPoolExecutor(pa.cpu_count()) as pool:
-        for item in items:
-            waiting.append(pool.submit(work, item))
-            if len(waiting) > pa.cpu_count():
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
+def _parsed(content: bytes, types: dict[str, pa.DataType]) -> pa.RecordBatch:
+    table = pacsv.read_csv(
+        pa.BufferReader(b"\n%b\n" % content),  # no mark of a file's beginning is skipped, no open quote is closed
+        read_options=pacsv.ReadOptions(column_names=list(types), block_size=len(content) + 3),
+        convert_options=pacsv.ConvertOptions(column_types=types, null_values=[]),
+    )
+    if len(table) != content.count(b"\n") + 1:
+        raise pa.ArrowInvalid("a blank line, or a line break within a cell")
+    return table.combine_chunks().to_batches()[0]
 
 
 def capture_starts(labels: pd.DataFrame, frame: np.ndarray, origin: int, label: str, unit: str = "line") -> np.ndarray:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from bench.corpora.limits import plain
 from bench.errors import InputError
 
 EXACT = 1 << 24  # float32 holds every whole number up to here
@@ -55,21 +58,20 @@ def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.n
     step = max(1, _AT_ONCE // flat.shape[1])
     for at in range(0, len(flat), step):
         block = flat[at : at + step]
-        check(block, full_scale, name, unit, at)
+        check(block, full_scale, f"{name}, {unit}", at + 1)
         kinds.append(smallest(block))
     return values.astype(np.result_type(*kinds))
 
 
-def check(values: np.ndarray, full_scale: float, name: str, unit: str, row: int = 0, column: int = 0) -> None:
+def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, names: Sequence[str] = ()) -> None:
     """Refuse values that are not within 0 and the full scale, and whole numbers that float32 would change.
 
     Args:
         values: numbers [rows, columns] of any type.
         full_scale: the largest value allowed.
-        name: what messages call the file.
-        unit: what they call a row.
-        row: number of the first row in the file, from 0.
-        column: the same of the first column.
+        where: what messages call the file and a row: ``my.csv, line``.
+        first: number of the first row in the file.
+        names: of the columns; without them they are channels from 1.
 
     Raises:
         InputError: the first of these values.
@@ -78,11 +80,8 @@ def check(values: np.ndarray, full_scale: float, name: str, unit: str, row: int 
     if wrong.any():
         i, j = np.argwhere(wrong)[0]
         value = values[i, j]
-        raise InputError(f"{name}, {unit} {row + i + 1}: channel {column + j + 1} is {value}{why(value, full_scale)}")
-
-
-def why(value: float, full_scale: float) -> str:
-    """The end of the message about an unfit value."""
-    if 0 <= value <= highest_of(full_scale):
-        return f", a whole number that float32 cannot hold; give values up to {EXACT}, or decimals"
-    return f", not within 0 and the full scale {full_scale:g}; correct it or give full_scale="
+        why = f"not within 0 and the full scale {full_scale:g}; correct it or give full_scale="
+        if 0 <= value <= highest_of(full_scale):
+            why = f"a whole number that float32 cannot hold; give values up to {EXACT}, or decimals"
+        name = plain(names[j], 60) if names else f"channel {j + 1}"
+        raise InputError(f"{where} {first + i}: {name} is {str(value).removesuffix('.0')}, {why}")

@@ -102,11 +102,17 @@ BROKEN = {
     "no number": ([*good, line(frame=4, values=[1, "x", *range(62)])], "line 5: ch2 is 'x', not a whole number"),
     "decimals": ([*good, line(frame=4, values=[1.5, *range(63)])], "line 5: ch1 is '1.5', not a whole number"),
     "empty cell": ([*good, line(frame=4, values=["", *range(63)])], "line 5: ch1 is '', not a whole number"),
-    "negative": ([*good, line(frame=4, values=[-1, *range(63)])], "line 5: ch1 is -1, below 0"),
-    "above full scale": ([*good, line(frame=4, values=FULL)], "line 5: ch64 is 1024, above the full scale"),
-    "far above": ([*good, line(frame=4, values=[*range(63), 99999])], "line 5: ch64 is 99999, above the full scale"),
+    "negative": ([*good, line(frame=4, values=[-1, *range(63)])], "line 5: ch1 is '-1', not a whole number from 0"),
+    "above full scale": (
+        [*good, line(frame=4, values=FULL)],
+        "line 5: ch64 is 1024, not within 0 and",
+    ),
+    "far above": (
+        [*good, line(frame=4, values=[*range(63), 99999])],
+        "line 5: ch64 is '99999', not a whole",
+    ),
     "truncated last line": ([*good, line(frame=4)[:40]], "line 5: 19 fields instead of 68"),
-    "blank line inside": ([*good, "", line(frame=4)], "line 5: 0 fields instead of 68"),
+    "blank line inside": ([*good, "", line(frame=4)], "line 5: blank"),
     "unknown gesture": ([*good, line(gesture=15)], "line 5: gesture 15 is not one of 1 to 14"),
     "unknown variant": ([*good, line(variant=0)], "line 5: variant 0 is not one of 1 to 3"),
     "no subject": ([*good, line(subject="?")], "line 5: subject is '?', not a whole number"),
@@ -114,7 +120,7 @@ BROKEN = {
     "underscore": ([*good, line(frame=4, values=["1_0", *range(63)])], "line 5: ch1 is '1_0', not a whole number"),
     "two signs": ([*good, line(subject="--5")], "line 5: subject is '--5', not a whole number"),
     "open quote": ([*good, '"' + line(frame=4), line(frame=5)], "line 5: 1 fields instead of 68"),
-    "no frames": ([], "a header and no frames"),
+    "no frames": ([], "there are no frames in it"),
 }
 
 
@@ -137,7 +143,7 @@ def test_bytes_that_are_not_text_are_found_in_their_line(tmp_path, lines):
 
 def test_a_header_without_a_line_end_has_no_frames(tmp_path):
     (tmp_path / "CoST.csv").write_text(HEADER)
-    with pytest.raises(InputError, match="a header and no frames"):
+    with pytest.raises(InputError, match="there are no frames in it"):
         read(tmp_path / "CoST.csv")
 
 

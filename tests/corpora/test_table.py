@@ -151,7 +151,7 @@ def test_broken_parquet(tmp_path):
         ({"frame": [0, 1.5, 0]}, "row 2: frame is 1.5, not a whole number"),
         ({"frame": ["a", "b", "c"]}, "frame is not a column of numbers"),
         ({"x2": ["a", "b", "c"]}, "x2 is not a column of numbers"),
-        ({"x2": [1, -1, 1]}, "row 2: channel 3 is -1"),
+        ({"x2": [1, -1, 1]}, "row 2: x2 is -1"),
         ({"place": [[1], [2], [3]]}, "place holds lists"),
         ({"place": ["arm", None, "leg"]}, "row 2: place is empty"),
         ({" place": ["arm", "arm", "leg"]}, "column 'place' stands twice"),
@@ -210,11 +210,11 @@ def test_broken_tables(tmp_path):
     refused("rate_hz=0", good, rate_hz=0.0)
     refused("cannot hold", good, grid="3x3")
     refused("no column gesture", good.replace("gesture", "label"))
-    refused("line 3: x1 is 101, above the full scale 100", good.replace("7,8,", "7,101,"))
-    refused("line 3: x1 is 'inf'|line 3: x1 is inf", good.replace("7,8,", "7,inf,"))
-    refused("line 3: x1 is 'nan', not a number", good.replace("7,8,", "7,nan,"))
+    refused("line 3: x1 is 101, not within 0 and the full scale 100", good.replace("7,8,", "7,101,"))
+    refused("line 3: x1 is inf, not within", good.replace("7,8,", "7,inf,"))
+    refused("line 3: x1 is nan, not within", good.replace("7,8,", "7,nan,"))
     refused("line 3: x1 is 'abc', not a number", good.replace("7,8,", "7,abc,"))
-    refused("line 3: x1 is -8, below 0", good.replace("7,8,", "7,-8,"))
+    refused("line 3: x1 is -8, not within 0", good.replace("7,8,", "7,-8,"))
     refused("line 2: a capture starts at frame 7", good.replace("arm,0,", "arm,7,"))
     refused("line 4: a capture starts at frame 7", good.replace("leg,0,", "leg,7,"))
     refused("line 3: a capture starts at frame 1", good.replace("arm,1,", "leg,1,"))  # another place, no restart
@@ -224,7 +224,7 @@ def test_broken_tables(tmp_path):
     refused("cannot be called fold", good.replace("place", "fold"))
     refused("line 3: place is empty", good.replace("arm,1,", ",1,"))
     rows().assign(x3=[1, None, 2]).to_parquet(tmp_path / "p.parquet")
-    with pytest.raises(InputError, match="row 2: channel 4 is nan"):
+    with pytest.raises(InputError, match="row 2: x3 is nan"):
         read(tmp_path / "p.parquet", rate_hz=54.0, grid="2x3")
 
 

@@ -4,13 +4,13 @@ import math
 import re
 import struct
 from collections import Counter
-from decimal import Decimal
 from fractions import Fraction
 
 INTEGER = re.compile(r"-?[0-9]+")
+HEXADECIMAL = re.compile("0[xX][0-9a-fA-F]{1,4}")  # which pyarrow reads
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff]")
-MOST_LABEL, MOST_CONDITIONS, MOST_LINE = 200, 256, 4 << 20
+MOST_LABEL, MOST_CONDITIONS = 200, 256
 
 
 class Invalid(Exception):
@@ -62,6 +62,8 @@ def column_names(names: list) -> list:
 
 def integer(cell: str) -> int:
     digits = cell.strip(" \t")
+    if HEXADECIMAL.fullmatch(digits):
+        return int(digits, 16)
     need(INTEGER.fullmatch(digits), "not a whole number")
     sign = -1 if digits.startswith("-") else 1
     digits = digits.lstrip("-").lstrip("0") or "0"
@@ -79,9 +81,7 @@ def sensor(value: float, highest: float) -> float:
 def decimal(cell: str, highest: float) -> float:
     text = cell.strip(" \t")
     need(NUMBER.fullmatch(text), "not a number")
-    value = sensor(float(text), highest)
-    need(value < 2**53 or Decimal(text) == Decimal(value), "a number that eight bytes do not hold")
-    return value
+    return sensor(float(text), highest)
 
 
 def captures(rows: list, names: list, origin: int) -> list:

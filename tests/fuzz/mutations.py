@@ -153,7 +153,7 @@ def _wider(rng: random.Random, text: Text, damage: list) -> None:
 
 
 def _ends(rng: random.Random, text: Text, damage: list) -> None:
-    text.end = rng.choice(["\r\r\n", "\n\r", "\x0b", "\x85", "\u2028", ";\n", ",\n", "\0\n", "\r", ""])
+    text.end = rng.choice(["\r", "\x0b", "\x85", "\u2028", ";\n", ",\n", "\0\n", ""])
     damage.append(f"ends of {text.end!r}")
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from tests.fuzz.archives import haart_files, npz, parquet
 from tests.fuzz.cells import (
     MOST_CONDITIONS,
-    MOST_LINE,
     Content,
     Invalid,
     captures,
@@ -69,14 +68,14 @@ def grid_of_cells(content: bytes) -> list:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as e:
         raise Invalid("not UTF-8") from e
-    text = text.replace("\r\n", "\n").replace("\r", "\n").rstrip(" \t\n")
+    text = text.replace("\r\n", "\n").rstrip(" \t\n")
     need(text, "an empty file")
     lines = text.split("\n")
     csv.field_size_limit(1 << 30)
     found = []
     for line in lines:
         need(line.strip(" \t"), "a blank line")
-        need(len(line.encode()) <= MOST_LINE, "a line of more than 4 MiB")
+        need("\r" not in line, "a carriage return alone")
         cells = next(csv.reader([line], skipinitialspace=not found))
         need(not (cells[-1:] and _quote_open(line, not found)), "a line break within quotes")
         found.append(cells)

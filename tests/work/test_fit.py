@@ -68,7 +68,7 @@ def test_a_saved_system_answers_as_the_estimator(tmp_path, capsys):
         (lambda: model.predict(table, params={"rate_hz": 54.0}), "resample"),
         (lambda: model.predict(table.drop(columns="ch64")), "ch64"),
         (lambda: model.predict(table.assign(ch3=2000)), "full scale 1023"),
-        (lambda: model.predict(table.assign(ch3=np.nan)), "channel 3"),
+        (lambda: model.predict(table.assign(ch3=np.nan)), "ch3 is nan"),
         (lambda: model.predict(table.drop(columns=["capture", "frame"])), "no column capture or frame"),
         (lambda: model.predict(table.assign(frame=table["frame"] * 2)), "restore the frames"),
     ):
@@ -224,7 +224,7 @@ def test_a_bad_file_is_one_line(grown, capsys):
         (table.drop(columns="ch12"), "12 channels, ch1 to ch12: ch12 is missing"),
         (table.assign(ch13=1), "12 channels, ch1 to ch12: ch13 is extra"),
         (table.assign(ch5="x"), "line 2: ch5 is 'x'"),
-        (table.assign(ch5=5000), "above the full scale 1023"),
+        (table.assign(ch5=5000), "the full scale 1023"),
         (table.iloc[1:], "a capture starts at frame"),
     ):
         bad.to_csv("bad.csv", index=False)
