@@ -171,7 +171,6 @@ def run(**values: object) -> pd.DataFrame:
             - ``seed``: for models that have one; default 0.
             - ``jobs``: worker processes; default one per core.
             - ``cluster``: address of a dask scheduler whose workers do the folds.
-            - ``limit``: with ``cluster``, seconds after which a fold has failed; default none.
 
     Returns:
         One row per run: ``system``, ``accuracy`` in percent with its 95 % bootstrap interval over subjects (``low``,

@@ -38,7 +38,7 @@ SCALE = {"flash_bytes": 1e-3, "ram_bytes": 1e-3, "predict_ms": 1.0}
 
 def main(arguments: list[str]) -> int:
     """Search, stop at every moment, write tables and figure."""
-    values = parse(arguments, KEYS - {"cluster", "limit"} | {"budget", "out"})
+    values = parse(arguments, KEYS - {"cluster"} | {"budget", "out"})
     out = writable(Path(values.pop("out", "anytime")))
     if values.get("model", "auto") != "auto":
         raise InputError(f"model={values['model']}: only auto can be stopped at any time; leave it out")

@@ -27,7 +27,6 @@ combination is one run in MLflow with a child run per fold. An interrupted comma
   seed=       of models and feature sets that have one; default 0. protocol.seed= draws other splits
   jobs=       worker processes; default one per core
   cluster=    do the folds on workers of dask instead: tcp://HOST:8786, or the file of its scheduler (docs/cluster.md)
-  limit=      with cluster=, seconds after which a fold has failed; default none
 
   bench run protocol=loso model=cnn85
   bench run data=haart model=lda features=touch model.window=1.0 model.repair=stuck+dead
@@ -49,7 +48,7 @@ and stores the choice in each fold, with every combination tried and the front o
   inner=      groups of training subjects that judge, or loso; default 3
   objective=  accuracy (default); or, among those within one standard error of the best: accuracy+time, the fastest;
               smallest, the first in the lists of values
-  data= where= target= protocol= model= features= seed= jobs= cluster= limit=   as for bench run
+  data= where= target= protocol= model= features= seed= jobs= cluster=   as for bench run
 
   bench tune data=haart protocol=loso model=svm features=jung54 trials=50
   bench tune data=haart protocol=challenge model=rf,xgb features=ta273 objective=accuracy+time
@@ -83,7 +82,7 @@ folds, and runs on an older version of a corpus, are left out and counted.
                 every fold chooses it on left-out training subjects. X is a numeric parameter (values: model.X=10,20,
                 else an eighth, a quarter, a half and all of the default), or features (2 to 32 of them, or all)
   inner=        groups of training subjects that judge, or loso; default 3
-  seed= jobs= cluster= limit=   as for bench run, with over=
+  seed= jobs= cluster=   as for bench run, with over=
 
   bench choose data=haart protocol=loso
   bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB
@@ -103,7 +102,7 @@ seeds also show how many captures change label. All goes into MLflow; an interru
                    default all
   train_subjects=  also fit on these numbers of training subjects, for a learning curve; default none
   out=             folder for the tables and figures; default stress
-  data= where= target= protocol= model= features= seed= jobs= cluster= limit=   as for bench run
+  data= where= target= protocol= model= features= seed= jobs= cluster=   as for bench run
 
   bench stress data=haart protocol=loso model=svm,rf features=jung54
   bench stress data=haart protocol=loso model=rf seed=0,1,2 faults=noise,shift train_subjects=2,4,8
@@ -118,7 +117,7 @@ one run in MLflow with a child run per fold; an interrupted command goes on wher
   hop_ms=     milliseconds between decisions; default: decide each time 1.41 times as much is seen, from 62.5 ms on
   start=      onset, or middle, which skips the first half of each capture; default onset
   out=        folder of streaming.csv, stopping.csv and streaming.png, .svg; default report
-  data= where= target= protocol= model= features= seed= jobs= cluster= limit=   as for bench run
+  data= where= target= protocol= model= features= seed= jobs= cluster=   as for bench run
 
   bench stream data=haart protocol=loso model=svm,rf features=jung54
   bench stream data=haart model=svm start=onset,middle hop_ms=125
@@ -203,7 +202,7 @@ Needs cc, make, arm-none-eabi-gcc and qemu-system-arm (Debian: gcc make gcc-arm-
 qemu-system-arm).
 
   bits=       32, 8 or both: of a learnt weight; default 32
-  data= where= target= protocol= model= features= seed= jobs= cluster= limit=   as for bench run
+  data= where= target= protocol= model= features= seed= jobs= cluster=   as for bench run
 
   bench chip data=haart protocol=loso model=reflex bits=32,8
   bench choose data=haart protocol=loso max_flash=64kB max_ram=32kB max_cycles=1M
@@ -240,7 +239,7 @@ counts too, as a leak makes a system better.
               default 2. Size may grow by 10 %
   junit=      file to write for a CI server, such as check.xml
   run=false   run nothing, take the newest complete tracked runs
-  jobs= cluster= limit=   as for bench run
+  jobs= cluster=   as for bench run
 
   bench check update=true data=haart model=svm,rf features=jung54
   bench check

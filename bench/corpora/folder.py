@@ -54,13 +54,13 @@ class Address:
     digest: str
 
     def open(self) -> Corpus:
-        """Map it, from a folder of that name or from what was sent there, if it is the same corpus.
+        """Map it, from a folder of that name, if it is the same corpus.
 
         Raises:
             InputError: it is in none of them, or damaged.
         """
         refused = None
-        for folder in dict.fromkeys((self.path, home() / (self.within or self.path), sent(self.digest))):
+        for folder in dict.fromkeys((self.path, home() / (self.within or self.path))):
             try:
                 corpus = open_folder(folder)
             except InputError as e:
@@ -84,11 +84,6 @@ def address(corpus: Corpus) -> Address:
         raise ValueError(f"{corpus.name} is not stored")
     within = corpus.path.relative_to(home()) if corpus.path.is_relative_to(home()) else None
     return Address(corpus.path, within, corpus.digest)
-
-
-def sent(digest: str) -> Path:
-    """Where a corpus lies that another machine has sent (`bench.work.remote`)."""
-    return home() / "corpora" / ".sent" / digest[:16]
 
 
 def reopen(where: Address, index: np.ndarray, target: str, visible: tuple[str, ...] | None) -> Corpus:

@@ -10,7 +10,7 @@ from typing import SupportsInt, TypeVar, overload
 from bench.errors import InputError, nearest
 
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
-BACKEND = {"jobs", "cluster", "limit"}  # where folds are done, which changes no result
+BACKEND = {"jobs", "cluster"}  # where folds are done, which changes no result
 KEYS = {"data", "where", "target", "seed", *BACKEND, *PARTS}  # of every command that runs folds
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 Usual = TypeVar("Usual")
@@ -160,12 +160,10 @@ class Backend:
     Attributes:
         jobs: processes of this machine, None for one per core.
         cluster: the address of dask's scheduler, or the file that holds it; empty for this machine.
-        limit: seconds that a fold may take there, None for as long as it takes.
     """
 
     jobs: int | None = None
     cluster: str = ""
-    limit: float | None = None
 
 
 HERE = Backend()
@@ -178,12 +176,9 @@ def backend_of(values: Values) -> Backend:
         InputError: a value that means nothing, or nothing there.
     """
     cluster = str(values.get("cluster", ""))
-    limit = number("limit", values["limit"]) if "limit" in values else None
     if cluster and "jobs" in values:
         raise InputError(f"jobs={values['jobs']}: with cluster=, its workers say how many they are; leave jobs= out")
-    if limit is not None and not cluster:
-        raise InputError(f"limit={values['limit']}: only with cluster=; leave it out")
-    return Backend(jobs_of(values), cluster, limit)
+    return Backend(jobs_of(values), cluster)
 
 
 def jobs_of(values: Values) -> int | None:

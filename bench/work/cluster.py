@@ -1,73 +1,50 @@
-"""Folds on a cluster of dask.distributed: which worker does which, and what happens when one is gone.
+"""Folds on a cluster of dask.distributed: dask decides who does which, and does it again where a worker is gone.
 
-Each worker gets one fold at a time, by name, and the fold of one that is gone goes to another.
+This is the side of the command; `bench.work.cluster_worker` is what workers do.
 """
 
 from __future__ import annotations
 
+import asyncio
+import json
 import logging
 import pickle
 import queue
-import threading
+import secrets
 import time
 import traceback
-from collections import defaultdict, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import partial
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from bench.corpora.folder import address
-from bench.errors import ClusterError
+from bench.errors import ClusterError, InputError
 from bench.outcomes.results import FoldResult
-from bench.plan.arguments import Backend
 from bench.plan.plan import Plan
 from bench.progress import Said, forget, note
-from bench.work import remote
-from bench.work.alike import representatives
-from bench.work.crew import GOES_ON, LOOK_S, SILENT_S, Crew, Remote, packed
-from bench.work.remote import Answer
+from bench.work.cluster_worker import answer, check_of, packed
 from bench.work.workers import Done, Task, Todo
 
 if TYPE_CHECKING:
-    from bench.work.machine import Machine
+    from distributed import Client, Future
 
-NEXT_S = 600.0  # for another worker, after the last is gone
-TRIES = {"died": 2, "lost": 3}  # of a fold whose process died, and of one whose worker is gone
-
-
-@dataclass(eq=False)
-class Waiting:
-    """A fold that is to be done.
-
-    Attributes:
-        task: it.
-        question: as it is sent.
-        tried: on which workers it came to no end, by how.
-        by: the worker that has it, None while it waits.
-        given: when that one got it, of `time.monotonic`.
-    """
-
-    task: Task
-    question: bytes
-    tried: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
-    by: Remote | None = None
-    given: float = 0.0
+LOOK_S = 1.0  # between two looks at who is there
+FIRST_S = 30.0  # for the first worker to come, and for all that are there to answer
+ANSWER_S = 10.0  # that a scheduler has to answer at first
 
 
 class Cluster:
     """Workers of dask (`bench.work.workers.Workers`).
 
     Args:
-        backend: where its scheduler is, and how long a fold may take.
+        place: the address of the scheduler, or the file that it has written.
         todo: all that is to be run.
         say: tells the user a line.
-        told: folder where folds say how far they are (`bench.progress`).
+        folder: where folds say how far they are (`bench.progress`).
 
     Attributes:
-        threads: of each fold, as the workers were started.
+        threads: of each fold, the least number that a worker was started with.
 
     Raises:
         InputError: there is no such cluster, or none of its workers can be used.
@@ -75,199 +52,200 @@ class Cluster:
 
     overlap = True
 
-    def __init__(self, backend: Backend, todo: Todo, say: Callable[[str], None], told: Path) -> None:
-        self.place, self.limit, self.say, self.told = backend.cluster, backend.limit, say, told
-        self.waiting: deque[Waiting] = deque()
-        self.running: dict[tuple[str, str], Waiting] = {}  # by key of the run and name of the fold
-        self.answers: queue.Queue[tuple[Remote, Waiting, Answer]] = queue.Queue()
-        self.seen, self.alone = time.monotonic(), False  # when a worker was there, and whether it was said that none is
-        corpora = {plan.corpus.digest: address(plan.corpus) for plan, _ in todo}
-        cells = representatives((plan.cell, experiment) for plan, experiment in todo)
-        self.crew = Crew(self.place, *cells, corpora, say)
-        self.changing = self.crew.changing
-        self.crew.freed = self._dispatch
+    def __init__(self, place: str, todo: Todo, say: Callable[[str], None], folder: Path) -> None:
+        self.place, self.say, self.folder = place, say, folder
+        self.name = secrets.token_hex(8)
+        self.check = check_of([plan.cell for plan, _ in todo])
+        self.checks: dict[str, Future] = {}  # what each worker was asked first, by its address
+        self.refusals: dict[str, str] = {}  # why one cannot be used; empty for one that can
+        self.good: list[str] = []
+        self.useless = ""  # what to say if all workers that are there were refused
+        self.running: dict[Future, Task] = {}
+        self.over: queue.Queue[Future] = queue.Queue()
+        self.threads, self.seen, self.alone = 0, time.monotonic(), False
+        self.client = connected(place)
         try:
-            self.crew.client.subscribe_topic(remote.TOPIC, lambda event: self._hear(event[1]))
-            self.crew.wait()
+            self.client.subscribe_topic(self.name, lambda event: self._hear(*event[1]))
+            self._wait()
         except BaseException:
-            self.crew.client.close()
+            self.client.close()
             raise
-        self.threads = self.crew.threads
 
     def __enter__(self) -> Cluster:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None:
         """Part from the cluster, whose workers then end what they do for this command."""
-        with self.changing:
-            self.waiting.clear()
-        self.crew.client.close(timeout=5)
-        self.crew.tell()
+        self.client.close(timeout=5)
 
     def count(self, plan: Plan) -> int:
         """How many folds are done at a time."""
-        with self.changing:
-            return max(1, sum(r.ready for r in self.crew.remotes.values()))
+        return max(1, len(self.good))
 
     def room(self, plan: Plan) -> bool:
         """Whether to submit a fold now: twice as many as can run, so that no worker waits while results are stored."""
-        with self.changing:
-            return len(self.running) < 2 * self.count(plan)
+        ahead = 2 if self.threads == 1 else 1  # dask takes a worker with more threads for one that does more at a time
+        return len(self.running) < ahead * self.count(plan)
 
     def begin(self, plan: Plan) -> None:
         """Nothing: each machine computes its own features."""
 
     def submit(self, task: Task) -> None:
-        """Have a fold done."""
-        plan = task.plan
-        given = (task.experiment, plan.cell, plan.corpus, task.fold, self.threads, task.key)
-        question = packed(remote.fold, self.crew.name, *given)
-        with self.changing:
-            waiting = self.running[task.key, task.fold.name] = Waiting(task, question)
-            self.waiting.append(waiting)
-        self._dispatch()
+        """Have a fold done by any good worker, or if all of them are gone by a new one."""
+        fold = packed(task.experiment, task.plan.cell, task.plan.corpus, task.fold, self.threads, task.key)
+        future = self._ask(fold, workers=self.good or None, allow_other_workers=bool(self.good), retries=1)
+        self.running[future] = task
+        future.add_done_callback(self.over.put)
 
     def finished(self) -> Done:
         """Wait until a fold that was submitted is done.
 
         Raises:
-            ClusterError: the scheduler is gone, or all workers for too long.
+            ClusterError: the scheduler is gone, or no worker that is left can be used.
         """
         while True:
             self._look()
+            if self.useless and time.monotonic() - self.seen > FIRST_S:
+                raise ClusterError(self.useless)
             try:
-                found = self._done(*self.answers.get(timeout=LOOK_S / 2))
+                future = self.over.get(timeout=LOOK_S)
             except queue.Empty:
                 continue
-            if found:
-                return found
+            if done := self._done(future, self.running.pop(future)):
+                return done
 
-    def _look(self) -> None:
-        """See who is there, and say so when nobody is.
+    def _done(self, future: Future, task: Task) -> Done | None:
+        """What came of a fold; None if the worker that had it differs from this machine, so that another has to do it.
 
         Raises:
-            ClusterError: the scheduler is gone, or all workers for too long.
+            ClusterError: the scheduler is gone.
         """
-        now = time.monotonic()
-        if self.crew.look():
-            self.seen, self.alone = now, False
-        elif not self.alone:
-            self.say(f"warning: cluster={self.place}: no worker is left; waiting for another one")
+        machine = None
+        try:
+            worker, refusal, content = future.result()
+            result, machine = (None, None) if refusal else pickle.loads(content)
+        except Exception as e:  # the process has died twice, or workers four times; or the result cannot be read
+            if future.cancelled():
+                raise self._gone() from e
+            error = str(e) if future.status == "error" else traceback.format_exc()
+            result = FoldResult(task.fold.name, error=error)
+        forget(self.folder, task.key, task.fold.name)
+        if result is not None:
+            return Done(task, result, machine)
+        self._judge(worker, refusal)
+        self._look()
+        if not self.good:
+            time.sleep(LOOK_S)
+        self.submit(task)
+        return None
+
+    def _wait(self) -> None:
+        """Wait until all workers that are there have answered, or after a while one of them.
+
+        Raises:
+            InputError: none comes, or none can be used.
+        """
+        began = time.monotonic()
+        while not self.good or (len(self.refusals) < len(self.checks) and time.monotonic() - began < FIRST_S):
+            self._look()
+            if self.useless:
+                raise InputError(self.useless)
+            if not self.checks and time.monotonic() - began > FIRST_S:
+                start = f"start some, such as: dask worker {self.place} --nworkers 4 --nthreads 1"
+                raise InputError(f"cluster={self.place}: it has no worker; {start}")
+            time.sleep(0.1)
+
+    def _look(self) -> None:
+        """See who has come and who is gone.
+
+        Raises:
+            ClusterError: the scheduler is gone.
+        """
+        try:
+            there = self.client.nthreads()
+        except Exception as e:  # dask has several
+            raise self._gone() from e
+        self.threads = self.threads or min(there.values(), default=0)
+        for address in there:
+            if address not in self.checks:
+                self.checks[address] = self._ask(workers=[address])
+            elif address not in self.refusals and self.checks[address].done():
+                self._judge(address, self._refusal(self.checks[address]))
+        self.good = [address for address in there if self.refusals.get(address) == ""]
+        refused = [self.refusals[address] for address in there if self.refusals.get(address)]
+        all_refused = f"cluster={self.place}: none of {len(there)} workers can be used; {min(refused, default='')}"
+        self.useless = all_refused if refused and len(refused) == len(there) else ""
+        if self.good:
+            self.seen, self.alone = time.monotonic(), False
+        elif not self.alone and time.monotonic() - self.seen > FIRST_S:
+            self.say(f"warning: cluster={self.place}: no worker answers; waiting for one, Ctrl-C ends it")
             self.alone = True
-        elif now - self.seen > NEXT_S:
-            raise ClusterError(f"cluster={self.place}: all workers are gone; {GOES_ON}")
 
-    def _hear(self, said: list) -> None:
-        """Note what a worker says of a fold of this command; called in a thread of dask's."""
-        command, by, of, name, *rest = said
-        with self.changing:
-            fold = self.running.get((of, name)) if command == self.crew.name else None
-            if fold is not None and fold.by is not None and fold.by.address == by:  # not one that has lost it
-                hear(self.told, [of, name, *rest])
-
-    def _dispatch(self) -> None:
-        """Give folds that wait to workers that do nothing; one that ended badly goes to another if there is one."""
-        with self.changing:
-            ready = [r for r in self.crew.remotes.values() if r.ready]
-            idle = [r for r in ready if not r.asked]
-            for waiting in list(self.waiting):
-                bad = {name for names in waiting.tried.values() for name in names}
-                fresh = [r for r in idle if r.name not in bad]
-                if not fresh and any(r.name not in bad for r in ready):
-                    continue
-                if not (able := fresh or idle):
-                    return
-                one = able[0]
-                idle.remove(one)
-                self.waiting.remove(waiting)
-                waiting.by, waiting.given = one, time.monotonic()
-                asked = (waiting.question, self.crew.name, self.crew.threads, self.limit)
-                self.crew.begin(one, remote.answer, *asked).add_done_callback(partial(self._over, one, waiting))
-
-    def _over(self, one: Remote, waiting: Waiting, asked: Any) -> None:
-        """Called in a thread of dask's, of which there is but one."""
-        threading.Thread(target=self._fetch, args=(one, waiting, asked), daemon=True).start()
-
-    def _fetch(self, one: Remote, waiting: Waiting, asked: Any) -> None:
-        """Bring an answer here, in a thread: where a worker has gone with it, dask waits for it.
-
-        The worker gets the next fold, unless its process has to be examined first.
-        """
-        found = Answer("lost")
+    def _refusal(self, check: Future) -> str:
         try:
-            if asked.status == "finished":
-                found = asked.result(timeout=SILENT_S)
-            elif asked.status == "error":
-                self.crew.refuse(one, f"it failed: {asked.exception()!r}")
+            return check.result()[1]
         except Exception as e:  # dask raises what it likes
-            logging.getLogger(__name__).debug("no answer of %s: %r", one.address, e)
-        with self.changing:
-            one.asked.discard(asked)
-            if found.status == "unknown":
-                self.crew.examine(one)
-        self.answers.put((one, waiting, found))
+            why = " ".join(f"{type(e).__name__}: {e}".split())
+            return f"{why}; is touchbench installed there, and was it restarted after an upgrade?"
+
+    def _judge(self, address: str, refusal: str) -> None:
+        line = f"worker {address} is left out: {refusal}" if refusal else ""
+        if line and self.refusals.get(address) != line:
+            self.say(f"warning: {line}")
+        self.refusals[address] = line
+
+    def _ask(self, fold: bytes = b"", **how: Any) -> Future:
+        """Have a worker asked whether it gives the results of this machine, and then for a fold if there is one."""
         try:
-            self._dispatch()
-        except ClusterError:  # or the command has ended
-            pass
+            return self.client.submit(answer, self.name, self.threads, self.check, fold, pure=False, **how)
+        except Exception as e:  # dask has several
+            raise self._gone() from e
 
-    def _done(self, one: Remote, waiting: Waiting, found: Answer) -> Done | None:
-        """What came of a fold, None if it has to be done again."""
-        task = waiting.task
-        status = "lost" if found.status == "unwanted" else found.status
-        if status == "done":
-            try:
-                result, machine = pickle.loads(found.content)
-            except Exception:  # whatever a system's own objects raise is this fold's result
-                status, found = "raised", Answer("raised", traceback.format_exc().encode())
-            else:
-                return self._ended(waiting, result, machine)
-        if status == "unknown":  # its process is another than the one that was examined
-            self._again(waiting)
-            return None
-        if status in TRIES:
-            waiting.tried[status].append(one.name)
-            if len(waiting.tried[status]) < TRIES[status]:
-                self._again(waiting)
-                return None
-        late = f"The fold took longer than limit={self.limit:g} seconds" if self.limit else ""
-        if not found.content:
-            late = f"The fold had not begun after {remote.READY_S / 60:g} minutes: imports, or features of all captures"
-        said = {
-            "died": "The worker process died twice; out of memory?",
-            "lost": f"Its worker was gone {TRIES['lost']} times; does the fold bring the machine down?",
-            "late": late,
-            "raised": found.content.decode(),
-        }[status]
-        result = FoldResult(task.fold.name, error=said, seconds=time.monotonic() - waiting.given)
-        return self._ended(waiting, result, None)
+    def _hear(self, key: str, name: str, words: str, left: float | None, elapsed: float, since: float) -> None:
+        """Note what a fold of this command says, by the clock of this machine; called in a thread of dask's."""
+        if any((task.key, task.fold.name) == (key, name) for task in list(self.running.values())):
+            now = time.time()
+            note(self.folder, Said(key, name, words, left, now - elapsed, now - since))
 
-    def _again(self, waiting: Waiting) -> None:
-        with self.changing:
-            waiting.by = None
-            forget(self.told, waiting.task.key, waiting.task.fold.name)
-            self.waiting.appendleft(waiting)
-        self._dispatch()
-
-    def _ended(self, waiting: Waiting, result: FoldResult, machine: Machine | None) -> Done:
-        task = waiting.task
-        with self.changing:
-            forget(self.told, task.key, task.fold.name)  # of a worker that is gone, nobody else would
-            del self.running[task.key, task.fold.name]
-        return Done(task, result, machine)
+    def _gone(self) -> ClusterError:
+        return ClusterError(
+            f"cluster={self.place}: the scheduler is gone; every finished fold is stored and the same command goes on "
+            "from there"
+        )
 
 
-def hear(folder: Path, heard: list) -> None:
-    """Note what a fold says that is done elsewhere, by the clock of this machine, or that it says nothing any longer.
+def connected(place: str) -> Client:
+    """Dask's client of a scheduler.
 
     Args:
-        folder: of `bench.progress`.
-        heard: as `bench.work.remote.report` says it.
+        place: its address, or the file that it has written it into.
+
+    Raises:
+        InputError: dask is not installed, or no scheduler answers there.
     """
-    of, name, *rest = heard
-    if not rest:
-        forget(folder, of, name)
-        return
-    words, left, elapsed, since = rest
-    now = time.time()
-    note(folder, Said(of, name, words, left, now - elapsed, now - since))
+    try:
+        from distributed import Client
+    except ImportError as e:
+        raise InputError(f"cluster={place}: dask is not installed; pip install 'touchbench[cluster]'") from e
+    for name in ("distributed.client", "distributed.core"):  # what they say of lost connections, we say
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        where = json.loads(Path(place).read_text())["address"] if Path(place).is_file() else place
+        with ThreadPoolExecutor(1) as thread:  # in a notebook, a loop runs in this one
+            thread.submit(asyncio.run, _greeted(where)).result()
+        return Client(where, timeout=ANSWER_S, set_as_default=False)
+    except Exception as e:  # dask has many
+        why = " ".join(str(e).split()) or f"{type(e).__name__} after {ANSWER_S:g} s"
+        raise InputError(
+            f"cluster={place}: no scheduler answers ({why[:80]}); give tcp://HOST:8786 of one that runs, or the file "
+            "that it was started with (--scheduler-file)"
+        ) from e
+
+
+async def _greeted(where: str) -> None:
+    """Ask a scheduler for its name: dask's client waits for ever for what answers otherwise, and ends badly."""
+    from distributed import Security
+    from distributed.core import rpc
+
+    async with rpc(where, connection_args=Security().get_connection_args("client")) as scheduler:
+        await asyncio.wait_for(scheduler.identity(n_workers=0), ANSWER_S)

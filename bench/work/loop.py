@@ -128,7 +128,7 @@ def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate |
             if backend.cluster:
                 from bench.work.cluster import Cluster
 
-                workers = cluster = Cluster(backend, todo, warn, Path(folder))
+                workers = cluster = Cluster(backend.cluster, todo, warn, Path(folder))
                 todo = [(replace(plan, threads=cluster.threads), experiment) for plan, experiment in todo]
             else:
                 workers = Processes(todo[0][0], Path(folder))  # they start while the store is opened

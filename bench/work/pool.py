@@ -1,6 +1,6 @@
 """Processes of loky that do folds and stay for the next one: importing torch takes seconds.
 
-Whoever imports this module gets little with it: a dask worker does (`bench.work.remote`).
+Whoever imports this module gets little with it: a dask worker does (`bench.work.cluster_worker`).
 """
 
 from __future__ import annotations

@@ -1,0 +1,183 @@
+"""What a worker of dask does for `bench.work.cluster`: it has folds done, one at a time, by a process of its own.
+
+The worker itself only waits. So a fold that dies takes no worker with it, one that nobody waits for any longer can be
+ended, and each command has a process that has imported the code that is there now.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import pickle
+import tempfile
+import threading
+import time
+from concurrent.futures import TimeoutError as NotYet
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.progress import Said, told
+from bench.work.pool import pool
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from bench.plan.cells import Cell, Part
+
+OFTEN_S = 0.2  # between two looks whether a fold is still wanted
+_one = threading.Lock()  # a worker has one fold done at a time, whatever the number of its threads
+_served: set[str] = set()  # commands that this worker's process was begun for, or that began later
+_same: set[bytes] = set()  # of the process: checks that it has passed
+_filled: set[str] = set()  # of the process: systems whose features are kept
+
+
+def answer(command: str, threads: int, check: bytes, fold: bytes) -> tuple[str, str, bytes]:
+    """Have a fold done by this worker's process, unless nobody waits for it; called by dask.
+
+    Python keeps the code that it has imported, so a process does nothing for a command that is younger than itself:
+    another takes its place.
+
+    Args:
+        command: name of the one that asks, and of dask's topic for how far the fold is.
+        threads: that the process computes with.
+        check: of `check_of`.
+        fold: what `fold_here` takes, pickled; empty to be checked only.
+
+    Returns:
+        The address of this worker, why it cannot be used if that is so, and the pickled result.
+
+    Raises:
+        RuntimeError: the process has died.
+    """
+    from distributed import get_worker
+
+    worker = get_worker()
+    key = worker.get_current_task()
+    multiprocessing.current_process().daemon = False  # that of a nanny is one, which may have no process of its own
+    with _one, tempfile.TemporaryDirectory() as folder:
+        if _served and command not in _served:
+            pool(1, threads).shutdown(wait=True, kill_workers=True)
+        _served.add(command)
+        heard: set[Said] = set()
+        asked = pool(1, threads).submit(fold_here, check, fold, folder)
+        while True:
+            try:
+                return worker.address, *asked.result(timeout=OFTEN_S)
+            except BrokenProcessPool:
+                raise RuntimeError("The worker process died twice; out of memory?") from None
+            except NotYet:
+                now = time.time()
+                for said in {*told(Path(folder))} - heard:  # times that need no common clock
+                    heard.add(said)
+                    worker.log_event(command, [*said[:4], now - said.began, now - said.at])
+            # Nobody waits for a task that was cancelled, or of a command that is gone; dask lets it run on.
+            task = worker.state.tasks.get(key)
+            going = worker.status.name in ("closing", "closed", "failed")
+            if going or task is None or task.state in ("cancelled", "released", "forgotten"):
+                pool(1, threads).shutdown(wait=True, kill_workers=True)
+                return worker.address, "", b""
+
+
+def fold_here(check: bytes, fold: bytes, folder: str) -> tuple[str, bytes]:
+    """Why this machine cannot be used, if that is so, and the pickled result of a fold with what the machine is."""
+    import cloudpickle
+
+    from bench.work.machine import this_machine
+    from bench.work.workers import do_fold, fill_cache
+
+    try:
+        if check not in _same:
+            if refusal := difference(*pickle.loads(check)):
+                return refusal, b""
+            _same.add(check)
+        if not fold:
+            return "", b""
+        experiment, cell, corpus, split, threads, key = pickle.loads(fold)
+    except Exception as e:  # a file that is not there, or whatever a user's object raises when it is unpickled
+        return " ".join(f"{e}".split()) or type(e).__name__, b""
+    parts = repr((cell.features, cell.model, cell.tuning, corpus.digest))
+    if parts not in _filled:
+        fill_cache(cell, corpus)
+        _filled.add(parts)
+    result = do_fold(experiment, cell, corpus, split, threads, key, Path(folder))
+    return "", cloudpickle.dumps((result, this_machine()))
+
+
+def packed(*values: object) -> bytes:
+    """Values as they travel; dask's own workers do not open them.
+
+    Raises:
+        InputError: an object of the user's cannot be pickled.
+    """
+    import cloudpickle
+
+    from bench.errors import InputError
+
+    try:
+        return cloudpickle.dumps(values)
+    except (TypeError, AttributeError, pickle.PicklingError) as e:
+        raise InputError(f"cluster=: what is run cannot be sent to a worker ({e}); leave cluster= out") from e
+
+
+def check_of(cells: Iterable[Cell]) -> bytes:
+    """What a machine must have to give the results of this one, pickled: `difference` takes it."""
+    kinds: dict[str, Cell] = {}
+    for cell in cells:
+        parts = [(p.room, p.name, id(p.given)) for p in _parts(cell)]
+        kinds.setdefault(repr((cell.data, cell.data_parameters, cell.where, cell.target, parts)), cell)
+    return packed(facts([]), facts([*kinds.values()]), packed(*kinds.values()))
+
+
+def facts(cells: Sequence[Cell]) -> dict[str, str]:
+    """What this machine has: versions, touchbench's code, and of cells corpora and code, by name.
+
+    Raises:
+        InputError: a corpus or a part of a cell is not there.
+    """
+    from bench.plan.plan import corpus_of
+    from bench.registry import place_of
+    from bench.source import versions
+
+    code = hashlib.sha256()
+    for package in ("bench", "features", "models", "protocols"):
+        for path in sorted(place_of(package).rglob("*.py")):
+            code.update(path.relative_to(place_of(package)).as_posix().encode() + path.read_bytes())
+    found = versions() | {"touchbench's code": code.hexdigest()[:12]}
+    for cell in cells:
+        found |= versions(cell.packages())
+        found[f"the captures of {cell.title()}"] = corpus_of(cell).digest[:12]
+        found |= {f"the code of {p.name}": _code_of(p) for p in _parts(cell)}
+    return found
+
+
+def _parts(cell: Cell) -> list[Part[Any]]:
+    return [part for part in (cell.protocol, cell.features, cell.model) if part is not None]
+
+
+def _code_of(part: Part[Any]) -> str:
+    """Digest of a part's code; of what was typed into a script or a notebook none, as it travels itself."""
+    from models import contract
+
+    typed = part.given is not None and any(c.__module__ == "__main__" for c in contract.classes(part.given))
+    return "" if typed else part.identity()[-1][:12]
+
+
+def difference(base: dict[str, str], here: dict[str, str], cells: bytes) -> str:
+    """The first thing that makes this machine's results others than those of the command's; empty if there is none.
+
+    Args:
+        base: versions and touchbench's code on the command's machine; under others, the cells may not be understood.
+        here: all that it has.
+        cells: those that it runs, pickled.
+
+    Raises:
+        InputError: a corpus or a part of a cell is not there.
+    """
+    there = facts([])
+    if there == base:
+        there = facts(pickle.loads(cells))
+    for name, value in here.items():
+        if there.get(name) != value:
+            return f"it has {name} {there.get(name, 'not at all')}, this machine {value}"
+    return ""
