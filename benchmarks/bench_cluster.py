@@ -1,6 +1,6 @@
 """What a fold costs beyond itself, in processes of this machine and on a cluster of two workers here: folds do nothing.
 
-python tests/benchmarks/bench_cluster.py [folds]
+python benchmarks/bench_cluster.py [folds]
 """
 
 import os
@@ -18,7 +18,7 @@ from bench.plan.plan import planned
 from bench.work.cluster import Cluster
 from bench.work.workers import Processes, Task
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # where workers find it, too
 PORT = "28786"
 
@@ -41,7 +41,7 @@ def seconds(workers, plan, experiment, count):
 
 def main(count: int = 500) -> None:
     """Print milliseconds per fold of both."""
-    from tests.benchmarks.folds import Nothing
+    from benchmarks.folds import Nothing
 
     (plan,) = planned(cells({"model": "bayes", "features": "jung28", "data.subjects": "4"}), 2)
     here = seconds(Processes(plan), plan, Nothing(), count)
