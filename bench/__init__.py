@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import importlib
 
-API = ("audit", "choose", "compare", "corpus", "fit", "latex", "look", "results", "run", "stream", "stress", "tune")
+API = ("audit", "choose", "compare", "corpus", "fit", "latex", "look", "plans", "results", "run", "stream", "stress")
+API += ("tune",)
 VALUES = {"Corpus": "bench.corpora.corpus", "InputError": "bench.errors", "fault": "bench.corpora.faults"}
 __all__ = [*API, *VALUES]
 

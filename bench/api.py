@@ -27,9 +27,9 @@ from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
 from bench.outcomes.runs import selected, tracked, with_groups, without_runs
 from bench.outcomes.store import connect
-from bench.plan.arguments import check_key, items
+from bench.plan.arguments import check_key, items, jobs_of
 from bench.plan.cells import cells, corpus_variants
-from bench.plan.plan import captures_of
+from bench.plan.plan import Plan, captures_of, planned
 from bench.work.fit import Fitted
 from bench.work.loop import Outcome, warn
 from reports.comparison import comparison, published
@@ -183,6 +183,22 @@ def run(**values: object) -> pd.DataFrame:
     return _short(table_of(_run.evaluated_values(_values(values, _run.KEYS))))
 
 
+def plans(**values: object) -> list[Plan]:
+    """What `run` would run: captures, folds and an untrained system for every combination of the values.
+
+    Args:
+        values: keys of `run`.
+
+    Returns:
+        Plans with ``corpus``, ``folds`` (``name``, positions ``train`` and ``test``) and ``cell.estimator()``.
+
+    Raises:
+        InputError: something in the values or the data cannot be used.
+    """
+    keys = _values(values, _run.KEYS)
+    return planned(cells(keys), jobs_of(keys))
+
+
 def tune(**values: object) -> pd.DataFrame:
     """Search parameters inside each training part, as ``bench tune`` does; a row per run.
 
@@ -203,21 +219,27 @@ def tune(**values: object) -> pd.DataFrame:
 def stress(**values: object) -> Found:
     """Find where systems fail, as ``bench stress`` does; tables ``faults``, ``conditions``, ``slices``, ``learning``.
 
+    The table ``labels`` has a row per tested capture and circumstance (`bench.work.stress`).
+
     Args:
-        values: keys of `run`; ``faults`` to test under (default all), ``train_subjects`` (numbers of training subjects
-            for a learning curve) and ``out`` (folder, which only the command writes).
+        values: keys of `run`; ``faults`` to test under (default all; or ``none``), ``train_subjects`` (numbers of
+            training subjects for a learning curve) and ``out`` (folder, which only the command writes).
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
     outcomes, _ = _stress.stressed(_values(values, _stress.KEYS))
-    analyses = [outcome.analysis for outcome in outcomes if outcome.findings]
+    good = [outcome for outcome in outcomes if outcome.findings]
+    analyses = [outcome.analysis for outcome in good]
     names = {"faults": "curves", "conditions": "conditions", "slices": "slices", "learning": "learning"}
     more = {
         name: pd.concat([getattr(a, part).assign(method=a.method) for a in analyses], ignore_index=True)
         for name, part in names.items()
         if analyses
     }
+    if good:
+        labels = [result.table.assign(method=o.analysis.method) for o in good for result in o.results]
+        more["labels"] = pd.concat(labels, ignore_index=True)
     return Found(table_of(outcomes), more)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from sklearn.base import BaseEstimator, ClassifierMixin, clone
+from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
@@ -424,16 +424,6 @@ class Auto(ClassifierMixin, BaseEstimator):
         least = {n: min((t.costs[n] for t in self.tried_ if n in t.costs), default=np.nan) for n in self._limits()}
         said = ", ".join(f"{name} {value:.3g}" for name, value in least.items())
         return f"no trial is within the limits of model.max_*: the least of {len(self.tried_)} are {said}"
-
-    def after(self, seconds: float, X: Corpus, y: np.ndarray) -> Ensemble:
-        """What the search would have ended with after some of its seconds, fitted to the captures that it was given."""
-        ends = np.cumsum([t.seconds for t in self.tried_])
-        before = clone(self)
-        before.part_ = self.part_
-        before.tried_ = [t for t, end in zip(self.tried_, ends, strict=True) if end <= seconds]
-        inner = self._inner(X[self.part_], np.asarray(y)[self.part_], [])
-        before._fitted(inner, Clock(time.perf_counter(), np.inf))
-        return before.best_
 
 
 @dataclass

@@ -1,8 +1,8 @@
 """The one training loop that the networks share.
 
-Windows are cut from the corpus batch by batch: one gather of frames by index, laid out grid first, as `taxel_major`,
-`volumes` and `time_blocks` want it. These three are what beats a plain loop over a DataLoader; the rest of the loop is
-at par with it (tests/benchmarks/bench_training.py).
+Windows are cut from the corpus batch by batch: one gather of frames by index, laid out grid first, as `taxel_major`
+and `time_blocks` want it. These two are what beats a plain loop over a DataLoader; the rest of the loop is at par with
+it (benchmarks/bench_training.py).
 """
 
 from __future__ import annotations

@@ -18,7 +18,6 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from models.checkpoint import Checkpoint
 from models.training import Torch, Windows, train
-from models.volumes import volumes
 from models.window import WindowNet
 
 FILTERS = (16, 32, 64, 128)
@@ -75,16 +74,8 @@ class Zhou2016(WindowNet):
         super().check_training(X, y)
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
-        """What ``net(x)`` gives, the stack of convolutions as `volumes` runs it, or the library in half the bits."""
-        if self.precision == "bfloat16":
-            return self.halved(net, x)
-        averaged, *layers = net
-        end = max((i + 1 for i, layer in enumerate(layers) if isinstance(layer, nn.MaxPool3d)), default=0)
-        x = averaged(x)
-        x = volumes(layers[:end], x) if end else x
-        for layer in layers[end:]:
-            x = layer(x)
-        return x
+        """What ``net(x)`` gives, with products in half the bits if that is the precision."""
+        return self.halved(net, x) if self.precision == "bfloat16" else net(x)
 
     def learn(
         self,
@@ -216,13 +207,16 @@ class _Moments(nn.Module):
 
 
 def _stack(shape: tuple[int, ...], kernel: tuple[int, ...], poolings: tuple[tuple[int, ...], ...]) -> list[nn.Module]:
-    """Convolutions that keep the size, batch norm, ReLU and pooling; poolings are cut to what is there."""
+    """Convolutions that keep the size, batch norm, ReLU and pooling; poolings are cut to what is there.
+
+    Channels come last in memory, which makes the library's layers faster (docs/performance.md).
+    """
     found, channels = [], 1
     for filters, pooling in zip(FILTERS, poolings, strict=True):
         cut = tuple(min(p, n) for p, n in zip(pooling, shape, strict=True))
         padding = tuple(k // 2 for k in kernel)
-        found += [nn.Conv3d(channels, filters, kernel, padding=padding), nn.BatchNorm3d(filters), nn.ReLU()]
-        found.append(nn.MaxPool3d(cut))
+        conv = nn.Conv3d(channels, filters, kernel, padding=padding).to(memory_format=torch.channels_last_3d)
+        found += [conv, nn.BatchNorm3d(filters), nn.ReLU(), nn.MaxPool3d(cut)]
         shape, channels = tuple(n // p for n, p in zip(shape, cut, strict=True)), filters
     return found
 

@@ -171,6 +171,7 @@ def test_choose_stress_stream_fit_and_tune():
     assert bench.choose(max_flash="1B", model="bayes").system is None
     found = bench.stress(model="bayes", features="jung28", faults=["noise", "shift"], **SMALL)
     assert set(found["faults"]["fault"]) == {"noise", "shift"} and "loss.noise" in found.table
+    assert set(found["labels"]["fault"]) == {"none", "noise", "shift"}
     assert "more tables: 'faults'" in repr(found) and "<table" in found._repr_html_()
     with pytest.raises(KeyError, match="did you mean faults"):
         found["fault"]

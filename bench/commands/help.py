@@ -99,7 +99,7 @@ seeds also show how many captures change label. All goes into MLflow; an interru
 
   faults=          dead_taxels, stuck_taxels, dead_lines, gain_drift, offset_drift, saturation, noise, fewer_bits,
                    dropped_frames, lower_rate, time_jitter, late_start, early_end, shift, rotation, smaller_grid, cover;
-                   default all
+                   default all; none for the learning curve alone
   train_subjects=  also fit on these numbers of training subjects, for a learning curve; default none
   out=             folder for the tables and figures; default stress
   data= where= target= protocol= model= features= seed= jobs= cluster=   as for bench run

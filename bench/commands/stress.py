@@ -73,6 +73,8 @@ def _faults(values: Values) -> tuple[Fault, ...]:
     """Faults that were asked for, all without ``faults=``, in the order in which they are known."""
     there = known()
     asked = items("faults", values["faults"]) if "faults" in values else list(there)
+    if asked == [stability.CLEAN]:
+        return ()
     for name in asked:
         if name not in there:
             raise InputError(f"faults={name}: not known; {nearest(name, there)}")

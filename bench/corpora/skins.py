@@ -1,7 +1,7 @@
 """Captures of one skin as another would have given them: full scale, rate and grid, each by a function of its own.
 
 Nothing is learnt, and what becomes of a capture depends on that capture alone. What the other skin cannot hold is lost:
-`bench_transfer.py` under tests/benchmarks sends a corpus through each step and back and says what that costs.
+`bench_transfer.py` in benchmarks sends a corpus through each step and back and says what that costs.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ class Stress(Experiment[Analysis]):
     def options(self) -> dict[str, object]:
         """Names of the faults, numbers of subjects."""
         return {
-            "faults": ", ".join(f.name for f in self.faults),
+            "faults": ", ".join(f.name for f in self.faults) or CLEAN,
             "train_subjects": ", ".join(map(str, self.train_subjects)) or "all",
         }
 
@@ -66,7 +66,7 @@ class Stress(Experiment[Analysis]):
     def arguments(self) -> dict[str, str]:
         """Faults if they are not all, numbers of subjects if there are any."""
         whole = self.faults == tuple(known().values())
-        some = {} if whole else {"faults": ",".join(f.name for f in self.faults)}
+        some = {} if whole else {"faults": ",".join(f.name for f in self.faults) or CLEAN}
         few = ",".join(map(str, self.train_subjects))
         return some | ({"train_subjects": few} if few else {})
 

@@ -356,13 +356,6 @@ def test_costs_and_fronts_are_told(quick):
     assert found["ended"].is_monotonic_increasing
 
 
-def test_a_part_of_the_search_is_what_a_shorter_one_ends_with(quick):
-    corpus = noisy()
-    long, short = searched(corpus, 6), searched(corpus, 2)
-    begun = long.after(float(long.trials_["ended"][1]), corpus, corpus.gestures)
-    np.testing.assert_allclose(begun.predict_proba(corpus), short.predict_proba(corpus), atol=1e-7)
-
-
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.0001])
 def test_columns_are_those_of_the_largest_f_ratio(share):
     corpus = noisy()

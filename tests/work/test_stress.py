@@ -192,6 +192,16 @@ def test_what_a_system_raises_is_the_folds_result(corpus):
     assert "too loud" in result.error and result.predictions is None
 
 
+def test_without_faults_there_is_the_learning_curve_alone():
+    command = [*SMALL, "model=bayes", "features=jung28", "faults=none", "train_subjects=1,2"]
+    assert main(command) == 0
+    client, (run,) = runs("stress")
+    assert run.data.params["faults"] == "none" and '"faults": "none"' in run.data.tags["touchbench.arguments"]
+    table = table_of(client, run)
+    assert table["fault"].eq("none").all() and sorted(table["train_subjects"].unique()) == [1, 2, 3]
+    assert len(pd.read_csv("stress/stability_learning.csv")) == 3
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -1,6 +1,6 @@
 """How honest the time left is: what each line of a run of twenty folds says, beside when the run really ended.
 
-python tests/benchmarks/bench_left.py [words of bench run]
+python benchmarks/bench_left.py [words of bench run]
 """
 
 import re

@@ -3,8 +3,8 @@
 Each network is untrained, warm and on one thread; its sample is a whole window or sequence. Processor time is printed
 beside wall time, for cores that others use too.
 
-    python tests/benchmarks/bench_windows.py [system ...]
-    python tests/benchmarks/bench_windows.py memory
+    python benchmarks/bench_windows.py [system ...]
+    python benchmarks/bench_windows.py memory
 """
 
 import sys
@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from bench_training import SYSTEMS, haart_like
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
 from models.hughes2017 import COST, Hughes2017CNN
 from models.training import probabilities
-from tests.benchmarks.bench_training import SYSTEMS, haart_like
 
 ROUNDS = 300
 

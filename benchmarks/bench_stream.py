@@ -5,7 +5,7 @@ log loss and expected calibration error (ten bins of equal counts) of the test s
 temperature, with one that goes in a line over log milliseconds (what ``bench stream`` does), and with one for each
 instant; all three are fitted to training subjects.
 
-    OMP_NUM_THREADS=1 python tests/benchmarks/bench_stream.py haart softmax 4
+    OMP_NUM_THREADS=1 python benchmarks/bench_stream.py haart softmax 4
 """
 
 import sys

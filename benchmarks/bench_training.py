@@ -6,7 +6,7 @@ logits in both forms, so that equal steps give equal accuracy. The corpora are g
 432 frames at 54 Hz like HAART's. Where others use the same cores, the ratios of processor time are the ones to
 believe. The skorch column needs `pip install skorch`.
 
-    python tests/benchmarks/bench_training.py [system ...] [threads=1] [rounds=5] [precision=bfloat16]
+    python benchmarks/bench_training.py [system ...] [threads=1] [rounds=5] [precision=bfloat16]
 """
 
 import copy
@@ -61,7 +61,7 @@ class Padded(nn.Module):
 
 def ordinary(net: nn.Module) -> nn.Module:
     """A copy of a network with the library's layers in place of our own."""
-    net = copy.deepcopy(net)
+    net = copy.deepcopy(net).to(memory_format=torch.contiguous_format)
     if hasattr(net, "within"):
         rnn = nn.RNN(net.into.in_features, net.units, batch_first=True)
         weights = (net.into.weight, net.within.weight, net.into.bias, torch.zeros(net.units))

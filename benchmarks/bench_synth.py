@@ -1,6 +1,6 @@
 """Generating touch: captures per second and peak memory at CoST's size.
 
-python tests/benchmarks/bench_synth.py
+python benchmarks/bench_synth.py
 """
 
 import resource

@@ -2,7 +2,7 @@
 
 The same folds, each time in new processes: without tracking, and by ``bench run`` with a new store.
 
-    python tests/benchmarks/bench_tracking.py [rounds]
+    python benchmarks/bench_tracking.py [rounds]
 """
 
 import subprocess

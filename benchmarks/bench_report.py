@@ -4,7 +4,7 @@ Systems with five seeds in four groups (31 and 10 subjects, two of them syntheti
 One run a group is stored by the MLflow store, the others are copies of it in SQL with other names, seeds and scores:
 the store would take an hour for them. Every run has all its artifacts.
 
-    python tests/benchmarks/bench_report.py [runs]
+    python benchmarks/bench_report.py [runs]
 """
 
 import os
@@ -17,7 +17,7 @@ import time
 import uuid
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
@@ -101,7 +101,7 @@ def main(runs: int = 2000) -> None:
         started = time.perf_counter()
         fill(runs)
         print(f"{runs} runs made up in {time.perf_counter() - started:.0f} s", flush=True)
-        paths = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+        paths = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
         started, before = time.perf_counter(), os.times()
         subprocess.run([sys.executable, "-c", REPORT], check=True, capture_output=True, env=paths)
         wall, after = time.perf_counter() - started, os.times()

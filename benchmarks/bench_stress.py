@@ -1,6 +1,6 @@
 """Time of `bench stress` with every fault: what it takes beyond fitting, and the analysis. Nothing is tracked.
 
-python tests/benchmarks/bench_stress.py [data=haart] [model=svm] [features=jung54] [jobs=2] ...
+python benchmarks/bench_stress.py [data=haart] [model=svm] [features=jung54] [jobs=2] ...
 """
 
 import sys

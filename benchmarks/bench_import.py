@@ -1,6 +1,6 @@
 """Time and memory of importing a CoST.csv of full size: 7812 generated captures, about 1.5 million rows, 68 columns.
 
-python tests/benchmarks/bench_import.py
+python benchmarks/bench_import.py
 """
 
 import os

@@ -1,6 +1,6 @@
 """Whole-process time of the help pages, which must answer in under half a second.
 
-python tests/benchmarks/bench_help.py
+python benchmarks/bench_help.py
 """
 
 import subprocess

@@ -2,7 +2,7 @@
 
 Accuracy of `lda` on `touch` (z), leaving each subject out, of the captures as they are, and of what is left of them.
 
-    python tests/benchmarks/bench_transfer.py haart 30 6x6
+    python benchmarks/bench_transfer.py haart 30 6x6
 """
 
 import sys

@@ -1,6 +1,6 @@
 """Time of a full LOSO of one system on a generated corpus of CoST's size, from its first folds.
 
-python tests/benchmarks/bench_loso.py [model] [folds]
+python benchmarks/bench_loso.py [model] [folds]
 """
 
 import sys

@@ -3,8 +3,8 @@
 The generated corpus is what the sensor sees; in the random one a quarter of the values may be a spatial peak, which is
 as slow as it gets. What a set learns is fitted to the corpus first and not timed, hughes36 to one tenth of it.
 
-    OMP_NUM_THREADS=1 python tests/benchmarks/bench_features.py
-    OMP_NUM_THREADS=1 python tests/benchmarks/bench_features.py libraries
+    OMP_NUM_THREADS=1 python benchmarks/bench_features.py
+    OMP_NUM_THREADS=1 python benchmarks/bench_features.py libraries
 
 The second one needs tsfresh and tsfel, which touchbench does not. They are given the 64 taxels of some of the captures
 as 64 series each, and are compared by the time per feature value, in turn with ta273 and gaus on the same captures.

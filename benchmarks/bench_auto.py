@@ -6,7 +6,7 @@ Each outer fold is a process of its own with one thread. FLAML and AutoGluon are
 itself, within its budget. Bytes in flash are counted for `auto` (`models.sizes`); of the others the pickled size.
 
     pip install -e '.[automl]'
-    python tests/benchmarks/bench_auto.py haart loso 10,30,60 auto,flaml,autogluon 2 results.csv
+    python benchmarks/bench_auto.py haart loso 10,30,60 auto,flaml,autogluon 2 results.csv
 """
 
 import os

@@ -1,6 +1,6 @@
 """How fast one command tracks: folds that do nothing, with the table of a fold of CoST, by the loop as it is.
 
-python tests/benchmarks/bench_scale.py [folds] [tcp://scheduler:8786]
+python benchmarks/bench_scale.py [folds] [tcp://scheduler:8786]
 
 Prints folds a second as it goes, and at last where the time of the command went. A new store in an empty folder; on a
 cluster, workers of the same code.
@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 
-sys.path.insert(0, str(Path(__file__).parents[2]))  # where workers find it, too
+sys.path.insert(0, str(Path(__file__).parents[1]))  # where workers find it, too
 
 from bench.outcomes.results import Findings, FoldResult
 from bench.work.experiment import Experiment
@@ -76,7 +76,7 @@ def run(folds: int, cluster: str) -> None:
     from bench.work.cluster import Cluster
     from bench.work.tracking import TrackedRun
     from bench.work.workers import Processes
-    from tests.benchmarks.bench_scale import Empty as Known  # as workers import it
+    from benchmarks.bench_scale import Empty as Known  # as workers import it
 
     (plan,) = planned(
         cells({"model": "bayes", "features": "jung28", "data.subjects": str(EACH), "data.repetitions": "1"}), 2

@@ -5,8 +5,8 @@ giving up what is worse. A pick is judged by the test subject; ``to loso`` is th
 what the papers do, with its standard error. The row ``best fixed`` is the one point that is best over all test
 subjects, which no honest search can know.
 
-    OMP_NUM_THREADS=1 python tests/benchmarks/bench_tuning.py haart
-    OMP_NUM_THREADS=1 python tests/benchmarks/bench_tuning.py synth 3,loso on
+    OMP_NUM_THREADS=1 python benchmarks/bench_tuning.py haart
+    OMP_NUM_THREADS=1 python benchmarks/bench_tuning.py synth 3,loso on
 """
 
 import sys

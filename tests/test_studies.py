@@ -1,0 +1,133 @@
+"""The studies: each runs on generated captures; laws and curves by hand; no test subject is seen."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.model_selection import GroupKFold
+
+import bench
+from bench.corpora.faults import FAULTS
+from bench.plan.cells import cells
+from models import contract
+from studies import ablation, anytime, epochs, learning
+from tests.conftest import with_other_values
+
+SMALL = ["data=synth", "data.variants=normal"]
+LITTLE = ["data.subjects=4", "data.repetitions=1"]
+NETWORK = {"data": "synth", "data.subjects": 4, "data.variants": "normal", "data.repetitions": 1}
+NETWORK |= {"protocol": "groupkfold", "protocol.folds": 2, "model": "hughes2017_cnn", "model.rate": 1e-3}
+
+
+def test_learning_curves_are_extrapolated_and_compared(tmp_path, monkeypatch):
+    monkeypatch.setattr(learning, "DRAWS", 20)
+    out = tmp_path / "curves"
+    words = [*SMALL, *LITTLE, "model=bayes", "features=jung28", "train_subjects=1,2", "until=60", f"out={out}"]
+    table = learning.main([*words, "+", "model=lda", "features=touch"])
+    assert [*table["method"].unique()] == ["bayes · jung28", "lda · touch"]
+    measured = table[table["kind"] == "measured"]
+    assert measured["train_subjects"].tolist() == [1, 2, 3, 1, 2, 3]
+    keys = {"data__subjects": 4, "data__variants": "normal", "data__repetitions": 1}
+    alone = bench.run(data="synth", model="lda", features="touch", **keys)
+    assert 100 * measured["accuracy"].iloc[-1] == pytest.approx(alone["accuracy"][0])
+    assert table["kind"].str.startswith("above").sum() == 1 and (out / "learning.png").stat().st_size > 10_000
+    assert "not people" in (out / "learning.svg").read_text()
+    for more in (["+"], ["+", "features=touch"], ["until=x"]):
+        with pytest.raises(bench.InputError):
+            learning.main([*words[:-2], *more])
+
+
+@pytest.mark.parametrize(("a", "b", "c"), [(0.1, 0.5, 0.5), (0.0, 0.6, 0.2), (0.3, 0.2, 1.5)])
+def test_a_law_is_found_again_and_more_subjects_never_hurt(a, b, c):
+    counts = np.array([2, 4, 8, 16, 64.0])
+    fitted = learning.law(counts, a + b * counts**-c)
+    np.testing.assert_allclose(fitted[0] + fitted[1] * counts ** -fitted[2], a + b * counts**-c, atol=3e-3)
+    rising = learning.law(np.array([2, 4, 8.0]), np.array([0.2, 0.25, 0.3]))
+    assert rising[:2] == pytest.approx((0.25, 0), abs=1e-6)
+
+
+def test_extrapolation_is_of_pooled_captures_and_overtaking_is_by_hand():
+    hits = {2: [5, 6, 4], 4: [6, 6, 6], 8: [7, 8, 6], 9: [7, 8, 7]}  # of three subjects with ten captures each
+    tested = [(n, subject, right, k) for n, of in hits.items() for subject, right in enumerate(of) for k in range(10)]
+    rows = [(n, subject, "a", "a" if k < right else "b") for n, subject, right, k in tested]
+    labels = pd.DataFrame(rows, columns=["train_subjects", "subject", "true", "predicted"])
+    counts = np.array([2, 10, 50, 300.0])
+    expected = learning.extrapolated(labels, counts, 20)
+    a, b, c = learning.law(np.array([2, 4, 8, 9.0]), 1 - np.array([15, 18, 21, 22]) / 30)
+    np.testing.assert_allclose(expected[0], 1 - a - b * counts**-c)
+    assert expected.shape == (21, 4) and (np.diff(expected, axis=1) >= -1e-12).all()
+    other = np.array([[0.6, 0.7, 0.75, 0.76]] * 3)
+    deep = np.array([[0.7, 0.65, 0.76, 0.80], [0.5, 0.6, 0.7, 0.77], [0.5, 0.6, 0.7, 0.75]])
+    assert learning.overtakes(deep, other, counts) == (50.0, 0.5)  # early luck does not count
+    assert learning.overtakes(other, deep, counts)[0] == np.inf
+
+
+def test_epochs_are_looked_at(tmp_path):
+    words = [f"{key}={value}" for key, value in NETWORK.items()] + ["groups=2", "jobs=1"]
+    table = epochs.main([*words, "model.epochs=2", f"out={tmp_path}"])
+    assert table["ended after"].tolist() == ["2, 2, 2, 2"] and (tmp_path / "epochs.png").stat().st_size > 10_000
+    for more in ("groups=3", "protocol=kfold", "model=lda", "seed=0,1"):
+        fewer = [word for word in words if word.split("=")[0] != more.split("=")[0]]
+        with pytest.raises(bench.InputError):
+            epochs.main([*[word for word in fewer if more[0] != "p" or "protocol" not in word], more])
+
+
+def test_accuracy_by_epoch_is_that_of_so_long_a_training_and_uses_no_test_subject():
+    (plan,) = bench.plans(**NETWORK, **{"model.epochs": 2})
+    table = epochs.trained(plan, 0, 2, 0)
+    train = plan.folds[0].train
+    names = plan.corpus.subjects[train].astype(str)
+    learnt, judged = next(GroupKFold(2, shuffle=True, random_state=0).split(names, groups=names))
+    part, held = plan.corpus[train[learnt]], plan.corpus[train[judged]]
+    for row in table.to_dict("records"):
+        plain = plan.cell.estimator().set_params(epochs=int(row["epoch"])).fit(part, part.gestures)
+        assert row["accuracy"] == pytest.approx((plain.predict(held) == held.gestures).mean())
+        assert row["loss"] == pytest.approx(contract.history(plain)[-1]["loss"])
+    object.__setattr__(plan, "corpus", with_other_values(plan.corpus, plan.folds[0].test))
+    pd.testing.assert_frame_equal(epochs.trained(plan, 0, 2, 0), table)
+
+
+def test_curves_of_epochs_are_pooled_and_what_has_ended_stays():
+    def training(accuracies, captures):
+        numbers = np.arange(1, len(accuracies) + 1)
+        return pd.DataFrame({"epoch": numbers, "loss": 1.0 / numbers, "accuracy": accuracies, "captures": captures})
+
+    curve = epochs.pooled([training([0.1, 0.2, 0.4], 10), training([0.4, 0.7], 30)])
+    assert curve["accuracy"].tolist() == pytest.approx([0.325, 0.575, 0.625])
+    assert curve["loss"].tolist() == pytest.approx([1, 1 / 2, (1 / 3 + 1 / 2) / 2])
+    flat = epochs.pooled([training([0.0, 0.9, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.4, 0.4], 10)])
+    assert epochs.best_epoch(flat) == (8, pytest.approx(0.5))  # one lucky epoch is none
+    assert epochs.best_epoch(epochs.pooled([training([0.3, 0.6], 10)])) == (2, pytest.approx(0.45))
+
+
+def test_the_ablation_measures_its_rows(tmp_path, monkeypatch):
+    row = {"model": "bayes", "features": "jung28", "data.subjects": "4", "data.repetitions": "1"}
+    row |= {"where": "gesture in ['pat', 'rub', 'grab']", "protocol": "groupkfold", "protocol.folds": "2"}
+    monkeypatch.setitem(ablation.ROWS, "quick", row)
+    few = {name: fault for name, fault in FAULTS.items() if name in ("noise", "shift")}
+    monkeypatch.setattr("bench.commands.stress.known", lambda: few)
+    (found,) = ablation.main(["data=synth", "rows=quick", f"out={tmp_path}"]).to_dict("records")
+    stress = bench.stress(data="synth", **row)
+    assert found["accuracy"] == pytest.approx(stress.table["accuracy"][0]) and (tmp_path / "ablation.png").exists()
+    curves = stress["faults"]
+    assert len(curves) == 10 and found["loss"] == pytest.approx(100 * curves["loss"].mean())
+    for words in (["rows=nope"], ["data=a,b"], ["rows=networks", "device=nonsense"]):
+        with pytest.raises(bench.InputError):
+            ablation.main(words)
+
+
+@pytest.mark.parametrize("label", ablation.ROWS | ablation.CHANCES)
+def test_every_row_of_the_ablation_is_a_system_that_can_be_made(label):
+    keys = (ablation.ROWS | ablation.CHANCES)[label]
+    (cell,) = cells(keys)
+    contract.check(cell.estimator())
+    faults = ("faults" in label or label.startswith("reflex")) and "without faults" not in label
+    assert (len(contract.trained_faults(cell.estimator())) == 17) == faults
+
+
+def test_a_budget_is_a_run_of_auto(tmp_path):
+    words = [*SMALL, *LITTLE, "where=gesture in ['pat', 'rub', 'grab']", "protocol=groupkfold", "protocol.folds=2"]
+    table = anytime.main([*words, "model.inner=2", "budget=1,0.5", f"out={tmp_path}"])
+    assert table["budget"].tolist() == [0.5, 1.0] and table["accuracy"].between(0, 100).all()
+    assert (tmp_path / "anytime.png").stat().st_size > 10_000
+    with pytest.raises(bench.InputError, match="only auto"):
+        anytime.main(["model=svm"])
