@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from bench.commands import closing
-from bench.commands.printing import grid, output, say, show, then
+from bench.commands.help import SMALL
+from bench.commands.printing import grid, one_label, output, say, show, then
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
-from bench.outcomes.advice import FIRST, MOST_AT_HAND, SECOND, WHAT, at_hand, compared_on, is_first, merged
 from bench.outcomes.choice import Choice, amount, candidates, decide, points, sentences
-from bench.outcomes.runs import NothingTracked, of_kinds, without_runs
+from bench.outcomes.runs import of_kinds, without_runs
 from bench.outcomes.store import connect
 from bench.plan.arguments import BACKEND, Values, backend_of, convert, items, parse, typed
 from bench.plan.arguments import KEYS as RUN_KEYS
@@ -35,7 +34,11 @@ if TYPE_CHECKING:
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", "unit", "clock", "batch", *BUDGETS}
 UNITS = ("capture", "window")
-WINDOW = FIRST["model.window"]  # seconds, of a model that is to label windows
+FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
+HINTS = {  # by cost, the kind of run that makes it known or lower, and what to type
+    "decision": ("stream", "bench stream replays systems, which can then decide early."),
+    "cycles": ("chip", "bench chip exports systems to C and counts their cycles."),
+}
 MEGAHERTZ = {"kHz": 1e-3, "MHz": 1.0, "GHz": 1e3}
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 
@@ -52,7 +55,7 @@ class Chosen:
         margin: points that do not matter, or None.
         subjects: number of them.
         mixed: whether training and test captures come from the same subjects.
-        advice: which runs are left out, what may fit besides, and the commands that run it.
+        advice: which runs are left out, and which commands may find more.
     """
 
     choice: Choice
@@ -90,14 +93,10 @@ def choose(arguments: list[str]) -> int:
     if "over" in values:
         outcomes = smallest(values)
         code = show(outcomes)
-        closing.evaluated(outcomes)
+        one_label(outcomes)
+        then("bench choose")
         return code
-    try:
-        found = chosen(values)
-    except NothingTracked:
-        steps = first_steps(values)
-        print("A first comparison:", *steps, sep="\n  ")
-        raise
+    found = chosen(values)
     _print(found)
     return 0 if found.system else 1
 
@@ -139,7 +138,11 @@ def chosen(values: Values) -> Chosen:
     if (by == "predict" or "predict" in budgets) and found.table["cpu"].nunique() > 1:
         warn(f"warning: times are of several processors: {'; '.join(sorted(set(found.table['cpu'])))}")
     choice = decide(found.table, found.subjects, by, budgets, margin)
-    advice = [*found.notes, *_advice(choice, by, budgets, unit == "window")]
+    made = {"stream", "chip"} if unit == "window" else set(found.table["kind"])
+    hints = [hint for cost, (kind, hint) in HINTS.items() if cost in {by, *budgets} and kind not in made]
+    advice = [*found.notes, *hints]
+    if choice.chosen is None:
+        advice.append(f"A small system that is accurate on real touch: bench run {SMALL}")
     if clock is not None or "decision" in {by, *budgets}:
         advice.insert(0, _decision_time(found.table, clock))
     chosen = "" if choice.chosen is None else str(choice.table["unit"][choice.chosen])
@@ -177,72 +180,6 @@ def _decision_time(table: pd.DataFrame, clock: float | None) -> str:
     return f"{touch}; for {timed} of {len(table)} candidates, plus the measured cycles at {clock:g} MHz."
 
 
-def first_steps(values: Values) -> list[str]:
-    """Commands that make a first comparison of what was asked for, and choose.
-
-    Raises:
-        InputError: there is no such model, feature set or corpus.
-    """
-    given = {k: str(v) for k, v in values.items()}
-    on = {k: v for k, v in given.items() if k.split(".")[0] in WHAT and (k, v) != ("where", "all")}
-    if "shots" in given:
-        on = {"protocol": "personal", **on, "protocol.shots": given["shots"]}
-    systems: dict[str, str] = {k: given[k] for k in ("model", "features") if k in given}
-    if "model" not in given:
-        systems = FIRST | systems
-    cells(on | systems)  # refuses names that nothing has
-    if given.get("unit") == "window" and "model" in given:
-        try:
-            for cell in cells(on | systems | {"model.window": WINDOW}):
-                contract.check(cell.estimator())
-        except InputError:  # some cut their own
-            pass
-        else:
-            systems |= {"model.window": WINDOW}
-    kinds = _kinds({given.get("by", "flash"), *(BUDGETS[k] for k in BUDGETS if k in given)})
-    commands = [typed(kind, on | systems) for kind in ("run", *kinds)]
-    if systems == FIRST and given.get("unit") != "window":
-        commands.insert(0, typed("run", on | SECOND))
-    return [*commands, typed("choose", given)]
-
-
-def _kinds(costs: set[str]) -> list[str]:
-    """Kinds of run, besides those of ``bench run``, that make these costs known, or lower."""
-    return [kind for cost, kind in (("decision", "stream"), ("cycles", "chip")) if cost in costs]
-
-
-def _advice(choice: Choice, by: str, budgets: dict[str, float], windows: bool) -> list[str]:
-    """What may fit besides, and the commands that run it.
-
-    It is told where nothing fits, and of a budget for which runs of a kind are needed that nobody has made.
-    """
-    table, fits = choice.table, choice.chosen is not None
-    kinds = [] if windows else _kinds({*budgets} if fits else {by, *budgets})  # single windows are of bench run alone
-    if fits:
-        kinds = [kind for kind in kinds if kind not in set(table["kind"])]
-    if fits and not kinds:
-        return []
-    said = []
-    if {"cycles", "predict"} <= {*budgets}:
-        said.append(
-            "bench chip measures cycles and bench run measures predict, so no candidate has both: give one of them."
-        )
-    if not (on := compared_on(table)):
-        return [*said, "The runs were made from Python with objects, so there is no command for more of them."]
-    for kind in kinds:
-        runs = at_hand(table, kind, {k: v for k, v in budgets.items() if k in ("flash", "ram")})
-        if kind == "chip":
-            runs = [each for each in runs if all(closing.has_c(cell.estimator()) for cell in cells(each))]
-        why = {"stream": "Replayed, a system can decide early", "chip": "Exported to C, a system has cycles"}
-        if runs:
-            more = f"; the {MOST_AT_HAND} most accurate" if len(runs) > MOST_AT_HAND else ""
-            said.append(f"{why[kind]}. Not done yet for {len(runs)} tracked systems{more}:")
-            said += [f"  {typed(kind, arguments)}" for arguments in merged(runs[:MOST_AT_HAND])]
-    if not fits and not any(is_first(json.loads(text or "{}")) for text in table["arguments"]):
-        said += ["A small system that is accurate on real touch:", f"  {typed('run', on | FIRST)}"]
-    return said
-
-
 def _print(found: Chosen) -> None:
     within = ", ".join(f"{k} at most {amount(k, v)}" for k, v in found.budgets.items()) or "no budget"
     rows = []
@@ -260,10 +197,10 @@ def _print(found: Chosen) -> None:
         output().print("* as linked in C, code included; the other sizes are counted without code", style="dim")
     say(*found.lines())
     if found.choice.chosen is not None:
-        one = dict(found.choice.table.loc[found.choice.chosen])
-        steps = closing.shipped(json.loads(one["arguments"] or "{}"), one["command"], one["unit"])
-        most = {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in found.budgets.items()}
-        then(*steps, *([typed("report", most)] if most else []))
+        one = found.choice.table.loc[found.choice.chosen]
+        trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in FIT}
+        once = trained and one["command"] in ("run", "stream", "chip")  # a search is not trained again
+        then(typed("fit", trained | {"out": "chosen"}) if once else "bench report")
 
 
 def smallest(values: Values) -> list[Outcome]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from bench.commands import closing
-from bench.commands.printing import say, show, writable
+from bench.commands.printing import say, show, then, writable
 from bench.errors import InputError
 from bench.outcomes.store import connect
 from bench.plan.arguments import KEYS as RUN_KEYS
@@ -44,7 +43,7 @@ def stream(arguments: list[str]) -> int:
     paths = write_streaming(connect(), [o.run_id for o in outcomes if o.findings], out)
     if paths:
         say(f"figure and tables: {', '.join(map(str, paths))}")
-    closing.streamed(outcomes)
+    then("bench choose by=decision")
     return code
 
 

@@ -42,7 +42,6 @@ BATCH = "touchbench.depends_on_batch"  # tag of runs whose labels change with th
 FEW_SUBJECTS = 6  # with five, no sign test can reach p < 0.05
 ORIGIN = {
     "kind": "touchbench.kind",
-    "digest": "corpus_digest",
     "command": "touchbench.command",
     "arguments": "touchbench.arguments",
 }

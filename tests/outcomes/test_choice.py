@@ -41,15 +41,6 @@ def test_a_budget_of_a_second_takes_windows_of_a_second(store, capsys):
     )
 
 
-def test_single_windows_wait_for_no_replay(store, capsys):
-    arguments = {"touchbench.command": "run", "touchbench.arguments": '{"data": "synth", "model": "lda"}'}
-    tracked_run(store, "lda", made_up(windows=3), **arguments)
-    for options in (["max_decision=9s"], ["max_decision=1ms"], ["by=decision"]):
-        main(["choose", "unit=window", *options])
-        assert "Not done yet" not in capsys.readouterr().out
-    assert main(["choose", "max_decision=9s"]) == 0 and "Not done yet for 1" in capsys.readouterr().out
-
-
 def test_runs_on_the_newest_corpus_of_a_name_win(store):
     tracked_run(store, "svm", made_up(), corpus_digest="a" * 64)
     tracked_run(store, "rf", made_up(), corpus_digest="a" * 64)
