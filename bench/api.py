@@ -30,8 +30,9 @@ from bench.outcomes.store import connect
 from bench.plan.arguments import check_key, items
 from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import captures_of
+from bench.progress import warn
 from bench.work.fit import Fitted
-from bench.work.loop import Outcome, warn
+from bench.work.loop import Outcome
 from reports.comparison import comparison, published
 from reports.latex import latex as latex
 from reports.leaderboard import OWN, reference, scores_of

@@ -23,9 +23,10 @@ from bench.outcomes.store import connect
 from bench.plan.arguments import BACKEND, Values, backend_of, convert, items, parse, typed
 from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.cells import Cell, cells
+from bench.progress import warn
 from bench.quantities import BUDGETS, COSTS, quantity
 from bench.registry import parameters
-from bench.work.loop import Outcome, warn
+from bench.work.loop import Outcome
 from models import contract
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from rich.table import Table
 from bench.errors import InputError
 from bench.outcomes.comparable import MARKED, comparable, context_of, depends_on_batch, system_of
 from bench.outcomes.scores import captures
-from bench.work.loop import Outcome, console
+from bench.progress import console
+from bench.work.loop import Outcome
 
 FAILED = 3  # folds or systems that are named
 WIDTH = 100  # columns of a file or a log, which has no width of its own

@@ -11,7 +11,8 @@ from bench.outcomes.store import connect
 from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.arguments import Values, backend_of, items, number, parse
 from bench.plan.cells import cells
-from bench.work.loop import Outcome, execute, prepared, warn
+from bench.progress import warn
+from bench.work.loop import Outcome, execute, prepared
 from bench.work.stream import Stream
 from reports.illustrations import illustrate
 from reports.streaming import write_streaming

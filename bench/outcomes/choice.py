@@ -46,10 +46,10 @@ ORIGIN = {
     "arguments": "touchbench.arguments",
 }
 UNKNOWN = {  # why a cost is not known
-    "flash": "their runs are older than this measurement",
-    "ram": "their runs are older than this measurement",
+    "flash": "their size cannot be counted",
+    "ram": "their memory cannot be counted",
     "predict": "no timing is available for exported C",
-    "decision": "their runs are older than this measurement",
+    "decision": "it was not measured",
     "cycles": "only bench chip counts them",
 }
 

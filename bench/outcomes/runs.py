@@ -31,8 +31,7 @@ def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
         InputError: there is none.
     """
     rows = [
-        {"target": "gesture"}
-        | r.data.params
+        r.data.params
         | r.data.tags
         | r.data.metrics
         | {"run_id": r.info.run_id, "status": r.info.status, "started": r.info.start_time}

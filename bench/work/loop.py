@@ -32,13 +32,11 @@ from bench.outcomes.store import Store, connect, only_one
 from bench.plan.arguments import HERE, Backend
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
-from bench.progress import Said, seconds_left, span, told
+from bench.progress import Said, console, seconds_left, span, told, warn
 from bench.work.experiment import Experiment
 from bench.work.tracking import Illustrate, TrackedRun, key_of
 from bench.work.workers import Processes, Task, Todo, Workers
 from models import contract
-
-console = Console(stderr=True)
 
 
 class Interrupted(KeyboardInterrupt):
@@ -311,11 +309,6 @@ def warnings(plan: Plan) -> list[str]:
             f"of {cell.model.short}; they are padded"
         )
     return lines
-
-
-def warn(line: str) -> None:
-    """A line that a user should see."""
-    console.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
 class Bar(Progress):

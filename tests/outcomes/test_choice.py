@@ -7,6 +7,7 @@ import pytest
 from bench.cli import main
 from bench.errors import InputError
 from bench.outcomes.choice import candidates
+from bench.outcomes.store import connect
 from tests.reports.store import made_up, tracked_run
 
 
@@ -49,6 +50,19 @@ def test_runs_on_the_newest_corpus_of_a_name_win(store):
     assert list(found.table["system"]) == ["lda"]
     assert found.notes == ["Left out: 2 older runs on another version of synth (corpus aaaaaaaa)."]
     assert systems(store, {"corpus_digest": ["a" * 64]}) == ["rf", "svm"]  # as the page asks
+
+
+def test_runs_of_another_version_are_left_out_in_one_line(store, capsys):
+    tracked_run(store, "svm", made_up())
+    old = tracked_run(store, "rf", made_up())
+    store.client.delete_tag(old, "touchbench.format")
+    assert systems(connect()) == ["svm"]
+    store.client.set_tag(old, "touchbench.format", "0")
+    assert main(["choose"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()[-1:]
+    assert line == "runs that another version of touchbench has stored are left out; run their commands again"
+    store.client.delete_tag(store.of_kind("cell")[0].info.run_id, "touchbench.format")
+    assert main(["choose"]) == 2 and "no scored run is tracked here; make one first" in capsys.readouterr().err
 
 
 def test_a_message_names_arguments_that_tell_protocols_apart(store):
