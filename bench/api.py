@@ -22,6 +22,7 @@ from bench.commands import stream as _stream
 from bench.commands import stress as _stress
 from bench.commands import tune as _tune
 from bench.commands.printing import grid, output, system_in_tables
+from bench.commands.smallest import smallest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
@@ -291,7 +292,7 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
         InputError: something in the values cannot be used, or nothing is tracked for them.
     """
     given = _values(values, _choose.KEYS)
-    return _short(table_of(_choose.smallest(given))) if "over" in given else _choose.chosen(given)
+    return _short(table_of(smallest(given))) if "over" in given else _choose.chosen(given)
 
 
 def results(of: str = "", full: bool = False, **values: object) -> pd.DataFrame | Found:

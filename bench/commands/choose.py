@@ -1,36 +1,26 @@
 """The command ``bench choose``: the cheapest system that is within one standard error of the best one.
 
-Without ``over=`` it reads tracked runs; with it, it makes runs whose every fold chooses the smallest value of one
-parameter on training subjects.
+It reads tracked runs; with ``over=`` it makes runs, see `bench.commands.smallest`.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 
 from bench.commands.help import SMALL
 from bench.commands.printing import grid, one_label, output, say, show, then
-from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
 from bench.outcomes.choice import Choice, amount, candidates, decide, points, sentences
 from bench.outcomes.runs import of_kinds, without_runs
 from bench.outcomes.store import connect
-from bench.plan.arguments import BACKEND, Values, backend_of, convert, items, parse, typed
+from bench.plan.arguments import BACKEND, Values, convert, items, parse, typed
 from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.cells import Cell, cells
 from bench.progress import warn
 from bench.quantities import BUDGETS, COSTS, quantity
-from bench.registry import parameters
-from bench.work.loop import Outcome
-from models import contract
-
-if TYPE_CHECKING:
-    from models.space import How, Tuning
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", "unit", "clock", "batch", *BUDGETS}
@@ -41,7 +31,6 @@ HINTS = {  # by cost, the kind of run that makes it known or lower, and what to 
     "cycles": ("chip", "bench chip exports systems to C and counts their cycles."),
 }
 MEGAHERTZ = {"kHz": 1e-3, "MHz": 1.0, "GHz": 1e3}
-SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 
 
 @dataclass(frozen=True)
@@ -92,6 +81,8 @@ def choose(arguments: list[str]) -> int:
     """
     values = parse(arguments, KEYS)
     if "over" in values:
+        from bench.commands.smallest import smallest  # all that runs folds, which choosing among runs does not need
+
         outcomes = smallest(values)
         code = show(outcomes)
         one_label(outcomes)
@@ -202,46 +193,3 @@ def _print(found: Chosen) -> None:
         trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in FIT}
         once = trained and one["command"] in ("run", "stream", "chip")  # a search is not trained again
         then(typed("fit", trained | {"out": "chosen"}) if once else "bench report")
-
-
-def smallest(values: Values) -> list[Outcome]:
-    """Run each system with the smallest value that suffices, chosen in every fold, beside the system as it is."""
-    if given := {"by", "margin", "shots", "unit", "clock", "batch", *BUDGETS} & set(values):
-        raise InputError(f"{given.pop()}= chooses among tracked runs; leave it out, or leave out over=")
-    over, inner = str(values["over"]), str(values.get("inner", "3"))
-    listed = values.get(f"model.{over}")
-    rest = {k: v for k, v in values.items() if k not in ("over", "inner", f"model.{over}")}
-    whole = cells(rest)
-    searches = [replace(cell, tuning=_tuning(cell, over, listed, inner)) for cell in whole]
-    return evaluated([c for pair in zip(searches, whole, strict=True) for c in pair], backend_of(values))
-
-
-def _tuning(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
-    """How a search picks the smallest value; all parameters but that one stay as they are.
-
-    Raises:
-        InputError: the model has no such parameter, or it has no sizes.
-    """
-    seed = cell.seed if "seed" in cell.model.parameters else 0
-    how: How = {"inner": inner, "objective": "smallest", "over": over, "seed": seed}
-    usual = parameters(cell.model.factory)
-    fixed = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
-    if contract.searches(cell.estimator()):
-        raise InputError(f"model={cell.model.short} searches by itself; choose over= of a model that does not")
-    if over == "features":
-        if not cell.features:
-            raise InputError(f"over=features: model={cell.model.short} takes none; choose over= one of its parameters")
-        return {"space": {**fixed}, **how}
-    if over not in usual or over == "seed":
-        raise InputError(f"over={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}")
-    default = usual[over]
-    if isinstance(default, bool) or not isinstance(default, int | float):
-        raise InputError(f"over={over}: it has no sizes to choose from; choose over= a parameter that is a number")
-    kind = type(default)
-    if listed is None:
-        chosen = {kind(default * share) for share in SHARES} - {0}
-    else:
-        chosen = {convert(f"model.{over}", text, default) for text in items(f"model.{over}", listed)}
-    if not chosen:
-        raise InputError(f"over={over}: its default is {default}; give values, such as model.{over}=1,2")
-    return {"space": {**fixed, over: sorted(chosen)}, **how}

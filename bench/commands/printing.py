@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -15,7 +16,9 @@ from bench.errors import InputError
 from bench.outcomes.comparable import MARKED, comparable, context_of, depends_on_batch, system_of
 from bench.outcomes.scores import captures
 from bench.progress import console
-from bench.work.loop import Outcome
+
+if TYPE_CHECKING:
+    from bench.work.loop import Outcome
 
 FAILED = 3  # folds or systems that are named
 WIDTH = 100  # columns of a file or a log, which has no width of its own

@@ -8,7 +8,6 @@ from typing import TypeVar
 
 import numpy as np
 import pandas as pd
-from scipy.stats import ttest_1samp
 
 from bench.errors import InputError
 from bench.outcomes import scores
@@ -453,6 +452,8 @@ def _not_below(losses: np.ndarray, margin: float | None) -> bool:
         return within_one_standard_error(losses)
     if len(losses) < 2:
         return False
+    from scipy.stats import ttest_1samp  # heavy
+
     if not losses.std():
         return bool(losses.mean() < margin)
     return bool(ttest_1samp(losses, margin, alternative="less").pvalue < 0.05)

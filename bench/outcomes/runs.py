@@ -14,7 +14,6 @@ from bench.errors import InputError
 from bench.outcomes.comparable import COMPARABLE, SAME_SYSTEM, Row, context_of, depends_on_batch, system_of
 from bench.outcomes.store import Store
 from bench.plan.arguments import PARTS
-from bench.plan.cells import Part
 
 COLUMNS = {"where": "subset", "shots": "protocol.shots"}  # of a table of runs, where it is not called as it is asked
 COLUMNS |= {part: f"{part}_name" for part in PARTS}
@@ -86,7 +85,11 @@ def without_runs(tables: Iterable[pd.DataFrame], asked: Mapping[str, Iterable[ob
 def _names(room: str, name: str) -> set[str]:
     """What a part goes by: as it was tracked, as tables show it, and its file without the folder."""
     file, _, own = name.rpartition(":")
-    return {name, Part(room, name).short, f"{Path(file).name}:{own}"} if file.endswith(".py") else {name}
+    if not file.endswith(".py"):
+        return {name}
+    from bench.plan.cells import Part  # heavy
+
+    return {name, Part(room, name).short, f"{Path(file).name}:{own}"}
 
 
 def _whole_path(name: str) -> str:

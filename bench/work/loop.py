@@ -129,7 +129,7 @@ def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate |
                 workers = cluster = Cluster(backend, todo, warn, Path(folder))
                 todo = [(replace(plan, threads=cluster.threads), experiment) for plan, experiment in todo]
             else:
-                workers = Processes(todo[0][0], Path(folder))  # they start while the store is opened
+                workers = Processes(Path(folder))
                 if backend.jobs and backend.jobs > usable_cores():
                     has = f"this machine has {usable_cores()} cores"
                     console.print(f"warning: jobs={backend.jobs}: {has}, more workers would only wait")

@@ -44,7 +44,7 @@ def main(count: int = 500) -> None:
     from tests.benchmarks.folds import Nothing
 
     (plan,) = planned(cells({"model": "bayes", "features": "jung28", "data.subjects": "4"}), 2)
-    here = seconds(Processes(plan), plan, Nothing(), count)
+    here = seconds(Processes(), plan, Nothing(), count)
     print(f"two processes: {1000 * here / count:.1f} ms a fold", flush=True)
     env = os.environ | {"PYTHONPATH": str(ROOT)}
     dask = [sys.executable, "-m"]

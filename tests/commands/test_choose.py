@@ -173,7 +173,7 @@ def test_nothing_heavy_is_loaded_to_choose_among_three_runs(store):
     for system in ("lda", "svm", "rf"):
         arguments = json.dumps({"data": "synth", "model": system, "features": "jung28"})
         tracked_run(store, system, made_up(), **{"touchbench.command": "run", "touchbench.arguments": arguments})
-    code = "import sys; from bench.cli import main; main(['choose']); print({'torch'} & set(sys.modules))"
+    code = "import sys; from bench.cli import main; main(['choose']); print({'torch', 'sklearn'} & set(sys.modules))"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()
     assert said[-1] == "set()" and said[-2].startswith("next: bench fit data=synth model=")
 
