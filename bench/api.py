@@ -22,6 +22,7 @@ from bench.commands import stream as _stream
 from bench.commands import stress as _stress
 from bench.commands import tune as _tune
 from bench.commands.printing import grid, output, system_in_tables
+from bench.commands.smallest import smallest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
@@ -30,8 +31,9 @@ from bench.outcomes.store import connect
 from bench.plan.arguments import check_key, items, jobs_of
 from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import Plan, captures_of, planned
+from bench.progress import warn
 from bench.work.fit import Fitted
-from bench.work.loop import Outcome, warn
+from bench.work.loop import Outcome
 from reports.comparison import comparison, published
 from reports.latex import latex as latex
 from reports.leaderboard import OWN, reference, scores_of
@@ -311,7 +313,7 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
         InputError: something in the values cannot be used, or nothing is tracked for them.
     """
     given = _values(values, _choose.KEYS)
-    return _short(table_of(_choose.smallest(given))) if "over" in given else _choose.chosen(given)
+    return _short(table_of(smallest(given))) if "over" in given else _choose.chosen(given)
 
 
 def results(of: str = "", full: bool = False, **values: object) -> pd.DataFrame | Found:

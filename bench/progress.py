@@ -12,7 +12,15 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from rich.console import Console
+
 OFTEN_S = 0.3
+console = Console(stderr=True)
+
+
+def warn(line: str) -> None:
+    """A line that a user should see."""
+    console.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
 class Said(NamedTuple):

@@ -11,7 +11,7 @@ from bench.work.workers import Processes, Task
 def folds_done(plan, experiment, folds):
     """Results in the order in which folds finish."""
     waiting, left = list(folds), len(folds)
-    with Processes(plan) as workers:
+    with Processes() as workers:
         while left:
             while waiting and workers.room(plan):
                 workers.submit(Task(plan, experiment, waiting.pop(0), "key"))

@@ -46,8 +46,6 @@ class Hughes2017CNN(WindowNet):
         bits: of a learnt weight when it decides: 32, or 8 as `bench export` stores them.
     """
 
-    bits: int = 32  # of systems that were saved before there was a choice
-
     def __init__(
         self,
         epochs: int = 500,

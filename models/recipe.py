@@ -49,9 +49,6 @@ class Recipe(ClassifierMixin, BaseEstimator):
         bits: of a learnt weight when it decides: 32, or 8 as `bench export` stores them.
     """
 
-    person: tuple[str, ...] = ()  # of systems that were saved before there was any, as the next
-    bits: int = 32
-    turns: int = 0
     rows_: tuple[pd.DataFrame, np.ndarray] | None = None  # of training, where a person's are pooled with them
 
     def __init__(

@@ -55,8 +55,6 @@ class Reflex(ClassifierMixin, BaseEstimator):
         bits: of a learnt weight, as of `models.recipe.Recipe`.
     """
 
-    bits: int = 32  # of systems that were saved before there was a choice
-
     def __init__(
         self,
         window: float = 1.0,

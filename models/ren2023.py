@@ -101,9 +101,7 @@ class _Attention(nn.Module):
         self.norm = nn.LayerNorm(WIDTH)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        if isinstance(self.attention, _SelfAttention):
-            return self.norm(x + self.attention(x))
-        return self.norm(x + self.attention(x, x, x, need_weights=False)[0])  # of systems that were saved before
+        return self.norm(x + self.attention(x))
 
 
 class _SelfAttention(nn.MultiheadAttention):

@@ -48,7 +48,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
     hop: int | None = None
     seconds = 0.0
     rate = 1.0
-    precision = "float32"  # and of systems that were saved before there was a choice
+    precision = "float32"
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 from mlflow.entities import Run
 
-from bench.outcomes.comparable import comparable, context_of, is_checked, method_of, seed_number
+from bench.outcomes.comparable import comparable, context_of, method_of, seed_number
 from bench.outcomes.stopping import SHOWN_MS
 from bench.outcomes.store import Store
 from reports import streaming
@@ -66,7 +66,7 @@ def contexts(store: Store, kind: str) -> dict[str, list[Run]]:
     Returns:
         At most `CONTEXTS` groups, people first and the largest first, each with its `METHODS` most accurate methods.
     """
-    runs = [run for run in store.of_kind(kind, finished=True) if is_checked(run.data.tags)]
+    runs = store.of_kind(kind, finished=True)
     groups: dict[tuple, dict[str, Run]] = {}
     several: set[tuple] = set()  # groups that have runs of a system with other seeds
     for run in sorted(runs, key=lambda r: (seed_number(r.data.tags["seed"]), -len(under(r, "loss.")))):

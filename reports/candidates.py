@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,7 +11,6 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.outcomes import statistics
-from bench.outcomes.advice import compared_on
 from bench.outcomes.choice import SAID, Choice, candidates, decide, sentences
 from bench.outcomes.comparable import COMPARABLE, Row
 from bench.outcomes.store import Store
@@ -87,15 +87,20 @@ def considered(
     except InputError as e:
         return Answer(group, [f"Nothing can be chosen here: {e}."])
     choice = decide(found.table, found.subjects, BY, dict(budgets), None)
-    command = _command(compared_on(found.table), first, runs, budgets)
+    command = _command(_typed(found.table), first, runs, budgets)
     return Considered(group, choice, found.subjects, budgets, found.mixed, found.notes, command)
+
+
+def _typed(table: pd.DataFrame) -> dict[str, str]:
+    """The arguments of the first candidate whose run was typed; empty where all were made from Python with objects."""
+    return next((json.loads(text) for text in table["arguments"] if text), {})
 
 
 def _command(on: Mapping[str, str], first: Row, runs: pd.DataFrame, budgets: Mapping[str, float]) -> str:
     """The command that chooses among the runs of a group; empty where its words mean others, too.
 
     Args:
-        on: what was typed for data and protocol.
+        on: arguments of one of its runs.
         first: a run of the group.
         runs: all that are tracked.
         budgets: the most of each cost.

@@ -9,7 +9,7 @@ import pandas as pd
 
 
 def command(run: dict) -> str:
-    """The command line that makes a run, as it was tracked; ``-`` for a run from before it was.
+    """The command line that makes a run, as it was tracked; ``-`` for a run of Python objects.
 
     Args:
         run: a row of `bench.outcomes.runs.tracked`.

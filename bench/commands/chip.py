@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from bench.commands import closing
-from bench.commands.printing import show
+from bench.commands.printing import show, then
 from bench.errors import InputError
 from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.arguments import Values, backend_of, items, parse
@@ -22,7 +21,7 @@ def chip(arguments: list[str]) -> int:
     """
     outcomes = measured(parse(arguments, KEYS))
     code = show(outcomes)
-    closing.exported(outcomes)
+    then("bench choose by=cycles")
     return code
 
 

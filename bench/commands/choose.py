@@ -1,44 +1,37 @@
 """The command ``bench choose``: the cheapest system that is within one standard error of the best one.
 
-Without ``over=`` it reads tracked runs; with it, it makes runs whose every fold chooses the smallest value of one
-parameter on training subjects.
+It reads tracked runs; with ``over=`` it makes runs, see `bench.commands.smallest`.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 
-from bench.commands import closing
-from bench.commands.printing import grid, output, say, show, then
-from bench.commands.run import evaluated
+from bench.commands.help import SMALL
+from bench.commands.printing import grid, one_label, output, say, show, then
 from bench.errors import InputError, nearest
-from bench.outcomes.advice import FIRST, MOST_AT_HAND, SECOND, WHAT, at_hand, compared_on, is_first, merged
 from bench.outcomes.choice import Choice, amount, candidates, decide, points, sentences
 from bench.outcomes.comparable import MARK, MARKED
-from bench.outcomes.runs import NothingTracked, of_kinds, without_runs
+from bench.outcomes.runs import of_kinds, without_runs
 from bench.outcomes.store import connect
-from bench.plan.arguments import BACKEND, Values, backend_of, convert, items, parse, typed
+from bench.plan.arguments import BACKEND, Values, convert, items, parse, typed
 from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.cells import Cell, cells
+from bench.progress import warn
 from bench.quantities import BUDGETS, COSTS, quantity
-from bench.registry import parameters
-from bench.work.loop import Outcome, warn
-from models import contract
-
-if TYPE_CHECKING:
-    from models.space import How, Tuning
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", "unit", "clock", "batch", *BUDGETS}
 UNITS = ("capture", "window")
-WINDOW = FIRST["model.window"]  # seconds, of a model that is to label windows
+FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
+HINTS = {  # by cost, the kind of run that makes it known or lower, and what to type
+    "decision": ("stream", "bench stream replays systems, which can then decide early."),
+    "cycles": ("chip", "bench chip exports systems to C and counts their cycles."),
+}
 MEGAHERTZ = {"kHz": 1e-3, "MHz": 1.0, "GHz": 1e3}
-SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 
 
 @dataclass(frozen=True)
@@ -53,7 +46,7 @@ class Chosen:
         margin: points that do not matter, or None.
         subjects: number of them.
         mixed: whether training and test captures come from the same subjects.
-        advice: which runs are left out, what may fit besides, and the commands that run it.
+        advice: which runs are left out, and which commands may find more.
     """
 
     choice: Choice
@@ -89,16 +82,14 @@ def choose(arguments: list[str]) -> int:
     """
     values = parse(arguments, KEYS)
     if "over" in values:
+        from bench.commands.smallest import smallest  # all that runs folds, which choosing among runs does not need
+
         outcomes = smallest(values)
         code = show(outcomes)
-        closing.evaluated(outcomes)
+        one_label(outcomes)
+        then("bench choose")
         return code
-    try:
-        found = chosen(values)
-    except NothingTracked:
-        steps = first_steps(values)
-        print("A first comparison:", *steps, sep="\n  ")
-        raise
+    found = chosen(values)
     _print(found)
     return 0 if found.system else 1
 
@@ -141,7 +132,11 @@ def chosen(values: Values) -> Chosen:
     if (by == "predict" or "predict" in budgets) and found.table["cpu"].nunique() > 1:
         warn(f"warning: times are of several processors: {'; '.join(sorted(set(found.table['cpu'])))}")
     choice = decide(found.table, found.subjects, by, budgets, margin)
-    advice = [*found.notes, *_advice(choice, by, budgets, unit == "window")]
+    made = {"stream", "chip"} if unit == "window" else set(found.table["kind"])
+    hints = [hint for cost, (kind, hint) in HINTS.items() if cost in {by, *budgets} and kind not in made]
+    advice = [*found.notes, *hints]
+    if choice.chosen is None:
+        advice.append(f"A small system that is accurate on real touch: bench run {SMALL}")
     if clock is not None or "decision" in {by, *budgets}:
         advice.insert(0, _decision_time(found.table, clock))
     chosen = "" if choice.chosen is None else str(choice.table["unit"][choice.chosen])
@@ -179,72 +174,6 @@ def _decision_time(table: pd.DataFrame, clock: float | None) -> str:
     return f"{touch}; for {timed} of {len(table)} candidates, plus the measured cycles at {clock:g} MHz."
 
 
-def first_steps(values: Values) -> list[str]:
-    """Commands that make a first comparison of what was asked for, and choose.
-
-    Raises:
-        InputError: there is no such model, feature set or corpus.
-    """
-    given = {k: str(v) for k, v in values.items()}
-    on = {k: v for k, v in given.items() if k.split(".")[0] in WHAT and (k, v) != ("where", "all")}
-    if "shots" in given:
-        on = {"protocol": "personal", **on, "protocol.shots": given["shots"]}
-    systems: dict[str, str] = {k: given[k] for k in ("model", "features") if k in given}
-    if "model" not in given:
-        systems = FIRST | systems
-    cells(on | systems)  # refuses names that nothing has
-    if given.get("unit") == "window" and "model" in given:
-        try:
-            for cell in cells(on | systems | {"model.window": WINDOW}):
-                contract.check(cell.estimator())
-        except InputError:  # some cut their own
-            pass
-        else:
-            systems |= {"model.window": WINDOW}
-    kinds = _kinds({given.get("by", "flash"), *(BUDGETS[k] for k in BUDGETS if k in given)})
-    commands = [typed(kind, on | systems) for kind in ("run", *kinds)]
-    if systems == FIRST and given.get("unit") != "window":
-        commands.insert(0, typed("run", on | SECOND))
-    return [*commands, typed("choose", given)]
-
-
-def _kinds(costs: set[str]) -> list[str]:
-    """Kinds of run, besides those of ``bench run``, that make these costs known, or lower."""
-    return [kind for cost, kind in (("decision", "stream"), ("cycles", "chip")) if cost in costs]
-
-
-def _advice(choice: Choice, by: str, budgets: dict[str, float], windows: bool) -> list[str]:
-    """What may fit besides, and the commands that run it.
-
-    It is told where nothing fits, and of a budget for which runs of a kind are needed that nobody has made.
-    """
-    table, fits = choice.table, choice.chosen is not None
-    kinds = [] if windows else _kinds({*budgets} if fits else {by, *budgets})  # single windows are of bench run alone
-    if fits:
-        kinds = [kind for kind in kinds if kind not in set(table["kind"])]
-    if fits and not kinds:
-        return []
-    said = []
-    if {"cycles", "predict"} <= {*budgets}:
-        said.append(
-            "bench chip measures cycles and bench run measures predict, so no candidate has both: give one of them."
-        )
-    if not (on := compared_on(table)):
-        return [*said, "The runs were made from Python with objects, so there is no command for more of them."]
-    for kind in kinds:
-        runs = at_hand(table, kind, {k: v for k, v in budgets.items() if k in ("flash", "ram")})
-        if kind == "chip":
-            runs = [each for each in runs if all(closing.has_c(cell.estimator()) for cell in cells(each))]
-        why = {"stream": "Replayed, a system can decide early", "chip": "Exported to C, a system has cycles"}
-        if runs:
-            more = f"; the {MOST_AT_HAND} most accurate" if len(runs) > MOST_AT_HAND else ""
-            said.append(f"{why[kind]}. Not done yet for {len(runs)} tracked systems{more}:")
-            said += [f"  {typed(kind, arguments)}" for arguments in merged(runs[:MOST_AT_HAND])]
-    if not fits and not any(is_first(json.loads(text or "{}")) for text in table["arguments"]):
-        said += ["A small system that is accurate on real touch:", f"  {typed('run', on | FIRST)}"]
-    return said
-
-
 def _print(found: Chosen) -> None:
     within = ", ".join(f"{k} at most {amount(k, v)}" for k, v in found.budgets.items()) or "no budget"
     rows = []
@@ -262,54 +191,8 @@ def _print(found: Chosen) -> None:
         output().print("* as linked in C, code included; the other sizes are counted without code", style="dim")
     say(*found.lines(), *([f"{MARKED}."] if any(MARK in row["system"] for row in rows) else []))
     if found.choice.chosen is not None:
-        one = dict(found.choice.table.loc[found.choice.chosen])
-        steps = (
-            []
-            if one.get("conditions")
-            else closing.shipped(json.loads(one["arguments"] or "{}"), one["command"], one["unit"])
-        )
-        most = {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in found.budgets.items()}
-        then(*steps, *([typed("report", most)] if most else []))
-
-
-def smallest(values: Values) -> list[Outcome]:
-    """Run each system with the smallest value that suffices, chosen in every fold, beside the system as it is."""
-    if given := {"by", "margin", "shots", "unit", "clock", "batch", *BUDGETS} & set(values):
-        raise InputError(f"{given.pop()}= chooses among tracked runs; leave it out, or leave out over=")
-    over, inner = str(values["over"]), str(values.get("inner", "3"))
-    listed = values.get(f"model.{over}")
-    rest = {k: v for k, v in values.items() if k not in ("over", "inner", f"model.{over}")}
-    whole = cells(rest)
-    searches = [replace(cell, tuning=_tuning(cell, over, listed, inner)) for cell in whole]
-    return evaluated([c for pair in zip(searches, whole, strict=True) for c in pair], backend_of(values))
-
-
-def _tuning(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
-    """How a search picks the smallest value; all parameters but that one stay as they are.
-
-    Raises:
-        InputError: the model has no such parameter, or it has no sizes.
-    """
-    seed = cell.seed if "seed" in cell.model.parameters else 0
-    how: How = {"inner": inner, "objective": "smallest", "over": over, "seed": seed}
-    usual = parameters(cell.model.factory)
-    fixed = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
-    if contract.searches(cell.estimator()):
-        raise InputError(f"model={cell.model.short} searches by itself; choose over= of a model that does not")
-    if over == "features":
-        if not cell.features:
-            raise InputError(f"over=features: model={cell.model.short} takes none; choose over= one of its parameters")
-        return {"space": {**fixed}, **how}
-    if over not in usual or over == "seed":
-        raise InputError(f"over={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}")
-    default = usual[over]
-    if isinstance(default, bool) or not isinstance(default, int | float):
-        raise InputError(f"over={over}: it has no sizes to choose from; choose over= a parameter that is a number")
-    kind = type(default)
-    if listed is None:
-        chosen = {kind(default * share) for share in SHARES} - {0}
-    else:
-        chosen = {convert(f"model.{over}", text, default) for text in items(f"model.{over}", listed)}
-    if not chosen:
-        raise InputError(f"over={over}: its default is {default}; give values, such as model.{over}=1,2")
-    return {"space": {**fixed, over: sorted(chosen)}, **how}
+        one = found.choice.table.loc[found.choice.chosen]
+        trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in FIT}
+        # a search is not trained again, and a system that needs conditions is not saved
+        once = trained and one["command"] in ("run", "stream", "chip") and not one.get("conditions")
+        then(typed("fit", trained | {"out": "chosen"}) if once else "bench report")

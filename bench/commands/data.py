@@ -8,20 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.commands.help import SMALL
 from bench.corpora.cost import write
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
 from bench.corpora.limits import briefly
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
-from bench.outcomes.advice import FIRST
-from bench.plan.arguments import convert, typed
+from bench.plan.arguments import convert
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.scratch import home
 
 ACTIONS = ("import", "show", "verify", "export")
 OUT = "look"
-WINDOWED = {"model": "lda", "features": "touch", "model.window": "1.0"}  # on windows of a second; takes seconds
 
 
 def data(arguments: list[str]) -> int:
@@ -93,13 +92,7 @@ def show(name: str, options: dict[str, str]) -> int:
     if told := [] if name == "synth" else open_corpus(name, {}).info["warnings"]:
         print(f"\nWarnings of the import: {len(told)}", *told, sep="\n  ")
     print(f"\nfigures, an animation and a page that holds them all; open: {(out / 'index.html').resolve().as_uri()}")
-    on = {"data": name} | {f"data.{k.removeprefix('data.')}": v for k, v in options.items()}
-    if where:
-        on["where"] = where
-    if target != "gesture":
-        on["target"] = target
-    print(f"next: {typed('run', on | {'protocol': 'loso'} | FIRST)}")
-    print(f"      {typed('run', on | {'protocol': 'loso'} | WINDOWED)}")
+    print(f"next: bench run data={name} protocol=loso {SMALL}")
     return 0
 
 

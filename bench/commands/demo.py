@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -57,9 +58,9 @@ def _steps() -> Iterator[tuple[str, ...]]:
 
 def _best() -> list[list[str]]:
     """Arguments of the most accurate systems of this folder's store."""
-    from bench.outcomes.advice import at_hand
     from bench.outcomes.choice import candidates
     from bench.outcomes.store import connect
 
-    table = candidates(connect(), {}).table
-    return [[f"{key}={value}" for key, value in found.items()] for found in at_hand(table, "stream", {})[:REPLAYED]]
+    table = candidates(connect(), {}).table.sort_values("accuracy", ascending=False, kind="stable")
+    best = [json.loads(text) for text in table["arguments"][:REPLAYED]]
+    return [[f"{key}={value}" for key, value in arguments.items()] for arguments in best]

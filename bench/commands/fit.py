@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.commands.closing import has_c
 from bench.commands.printing import then
 from bench.corpora.table import read_unlabelled
 from bench.errors import InputError
@@ -39,8 +38,7 @@ def fit(arguments: list[str]) -> int:
     if stopping is not None and not stopping.saves:
         print(f"{NO_SAVING}: the model decides on whole captures")
     place = quoted(found.uri if out is None else str(out))
-    in_c = [f"bench export {place} out=in_c"] if has_c(found.recogniser.estimator) else []
-    then(f"bench predict {place} new.csv", *in_c)
+    then(f"bench predict {place} new.csv", f"bench export {place} out=in_c")
     return 0
 
 

@@ -5,6 +5,7 @@ Nothing is imported, so that help and completion come at once.
 
 from __future__ import annotations
 
+SMALL = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"  # a small system, accurate on real touch
 RUN = """\
 bench run [key=value ...]
 
@@ -58,8 +59,8 @@ bench choose [key=value ...]
 
 Finds, among tracked runs on the same captures, the cheapest system that loses at most one standard error of the paired
 difference over subjects to the most accurate one. Says why, and what each budget costs in points. If nothing fits, it
-says which budget binds and the least that any system needs, and proposes a run. Exit code 1 then. Runs with failed
-folds, and runs on an older version of a corpus, are left out and counted.
+says which budget binds and the least that any system needs. Exit code 1 then. Runs with failed folds, and runs on an
+older version of a corpus, are left out and counted.
 
   by=           cost to keep low: flash (default), ram, predict, decision (touch that a decision needs) or cycles
   max_flash=    budgets, such as max_flash=256kB max_ram=32kB (kB 1000, KiB 1024 bytes; counted without code, or linked

@@ -15,8 +15,8 @@ from bench.outcomes.submissions import ABOUT, Submission
 from bench.plan.arguments import labelled, options_of, parse, typed
 from bench.plan.cells import cells
 from bench.plan.tasks import Task, task_of
+from bench.progress import warn
 from bench.scratch import made_whole, new_folder, replacing
-from bench.work.loop import warn
 from reports.leaderboard import NOT_VERIFIED, board, note, reference
 from reports.provenance import command as command_of
 

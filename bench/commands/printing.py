@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -13,9 +14,13 @@ from rich.table import Table
 
 from bench.errors import InputError
 from bench.outcomes.comparable import MARKED, comparable, context_of, depends_on_batch, system_of
-from bench.work.loop import Outcome, console
+from bench.outcomes.scores import captures
+from bench.progress import console
 
-FAILED = 3  # folds that are named
+if TYPE_CHECKING:
+    from bench.work.loop import Outcome
+
+FAILED = 3  # folds or systems that are named
 WIDTH = 100  # columns of a file or a log, which has no width of its own
 WORDS = 34  # columns of text, before it takes more lines rather than the place of another column
 COMPARED = ("cell", "stream", "chip")  # kinds of run whose best one is marked
@@ -161,6 +166,18 @@ def show(outcomes: Sequence[Outcome]) -> int:
     if any(depends_on_batch(outcome.tags) for outcome in outcomes):
         out.print(MARKED, markup=False, highlight=False)
     return failures(outcomes)
+
+
+def one_label(outcomes: Sequence[Outcome]) -> None:
+    """Warn of systems that give every test capture of a fold, though of several classes, one and the same label."""
+    named = []
+    for outcome in outcomes:
+        tables = [captures(result.table) for result in outcome.results]
+        if count := sum(t["true"].nunique() > 1 and t["predicted"].nunique() == 1 for t in tables):
+            named.append(f"{outcome.plan.cell.system()} in {count} of {len(tables)} folds")
+    if named:
+        more = f" and {len(named) - FAILED} more systems" if len(named) > FAILED else ""
+        say(f"warning: every test capture of a fold gets one and the same label: {'; '.join(named[:FAILED])}{more}")
 
 
 def system_in_tables(outcome: Outcome) -> str:

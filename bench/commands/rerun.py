@@ -21,8 +21,8 @@ from bench.outcomes.store import connect
 from bench.outcomes.submissions import Submission
 from bench.plan.arguments import PARTS, parse
 from bench.plan.cells import cells
+from bench.progress import warn
 from bench.source import git_revision, versions
-from bench.work.loop import warn
 
 ALWAYS = {"data", "seed", *PARTS}
 KEYS = {  # that a stored command can have; none of them says where to compute or to write

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from bench.commands import closing
-from bench.commands.printing import show
+from bench.commands.printing import one_label, show, then
 from bench.plan.arguments import KEYS, Backend, Values, backend_of, parse
 from bench.plan.cells import Cell, cells
 from bench.work.evaluation import Evaluation
@@ -19,7 +18,8 @@ def run(arguments: list[str]) -> int:
     """
     outcomes = evaluated_values(parse(arguments, KEYS))
     code = show(outcomes)
-    closing.evaluated(outcomes)
+    one_label(outcomes)
+    then("bench choose")
     return code
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from bench.commands import closing
-from bench.commands.printing import say, show, writable
+from bench.commands.printing import say, show, then, writable
 from bench.errors import InputError
 from bench.outcomes.store import connect
 from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.arguments import Values, backend_of, items, number, parse
 from bench.plan.cells import cells
-from bench.work.loop import Outcome, execute, prepared, warn
+from bench.progress import warn
+from bench.work.loop import Outcome, execute, prepared
 from bench.work.stream import Stream
 from reports.illustrations import illustrate
 from reports.streaming import write_streaming
@@ -44,7 +44,7 @@ def stream(arguments: list[str]) -> int:
     paths = write_streaming(connect(), [o.run_id for o in outcomes if o.findings], out)
     if paths:
         say(f"figure and tables: {', '.join(map(str, paths))}")
-    closing.streamed(outcomes)
+    then("bench choose by=decision")
     return code
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from bench.commands import closing
-from bench.commands.printing import contexts, say, show, writable
+from bench.commands.printing import contexts, say, show, then, writable
 from bench.corpora.faults import Fault, known
 from bench.errors import InputError, nearest
 from bench.outcomes import stability
@@ -30,12 +29,12 @@ def stress(arguments: list[str]) -> int:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
     outcomes, out = stressed(parse(arguments, KEYS))
-    closing.stressed(outcomes)
     code = show(outcomes)
     for folder, members in grouped(outcomes, out).items():
         title = stability_tables.title(members[0].analysis)
         say(f"{title}: which subjects, classes, conditions and faults fail: {folder / 'stability.md'}, with figures")
-    closing.hardened(outcomes)
+    say("model.faults=all, or the names of some faults, trains a system on captures with them")
+    then("bench report")
     return code
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
-from bench.commands import closing
-from bench.commands.printing import show
+from bench.commands.printing import one_label, show, then
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
 from bench.plan.arguments import KEYS as RUN_KEYS
@@ -32,7 +31,8 @@ def tune(arguments: list[str]) -> int:
     """
     outcomes = searched(parse(arguments, KEYS))
     code = show(outcomes)
-    closing.evaluated(outcomes)
+    one_label(outcomes)
+    then("bench choose")
     return code
 
 

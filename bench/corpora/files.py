@@ -7,14 +7,11 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 import stat
 import tempfile
-import time
-from contextlib import suppress
 from pathlib import Path
 
-from bench.scratch import owner, remove, sweep
+from bench.scratch import owner, sweep
 
 
 class Damaged(Exception):
@@ -86,15 +83,8 @@ def write_text(path: Path, text: str) -> None:
 
 
 def clear(folder: Path) -> None:
-    """Remove what killed processes of this machine have left here: hidden entries named by `bench.scratch.owner`.
-
-    Names of older versions tell no process; what has them goes after a day.
-    """
+    """Remove what killed processes of this machine have left here: hidden entries named by `bench.scratch.owner`."""
     sweep(folder, ".")
-    for path in folder.glob(".*"):
-        with suppress(OSError):  # it is gone already, or somebody else's
-            if re.fullmatch(r"\.[0-9a-f]{16}\.\w{8}", path.name) and time.time() - path.lstat().st_mtime > 86400:
-                remove(path)
 
 
 def short(folder: Path) -> str:

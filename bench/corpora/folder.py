@@ -1,7 +1,7 @@
 """Stored corpora: a folder each in the user's data folder, checked and mapped when it is opened.
 
 ``frames.npy``, ``lengths.npy`` and ``captures.parquet`` hold the corpus. ``corpus.json`` holds the rest, and under
-``info.stored``, where older versions do not mind it, size and SHA-256 of each file and a checksum of itself; it never
+``info.stored`` size and SHA-256 of each file and a checksum of itself; it never
 changes. ``seal.json`` says what ``frames.npy`` looked like (size, times, inode) when its SHA-256 was last found right.
 
 Small files are hashed at each opening, frames only when they look different. This finds damage and changes by
@@ -34,7 +34,6 @@ from bench.scratch import home, owner
 SMALL = ("lengths.npy", "captures.parquet")
 FILES = ("frames.npy", *SMALL)
 ABOUT = ("name", "digest", "rate_hz", "full_scale", "info")  # in corpus.json
-LARGEST = 1 << 30  # bytes of a file of unknown size that is read into memory
 HASH = "[0-9a-f]{64}"
 _seen: set[tuple] = set()  # what was verified in folders that cannot be written, so that no seal can tell
 
@@ -172,8 +171,6 @@ def open_folder(folder: Path, key: str = "") -> Corpus:
     """
     try:
         about, stored = _about(folder)
-        if stored is None:
-            return _open_unsealed(folder, about, key)
         if key and stored["folder"] != key:
             raise Damaged(f"it was written for {stored['folder'][:40]}")
         contents = {name: small_file(folder / name, stored["files"][name]) for name in SMALL}
@@ -195,7 +192,7 @@ def verified(folder: Path, key: str = "") -> dict[str, str]:
     except Damaged as e:
         return {"corpus.json": str(e)} | dict.fromkeys(FILES, "cannot be checked without corpus.json")
     found = dict.fromkeys(("corpus.json", *FILES), "")
-    for name, (size, sha256) in stored["files"].items() if stored else ():
+    for name, (size, sha256) in stored["files"].items():
         try:
             compare(folder / name, size, sha256)
         except Damaged as e:
@@ -211,8 +208,8 @@ def verified(folder: Path, key: str = "") -> dict[str, str]:
     return found
 
 
-def _about(folder: Path) -> tuple[dict, dict | None]:
-    """What ``corpus.json`` says, and what was stored beside it; None for a folder of an older version."""
+def _about(folder: Path) -> tuple[dict, dict]:
+    """What ``corpus.json`` says, and what was stored beside it."""
     try:
         about = json.loads(small_file(folder / "corpus.json"))
     except (ValueError, RecursionError) as e:
@@ -220,9 +217,9 @@ def _about(folder: Path) -> tuple[dict, dict | None]:
     if not isinstance(about, dict) or set(about) != set(ABOUT) or not isinstance(about["info"], dict):
         raise Damaged("corpus.json does not say what a corpus is")
     stored = about["info"].pop("stored", None)
-    if stored is None and (folder / "seal.json").exists():
+    if stored is None:
         raise Damaged("corpus.json does not say what was stored")
-    if stored is not None and (not isinstance(stored, dict) or stored.pop("sum", None) != _sum(about, stored)):
+    if not isinstance(stored, dict) or stored.pop("sum", None) != _sum(about, stored):
         raise Damaged("corpus.json differs from what was stored")
     numbers = [about["rate_hz"], about["full_scale"]]
     if not (
@@ -262,25 +259,6 @@ def _seal_all(folder: Path, about: dict, key: str, files: dict[str, tuple[int, s
     about["info"]["stored"] = stored | {"sum": _sum(about, stored)}
     write_text(folder / "corpus.json", json.dumps(about, indent=1))
     write_text(folder / "seal.json", json.dumps([files["frames.npy"][1], *stamp(folder / "frames.npy")]))
-
-
-def _open_unsealed(folder: Path, about: dict, key: str) -> Corpus:
-    """Open what an older version has stored: the content must be that of the digest. Seal it."""
-    if key and not about["digest"].startswith(key):
-        raise Damaged("an older version stored it and did not say what for")
-    contents = {name: small_file(folder / name, most=LARGEST) for name in SMALL}
-    corpus = _corpus(folder, about, contents)
-    now = (folder, *(stamp(folder / name) for name in ("corpus.json", *FILES)))
-    if now in _seen:
-        return corpus
-    if content_digest(corpus) != about["digest"]:
-        raise Damaged("the content is not that of its digest")
-    files = {name: (len(content), hashlib.sha256(content).hexdigest()) for name, content in contents.items()}
-    try:
-        _seal_all(folder, about, folder.name, files | {"frames.npy": sha256_of(folder / "frames.npy")})
-    except OSError:
-        _seen.add(now)
-    return corpus
 
 
 def _corpus(folder: Path, about: dict, contents: dict[str, bytes]) -> Corpus:

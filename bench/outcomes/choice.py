@@ -8,7 +8,6 @@ from typing import TypeVar
 
 import numpy as np
 import pandas as pd
-from scipy.stats import ttest_1samp
 
 from bench.errors import InputError
 from bench.outcomes import scores
@@ -41,15 +40,14 @@ WORDS = {  # an amount of a cost
 FEW_SUBJECTS = 6  # with five, no sign test can reach p < 0.05
 ORIGIN = {
     "kind": "touchbench.kind",
-    "digest": "corpus_digest",
     "command": "touchbench.command",
     "arguments": "touchbench.arguments",
 }
 UNKNOWN = {  # why a cost is not known
-    "flash": "their runs are older than this measurement",
-    "ram": "their runs are older than this measurement",
+    "flash": "their size cannot be counted",
+    "ram": "their memory cannot be counted",
     "predict": "no timing is available for exported C",
-    "decision": "their runs are older than this measurement",
+    "decision": "it was not measured",
     "cycles": "only bench chip counts them",
 }
 
@@ -457,6 +455,8 @@ def _not_below(losses: np.ndarray, margin: float | None) -> bool:
         return within_one_standard_error(losses)
     if len(losses) < 2:
         return False
+    from scipy.stats import ttest_1samp  # heavy
+
     if not losses.std():
         return bool(losses.mean() < margin)
     return bool(ttest_1samp(losses, margin, alternative="less").pvalue < 0.05)

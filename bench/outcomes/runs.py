@@ -17,12 +17,10 @@ from bench.outcomes.comparable import (
     Row,
     context_of,
     depends_on_batch,
-    is_checked,
     system_of,
 )
 from bench.outcomes.store import Store
 from bench.plan.arguments import PARTS
-from bench.plan.cells import Part
 
 COLUMNS = {"where": "subset", "shots": "protocol.shots"}  # of a table of runs, where it is not called as it is asked
 COLUMNS |= {part: f"{part}_name" for part in PARTS}
@@ -35,28 +33,19 @@ class NothingTracked(InputError):
 def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
     """Tags, parameters and metrics of every scored parent run of a kind, the newest of equal ones, complete ones first.
 
-    Runs of older versions, which did not check what a prediction depends on, are left out.
-
     Raises:
         InputError: there is none.
     """
-    scored = [run for run in store.of_kind(kind) if "accuracy" in run.data.metrics]
     rows = [
-        {"target": "gesture"}
-        | r.data.params
+        r.data.params
         | r.data.tags
         | r.data.metrics
         | {"run_id": r.info.run_id, "status": r.info.status, "started": r.info.start_time}
         | {"artifacts": r.info.artifact_uri}
         | {f"{part}_name": r.data.params.get(part, "") for part in PARTS}
-        for r in scored
-        if is_checked(r.data.tags)
+        for r in store.of_kind(kind)
+        if "accuracy" in r.data.metrics
     ]
-    if scored and not rows:
-        raise NothingTracked(
-            "the runs here are of an older version, which did not check what predictions depend on; repeat their "
-            "commands"
-        )
     if not rows:
         raise NothingTracked("no scored run is tracked here; make one first, for example: bench run model=svm")
     found = pd.DataFrame(rows)
@@ -103,7 +92,11 @@ def without_runs(tables: Iterable[pd.DataFrame], asked: Mapping[str, Iterable[ob
 def _names(room: str, name: str) -> set[str]:
     """What a part goes by: as it was tracked, as tables show it, and its file without the folder."""
     file, _, own = name.rpartition(":")
-    return {name, Part(room, name).short, f"{Path(file).name}:{own}"} if file.endswith(".py") else {name}
+    if not file.endswith(".py"):
+        return {name}
+    from bench.plan.cells import Part  # heavy
+
+    return {name, Part(room, name).short, f"{Path(file).name}:{own}"}
 
 
 def _whole_path(name: str) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from sklearn.metrics import confusion_matrix, precision_recall_fscore_support
 
 from bench.corpora.corpus import RESERVED as RESERVED
 
@@ -53,12 +52,16 @@ def per_subject(labelled: pd.DataFrame) -> pd.DataFrame:
 
 def per_class(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
     """Precision, recall, F1 and support of each class; a class never predicted has precision 0."""
+    from sklearn.metrics import precision_recall_fscore_support
+
     found = precision_recall_fscore_support(labelled["true"], labelled["predicted"], labels=classes, zero_division=0)
     return pd.DataFrame({"gesture": classes} | dict(zip(["precision", "recall", "f1", "support"], found, strict=True)))
 
 
 def confusion(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
     """Counts, rows are the true classes, columns the predicted ones."""
+    from sklearn.metrics import confusion_matrix
+
     return pd.DataFrame(
         confusion_matrix(labelled["true"], labelled["predicted"], labels=classes), index=classes, columns=classes
     )

@@ -2,6 +2,7 @@
 
 Tags by which runs are found again: ``touchbench.kind`` (of a parent run ``cell``, ``stream``, ``stress`` or ``fit``,
 of a fold ``fold`` or the parent's with ``_fold``), ``touchbench.cell`` (the key of the run), ``touchbench.fold``.
+``touchbench.format`` says how a run is stored.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from bench.errors import InputError, StoreError
-from bench.outcomes.comparable import seeds_named
+from bench.progress import warn
 from bench.scratch import home, owner, sweep
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from mlflow.entities import Run
 
 EXPERIMENT = "touchbench"
+FORMAT = "1"  # of what runs and saved models hold; those of another one are left out or refused
 PATIENCE = 60.0  # seconds that another program may lock MLflow's file
 RETRIES = "5"  # of a request to a server: they wait 0, 4, 8, 16 and 32 seconds
 Given = ParamSpec("Given")
@@ -101,18 +103,24 @@ class Store:
     def __init__(self, client: MlflowClient, experiment_id: str) -> None:
         self.client = client
         self.experiment_id = experiment_id
+        self._warned = False  # of runs of another format
         self._places: dict[str, str] = {}  # by id of a run that was made here and goes on, the address of its artifacts
 
     @patient
     def runs(self, asked: str) -> list[Run]:
-        """Every run that MLflow's filter lets through, newest first."""
+        """Every run that MLflow's filter lets through, newest first; what another version has stored is left out."""
         found: list[Run] = []
         token = None
         while True:  # MLflow gives them in pages
             page = self.client.search_runs([self.experiment_id], asked, max_results=1000, page_token=token)
-            found += map(_with_seeds, page)
+            found += page
             if not (token := page.token):
-                return found
+                break
+        kept = [run for run in found if run.data.tags.get("touchbench.format") == FORMAT]
+        if len(kept) < len(found) and not self._warned:
+            self._warned = True
+            warn("runs that another version of touchbench has stored are left out; run their commands again")
+        return kept
 
     def of_kind(self, kind: str, finished: bool = False) -> list[Run]:
         """Parent runs of a kind, newest first; only the complete ones if they are to be ``finished``."""
@@ -128,7 +136,7 @@ class Store:
     @patient
     def run(self, run_id: str) -> Run:
         """A run by its id."""
-        return _with_seeds(self.client.get_run(run_id))
+        return self.client.get_run(run_id)
 
     def folds(self, run_id: str) -> list[Run]:
         """The child runs of a run, newest first."""
@@ -189,7 +197,8 @@ class Store:
     @patient
     def create(self, name: str, tags: dict[str, str]) -> str:
         """A new run; its id."""
-        info = self.client.create_run(self.experiment_id, run_name=name, tags=tags | {"mlflow.runName": name}).info
+        tags = tags | {"mlflow.runName": name, "touchbench.format": FORMAT}
+        info = self.client.create_run(self.experiment_id, run_name=name, tags=tags).info
         self._places[info.run_id] = info.artifact_uri
         return info.run_id
 
@@ -268,12 +277,6 @@ class Store:
     def delete(self, run_id: str) -> None:
         """Take a run out of all lists."""
         self.client.delete_run(run_id)
-
-
-def _with_seeds(run: Run) -> Run:
-    """A run whose tags name all seeds, whenever it was made."""
-    run.data.tags.update(seeds_named(run.data.tags, run.data.params))
-    return run
 
 
 def _local(place: str) -> Path | None:

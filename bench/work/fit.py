@@ -17,11 +17,11 @@ from bench.outcomes.results import FoldResult, costs
 from bench.outcomes.store import connect, only_one, reached
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
-from bench.progress import telling
+from bench.progress import telling, warn
 from bench.scratch import made_whole, new_folder
 from bench.work.evaluation import Evaluation
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
-from bench.work.loop import progress, warn
+from bench.work.loop import progress
 from bench.work.machine import this_machine
 from bench.work.replay import INNER, Replay, Stopping, learned, unlearnable
 from bench.work.tracking import key_of, log_captures, params_of, tags_of

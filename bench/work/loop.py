@@ -32,13 +32,11 @@ from bench.outcomes.store import Store, connect, only_one
 from bench.plan.arguments import HERE, Backend
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
-from bench.progress import Said, seconds_left, span, told
+from bench.progress import Said, console, seconds_left, span, told, warn
 from bench.work.experiment import Experiment
 from bench.work.tracking import Illustrate, TrackedRun, key_of
 from bench.work.workers import Processes, Task, Todo, Workers
 from models import contract
-
-console = Console(stderr=True)
 
 
 class Interrupted(KeyboardInterrupt):
@@ -131,7 +129,7 @@ def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate |
                 workers = cluster = Cluster(backend.cluster, todo, warn, Path(folder))
                 todo = [(replace(plan, threads=cluster.threads), experiment) for plan, experiment in todo]
             else:
-                workers = Processes(todo[0][0], Path(folder))  # they start while the store is opened
+                workers = Processes(Path(folder))
                 if backend.jobs and backend.jobs > usable_cores():
                     has = f"this machine has {usable_cores()} cores"
                     console.print(f"warning: jobs={backend.jobs}: {has}, more workers would only wait")
@@ -308,11 +306,6 @@ def warnings(plan: Plan) -> list[str]:
             f"of {cell.model.short}; they are padded"
         )
     return lines
-
-
-def warn(line: str) -> None:
-    """A line that a user should see."""
-    console.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
 class Bar(Progress):

@@ -29,7 +29,7 @@ from bench.corpora.corpus import Corpus, storage
 from bench.corpora.table import from_frame
 from bench.errors import InputError
 from bench.outcomes.scores import PREFIX, classes_of
-from bench.outcomes.store import store_uri
+from bench.outcomes.store import FORMAT, store_uri
 from bench.registry import FILE_MODULE, place_of
 from bench.work.fold import decisions
 
@@ -59,10 +59,11 @@ class Recogniser(PythonModel):
         synthetic: whether it was trained on generated captures.
     """
 
-    stopping: Stopping | None = None  # of models that were saved without
+    format = ""  # of a model that another version has saved
     adapted = False  # to a person
 
     def __init__(self, estimator: System, corpus: Corpus, stopping: Stopping | None = None) -> None:
+        self.format = FORMAT
         self.estimator = estimator
         self.stopping = stopping
         self.classes = [str(c) for c in np.unique(corpus.gestures.astype(str))]
@@ -225,7 +226,7 @@ def load(model: str) -> Recogniser:
     """A saved system, by its address in the user's store or a folder.
 
     Raises:
-        InputError: there is none, or it is not one of touchbench's.
+        InputError: there is none, or it is not one of touchbench's, or another version has saved it.
     """
     folder = Path(model)
     if re.match(r"(models|runs):/", model):
@@ -249,6 +250,8 @@ def load(model: str) -> Recogniser:
         sys.path = path
     if not isinstance(found, Recogniser):
         raise InputError(f"{model} is a model of something else; give one that bench fit has saved")
+    if found.format != FORMAT:
+        raise InputError(f"{model} was saved by another version of touchbench; save it again with bench fit")
     return found
 
 

@@ -86,21 +86,17 @@ class Processes:
     """Worker processes of this machine, which take one plan after the other, each with its number of threads.
 
     Args:
-        plan: the first one, for which they start at once.
         told: folder where folds say how far they are (`bench.progress`).
     """
 
     overlap = False  # plans have their own numbers of processes and threads, and share the cores with `fill_cache`
 
-    def __init__(self, plan: Plan, told: Path | None = None) -> None:
+    def __init__(self, told: Path | None = None) -> None:
         self.told = told
         self.running: dict[Future[FoldResult], Task] = {}
         self.suspects: list[Task] = []
         self.alone: Plan | None = None  # of which a fold has killed its worker
         self.given = 0.0  # when the last fold was submitted, of `time.perf_counter`
-        executor = pool(plan.workers, plan.threads)
-        for _ in range(plan.workers):  # they import what they need while the caller does something else
-            executor.submit(usable_cores)
 
     def __enter__(self) -> Processes:
         return self
@@ -125,8 +121,10 @@ class Processes:
         return len(self.running) <= plan.workers
 
     def begin(self, plan: Plan) -> None:
-        """Compute once for all folds what needs no learning."""
+        """Start the processes, which import what they need; meanwhile compute once what needs no learning."""
         self.alone = None
+        for _ in range(plan.workers):
+            self._pool(plan).submit(usable_cores)
         fill_cache(plan.cell, plan.corpus)
 
     def submit(self, task: Task) -> None:

@@ -1,5 +1,9 @@
 """The choice among candidates against hand-made ones, and over a parameter inside the folds."""
 
+import json
+import subprocess
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,17 +12,18 @@ from scipy.stats import ttest_rel
 import bench
 from bench.cli import main
 from bench.commands.choose import Chosen, _print
+from bench.commands.help import SMALL
 from bench.errors import InputError
-from bench.outcomes.advice import at_hand, merged
 from bench.outcomes.choice import apart, candidates, decide, sentences
 from bench.outcomes.store import connect
-from bench.plan.arguments import parse, typed
+from bench.plan.arguments import parse
 from bench.plan.cells import cells
 from bench.quantities import quantity
 from bench.work import machine
 from bench.work.machine import Machine
+from tests.reports.store import made_up, tracked_run
 
-SMALL = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
+FEW = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
 
 
 def table(accuracies, **costs):
@@ -152,80 +157,25 @@ def test_mixed_subjects_are_said():
     )
 
 
-def test_commands_make_the_same_cells():
-    pairs = [("lda", "jung28"), ("lda", "jung54"), ("bayes", "jung28"), ("bayes", "jung54"), ("svm", "jung54")]
-    asked = [{"data": "synth", "where": "variant == 'rough'", "model": m, "features": f} for m, f in pairs]
-    asked += [{"data": "synth", "where": "variant == 'rough'", "model": m} for m in ("cnn85", "reflex")]
-    found = merged(asked)
-    assert len(found) == 3
-    made = {c.system() for arguments in found for c in cells(arguments)}
-    assert made == {c.system() for arguments in asked for c in cells(arguments)}
-    line = typed("run", {"where": "variant == 'rough'", "model": "a,b"})
-    assert line == """bench run where="variant == 'rough'" model=a,b"""
-
-
-def test_runs_at_hand_are_those_that_another_command_may_make_fit():
-    rows = [
-        ("a", "cell", "run", '{"model": "a"}', 60, 1),
-        ("b", "cell", "run", '{"model": "b"}', 80, 1),
-        ("c", "cell", "tune", '{"model": "c"}', 90, 1),  # bench stream has no search
-        ("d", "cell", "run", '{"model": "d"}', 90, 9),  # too large anyway
-        ("e", "cell", "run", '{"model": "e"}', 90, 1),  # replayed already
-        ("e", "stream", "stream", '{"model": "e"}', 70, 1),
-        ("f", "cell", "run", "", 90, 1),  # made with objects
-    ]
-    found = pd.DataFrame(rows, columns=["system", "kind", "command", "arguments", "accuracy", "flash"])
-    assert at_hand(found, "stream", {"flash": 5.0}) == [{"model": "b"}, {"model": "a"}]
-
-
-def test_where_nothing_fits_the_commands_that_may_are_said(capsys):
-    assert main(["run", "model=svm", "features=jung28", *SMALL]) == 0
-    capsys.readouterr()
-    assert main(["choose", "max_flash=1kB", "model=svm,lda", "features=jung28"]) == 1
+def test_where_nothing_fits_it_says_what_binds_and_the_least_that_any_needs(store, capsys):
+    for system, cost in (("lda", 1.0), ("svm", 2.0)):
+        tracked_run(store, system, made_up(), cost=cost)
+    assert main(["choose", "max_flash=1kB", "max_decision=9s"]) == 1
     out = capsys.readouterr().out
-    line = next(line.strip() for line in out.splitlines() if line.startswith("  bench run"))
-    assert "data.subjects=4" in line and "protocol=loso" in line
-    (cell,) = cells(parse(line.split()[2:], {"data", "protocol", "model", "features"}))
-    assert cell.system() == "lda[window=1.0, repair=stuck+dead] · touch"
-    assert main(line.split()[1:]) == 0 and capsys.readouterr()
-    assert main(["choose", "max_flash=1kB"]) == 1
-    assert "bench run" not in capsys.readouterr().out  # it does not fit either
-    assert main(["choose", "max_decision=9s", "model=svm"]) == 0  # and it may be sooner
-    assert "\n  bench stream data=synth" in capsys.readouterr().out
-    assert main(["choose", "max_decision=1ms", "model=svm"]) == 1
-    assert "\n  bench stream data=synth" in capsys.readouterr().out
-    assert main(["choose", "by=cycles", "model=svm"]) == 1
-    out = capsys.readouterr().out
-    assert "Nothing can be chosen" in out and "\n  bench chip data=synth" in out
-    assert main(["choose", "max_cycles=1M", "max_predict=1ms"]) == 1
-    assert "no candidate has both" in capsys.readouterr().out
+    assert "flash at most 1 kB alone rules out 2 of 2 candidates; the least that any needs is 4 kB, lda" in out
+    assert "bench stream replays systems" in out and "bench chip" not in out and f"bench run {SMALL}" in out
+    assert main(["choose", "by=cycles"]) == 1
+    assert "bench chip exports systems to C" in capsys.readouterr().out
+    cells(parse(SMALL.split(), {"model", "features"}))  # can be typed
 
 
-def test_without_runs_the_first_commands_are_said(capsys):
-    assert main(["choose", "data=haart", "max_decision=300ms"]) == 2
-    said = capsys.readouterr()
-    assert said.err.count("\n") == 1 and "no scored run" in said.err
-    assert said.out.splitlines()[1:] == [
-        "  bench run data=haart model=rf features=jung54",
-        "  bench run data=haart model=lda features=touch model.window=1.0 model.repair=stuck+dead",
-        "  bench stream data=haart model=lda features=touch model.window=1.0 model.repair=stuck+dead",
-        "  bench choose data=haart max_decision=300ms",
-    ]
-
-
-def test_first_commands_are_of_what_there_is(capsys):
-    assert main(["choose", "model=lad"]) == 2
-    said = capsys.readouterr()
-    assert "model=lad: not known; did you mean" in said.err and not said.out
-    assert main(["choose", "model=nosuch.py:Thing"]) == 2
-    assert "cannot be read" in capsys.readouterr().err
-    assert main(["choose", "unit=window", "model=lda", "features=touch"]) == 2
-    line = capsys.readouterr().out.splitlines()[1].split()
-    assert line[1:] == ["run", "model=lda", "features=touch", "model.window=1.0"]
-    assert main([*line[1:], *SMALL]) == 0 and main(["choose", "unit=window", "model=lda", "features=touch"]) == 0
-    capsys.readouterr()
-    assert main(["choose", "unit=window", "model=cnn85"]) == 2
-    assert "model.window" not in capsys.readouterr().out
+def test_nothing_heavy_is_loaded_to_choose_among_three_runs(store):
+    for system in ("lda", "svm", "rf"):
+        arguments = json.dumps({"data": "synth", "model": system, "features": "jung28"})
+        tracked_run(store, system, made_up(), **{"touchbench.command": "run", "touchbench.arguments": arguments})
+    code = "import sys; from bench.cli import main; main(['choose']); print({'torch', 'sklearn'} & set(sys.modules))"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()
+    assert said[-1] == "set()" and said[-2].startswith("next: bench fit data=synth model=")
 
 
 def test_amounts():
@@ -248,8 +198,8 @@ def test_amounts():
 
 
 def test_choosing_among_tracked_runs(capsys):
-    assert main(["run", "model=bayes,cnn85", "features=jung28", "model.epochs=2", "model.frames=40", *SMALL]) == 0
-    assert main(["run", "model=svm", "protocol=kfold", "protocol.folds=2", *SMALL]) == 0
+    assert main(["run", "model=bayes,cnn85", "features=jung28", "model.epochs=2", "model.frames=40", *FEW]) == 0
+    assert main(["run", "model=svm", "protocol=kfold", "protocol.folds=2", *FEW]) == 0
     capsys.readouterr()
     assert main(["choose"]) == 2
     told = capsys.readouterr().err.strip().partition("name one of: ")[2].split("; ")
@@ -276,10 +226,10 @@ def test_choosing_among_tracked_runs(capsys):
 
 
 def test_percents_of_windows_are_compared_with_one_another_alone(capsys):
-    assert main(["run", "model=bayes,lda", "features=jung28", *SMALL]) == 0
+    assert main(["run", "model=bayes,lda", "features=jung28", *FEW]) == 0
     assert main(["choose", "unit=window"]) == 2
     assert "no complete run" in capsys.readouterr().err
-    assert main(["run", "model=lda", "features=touch", "model.window=0.2,0.4", *SMALL]) == 0
+    assert main(["run", "model=lda", "features=touch", "model.window=0.2,0.4", *FEW]) == 0
     windows = candidates(connect(), {}, windows=True)
     found, subjects = windows.table, windows.subjects
     assert list(found["unit"]) == ["window", "window"] and set(found["system"].str.split("[").str[0]) == {"lda"}
@@ -304,7 +254,7 @@ def near(): return GaussianNB()
 def test_a_model_of_a_file_is_found_by_its_file_and_by_its_name(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
-    assert main(["run", "model=mine.py:near,bayes", "features=jung28", *SMALL]) == 0
+    assert main(["run", "model=mine.py:near,bayes", "features=jung28", *FEW]) == 0
     for name in ("mine.py:near", "near", str(tmp_path / "mine.py:near")):
         capsys.readouterr()
         found = candidates(connect(), {"model": [name]}).table
@@ -330,17 +280,17 @@ def test_sizes_as_linked_are_marked_beside_those_without_code(monkeypatch, capsy
 
 
 def test_times_of_several_processors_are_warned_of(monkeypatch, capsys):
-    assert main(["run", "model=bayes", "features=jung28", *SMALL]) == 0
+    assert main(["run", "model=bayes", "features=jung28", *FEW]) == 0
     monkeypatch.setattr(machine, "this_machine", lambda: Machine("another", ""))
-    assert main(["run", "model=tree", "features=jung28", *SMALL]) == 0
+    assert main(["run", "model=tree", "features=jung28", *FEW]) == 0
     capsys.readouterr()
     assert main(["choose", "max_predict=9s"]) == 0 and "several processors: " in capsys.readouterr().err
     assert main(["choose"]) == 0 and "several processors" not in capsys.readouterr().err
 
 
 def test_a_replayed_system_decides_within_the_budget(capsys, tmp_path):
-    assert main(["stream", "model=bayes", "features=jung28", f"out={tmp_path}", *SMALL]) == 0
-    assert main(["run", "model=bayes", "features=jung28", *SMALL]) == 0
+    assert main(["stream", "model=bayes", "features=jung28", f"out={tmp_path}", *FEW]) == 0
+    assert main(["run", "model=bayes", "features=jung28", *FEW]) == 0
     found = candidates(connect(), {}, 30_000.0).table
     assert list(found["unit"]) == ["capture", found["unit"][1]] and found["accuracy"][1] == found["accuracy"][0]
     soon = candidates(connect(), {}, 345.0)
@@ -358,7 +308,7 @@ def test_a_replayed_system_decides_within_the_budget(capsys, tmp_path):
     assert at_each["decision"][1:].is_monotonic_increasing
     found = candidates(connect(), {}, 1.0).table  # the first instant says how far it is from that
     assert list(found["unit"]) == ["capture", "first 59 ms"]
-    assert main(["stream", "model=bayes", "features=jung28", "hop_ms=150", f"out={tmp_path}", *SMALL]) == 0
+    assert main(["stream", "model=bayes", "features=jung28", "hop_ms=150", f"out={tmp_path}", *FEW]) == 0
     found = candidates(connect(), {}, 345.0).table  # replayed in two ways: both are there
     assert set(found["unit"]) == {"capture", "first 244 ms", "first 296 ms"}
 
@@ -404,5 +354,5 @@ def test_over_a_parameter_and_over_features(capsys):
         (["model=jung2017_tree", "over=features"], "searches by itself"),
         (["model=rf", "over=trees", "by=flash"], "leave out over="),
     ):
-        assert main(["choose", *wrong, *SMALL]) == 2
+        assert main(["choose", *wrong, *FEW]) == 2
         assert told in capsys.readouterr().err

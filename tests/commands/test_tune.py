@@ -82,7 +82,7 @@ def test_values_are_judged_together(monkeypatch):
     """A hop that is too long for the default window is none for the listed ones."""
     monkeypatch.setattr("bench.commands.tune.evaluated", lambda cells, backend: planned(cells, backend.jobs))
     monkeypatch.setattr("bench.commands.tune.show", len)
-    monkeypatch.setattr("bench.commands.closing.evaluated", lambda plans: None)
+    monkeypatch.setattr("bench.commands.tune.one_label", lambda outcomes: None)
     assert main(["tune", "model=cnn85", "model.frames=100,200", "model.hop=90", *SMALL]) == 1
     assert main(["tune", "model=zhou2016_gm_lstm", "model.frames=2,3", "model.average=1", *SMALL]) == 1
 

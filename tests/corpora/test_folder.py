@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -53,12 +52,6 @@ def hashed(monkeypatch):
     for place in (files, module):
         monkeypatch.setattr(place, "sha256_of", lambda path: (asked.append(path.name), real(path))[1])
     return asked
-
-
-def age(folder):
-    """Make it a folder of an older version."""
-    edit(folder / "corpus.json", lambda about: about["info"].pop("stored") and None)
-    (folder / "seal.json").unlink()
 
 
 @pytest.mark.parametrize("name", ["frames.npy", "lengths.npy", "captures.parquet", "corpus.json"])
@@ -164,11 +157,8 @@ def test_a_corpus_json_that_says_nothing_is_refused(stored, text):
     refused(stored)
 
 
-@pytest.mark.parametrize("sealed", [True, False])
 @pytest.mark.parametrize("name", ["frames.npy", "lengths.npy", "captures.parquet", "corpus.json", "seal.json"])
-def test_a_file_with_a_hole_of_a_terabyte_is_not_read(stored, corpus, name, sealed):
-    if not sealed:
-        age(stored)
+def test_a_file_with_a_hole_of_a_terabyte_is_not_read(stored, corpus, name):
     os.truncate(stored / name, 1 << 40) if (stored / name).exists() else None
     if name == "seal.json":
         assert np.array_equal(open_folder(stored).frames, corpus.frames)
@@ -223,32 +213,12 @@ def test_a_link_to_the_same_content_is_right_and_to_another_is_refused(stored, c
     assert "lengths.npy is no file" in refused(stored)
 
 
-def test_a_folder_of_an_older_version_is_verified_and_sealed(stored, corpus, monkeypatch):
-    as_new = (stored / "corpus.json").read_text()
-    age(stored)
-    asked = hashed(monkeypatch)
-    for _ in range(3):
-        again = open_folder(stored)
-        assert again.digest == content_digest(corpus) and again.info == corpus.info
-    assert asked == ["frames.npy"] and json.loads((stored / "corpus.json").read_text()) == json.loads(as_new)
-    assert not any(verified(stored).values())
-
-
-@pytest.mark.parametrize("name", ["frames.npy", "captures.parquet", "rate", "rows", "lengths", "object"])
-def test_a_harmed_folder_of_an_older_version_is_refused(stored, name):
-    age(stored)
-    if name == "rate":
-        edit(stored / "corpus.json", lambda about: about.update(rate_hz=50.0))
-    elif name == "rows":
-        pd.read_parquet(stored / "captures.parquet").iloc[:-1].to_parquet(stored / "captures.parquet", index=False)
-    elif name == "lengths":
-        np.save(stored / "lengths.npy", np.load(stored / "lengths.npy") + 1)
-    elif name == "object":
-        np.save(stored / "lengths.npy", np.array([Path()] * 36), allow_pickle=True)
-    else:
-        flip(stored / name, 300)
-    refused(stored)
-    assert any(verified(stored).values())
+def test_a_folder_without_what_was_stored_is_refused(stored, corpus):
+    edit(stored / "corpus.json", lambda about: about["info"].pop("stored") and None)
+    (stored / "seal.json").unlink()
+    assert "does not say what was stored" in refused(stored) and any(verified(stored).values())
+    write_folder(corpus, stored)
+    assert np.array_equal(open_folder(stored).frames, corpus.frames)
 
 
 def test_in_a_folder_that_cannot_be_written_a_process_remembers(stored, corpus, monkeypatch):
@@ -261,12 +231,6 @@ def test_in_a_folder_that_cannot_be_written_a_process_remembers(stored, corpus, 
     for _ in range(3):
         assert np.array_equal(open_folder(stored).frames, corpus.frames)
     assert asked == ["frames.npy"]
-    edit(stored / "corpus.json", lambda about: about["info"].pop("stored") and None)
-    digests, real = [], module.content_digest
-    monkeypatch.setattr(module, "content_digest", lambda c: (digests.append(1), real(c))[1])
-    for _ in range(3):
-        open_folder(stored)
-    assert len(digests) == 1
     flip(stored / "frames.npy")
     refused(stored)
 
@@ -309,5 +273,3 @@ def test_numbers_of_numpy_and_columns_of_any_kind_are_read_back_as_they_were_sto
     again = open_folder(tmp_path / "c")
     assert again.digest == content_digest(made) == content_digest(again)
     assert again.info == {"pair": [1, 2], "3": "three"}
-    age(tmp_path / "c")
-    assert open_folder(tmp_path / "c").digest == again.digest

@@ -117,7 +117,7 @@ def test_a_table_of_another_corpus_class_or_version_is_computed_again(table, sto
         kept._read.cache_clear()
         assert Jung28().transform(stored).equals(Jung28().transform(corpus))
     del extracted[:]
-    Jung28().transform(corpus).to_parquet(table)  # as older versions kept it
+    Jung28().transform(corpus).to_parquet(table)  # by somebody else
     kept._read.cache_clear()
     Jung28().transform(stored)
     assert extracted == [36, 36]

@@ -1,6 +1,5 @@
 """Imported corpora by name: what points to them, what verifies them, and the generated one, which mends itself."""
 
-import json
 import os
 import shutil
 import time
@@ -197,26 +196,6 @@ def test_a_damaged_generated_corpus_is_generated_again(tmp_path, monkeypatch):
     open_corpus("synth", SYNTH | {"seed": 1})
     assert main(["data", "verify", "synth"]) == 0
     assert len(list(place.parent.iterdir())) == 2
-
-
-def age(place):
-    """Make it a folder of an older version."""
-    about = json.loads((place / "corpus.json").read_text())
-    del about["info"]["stored"]
-    (place / "corpus.json").write_text(json.dumps(about, indent=1))
-    (place / "seal.json").unlink()
-
-
-def test_what_older_versions_stored_is_sealed_or_generated_again(arm):
-    expected = open_corpus("arm", {})
-    age(folder())
-    assert np.array_equal(open_corpus("arm", {}).frames, expected.frames) and (folder() / "seal.json").exists()
-    assert not any(verify("arm").values())
-    open_corpus("synth", SYNTH)
-    place = folder("synth")
-    age(place)  # nothing in it says that it was generated with these parameters
-    assert open_corpus("synth", SYNTH).digest and (place / "seal.json").exists()
-    assert not any(verify("synth").values())
 
 
 def test_opening_takes_milliseconds(arm):

@@ -201,22 +201,7 @@ def undone(paths, rng):
     write(path, content, rng)
 
 
-def older(paths, rng):
-    """As an older version stored it: nothing beside the corpus itself."""
-    path = rng.choice([p for p in paths if p.name == "corpus.json"])
-    about = json.loads(path.read_text())
-    del about["info"]["stored"]
-    path.write_text(json.dumps(about, indent=1))
-    (path.parent / "seal.json").unlink(missing_ok=True)
-
-
-def older_and_harmed(paths, rng):
-    older(paths, rng)
-    rng.choice([flip, cut, change_array, change_table, swap])([p for p in paths if p.is_file()], rng)
-
-
 DAMAGE = [
     *(flip, flip, cut, empty, lengthen, grow, blank, remove, swap, swap_folders, copy_over, another_kind),
-    *(folder_as_link, change_json, change_json, other_json, change_table, change_array, touch, undone, older),
-    older_and_harmed,
+    *(folder_as_link, change_json, change_json, other_json, change_table, change_array, touch, undone),
 ]

@@ -8,7 +8,7 @@ from bench.cli import main
 from bench.errors import InputError
 from bench.outcomes.choice import candidates
 from bench.outcomes.comparable import MARKED
-from bench.outcomes.runs import NothingTracked
+from bench.outcomes.store import connect
 from tests.reports.store import made_up, tracked_run
 
 
@@ -43,15 +43,6 @@ def test_a_budget_of_a_second_takes_windows_of_a_second(store, capsys):
     )
 
 
-def test_single_windows_wait_for_no_replay(store, capsys):
-    arguments = {"touchbench.command": "run", "touchbench.arguments": '{"data": "synth", "model": "lda"}'}
-    tracked_run(store, "lda", made_up(windows=3), **arguments)
-    for options in (["max_decision=9s"], ["max_decision=1ms"], ["by=decision"]):
-        main(["choose", "unit=window", *options])
-        assert "Not done yet" not in capsys.readouterr().out
-    assert main(["choose", "max_decision=9s"]) == 0 and "Not done yet for 1" in capsys.readouterr().out
-
-
 def test_runs_on_the_newest_corpus_of_a_name_win(store):
     tracked_run(store, "svm", made_up(), corpus_digest="a" * 64)
     tracked_run(store, "rf", made_up(), corpus_digest="a" * 64)
@@ -60,6 +51,19 @@ def test_runs_on_the_newest_corpus_of_a_name_win(store):
     assert list(found.table["system"]) == ["lda"]
     assert found.notes == ["Left out: 2 older runs on another version of synth (corpus aaaaaaaa)."]
     assert systems(store, {"corpus_digest": ["a" * 64]}) == ["rf", "svm"]  # as the page asks
+
+
+def test_runs_of_another_version_are_left_out_in_one_line(store, capsys):
+    tracked_run(store, "svm", made_up())
+    old = tracked_run(store, "rf", made_up())
+    store.client.delete_tag(old, "touchbench.format")
+    assert systems(connect()) == ["svm"]
+    store.client.set_tag(old, "touchbench.format", "0")
+    assert main(["choose"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()[-1:]
+    assert line == "runs that another version of touchbench has stored are left out; run their commands again"
+    store.client.delete_tag(store.of_kind("cell")[0].info.run_id, "touchbench.format")
+    assert main(["choose"]) == 2 and "no scored run is tracked here; make one first" in capsys.readouterr().err
 
 
 def test_a_message_names_arguments_that_tell_protocols_apart(store):
@@ -121,14 +125,6 @@ def test_a_protocol_that_mixes_subjects_is_said_so(store, capsys):
     tracked_run(store, "svm", made_up(), mixes_subjects="true", protocol="kfold", protocol_label="5-fold")
     assert main(["choose"]) == 0
     assert "Training and test captures come from the same subjects: this does not hold" in capsys.readouterr().out
-
-
-def test_runs_that_did_not_check_what_predictions_depend_on_are_left_out(store):
-    tracked_run(store, "cheat", made_up(skill=0.99), cost=0.1, **{"touchbench.depends_on_batch": ""})
-    with pytest.raises(NothingTracked, match="of an older version"):
-        candidates(store, {})
-    tracked_run(store, "lda", made_up(skill=0.5))
-    assert candidates(store, {}).table["system"].tolist() == ["lda"]
 
 
 def test_a_candidate_names_the_conditions_that_it_uses(store):

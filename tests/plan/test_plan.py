@@ -159,11 +159,11 @@ def test_the_seed_of_a_feature_set_is_that_of_the_run_or_named():
 
 
 def test_commands_that_search_make_the_same_search_again(monkeypatch):
-    from bench.commands import choose, tune
+    from bench.commands import choose, smallest, tune
     from bench.work.evaluation import Evaluation
 
     made = []
-    for module in (choose, tune):
+    for module in (smallest, tune):
         monkeypatch.setattr(module, "evaluated", lambda cells, jobs: made.append(cells))
     for line, verb in (
         ("model=svm features=gaus model.C=1.0,2.0 model.gamma=0.5 trials=9 objective=accuracy+time seed=1", "tune"),
@@ -174,7 +174,7 @@ def test_commands_that_search_make_the_same_search_again(monkeypatch):
         ("model=rf features=hughes36 model.trees=5,10 seed=2 features.seed=1", "tune"),
         ("model=rf features=hughes36 over=trees model.trees=5,10 seed=2 protocol=kfold protocol.seed=3", "choose"),
     ):
-        search = {"tune": tune.searched, "choose": choose.smallest}[verb]
+        search = {"tune": tune.searched, "choose": smallest.smallest}[verb]
         known = {"tune": tune.KEYS, "choose": choose.KEYS}[verb]
         search(parse(line.split(), known))
         (cell, *_) = made[-1]

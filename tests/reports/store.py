@@ -82,10 +82,9 @@ def tracked_run(store, system, predictions, failed=0, history=(), cost=1.0, **ab
     }
     tags |= {k: v for k, v in given.items() if k not in params}
     names = list(predictions["fold"].unique())
-    if "mixes_subjects" not in tags:
-        folds = len(names) + failed
-        ratio = repr(1 / (folds - 1)) if folds > 1 else ""
-        tags |= {"mixes_subjects": "false", "test_over_train": ratio, "official_split": ""}
+    folds = len(names) + failed
+    ratio = repr(1 / (folds - 1)) if folds > 1 else ""
+    tags = {"mixes_subjects": "false", "test_over_train": ratio, "official_split": ""} | tags
     run = store.create(system, tags)
     params = {"corpus_digest": "d" * 64, "git": "abc", "cpu": "one", "threads": "1", "version.python": "3"} | params
     params |= {"model": tags["model"].split("[")[0], "protocol": tags["protocol"].split("[")[0]}

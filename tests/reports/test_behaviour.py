@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from bench.outcomes.store import FORMAT
 from reports import page
 from reports.behaviour import contexts, stream_blocks, stress_blocks
 from tests.reports.store import made_up, tracked_run
@@ -17,6 +18,7 @@ ABOUT = {
     "protocol": "loso",
     "protocol_label": "LOSO (10 subjects)",
     "seed": "0",
+    "touchbench.format": FORMAT,
 }
 
 

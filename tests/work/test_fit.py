@@ -128,6 +128,12 @@ def test_a_saved_system_knows_how_sure_it_may_be(tmp_path, capsys):
     assert temperature.last != 1  # else this shows nothing
     np.testing.assert_allclose(told.filter(like="p_").to_numpy(), hot, rtol=1e-4)
     assert told["label"].tolist() == found.estimator.predict(some).tolist()
+    import mlflow
+
+    found.format = "0"  # as another version saved it
+    mlflow.pyfunc.save_model("old", python_model=found, pip_requirements=[])
+    with pytest.raises(InputError, match="old was saved by another version of touchbench; save it again with bench"):
+        load("old")
     np.testing.assert_allclose(told["confidence"], hot.max(axis=1), rtol=1e-4)
 
 
