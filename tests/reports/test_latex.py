@@ -120,7 +120,7 @@ def test_a_system_that_depends_on_the_batch_is_marked_and_not_compared():
     ((caption, rows),) = tables_of(latex(found))
     assert [row["$p$ (Holm)"] for row in rows] == ["--", "--", "0.002"] and rows[0]["system"] == r"a $^\dagger$"
     assert [r"\textbf" in row["accuracy"] for row in rows] == [False, True, False]
-    assert r"$^\dagger$ predictions of a capture change with the other captures" in caption
+    assert r"$^\dagger$ predictions depend on the captures that are predicted together" in caption
 
 
 def test_a_choice_of_rows_from_python(table):
