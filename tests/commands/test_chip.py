@@ -51,7 +51,6 @@ def test_what_c_says_is_tracked_chosen_and_drawn(costs, capsys):
     assert "in Python" in out and "60,000" in out and "9.0" in out
     row = OnChip(8).row(COSTS)
     assert [row[name] for name in ("library RAM kB", "program RAM kB", "stack B")] == ["3.0", "11.0", "400"]
-    assert "3.0 kB of RAM for touch.c (11.0 kB with main.c" in re.sub(r"\s+", " ", out)
     store, found = runs("chip")
     whole = scores.captures(predictions(store, runs("cell")[1][0]))
     for run in found:

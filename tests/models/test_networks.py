@@ -397,18 +397,6 @@ def test_products_of_half_the_bits_learn_nearly_the_same(system):
         system(precision="half").check()
 
 
-def test_an_attention_network_that_was_saved_before_precisions_labels_as_it_did():
-    corpus = random_corpus(per_class=1)
-    model = Ren2023Transformer(12, 1, 16).fit(corpus, corpus.gestures)
-    now = model.predict_proba(corpus)
-    del model.precision
-    for layer in model.net_:
-        if isinstance(layer, ren2023._Attention):
-            own, layer.attention = layer.attention, torch.nn.MultiheadAttention(512, 8, batch_first=True)
-            layer.attention.load_state_dict(own.state_dict())
-    np.testing.assert_allclose(model.predict_proba(corpus), now, atol=1e-5)
-
-
 def test_a_person_is_learnt_from_what_the_layer_is_given_when_it_decides():
     class Brighter(CNN85):
         def forward(self, net, x):

@@ -16,7 +16,6 @@ from models import contract, person
 from models.adapters import FromTorch
 from models.cnn85 import CNN85
 from models.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
-from models.lda import lda
 from models.person import PRIOR, SPREAD_PRIOR, WEIGHT, Own, relearnt
 from models.recipe import Recipe
 from models.svm import svm
@@ -188,12 +187,6 @@ def test_a_module_of_ones_own_is_fitted_anew():
         lambda frames, rows, cols, classes: torch.nn.Sequential(torch.nn.Flatten(), torch.nn.LazyLinear(classes)), 9
     )
     assert not contract.adapts(module) and contract.adapts(NETWORKS["cnn85"]())
-
-
-def test_a_recipe_that_was_saved_before_there_was_a_person_still_adapts():
-    model = Recipe(lda(Jung28()), window=0.1)
-    del model.__dict__["person"]
-    assert contract.adapts(model) and not contract.adapts(Recipe(svm(Jung28())))
 
 
 def test_ways_cannot_be_tuned(capsys):
