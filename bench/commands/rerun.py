@@ -155,6 +155,8 @@ def _answer(one: Submission) -> Submission:
     if why := answers.differs(one.task, run):
         raise InputError(f"{one.name}: its command made a run with {why}, which is not {one.task.name}")
     if answers.rests_on(run) != {key: one.about[key] for key in ("batch", "conditions") if key in one.about}:
-        raise InputError(f"{one.name}: batch or conditions of the submission are not those of the run; correct them")
+        raise InputError(
+            f"{one.name}: batch and conditions of the submission differ from those of the run; correct them"
+        )
     about = answers.about(one.task, run, one.about["who"], one.about["command"])
     return submissions.written(Path("again"), about, answers.table(store, one.task, run))

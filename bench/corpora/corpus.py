@@ -75,7 +75,7 @@ class Corpus:
 
     A slice shares its frames with the corpus it was cut from. Indexing with an integer gives the frames of one capture,
     indexing with an array, a mask or a slice gives a `Corpus`; with ``len`` and ``shape`` that is what scikit-learn
-    needs to use a corpus as ``X``. `frames` and `starts` are those of its own captures, whatever it was cut from.
+    needs to use a corpus as ``X``. `frames` and `starts` cover its own captures only.
 
     A blind corpus (`blind`) has frames, starts, lengths, rate_hz, full_scale and grid. Any other attribute raises a
     `bench.errors.HiddenError`.
@@ -169,13 +169,16 @@ class Corpus:
     def changed(self, **fields: object) -> Corpus:
         """A corpus with some of the constructor's arguments replaced; a blind corpus stays blind.
 
-        Frames and starts that are not replaced are shared.
+        Frames and starts that are not replaced are shared. New frames without new starts lie as `frames` does.
 
         Raises:
             TypeError: the constructor has no such argument.
         """
         if "visible" in fields:
             raise TypeError("a Corpus has no visible; blind() hides what a prediction must not use")
+        if "frames" in fields and "starts" not in fields:
+            lengths = np.asarray(fields.get("lengths", self.lengths))
+            fields["starts"] = np.cumsum(lengths) - lengths
         return self._with(**fields)
 
     def _with(self, **fields: object) -> Corpus:

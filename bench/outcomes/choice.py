@@ -254,7 +254,7 @@ def _windowed(runs: pd.DataFrame) -> pd.Series:
 
 
 def _on(runs: pd.DataFrame) -> list[str]:
-    """What tells captures and protocol of each run from those of the others, as `bench choose` takes it."""
+    """Arguments of `bench choose` that select the captures and the protocol of each run."""
     parameters = [str(name) for name in runs if str(name).startswith("protocol.")]
     differing = {
         name: [p for p in parameters if group[p].notna().all() and group[p].nunique() > 1]

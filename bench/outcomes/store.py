@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from mlflow.entities import Run
 
 EXPERIMENT = "touchbench"
-FORMAT = "1"  # of what runs and saved models hold; those of another one are left out or refused
+FORMAT = "1"  # version of stored runs and saved models; other versions are left out or refused
 PATIENCE = 60.0  # seconds that another program may lock MLflow's file
 RETRIES = "5"  # of a request to a server: they wait 0, 4, 8, 16 and 32 seconds
 Given = ParamSpec("Given")

@@ -54,7 +54,7 @@ class Submission:
         about: what it says of itself, by the names in `TEXTS` and `NUMBERS`.
         table: a row for each of `rows_of` the task, with ``predicted`` and, where they were given, ``p_<class>``.
         sha256: of the names and the content of its two files.
-        verified: when a maintainer repeated its labels and at which revision, in words; empty if nobody did.
+        verified: date and revision of a maintainer's rerun, in words; empty without a rerun.
     """
 
     name: str

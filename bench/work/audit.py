@@ -296,7 +296,7 @@ def other_skin(subject: Audited) -> Answer:
 
 
 def one_frame(subject: Audited) -> Answer:
-    """A fit to captures of which some have one frame, and predictions of captures of one frame."""
+    """A fit in which some captures have one frame, and predictions of captures of one frame."""
     corpus = subject.corpus[subject.train]
     lengths = np.where(np.arange(len(corpus)) % 5 == 0, 1, corpus.lengths)
     estimator = subject.fitted(corpus.changed(lengths=lengths))

@@ -1,7 +1,7 @@
 """What a worker of dask does for `bench.work.cluster`: it has folds done, one at a time, by a process of its own.
 
-The worker itself only waits. So a fold that dies takes no worker with it, one that nobody waits for any longer can be
-ended, and each command has a process that has imported the code that is there now.
+The worker itself only waits. So a fold that dies takes no worker with it, the fold of a command that is gone can be ended,
+and each command has a process that has imported the code that is there now.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _filled: set[str] = set()  # of the process: systems whose features are kept
 
 
 def answer(command: str, threads: int, check: bytes, fold: bytes) -> tuple[str, str, bytes]:
-    """Have a fold done by this worker's process, unless nobody waits for it; called by dask.
+    """Run a fold in this worker's process, unless its command is gone; called by dask.
 
     Python keeps the code that it has imported, so a process does nothing for a command that is younger than itself:
     another takes its place.
@@ -71,7 +71,7 @@ def answer(command: str, threads: int, check: bytes, fold: bytes) -> tuple[str, 
                 for said in {*told(Path(folder))} - heard:  # times that need no common clock
                     heard.add(said)
                     worker.log_event(command, [*said[:4], now - said.began, now - said.at])
-            # Nobody waits for a task that was cancelled, or of a command that is gone; dask lets it run on.
+            # dask lets a task run on that was cancelled, or whose command is gone.
             task = worker.state.tasks.get(key)
             going = worker.status.name in ("closing", "closed", "failed")
             if going or task is None or task.state in ("cancelled", "released", "forgotten"):

@@ -30,6 +30,12 @@ def test_a_slice_holds_the_frames_of_its_captures_and_shares_memory(chosen):
     assert some[::2][0] is not None and np.array_equal(some[::-1].index, np.array(chosen)[::-1])
 
 
+def test_new_frames_of_a_slice_lie_as_its_frames_do(corpus):
+    part = corpus[np.array([7, 2, 2])]
+    louder = part.changed(frames=part.frames * 2)
+    assert all(np.array_equal(new, 2 * old) for new, old in zip(louder, part, strict=True))
+
+
 def test_masks_and_the_tuple_that_scikit_learn_asks_with(corpus):
     mask = corpus.subjects == "2"
     assert np.array_equal(corpus[mask].index, np.flatnonzero(mask))

@@ -123,11 +123,15 @@ def test_frames_of_a_slice_are_those_of_its_captures(chosen):
     )
 
 
-@pytest.mark.parametrize("experiment", [Evaluation(), Stress((next(iter(known().values())),), ()), Stream()])
-@pytest.mark.parametrize("how", [{}, {"model.window": 0.3}, {"protocol": "personal", "protocol.unlabelled": "true"}])
+WINDOWS = {"model.window": 0.3}
+UNLABELLED = {"protocol": "personal", "protocol.unlabelled": "true"}
+KINDS = (Evaluation(), Stress((next(iter(known().values())),), ()), Stream())
+
+
+@pytest.mark.parametrize(
+    ("experiment", "how"), [*((kind, how) for kind in KINDS for how in ({}, WINDOWS)), (Evaluation(), UNLABELLED)]
+)
 def test_every_kind_of_run_predicts_blind(experiment, how, tmp_path):
-    if "protocol" in how and not experiment.adapts:
-        return
     path = tmp_path / "my.py"
     path.write_text("from tests.work.test_blind import Mean as Good, Reads as Bad\n")
     good, bad = (plan_of(model=f"{path}:{name}", **how) for name in ("Good", "Bad"))
