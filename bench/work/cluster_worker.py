@@ -1,7 +1,7 @@
 """What a worker of dask does for `bench.work.cluster`: it has folds done, one at a time, by a process of its own.
 
-The worker itself only waits. So a fold that dies takes no worker with it, the fold of a command that is gone can be ended,
-and each command has a process that has imported the code that is there now.
+The worker itself only waits. So a fold that dies takes no worker with it, the fold of a command that is gone can be
+ended, and each command has a process that has imported the code that is there now.
 """
 
 from __future__ import annotations
