@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
+from bench.arguments import check_key, items, jobs_of
 from bench.commands import audit as _audit
 from bench.commands import choose as _choose
 from bench.commands import data as _data
@@ -28,7 +29,6 @@ from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
 from bench.outcomes.runs import selected, tracked, with_groups, without_runs
 from bench.outcomes.store import connect
-from bench.plan.arguments import check_key, items, jobs_of
 from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import Plan, captures_of, planned
 from bench.progress import warn

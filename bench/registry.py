@@ -1,7 +1,7 @@
 """The parts by name: built-in ones, those of installed packages (entry points ``touchbench.<room>``), and files.
 
-A room names its parts as text (``models.svm:svm``), so nothing of it is imported before it is used, and this module
-knows no room but by name.
+A room names its parts as text (``models.classic.svm:svm``), so nothing of it is imported before it is used, and this
+module knows no room but by name.
 """
 
 from __future__ import annotations

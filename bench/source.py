@@ -31,7 +31,7 @@ INDIFFERENT = {
     "bench.scratch",
     "bench.source",
     "bench.work.experiment",
-    "features.kept",
+    "features.cache",
 }
 
 

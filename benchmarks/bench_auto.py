@@ -46,7 +46,7 @@ def outer_folds(corpus: object, protocol: str) -> list[tuple[np.ndarray, np.ndar
 
 def groups_of(subjects: np.ndarray) -> np.ndarray:
     """Which of three groups each capture's subject is in, as `auto` deals them."""
-    from models.inner import inner_folds
+    from models.search.inner_folds import inner_folds
 
     found = np.zeros(len(subjects), dtype=int)
     for number, (_, test) in enumerate(inner_folds(subjects.astype(str), "3")):
@@ -64,7 +64,7 @@ def tables(corpus: object) -> pd.DataFrame:
 
 def by_auto(corpus: object, train: np.ndarray, test: np.ndarray, budget: float) -> tuple[np.ndarray, float, int]:
     """Labels, seconds of the fit, and bytes in flash."""
-    from models.auto import Auto
+    from models.search.auto import Auto
     from models.sizes import sizes
 
     X = corpus[train]

@@ -8,11 +8,11 @@ Processor seconds of one LOSO fold, medians of five in turn: with open corpora, 
 import time
 from statistics import median
 
+from bench import contract
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work import evaluation
 from bench.work.workers import fill_cache
-from models import contract
 
 SYSTEMS = ({"model": "lda", "features": "touch"}, {"model": "svm", "features": "jung54"})
 ROUNDS = 5

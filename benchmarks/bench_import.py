@@ -11,7 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from bench.corpora.cost import write
+from bench.corpora.read.cost import write
 from bench.corpora.synth import generate
 
 

@@ -68,8 +68,8 @@ def timed(owner, name):
 
 def run(folds: int, cluster: str) -> None:
     """So many folds, in runs of 31."""
+    from bench.arguments import Backend
     from bench.outcomes.store import Store
-    from bench.plan.arguments import Backend
     from bench.plan.cells import cells
     from bench.plan.plan import planned
     from bench.work import loop

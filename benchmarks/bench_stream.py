@@ -19,7 +19,7 @@ from bench.outcomes.scores import classes_of
 from bench.plan.cells import cells
 from bench.plan.plan import folds_of
 from bench.work.replay import Calibration, Replay, decision_latency, replayed
-from models.inner import inner_folds
+from models.search.inner_folds import inner_folds
 
 
 def arrays(table: pd.DataFrame, rate_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -11,9 +11,9 @@ from pathlib import Path
 import pandas as pd
 from folds import folds_done  # beside this file
 
+from bench.arguments import KEYS, jobs_of, parse
 from bench.corpora.faults import SEVERITIES, known
 from bench.outcomes import stability
-from bench.plan.arguments import KEYS, jobs_of, parse
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work.stress import Stress

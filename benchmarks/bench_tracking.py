@@ -17,7 +17,7 @@ from bench.corpora.library import open_corpus
 
 SIZE = ["data.subjects=31", "data.repetitions=6"]
 UNTRACKED = """
-from bench.plan.arguments import KEYS, parse
+from bench.arguments import KEYS, parse
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work.evaluation import Evaluation

@@ -13,7 +13,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
 from bench.corpora.skins import brought
 from features.touch import TouchFeatures
-from models.lda import lda
+from models.classic.lda import lda
 from protocols.subjects import LOSO
 
 

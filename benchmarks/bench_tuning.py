@@ -18,10 +18,10 @@ from joblib import Parallel, delayed
 
 from bench.corpora.library import open_corpus
 from features.jung54 import Jung54
-from models import tuning
-from models.jung2014 import PENALTIES
-from models.jung2017 import WIDTHS, jung2017_svm_rbf
-from models.svm import svm
+from models.classic.jung2014 import PENALTIES
+from models.classic.jung2017 import WIDTHS, jung2017_svm_rbf
+from models.classic.svm import svm
+from models.search import tuning
 from protocols.subjects import LOSO
 
 

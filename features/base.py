@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import COPY, Corpus, origin
 from bench.errors import InputError
-from features.kept import of_corpus
+from features.cache import of_corpus
 
 FLAT = 1e-9  # what moves by less than this share of its largest magnitude is constant but for rounding,
 NOTHING = 1e-15  # and so is what moves by less than this
@@ -35,7 +35,7 @@ class FeatureSet(TransformerMixin, BaseEstimator):
     """
 
     learns = False
-    conditions: tuple[str, ...] = ()  # columns of the captures that it needs besides frames (`models.contract`)
+    conditions: tuple[str, ...] = ()  # columns of the captures that it needs besides frames (`bench.contract`)
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the features of every capture."""

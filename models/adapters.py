@@ -9,16 +9,16 @@ import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.utils.metaestimators import available_if
 
+from bench import contract
 from bench.corpora.corpus import Corpus
-from models import contract
+from models.nets.window import WindowNet
 from models.series import Series
-from models.window import WindowNet
 
 if TYPE_CHECKING:
     from torch import nn
 
-    from models.checkpoint import Checkpoint
-    from models.training import Samples
+    from models.nets.checkpoint import Checkpoint
+    from models.nets.training import Samples
 
 
 class FromSeries(ClassifierMixin, BaseEstimator):
@@ -104,7 +104,7 @@ class FromTorch(WindowNet):
         """Train with Adam."""
         import torch
 
-        from models.training import Torch, train
+        from models.nets.training import Torch, train
 
         adam = Torch(torch.optim.Adam(net.parameters(), self.rate))
         return train(net, samples, target, adam, self.epochs, self.batch, self.seed, kept=kept)

@@ -13,7 +13,7 @@ from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
 from features.base import constant
-from models.rows import captures_of, undamaged
+from models.feature_rows import captures_of, undamaged
 
 WAYS = ("centre", "scale", "pool")
 WEIGHT = 10  # of a row of the person beside one of training; docs/people.md

@@ -13,6 +13,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils.metaestimators import available_if
 
+from bench import contract
 from bench.corpora.corpus import COPY, Corpus, origin, storage
 from bench.corpora.faults import known
 from bench.corpora.steps import Faulted, Repair, Scale, Step, Turned, Windows
@@ -20,10 +21,9 @@ from bench.errors import InputError
 from bench.memory import ensure
 from bench.registry import parameters as known_parameters
 from features.base import FeatureSet, labels
-from features.kept import PIECES, after
-from models import contract
+from features.cache import PIECES, after
 from models.person import WAYS, Own, pooled
-from models.rounded import BITS, can_be, in_bits
+from models.quantised import BITS, can_be, in_bits
 
 LONGEST_S = 3600.0  # of a window
 
@@ -164,7 +164,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
 
     @available_if(lambda self: self.bits == 32 and (bool(self.person) or contract.adapts(self.system)))
     def adapt(self, X: Corpus, y: np.ndarray | None) -> Recipe:
-        """The same for one person, some of whose captures the system inside adapts to (`models.contract.adapted`)."""
+        """The same for one person, some of whose captures the system inside adapts to (`bench.contract.adapted`)."""
         seen, row = taken(X, self.steps())
         labels = None if y is None else np.asarray(y)[row]
         found = copy(self)
@@ -197,7 +197,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
         return Pipeline([(name, first), *Pipeline([*own, *behind]).fit(table, y[row]).steps])
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
-        """Every decision: one per window, or those of the system inside (`models.contract.decide`)."""
+        """Every decision: one per window, or those of the system inside (`bench.contract.decide`)."""
         seen, row = taken(X, self.steps())
         table, proba = contract.decide(self.system_, seen)
         of = table["capture"].to_numpy()
@@ -261,7 +261,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
 
 
 def build(factory: Callable, feature_set: contract.Features | None, **parameters: object) -> contract.System:
-    """A system as of `models.contract.build`, behind its steps where some of the parameters ask for steps.
+    """A system as of `bench.contract.build`, behind its steps where some of the parameters ask for steps.
 
     Args:
         factory: a class or a function.
@@ -302,7 +302,7 @@ def rows_of(found: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.nd
     No frame is touched, so no copy is damaged again.
 
     Args:
-        found: of all captures, those of one capture together, with `features.kept.PIECES`.
+        found: of all captures, those of one capture together, with `features.cache.PIECES`.
         index: positions in the stored corpus.
     """
     of, piece = (found[name].to_numpy() for name in PIECES)

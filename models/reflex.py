@@ -16,8 +16,8 @@ from bench.corpora.steps import Windows
 from bench.errors import InputError
 from features.base import FeatureSet
 from features.touch import TouchFeatures
-from models.guarded import Guarded
-from models.lda import lda
+from models.classic.lda import lda
+from models.out_of_distribution import Guarded
 from models.recipe import Recipe
 
 EARLY_COPIES = 3  # for the discriminants of short windows
@@ -31,11 +31,11 @@ class Reflex(ClassifierMixin, BaseEstimator):
     2. *Windows* of 1 s, one every half second. What is shorter than a second is cut into windows of 0.5 s, one every
        quarter of a second.
     3. *Features*: `features.touch`, rates and shares that mean the same on every grid and at every rate.
-    4. *Discriminants* (`models.lda`), learnt from undamaged windows. What is particular to a capture counts as much
-       again as what varies within it, since two or more windows decide on most captures.
-    5. *Doubt* (`models.guarded`): a window some of whose features lie beyond 2.5 SDs of training is judged by a network
-       of 18 units (`models.perceptron`) instead, wholly from 3 % of them on. It has learnt from every capture as it is
-       and in eight damaged copies, each by a fault and a severity drawn at random, a copy counting as
+    4. *Discriminants* (`models.classic.lda`), learnt from undamaged windows. What is particular to a capture counts as
+       much again as what varies within it, since two or more windows decide on most captures.
+    5. *Doubt* (`models.out_of_distribution`): a window some of whose features lie beyond 2.5 SDs of training is judged
+       by a network of 18 units (`classic.perceptron`) instead, wholly from 3 % of them on. It has learnt from every
+       capture as it is and in eight damaged copies, each by a fault and a severity drawn at random, a copy counting as
        much as the capture. Faults cost little where there are none, as few features of sound captures are unusual.
     6. The short windows have discriminants alone, learnt from three copies as well, each of which counts a tenth.
     7. A capture's probabilities are the mean over its windows.

@@ -17,7 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from models.inner import inner_folds
+from models.search.inner_folds import inner_folds
 from models.series import CHANNELS, SHORTEST, Series
 
 KERNELS = {"minirocket": 10_000, "multirocket_hydra": 6_250}  # as published

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 import numpy as np
 from sklearn.base import BaseEstimator
 
-from models import contract
+from bench import contract
 
 if TYPE_CHECKING:
     from torch import nn
@@ -36,8 +36,8 @@ def sizes(estimator: contract.System, taxels: int, frames: int) -> dict[str, int
 def working_numbers(estimator: contract.System, taxels: int, frames: int) -> int:
     """Numbers in memory while the system decides once.
 
-    A network counts its input and the outputs of its layers (`models.training.activations`). A classifier on features
-    counts what the features are computed from (`models.contract.kept`), the features, what it works in, and a score per
+    A network counts its input and the outputs of its layers (`nets.training.activations`). A classifier on features
+    counts what the features are computed from (`bench.contract.kept`), the features, what it works in, and a score per
     class; any other system the whole capture and a score per class. What a frame goes through first is added.
     """
     frames = contract.frames_at_once(estimator, frames)
@@ -94,7 +94,7 @@ def _saved(estimator: contract.System) -> int:
 def parameter_count(estimator: contract.System) -> int:
     """Learnt numbers that a device must hold to run the classifier.
 
-    A system or feature set that tells them (`models.contract.learnt_numbers`) is believed. An SVM counts its support
+    A system or feature set that tells them (`bench.contract.learnt_numbers`) is believed. An SVM counts its support
     vectors, their coefficients and its intercepts; a linear model its coefficients and intercepts; trees two numbers
     a node (a threshold, and in one the feature and where its other child or the leaf's values are), where each begins
     (and of boosted ones, its class), and the class shares (or the value) of their leaves, equal ones of a forest once;

@@ -23,7 +23,7 @@ class Personal:
     shots; without shots this is leaving one subject out. Draws are nested: with three shots there are the two that two
     have, and one more. Of a class with fewer captures in a half all are taken.
 
-    A system that can adapt (`models.contract.adapts`) is fitted to the others once and adapted in each draw; any other
+    A system that can adapt (`bench.contract.adapts`) is fitted to the others once and adapted in each draw; any other
     one is fitted anew to the others and the shots, each ``weight`` times. Without labels it stays as it is.
 
     Args:

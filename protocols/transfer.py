@@ -8,11 +8,11 @@ from itertools import chain
 
 import numpy as np
 
+from bench.arguments import convert
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus, open_joined
 from bench.corpora.skins import OWN, SOURCE
 from bench.errors import InputError, nearest
-from bench.plan.arguments import convert
 from bench.registry import parameters
 from protocols.personal import WEIGHT, Personal
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from bench.arguments import typed
+from bench.costs import COSTS
 from bench.errors import InputError
 from bench.outcomes import statistics
 from bench.outcomes.choice import SAID, Choice, candidates, decide, sentences
 from bench.outcomes.comparable import COMPARABLE, Row
 from bench.outcomes.store import Store
-from bench.plan.arguments import typed
-from bench.quantities import COSTS
 from reports.layout import Answer
 from reports.speed import front
 
@@ -77,7 +77,7 @@ def considered(
         store: where the runs are.
         group: in words.
         runs: all that are tracked, as `bench.outcomes.runs.with_groups` makes them.
-        budgets: the most of each cost, in the units of `bench.quantities.COSTS`.
+        budgets: the most of each cost, in the units of `bench.costs.COSTS`.
         runs_of: `bench.outcomes.runs.tracked` by kind, where somebody has read it.
     """
     first = runs[runs["group"] == group].iloc[0].to_dict()

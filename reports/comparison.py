@@ -8,13 +8,13 @@ from importlib.resources import files
 import numpy as np
 import pandas as pd
 
+from bench.leaderboard.submissions import Submission, score
 from bench.outcomes import statistics
 from bench.outcomes.comparable import Row, context_of, seed_number
 from bench.outcomes.runs import rows_of, with_groups
 from bench.outcomes.store import Store
-from bench.outcomes.submissions import Submission, score
-from reports.references import systems_by_subject
-from reports.words import count, one, p_value, two
+from reports.numbers import count, one, p_value, two
+from reports.reference_rows import systems_by_subject
 
 SAME = ["data", "subset_key", "target_key", "protocol_key", "system"]  # of published.csv, and without _key of a run
 # Metrics' prefix: what a row labels, how its windows are combined, and the units of published numbers beside it.

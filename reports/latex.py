@@ -8,7 +8,7 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.outcomes.comparable import MARK
-from reports.words import notes_on, p_value
+from reports.numbers import notes_on, p_value
 
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
 NEEDED = ("system", *TOGETHER, "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes")

@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 import pandas as pd
 
-from bench.outcomes.submissions import ABOUT, REFERENCE, Submission, behind, read, score
-from bench.plan.tasks import TASKS, Task
+from bench.leaderboard.submissions import ABOUT, REFERENCE, Submission, behind, read, score
+from bench.leaderboard.tasks import TASKS, Task
 from reports.layout import Block, Heading, Table, Text, footnotes, page
 
 OWN = "reference"  # name of the results that come with touchbench
@@ -53,7 +53,7 @@ def scores_of(submissions: Sequence[Submission]) -> pd.DataFrame:
     """One row per submission, best first within each task; accuracies in percent.
 
     ``behind``, ``behind_low`` and ``behind_high`` are the difference to the best of the task, as
-    `bench.outcomes.submissions.behind` gives it, in points; NaN for the best itself.
+    `bench.leaderboard.submissions.behind` gives it, in points; NaN for the best itself.
     """
     best: dict[str, Submission] = {}
     for one in submissions:

@@ -16,20 +16,21 @@ from bench.outcomes.comparable import MARKED, depends_on_batch
 from bench.outcomes.runs import independent, of_kinds, rows_of, tracked, with_groups
 from bench.outcomes.store import Store
 from bench.scratch import owner, sweep
-from reports import behaviour, recomputed
-from reports.briefs import EARLY, FAULTS, PEOPLE, STATISTICS, briefs
+from reports import fault_curves as behaviour
+from reports import published_tables as recomputed
 from reports.candidates import Considered, chart_data, considered
 from reports.comparison import comparison, published, shown
 from reports.figures import Picture
-from reports.groups import GROUPS, group_of, largest_groups
 from reports.latex import latex
 from reports.layout import Block, Briefs, Chart, Heading, Table, Text, footnotes, markdown, page
-from reports.newcomers import curves_of, newcomer_blocks
+from reports.new_person import curves_of, newcomer_blocks
+from reports.numbers import listed, notes_on
 from reports.papers import published_blocks, recomputed_blocks
 from reports.provenance import provenance, software
-from reports.sheet import write_sheet
-from reports.verdicts import against
-from reports.words import listed, notes_on
+from reports.reproduction import against
+from reports.run_groups import GROUPS, group_of, largest_groups
+from reports.spreadsheet import write_sheet
+from reports.summary import EARLY, FAULTS, PEOPLE, STATISTICS, briefs
 
 ROWS = 300  # of a table on the page; the CSV files hold all
 
@@ -40,7 +41,7 @@ def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None
     Args:
         store: where the runs are.
         folder: where they go; it is created.
-        budgets: the most of each cost that a system to choose may take, in the units of `bench.quantities.COSTS`.
+        budgets: the most of each cost that a system to choose may take, in the units of `bench.costs.COSTS`.
 
     Returns:
         The files written.

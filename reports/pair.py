@@ -13,8 +13,8 @@ from bench.outcomes import statistics
 from bench.outcomes.comparable import MARK, MARKED
 from bench.outcomes.runs import by_subject
 from bench.outcomes.store import Store
-from reports.references import accuracies, references
-from reports.words import p_value, span
+from reports.numbers import p_value, span
+from reports.reference_rows import accuracies, references
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 
 from bench.outcomes import statistics
-from reports import recomputed
+from reports import published_tables as recomputed
 from reports.layout import Block, Table, Text, footnotes
+from reports.numbers import bounded, count, listed, one, signed, sized, two, with_sd
 from reports.ranks import shown_statistics
-from reports.words import bounded, count, listed, one, signed, sized, two, with_sd
 
 NAMES = {"cost": "CoST", "haart": "HAART"}
 SHARED = ["data", "subset", "protocol", "words"]  # of published numbers that stand together
@@ -29,7 +29,7 @@ def published_blocks(beside: pd.DataFrame) -> list[Block]:
     On the page, numbers on corpora that nothing is tracked on wait behind a switch.
 
     Args:
-        beside: as `reports.verdicts.against` makes it.
+        beside: as `reports.reproduction.against` makes it.
     """
     units = [UNITS.get(r.unit_key, r.unit) for r in beside.itertuples()]
     beside = beside.assign(away=beside["verdict"] == "data not here", words=units)

@@ -10,7 +10,7 @@ import pandas as pd
 from bench.outcomes import statistics
 from reports.figures import LINE, Picture, new_figure, plain, save, width_of
 from reports.layout import Table, footnotes
-from reports.words import bounded, count, notes_on, one, p_value, signed, span
+from reports.numbers import bounded, count, notes_on, one, p_value, signed, span
 
 STATISTICS = (
     "Difference is in points with its 95 % t-interval; corrected is the same with Nadeau and Bengio's variance, "

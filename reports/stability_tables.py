@@ -12,7 +12,7 @@ from bench.outcomes import scores
 from bench.outcomes.stability import ALPHA, CLEAN, FAMILIES, Analysis, families, ranks, seeds
 from reports import stability_figures as figures
 from reports.layout import md_table
-from reports.sheet import write_sheet
+from reports.spreadsheet import write_sheet
 
 TOP = 10  # rows of a table
 

@@ -10,7 +10,7 @@ from bench.errors import InputError
 from bench.outcomes.comparable import comparable, context_of, method_of
 from bench.outcomes.store import Store
 from reports.figures import MARKERS
-from reports.sheet import write_sheet
+from reports.spreadsheet import write_sheet
 
 DASHES = ("-", "--", "-.", ":")
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature

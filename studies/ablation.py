@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 import bench
+from bench.arguments import parse
 from bench.errors import nearest
-from bench.plan.arguments import parse
 from reports.figures import new_figure, save
 
 LDA, XGB, ROCKET, REFLEX = ({"model": name} for name in ("lda", "xgb", "rocket", "reflex"))

@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 import bench
-from bench.plan.arguments import KEYS, items, parse
+from bench.arguments import KEYS, items, parse
 from reports.figures import new_figure, save
 
 

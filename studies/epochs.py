@@ -15,12 +15,13 @@ import pandas as pd
 from joblib import Parallel, delayed
 
 import bench
-from bench.plan.arguments import KEYS, convert, parse
+from bench import contract
+from bench.arguments import KEYS, convert, parse
 from bench.plan.plan import Plan
 from bench.work.fold import computing
-from models import contract, recipe
-from models.inner import inner_folds
-from models.window import WindowNet
+from models import recipe
+from models.nets.window import WindowNet
+from models.search.inner_folds import inner_folds
 from reports.figures import new_figure, save
 
 SMOOTH = 5  # epochs that the best one is the middle of: one epoch's accuracy is noise
@@ -56,7 +57,7 @@ def trained(plan: Plan, number: int, groups: int, group: int) -> pd.DataFrame:
     subjects = part.subjects.astype(str)
     _, judged = inner_folds(subjects, str(groups))[group]
 
-    # A class of a function has no checkpoint (`models.checkpoint`), which would be the same one for every group.
+    # A class of a function has no checkpoint (`models.nets.checkpoint`), which would be the same one for every group.
     class Watched(plan.cell.model.factory):
         holds_out = True
 

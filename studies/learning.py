@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 import bench
-from bench.plan.arguments import KEYS, convert, parse
+from bench.arguments import KEYS, convert, parse
 from reports.figures import MARKERS, new_figure, save
 
 DRAWS = 500  # of subjects, for the interval of a law

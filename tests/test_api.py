@@ -17,11 +17,11 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 import bench
+from bench.arguments import KEYS
 from bench.cli import main
 from bench.commands import choose, fit, stream, stress, tune
+from bench.leaderboard.tasks import HAART
 from bench.outcomes.comparable import BATCH, MARKED
-from bench.plan.arguments import KEYS
-from bench.plan.tasks import HAART
 from features.jung28 import Jung28
 from tests.conftest import predictions, runs
 from tests.reports.store import tracked_run, with_hits
@@ -236,7 +236,7 @@ def test_values_of_other_types_than_text_are_taken_or_refused():
 
 def test_a_system_that_tells_what_it_chose_and_not_among_what_is_tracked(tmp_path):
     Path("own.py").write_text(
-        "from sklearn.pipeline import Pipeline\n\nfrom models.svm import svm\n\n\n"
+        "from sklearn.pipeline import Pipeline\n\nfrom models.classic.svm import svm\n\n\n"
         "class Level(Pipeline):\n"
         "    @property\n"
         "    def chosen_(self):\n"

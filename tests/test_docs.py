@@ -39,7 +39,7 @@ def test_objects_are_run_as_written():
 
 
 def test_every_name_of_the_contract_is_in_the_table():
-    from models import contract
+    from bench import contract
 
     source = Path(sys.modules[contract.__name__].__file__).read_text()
     asked = set(re.findall(r'_told\(\w+, "(\w+)"', source)) - {"features", "frames"}

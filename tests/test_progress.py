@@ -17,7 +17,7 @@ from bench.cli import main
 from bench.outcomes.results import FoldResult
 from bench.progress import Said, note, tell, telling, told
 from bench.work import loop, workers
-from models.cnn85 import CNN85
+from models.nets.cnn85 import CNN85
 
 
 def words(folder):
@@ -192,9 +192,9 @@ def test_a_network_says_how_long_it_takes(tmp_path, monkeypatch, corpus):
     """Every step of it, with what is left as if the steps so far were as long as those to come."""
     monkeypatch.setattr(progress, "OFTEN_S", 0.0)
     clock = iter(range(1000))
-    monkeypatch.setattr("models.training.time", type("Clock", (), {"monotonic": lambda: next(clock)}))
+    monkeypatch.setattr("models.nets.training.time", type("Clock", (), {"monotonic": lambda: next(clock)}))
     heard = []
-    monkeypatch.setattr("models.training.tell", lambda words, left: heard.append((words.split(",")[0], left)))
+    monkeypatch.setattr("models.nets.training.tell", lambda words, left: heard.append((words.split(",")[0], left)))
     CNN85(epochs=3, frames=10, batch=16).fit(corpus, corpus.gestures)
     steps = len(heard) // 3
     assert [left for _, left in heard] == [pytest.approx(3 * steps - n) for n in range(1, 3 * steps + 1)]

@@ -13,7 +13,7 @@ import bench
 from bench.cli import main
 from bench.commands.help import COMMANDS
 from bench.work.fold import decisions
-from models.tuning import Search
+from models.search.tuning import Search
 from tests.chip.compiled import lacking
 from tests.conftest import runs
 

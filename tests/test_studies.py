@@ -6,9 +6,9 @@ import pytest
 from sklearn.model_selection import GroupKFold
 
 import bench
+from bench import contract
 from bench.corpora.faults import FAULTS
 from bench.plan.cells import cells
-from models import contract
 from studies import ablation, anytime, epochs, learning
 from tests.conftest import with_other_values
 

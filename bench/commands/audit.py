@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
+from bench.arguments import Values, parse, typed
 from bench.commands.printing import grid, output, say, then
-from bench.plan.arguments import Values, parse, typed
 from bench.plan.cells import Cell, cells
 from bench.work.audit import FAILED, PASSED, SKIPPED, Verdict, audited, refuse
 

@@ -9,6 +9,8 @@ from pathlib import Path
 import pandas as pd
 from rich.console import Console
 
+from bench.arguments import BACKEND, Backend, backend_of, convert, parse
+from bench.arguments import KEYS as RUN_KEYS
 from bench.commands.printing import failures
 from bench.commands.run import evaluated
 from bench.errors import InputError
@@ -17,8 +19,6 @@ from bench.outcomes.baseline import NAMES, Measured, read, text
 from bench.outcomes.gate import Verdict
 from bench.outcomes.runs import needed, rows_of, tracked
 from bench.outcomes.store import Store, connect
-from bench.plan.arguments import BACKEND, Backend, backend_of, convert, parse
-from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.plan.cells import Cell, cells
 
 OPTIONS = {"baseline": "reports/baseline.json", "update": False, "run": True, "junit": ""}

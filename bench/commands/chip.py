@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from bench.arguments import KEYS as RUN_KEYS
+from bench.arguments import Values, backend_of, items, parse
 from bench.commands.printing import show, then
 from bench.errors import InputError
-from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.arguments import Values, backend_of, items, parse
 from bench.plan.cells import cells
+from bench.work.chip import OnChip
 from bench.work.loop import Outcome, execute, prepared
-from bench.work.onchip import OnChip
 
 KEYS = RUN_KEYS | {"bits"}
 

@@ -11,17 +11,17 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from bench.arguments import BACKEND, Values, convert, items, parse, typed
+from bench.arguments import KEYS as RUN_KEYS
 from bench.commands.help import SMALL
 from bench.commands.printing import grid, one_label, output, say, show, then
+from bench.costs import BUDGETS, COSTS, quantity
 from bench.errors import InputError, nearest
 from bench.outcomes.choice import Choice, amount, candidates, decide, points, sentences
 from bench.outcomes.comparable import MARK, MARKED
 from bench.outcomes.runs import of_kinds, without_runs
 from bench.outcomes.store import connect
-from bench.plan.arguments import BACKEND, Values, convert, items, parse, typed
-from bench.plan.arguments import KEYS as RUN_KEYS
 from bench.progress import warn
-from bench.quantities import BUDGETS, COSTS, quantity
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", "unit", "clock", "batch", *BUDGETS}

@@ -10,8 +10,8 @@ import re
 from collections.abc import Iterable
 
 from bench.commands.help import COMMANDS
+from bench.costs import BUDGETS, COSTS
 from bench.errors import InputError, nearest
-from bench.quantities import BUDGETS, COSTS
 from bench.registry import names
 from bench.scratch import home
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.arguments import convert
 from bench.commands.help import SMALL
-from bench.corpora.cost import write
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
-from bench.corpora.limits import briefly
+from bench.corpora.read.cost import write
+from bench.corpora.read.limits import briefly
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
-from bench.plan.arguments import convert
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.scratch import home
@@ -113,7 +113,7 @@ def looked(
         InputError: the corpus is not here, something in the values cannot be used, or the folder cannot be written.
     """
     from bench.commands.printing import writable
-    from reports.look import place, write
+    from reports.corpus_page import place, write
 
     number = None if capture is None else convert("capture", capture, 0)
     corpus = captures_of(name, one_variant(name, parameters), where, target)

@@ -6,8 +6,8 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+from bench.arguments import parse
 from bench.commands.gallery import CORPUS, done
-from bench.plan.arguments import parse
 
 SHOWN = (*CORPUS, "protocol=loso")
 RUNS = (

@@ -5,9 +5,9 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
+from bench.arguments import options_of
 from bench.errors import InputError
 from bench.outcomes.stopping import NO_SAVING
-from bench.plan.arguments import options_of
 from bench.scratch import made_whole, new_folder
 
 OPTIONS = ("out", "bits", "target")
@@ -30,7 +30,7 @@ def export(arguments: list[str]) -> int:
     if (target := values.get("target", "c99")) != "c99":
         raise InputError(f"target={target}: give c99")
     out = new_folder(Path(values["out"]))
-    from bench.chip.write import files_of
+    from bench.export.write import files_of
     from bench.work.saved import load
 
     found = load(model)

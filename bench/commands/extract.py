@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pandas as pd
 
+from bench import contract
+from bench.arguments import parse, typed
 from bench.errors import InputError
-from bench.plan.arguments import parse, typed
 from bench.plan.cells import cells
 from bench.plan.plan import captures_of
 from bench.scratch import replacing
-from models import contract
 
 KEYS = {"data", "where", "features", "out"}
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench.arguments import Values, number, options_of, parse, quoted
 from bench.commands.printing import then
-from bench.corpora.table import read_unlabelled
+from bench.corpora.read.table import read_unlabelled
 from bench.errors import InputError
 from bench.outcomes.stopping import NO_SAVING
-from bench.plan.arguments import Values, number, options_of, parse, quoted
 from bench.plan.cells import Cell, cells
 from bench.scratch import new_folder, replacing
-from reports.sheet import write_sheet
+from reports.spreadsheet import write_sheet
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus

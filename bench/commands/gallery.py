@@ -8,8 +8,8 @@ import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from bench.arguments import parse
 from bench.commands.printing import led, writable
-from bench.plan.arguments import parse
 
 CORPUS = ("data=synth", "data.subjects=6", "data.variants=normal", "data.repetitions=2")
 STEPS = (

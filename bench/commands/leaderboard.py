@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from bench.arguments import labelled, options_of, parse, typed
 from bench.commands.printing import say, then
 from bench.commands.rerun import rerun
-from bench.corpora.limits import called
+from bench.corpora.read.limits import called
 from bench.errors import InputError
-from bench.outcomes import answers, marks, submissions
+from bench.leaderboard import answers, marks, submissions
+from bench.leaderboard.submissions import ABOUT, Submission
+from bench.leaderboard.tasks import Task, task_of
 from bench.outcomes.store import connect
-from bench.outcomes.submissions import ABOUT, Submission
-from bench.plan.arguments import labelled, options_of, parse, typed
 from bench.plan.cells import cells
-from bench.plan.tasks import Task, task_of
 from bench.progress import warn
 from bench.scratch import made_whole, new_folder, replacing
 from reports.leaderboard import NOT_VERIFIED, board, note, reference

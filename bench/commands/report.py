@@ -10,11 +10,11 @@ import time
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 
+from bench.arguments import parse
 from bench.commands.printing import then
+from bench.costs import BUDGETS, quantity
 from bench.errors import InputError
 from bench.outcomes.store import connect, store_uri
-from bench.plan.arguments import parse
-from bench.quantities import BUDGETS, quantity
 
 HERE = "127.0.0.1"
 NAME, WIDE = "attributes.`Run Name`", 300  # pixels, instead of 190: kind, system, data and protocol fit

@@ -10,16 +10,16 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+from bench.arguments import PARTS, parse
 from bench.commands.gallery import inside
 from bench.commands.printing import led, say, then
 from bench.commands.tune import OPTIONS as SEARCH
-from bench.corpora.limits import quoted
+from bench.corpora.read.limits import quoted
 from bench.errors import InputError
-from bench.outcomes import answers, marks, submissions
+from bench.leaderboard import answers, marks, submissions
+from bench.leaderboard.submissions import Submission
 from bench.outcomes.runs import rows_of, tracked
 from bench.outcomes.store import connect
-from bench.outcomes.submissions import Submission
-from bench.plan.arguments import PARTS, parse
 from bench.plan.cells import cells
 from bench.progress import warn
 from bench.source import git_revision, versions

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from bench.arguments import KEYS, Backend, Values, backend_of, parse
 from bench.commands.printing import one_label, show, then
-from bench.plan.arguments import KEYS, Backend, Values, backend_of, parse
 from bench.plan.cells import Cell, cells
 from bench.work.evaluation import Evaluation
 from bench.work.loop import Outcome, execute, prepared

@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from bench import contract
+from bench.arguments import Values, backend_of, convert, items
 from bench.commands.run import evaluated
+from bench.costs import BUDGETS
 from bench.errors import InputError, nearest
-from bench.plan.arguments import Values, backend_of, convert, items
 from bench.plan.cells import Cell, cells
-from bench.quantities import BUDGETS
 from bench.registry import parameters
 from bench.work.loop import Outcome
-from models import contract
 
 if TYPE_CHECKING:
-    from models.space import How, Tuning
+    from models.search.space import How, Tuning
 
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
 

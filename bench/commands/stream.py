@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from bench.arguments import KEYS as RUN_KEYS
+from bench.arguments import Values, backend_of, items, number, parse
 from bench.commands.printing import say, show, then, writable
 from bench.errors import InputError
 from bench.outcomes.store import connect
-from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.arguments import Values, backend_of, items, number, parse
 from bench.plan.cells import cells
 from bench.progress import warn
 from bench.work.loop import Outcome, execute, prepared

@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from bench.arguments import KEYS as RUN_KEYS
+from bench.arguments import Values, backend_of, convert, items, parse
 from bench.commands.printing import contexts, say, show, then, writable
 from bench.corpora.faults import Fault, known
 from bench.errors import InputError, nearest
 from bench.outcomes import stability
 from bench.outcomes.stability import Analysis
 from bench.outcomes.store import connect
-from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.arguments import Values, backend_of, convert, items, parse
 from bench.plan.cells import cells
 from bench.work.loop import Outcome, execute, prepared
 from bench.work.stress import Stress

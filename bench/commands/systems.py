@@ -6,8 +6,8 @@ from typing import Any
 
 import pandas as pd
 
+from bench.arguments import quoted
 from bench.errors import InputError
-from bench.plan.arguments import quoted
 from bench.registry import names
 from reports.comparison import published
 

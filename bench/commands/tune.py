@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
+from bench import contract
+from bench.arguments import KEYS as RUN_KEYS
+from bench.arguments import Values, backend_of, convert, items, parse, text_of
 from bench.commands.printing import one_label, show, then
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
-from bench.plan.arguments import KEYS as RUN_KEYS
-from bench.plan.arguments import Values, backend_of, convert, items, parse, text_of
 from bench.plan.cells import Cell, cells
 from bench.registry import parameters
 from bench.work.loop import Outcome
-from models import contract
 from models.recipe import besides
 
 if TYPE_CHECKING:
-    from models.space import How, Space, Tuning
+    from models.search.space import How, Space, Tuning
 
 OPTIONS: How = {"trials": 50, "inner": "3", "budget": float("inf"), "objective": "accuracy"}
 KEYS = RUN_KEYS | OPTIONS.keys()

@@ -4,7 +4,7 @@ Nothing is imported before it is used.
 """
 
 PARTS = {
-    "cost": "bench.corpora.cost:read",
-    "haart": "bench.corpora.haart:read",
-    "table": "bench.corpora.table:read",
+    "cost": "bench.corpora.read.cost:read",
+    "haart": "bench.corpora.read.haart:read",
+    "table": "bench.corpora.read.table:read",
 }

@@ -196,7 +196,7 @@ class Corpus:
         """The same captures as a system gets them when it predicts: without labels, subjects and origin.
 
         Args:
-            visible: columns of ``captures`` that it declares to need (`models.contract.conditions`); of a corpus that
+            visible: columns of ``captures`` that it declares to need (`bench.contract.conditions`); of a corpus that
                 is blind already, no others than it had.
         """
         if self._visible is not None:
@@ -365,7 +365,7 @@ class Corpus:
         """
         if self._visible is not None:
             raise self._refused("plot")
-        from bench.corpora.picture import picture
+        from bench.corpora.film_strip import picture
 
         about = self.captures.iloc[capture]
         words = ", ".join(f"{name} {about[name]}" for name in ("subject", "gesture") if name in about)

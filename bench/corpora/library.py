@@ -22,7 +22,7 @@ from bench.corpora import duplicates
 from bench.corpora.corpus import Corpus
 from bench.corpora.files import Damaged, short, small_file, write_text
 from bench.corpora.folder import content_digest, open_folder, verified, write_folder
-from bench.corpora.limits import plain
+from bench.corpora.read.limits import plain
 from bench.errors import InputError, nearest
 from bench.registry import load
 from bench.scratch import home

@@ -15,7 +15,7 @@ import pandas as pd
 from scipy.signal import lfilter
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.cost import FULL_SCALE, VARIANTS
+from bench.corpora.read.cost import FULL_SCALE, VARIANTS
 from bench.errors import InputError
 from bench.memory import ensure
 

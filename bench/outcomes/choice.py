@@ -9,6 +9,8 @@ from typing import TypeVar
 import numpy as np
 import pandas as pd
 
+from bench.arguments import quoted
+from bench.costs import COSTS
 from bench.errors import InputError
 from bench.outcomes import scores
 from bench.outcomes.comparable import BATCH, COMPARABLE, CONDITIONS, Row, context_of, facts_of, system_of
@@ -25,8 +27,6 @@ from bench.outcomes.runs import (
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
 from bench.paired import TOLERANCE, mean_and_error, within_one_standard_error
-from bench.plan.arguments import quoted
-from bench.quantities import COSTS
 
 Amount = TypeVar("Amount", float, pd.Series)
 SAID = {"window": "one window"}  # units in words; a capture is not named

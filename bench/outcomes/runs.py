@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bench.arguments import PARTS
 from bench.errors import InputError
 from bench.outcomes.comparable import (
     COMPARABLE,
@@ -20,7 +21,6 @@ from bench.outcomes.comparable import (
     system_of,
 )
 from bench.outcomes.store import Store
-from bench.plan.arguments import PARTS
 
 COLUMNS = {"where": "subset", "shots": "protocol.shots"}  # of a table of runs, where it is not called as it is asked
 COLUMNS |= {part: f"{part}_name" for part in PARTS}

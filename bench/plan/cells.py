@@ -13,16 +13,17 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
+from bench import contract
+from bench.arguments import PARTS, Values, convert, items, text_of
 from bench.corpora.faults import known
 from bench.errors import InputError, nearest
-from bench.plan.arguments import PARTS, Values, convert, items, text_of
 from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
-from models import contract, recipe
+from models import recipe
 
 if TYPE_CHECKING:
     from bench.plan.splits import Splitter
-    from models.space import Tuning
+    from models.search.space import Tuning
 
 DEFAULTS = {"data": "synth", "protocol": "loso", "model": "svm", "seed": "0", "where": "", "target": "gesture"}
 DEFAULT_FEATURES = "jung54"
@@ -157,7 +158,7 @@ class Cell:
         """The untrained scikit-learn classifier."""
         features = self.features.make() if self.features else None
         if self.tuning:
-            from models.tuning import tuned
+            from models.search.tuning import tuned
 
             sets = {self.features.short: features} if self.features else None
             return tuned(self.model.short, self.model.factory, sets, str(self.features), self.tuning)
@@ -182,7 +183,7 @@ class Cell:
         parts = [part for part in (self.protocol, self.features, self.model) if part]
         search = []
         if self.tuning:
-            from models.tuning import machinery
+            from models.search.tuning import machinery
 
             beyond = set(self.tuning["space"]) - set(parameters(self.model.factory))
             search = [source_digest(*machinery(self.tuning), *([recipe.Recipe] if beyond else []))]

@@ -10,13 +10,13 @@ from itertools import combinations
 
 import numpy as np
 
+from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
 from bench.plan import splits
 from bench.plan.cells import Cell
-from models import contract
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ import pandas as pd
 from scipy.stats import binom
 from sklearn.base import clone
 
+from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
 from bench.errors import HiddenError, InputError
@@ -26,7 +27,6 @@ from bench.plan.cells import Cell
 from bench.plan.plan import Fold, checked
 from bench.work.fold import TOLERANCE, batch_effects, computing
 from bench.work.personal import met
-from models import contract
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "not applicable"
 EQUAL = 1e-6  # of a probability: two fits that should be the same

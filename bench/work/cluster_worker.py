@@ -157,7 +157,7 @@ def _parts(cell: Cell) -> list[Part[Any]]:
 
 def _code_of(part: Part[Any]) -> str:
     """Digest of a part's code; of what was typed into a script or a notebook none, as it travels itself."""
-    from models import contract
+    from bench import contract
 
     typed = part.given is not None and any(c.__module__ == "__main__" for c in contract.classes(part.given))
     return "" if typed else part.identity()[-1][:12]

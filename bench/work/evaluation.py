@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 import pandas as pd
 
+from bench import contract
 from bench.outcomes import scores
 from bench.outcomes.results import Findings, FoldResult, costs, measure, table_of
 from bench.work.experiment import Experiment
 from bench.work.fold import ALONE, batch_effects, computing, decisions, footprint, latency
 from bench.work.personal import met
-from models import contract
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench import contract
 from bench.errors import InputError
 from bench.outcomes.results import FoldResult, costs
 from bench.outcomes.store import connect, only_one, reached
@@ -26,8 +27,7 @@ from bench.work.machine import this_machine
 from bench.work.replay import INNER, Replay, Stopping, learned, unlearnable
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
 from bench.work.workers import fill_cache
-from models import contract
-from models.inner import inner_folds
+from models.search.inner_folds import inner_folds
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus

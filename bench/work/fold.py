@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from bench import contract
 from bench.corpora.corpus import Corpus
-from models import contract
 from models.sizes import sizes
 
 ALONE = 32  # test captures of a fold that are predicted alone, too

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 import pandas as pd
 
+from bench.arguments import number
 from bench.corpora.corpus import Corpus
-from bench.corpora.limits import quoted
-from bench.corpora.values import checked, highest_of
+from bench.corpora.read.limits import quoted
+from bench.corpora.read.sensor_values import checked, highest_of
 from bench.errors import InputError, nearest
 from bench.outcomes.stopping import NO_SAVING
-from bench.plan.arguments import number
 from bench.work.replay import GROWTH
 
 if TYPE_CHECKING:

@@ -23,20 +23,20 @@ from rich.progress import (
 from rich.progress import Task as BarTask
 from rich.text import Text
 
+from bench import contract
+from bench.arguments import HERE, Backend
 from bench.corpora.duplicates import named
-from bench.corpora.limits import briefly
+from bench.corpora.read.limits import briefly
 from bench.errors import ClusterError, InputError
 from bench.outcomes.results import Findings, FoldResult, Shown
 from bench.outcomes.scores import RESERVED
 from bench.outcomes.store import Store, connect, only_one
-from bench.plan.arguments import HERE, Backend
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
 from bench.progress import Said, console, seconds_left, span, told, warn
 from bench.work.experiment import Experiment
 from bench.work.tracking import Illustrate, TrackedRun, key_of
 from bench.work.workers import Processes, Task, Todo, Workers
-from models import contract
 
 
 class Interrupted(KeyboardInterrupt):

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench import contract
 from bench.work.fold import fitted
-from models import contract
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus

@@ -17,13 +17,13 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
 from sklearn.linear_model import Ridge
 
+from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError
 from bench.outcomes.scores import PREFIX, classes_of
 from bench.outcomes.stopping import learn_stopping
 from bench.work.fold import TIMED_CAPTURES, decisions, milliseconds
-from models import contract
-from models.inner import inner_folds
+from models.search.inner_folds import inner_folds
 
 FIRST_MS = 62.5
 GROWTH = 2**0.5  # of what has been seen, from one instant to the next

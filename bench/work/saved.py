@@ -26,7 +26,7 @@ from mlflow.types import ColSpec, DataType, ParamSchema, ParamSpec, Schema
 from mlflow.types.schema import AnyType
 
 from bench.corpora.corpus import Corpus, storage
-from bench.corpora.table import from_frame
+from bench.corpora.read.table import from_frame
 from bench.errors import InputError
 from bench.outcomes.scores import PREFIX, classes_of
 from bench.outcomes.store import FORMAT, store_uri
@@ -36,8 +36,8 @@ from bench.work.fold import decisions
 if TYPE_CHECKING:
     from mlflow.types import TensorSpec
 
+    from bench.contract import System
     from bench.work.replay import Stopping
-    from models.contract import System
 
 PACKAGES = ("bench", "features", "models", "protocols")  # whose code goes with a model
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from bench import contract
 from bench.errors import InputError
 from bench.outcomes.results import Findings, FoldResult, costs, table_of
 from bench.outcomes.stopping import SHOWN_MS, Curves, by_instant, by_threshold, learned_point, shown, stopped
@@ -22,8 +23,7 @@ from bench.work.replay import (
     unlearnable,
     weighed,
 )
-from models import contract
-from models.inner import inner_folds
+from models.search.inner_folds import inner_folds
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus

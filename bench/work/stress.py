@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import pandas as pd
 
+from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import SEVERITIES, Fault, as_shares, damaged, known
 from bench.errors import InputError
@@ -24,7 +25,6 @@ from bench.outcomes.results import Findings, FoldResult, table_of
 from bench.outcomes.stability import CLEAN, Analysis
 from bench.work.experiment import Experiment
 from bench.work.fold import SOME, batch_effects, computing, decisions
-from models import contract
 
 if TYPE_CHECKING:
     from bench.plan.cells import Cell

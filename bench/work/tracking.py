@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Generic
 import numpy as np
 import pandas as pd
 
+from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.outcomes.results import Findings, FoldResult, Shown
 from bench.outcomes.store import Store
@@ -20,7 +21,6 @@ from bench.plan.plan import Plan
 from bench.source import git_revision, source_digest, versions
 from bench.work.experiment import Experiment
 from bench.work.machine import Machine
-from models import contract
 
 if TYPE_CHECKING:
     from mlflow.entities import Run

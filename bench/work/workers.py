@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Protocol
 
+from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.outcomes.results import FoldResult, Shown
 from bench.plan.cells import Cell
@@ -21,7 +22,6 @@ from bench.work.experiment import Experiment
 from bench.work.fold import forget_peak
 from bench.work.machine import Machine, this_machine
 from bench.work.pool import Executor, pool
-from models import contract
 
 Todo = list[tuple[Plan, Experiment[Shown]]]  # what a command is to run
 

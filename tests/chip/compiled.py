@@ -7,7 +7,7 @@ import subprocess
 
 import numpy as np
 
-from bench.chip.write import files_of
+from bench.export.write import files_of
 from bench.work.replay import Replay, learned
 from bench.work.saved import Recogniser
 

@@ -14,27 +14,27 @@ import pandas as pd
 import pytest
 from sklearn.base import clone
 
-from bench.chip.classifiers import decider
-from bench.chip.tables import chip_of
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
 from bench.errors import InputError
+from bench.export.classifiers import decider
+from bench.export.tables import chip_of
 from bench.work.saved import quiet
 from features.jung28 import Jung28
 from features.touch import TouchFeatures
-from models.bayes import bayes
-from models.hughes2017 import Hughes2017CNN
-from models.lda import lda
+from models.classic.bayes import bayes
+from models.classic.lda import lda
+from models.classic.rf import et, rf
+from models.classic.softmax import softmax
+from models.classic.svm import svm
+from models.classic.tree import tree
+from models.classic.xgb import xgb
+from models.nets.hughes2017 import Hughes2017CNN
+from models.quantised import rounded
 from models.recipe import Recipe
 from models.reflex import Reflex
-from models.rf import et, rf
-from models.rounded import rounded
 from models.sizes import sizes
-from models.softmax import softmax
-from models.svm import svm
-from models.tree import tree
-from models.xgb import xgb
 from tests.chip.compiled import STRICT, built, fitted, lacking, written
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))

@@ -11,7 +11,7 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.work.live import frames_of
 from features.jung28 import Jung28
-from models.rf import rf
+from models.classic.rf import rf
 from tests.chip.compiled import STRICT, fitted, lacking, written
 
 FRAME, BLANK, REFUSED = "frame", "blank", "refused"

@@ -11,14 +11,14 @@ import pytest
 import torch
 from torch.nn import functional
 
-from bench.chip.write import files_of
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from models.cnn85 import CNN85
-from models.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, in_bits
+from bench.export.write import files_of
+from models.nets.cnn85 import CNN85
+from models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, in_bits
+from models.quantised import rounded
 from models.recipe import Recipe
-from models.rounded import rounded
 from tests.chip.compiled import STRICT, fitted, lacking, written
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench import contract
 from bench.cli import main
 from bench.corpora.library import open_corpus
 from bench.work.saved import load
-from models import contract
 
 SMALL = ["data=synth", "data.subjects=4", "where=gesture in ['pat', 'rub', 'grab'] and subject != '4'"]
 

@@ -24,7 +24,7 @@ from bench.outcomes.gate import LIMITS, Verdict, compare, drawn, held, interval,
 from bench.outcomes.results import FoldResult, costs
 from bench.work.fold import latency, reference
 from features.jung54 import Jung54
-from models.svm import svm
+from models.classic.svm import svm
 
 NAMES = {
     "data": "toy",

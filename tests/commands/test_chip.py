@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.chip import compiled, network
 from bench.cli import main
+from bench.export import measure as compiled
+from bench.export import network
 from bench.outcomes import scores
 from bench.outcomes.choice import candidates
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import planned
-from bench.work import onchip, saved
-from bench.work.onchip import OnChip
+from bench.work import chip as onchip
+from bench.work import saved
+from bench.work.chip import OnChip
 from bench.work.tracking import key_of
 from tests.chip.compiled import lacking
 from tests.conftest import predictions, runs

@@ -10,15 +10,15 @@ import pytest
 from scipy.stats import ttest_rel
 
 import bench
+from bench.arguments import parse
 from bench.cli import main
 from bench.commands.choose import Chosen, _print
 from bench.commands.help import SMALL
+from bench.costs import quantity
 from bench.errors import InputError
 from bench.outcomes.choice import apart, candidates, decide, sentences
 from bench.outcomes.store import connect
-from bench.plan.arguments import parse
 from bench.plan.cells import cells
-from bench.quantities import quantity
 from bench.work import machine
 from bench.work.machine import Machine
 from tests.reports.store import made_up, tracked_run

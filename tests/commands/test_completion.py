@@ -43,7 +43,7 @@ def test_values_are_those_that_are_known(tmp_path, monkeypatch):
 
 
 def test_names_of_values_that_the_registry_lacks_are_taken_by_the_code():
-    from bench.plan.arguments import parse
+    from bench.arguments import parse
     from bench.plan.cells import cells
 
     for word in ("model.repair=stuck+dead+offset", "model.scale=peak", "model.person=centre+scale+pool"):

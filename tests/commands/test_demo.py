@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from bench import cli
+from bench.arguments import parse
 from bench.commands import demo
-from bench.plan.arguments import parse
 from bench.plan.cells import cells
 
 SMALL = ("data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1")

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from bench import cli
+from bench.arguments import parse
 from bench.commands import gallery
-from bench.plan.arguments import parse
 from bench.plan.cells import cells
 
 OTHER_KEYS = {"out", "train_subjects"}

@@ -17,8 +17,7 @@ import bench
 from bench.cli import main
 from bench.corpora.faults import SEVERITIES, known
 from bench.errors import InputError
-from bench.outcomes import marks, submissions
-from bench.plan import tasks
+from bench.leaderboard import marks, submissions, tasks
 from protocols.personal import Personal
 from reports.leaderboard import board, reference, scores_of
 from tests.conftest import random_corpus, runs

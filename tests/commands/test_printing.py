@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from bench.arguments import quoted
 from bench.cli import main
 from bench.commands import printing
 from bench.commands.run import evaluated_values
 from bench.outcomes.comparable import BATCH, MARKED
-from bench.plan.arguments import quoted
 from tests.conftest import predictions, runs
 
 SMALL = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]
@@ -165,8 +165,8 @@ def test_systems_prints_commands_that_can_be_pasted(capsys):
     lines = [line.strip() for line in capsys.readouterr().out.splitlines() if line.strip().startswith("bench run")]
     assert len(lines) > 40 and not [line for line in lines if "'\"'\"'" in line]
     assert "bench run data=cost where=\"variant == 'rough'\" protocol=loso model=jung2014_bayes" in lines
+    from bench.arguments import parse
     from bench.commands.run import KEYS
-    from bench.plan.arguments import parse
     from bench.plan.cells import cells
 
     for line in lines:

@@ -10,9 +10,8 @@ import pytest
 
 import bench
 from bench.cli import main
-from bench.outcomes import marks, submissions
-from bench.plan import tasks
-from bench.plan.tasks import CAPTURE, LOSO, TASKS, Task
+from bench.leaderboard import marks, submissions, tasks
+from bench.leaderboard.tasks import CAPTURE, LOSO, TASKS, Task
 from bench.source import git_revision
 from tests.commands.test_leaderboard import MINE, SMALL
 from tests.conftest import runs

@@ -162,7 +162,7 @@ def test_commands_of_systems_are_understood():
     """Every one of them, up to the corpus, which is not here; quotes are those of a shell."""
     import shlex
 
-    from bench.plan.arguments import KEYS, parse
+    from bench.arguments import KEYS, parse
     from bench.plan.cells import cells
 
     for row in published().itertuples():

@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bench.corpora.cost import CHANNELS
-from bench.corpora.haart import CELLS
+from bench.corpora.read.cost import CHANNELS
+from bench.corpora.read.haart import CELLS
 from tests.fuzz.child import Child
 
 TABLE = {"rate_hz": "50", "grid": "1x2"}

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.corpora import cost
 from bench.corpora.corpus import Corpus
-from bench.corpora.cost import CHANNELS, GESTURES, read, write
+from bench.corpora.read import cost
+from bench.corpora.read.cost import CHANNELS, GESTURES, read, write
 from bench.errors import InputError
 
 HEADER = "subject, variant, gesture, frame, " + ", ".join(CHANNELS)

@@ -13,10 +13,10 @@ import pytest
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.scratch import home
-from features import kept
+from features import cache as kept
+from features.cache import cache_key
 from features.jung28 import Jung28
 from features.jung54 import Jung54
-from features.kept import cache_key
 from tests.conftest import random_corpus
 
 

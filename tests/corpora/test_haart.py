@@ -3,8 +3,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from bench.corpora import haart
-from bench.corpora.haart import CELLS, read
+from bench.corpora.read import haart
+from bench.corpora.read.haart import CELLS, read
 from bench.errors import InputError
 
 

@@ -11,8 +11,8 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from bench.corpora.cost import GESTURES
 from bench.corpora.folder import content_digest
+from bench.corpora.read.cost import GESTURES
 from bench.corpora.synth import generate
 from bench.errors import InputError
 from features.jung54 import Jung54

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.corpora.table import from_frame, read
+from bench.corpora.read.table import from_frame, read
 from bench.errors import InputError
 
 

@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bench.corpora import cost, haart, table
-from bench.corpora.cost import CHANNELS
+from bench.corpora.read import cost, haart, table
+from bench.corpora.read.cost import CHANNELS
 from bench.errors import InputError
 from tests.corpora.test_cost import file as cost_file
 from tests.corpora.test_cost import line as cost_line

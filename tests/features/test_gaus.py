@@ -15,8 +15,8 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
 from bench.errors import InputError
 from features import signals
+from features.cache import cache_key
 from features.gaus import FAMILIES, Gaus
-from features.kept import cache_key
 from tests.conftest import random_corpus
 
 RATE = 80.0

@@ -16,10 +16,11 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.synth import generate
 from bench.errors import InputError
-from features import kept, signals
+from features import cache as kept
+from features import signals
+from features.cache import cache_key
 from features.jung28 import Jung28
 from features.jung54 import Jung54
-from features.kept import cache_key
 from tests.conftest import random_corpus
 
 

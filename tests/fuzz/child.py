@@ -175,10 +175,10 @@ def main() -> None:
     os.dup2(2, 1)  # what libraries print is no answer
     sys.path.insert(0, str(ROOT))
 
-    import bench.corpora.cost
-    import bench.corpora.haart
     import bench.corpora.library
-    import bench.corpora.table  # noqa: F401
+    import bench.corpora.read.cost
+    import bench.corpora.read.haart
+    import bench.corpora.read.table  # noqa: F401
 
     try:
         resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))

@@ -139,7 +139,7 @@ def _keys(rng: random.Random, command: str) -> list[tuple[str, str]]:
 
 def _part(rng: random.Random, key: str, room: str) -> list[tuple[str, str]]:
     """A name of a room with some of its parameters."""
-    from bench.plan.arguments import text_of
+    from bench.arguments import text_of
     from bench.registry import load, names, parameters
 
     name = rng.choice([n for n in names(room) if n not in SLOW])

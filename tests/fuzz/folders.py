@@ -97,7 +97,7 @@ def used(home, template):
     from bench.corpora import library, synth
     from bench.corpora.library import import_corpus, open_corpus, verify
     from bench.errors import InputError
-    from features import kept
+    from features import cache as kept
     from features.jung28 import Jung28
 
     library.load = lambda room, kind: lambda source: made(source.name)

@@ -7,8 +7,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.neighbors import KNeighborsClassifier
 from torch import nn
 
+from bench import contract
 from bench.errors import InputError
-from models import contract
 from models.adapters import FromSeries, FromTorch
 from models.series import Series
 from tests.conftest import random_corpus, with_other_values

@@ -15,14 +15,15 @@ from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.scratch import home
 from features.touch import TouchFeatures
-from models import auto, judged, portfolio
-from models.auto import Auto
-from models.ensemble import tempered
-from models.judged import Inner
-from models.lda import Discriminants
-from models.portfolio import Columns, complete
+from models.classic.lda import Discriminants
+from models.search import auto, portfolio
+from models.search import trial_scores as judged
+from models.search.auto import Auto
+from models.search.ensemble import tempered
+from models.search.portfolio import Columns, complete
+from models.search.space import Range
+from models.search.trial_scores import Inner
 from models.sizes import sizes
-from models.space import Range
 from tests.conftest import random_corpus, with_other_values
 
 QUICK = [

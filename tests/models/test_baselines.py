@@ -15,20 +15,20 @@ from features.jung54 import Jung54
 from features.selection import Subset
 from features.ta273 import Ta273
 from features.wingerden45 import Wingerden45
-from models.balli2015 import balli2015_rf
-from models.bayes import GaussianBayes, bayes
-from models.boost import boost
-from models.cnn85 import CNN85
-from models.jung2014 import jung2014_bayes
-from models.jung2017 import jung2017_bayes, jung2017_nn, jung2017_svm_rbf, jung2017_tree
-from models.mlp import EarlyStoppedNet, mlp
-from models.rf import et, rf
+from models.classic.balli2015 import balli2015_rf
+from models.classic.bayes import GaussianBayes, bayes
+from models.classic.boost import boost
+from models.classic.jung2014 import jung2014_bayes
+from models.classic.jung2017 import jung2017_bayes, jung2017_nn, jung2017_svm_rbf, jung2017_tree
+from models.classic.mlp import EarlyStoppedNet, mlp
+from models.classic.rf import et, rf
+from models.classic.softmax import softmax
+from models.classic.svm import RankedSVC, svm
+from models.classic.tree import PrunedTree, tree
+from models.classic.wingerden2014 import wingerden2014_mlp
+from models.classic.xgb import xgb
+from models.nets.cnn85 import CNN85
 from models.sizes import parameter_count, sizes
-from models.softmax import softmax
-from models.svm import RankedSVC, svm
-from models.tree import PrunedTree, tree
-from models.wingerden2014 import wingerden2014_mlp
-from models.xgb import xgb
 from tests.conftest import random_corpus, with_other_values
 
 SYSTEMS = {

@@ -10,13 +10,13 @@ import torch
 
 from bench.corpora.library import open_corpus
 from bench.scratch import home
-from models import checkpoint
 from models.adapters import FromTorch
-from models.checkpoint import Checkpoint
-from models.cnn85 import CNN85
-from models.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
-from models.touchnet import TouchNet
-from models.zhou2016 import Zhou2016CNN3D, Zhou2016GMLSTM
+from models.nets import checkpoint
+from models.nets.checkpoint import Checkpoint
+from models.nets.cnn85 import CNN85
+from models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
+from models.nets.touchnet import TouchNet
+from models.nets.zhou2016 import Zhou2016CNN3D, Zhou2016GMLSTM
 
 
 class Killed(BaseException):

@@ -10,14 +10,14 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
+from bench import contract
 from bench.errors import InputError
 from features.jung28 import Jung28
 from features.ta273 import Ta273
-from models import contract
-from models.auto import Auto
-from models.cnn85 import CNN85
-from models.rf import rf
-from models.svm import svm
+from models.classic.rf import rf
+from models.classic.svm import svm
+from models.nets.cnn85 import CNN85
+from models.search.auto import Auto
 
 
 class Plain(ClassifierMixin, BaseEstimator):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import log_loss
 
-from models.ensemble import Ensemble, selected, temperature_of, tempered
+from models.search.ensemble import Ensemble, selected, temperature_of, tempered
 
 
 def drawn(seed, members=3, captures=30, classes=3):

@@ -13,14 +13,14 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
+from bench import contract
 from bench.corpora.steps import Faulted, Windows
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import checked
 from features.base import labels
 from features.jung28 import Jung28
-from models import contract
-from models.lda import Discriminants, lda
+from models.classic.lda import Discriminants, lda
 from models.sizes import parameter_count
 from tests.conftest import random_corpus
 

@@ -14,16 +14,16 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from models import ren2023
-from models.cnn85 import CNN85
-from models.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
-from models.last_layer import relearnt
-from models.ren2023 import Ren2023Transformer
-from models.time_blocks import TimeConv3d
-from models.touchnet import TouchNet
-from models.training import Sequences, Torch, Windows, _stands_still, activations, train
-from models.window import votes
-from models.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
+from models.nets import ren2023
+from models.nets.cnn85 import CNN85
+from models.nets.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
+from models.nets.last_layer import relearnt
+from models.nets.ren2023 import Ren2023Transformer
+from models.nets.time_blocks import TimeConv3d
+from models.nets.touchnet import TouchNet
+from models.nets.training import Sequences, Torch, Windows, _stands_still, activations, train
+from models.nets.window import votes
+from models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 from tests.conftest import random_corpus, with_other_values
 
 FOURTEEN = tuple("abcdefghijklmn")

@@ -16,9 +16,9 @@ from sklearn.preprocessing import StandardScaler
 from bench.errors import InputError
 from bench.plan.cells import cells
 from features.jung28 import Jung28
-from models.guarded import Guarded
-from models.lda import Discriminants
-from models.perceptron import Perceptron, perceptron
+from models.classic.lda import Discriminants
+from models.classic.perceptron import Perceptron, perceptron
+from models.out_of_distribution import Guarded
 from models.sizes import parameter_count
 
 QUICK = {"updates": 200}
@@ -127,7 +127,7 @@ def test_it_is_a_system_like_others():
 @pytest.fixture
 def few_updates(monkeypatch):
     """The network learns for a shorter time than it does for a user."""
-    monkeypatch.setattr("models.guarded.Perceptron", partial(Perceptron, **QUICK))
+    monkeypatch.setattr("models.out_of_distribution.Perceptron", partial(Perceptron, **QUICK))
 
 
 def guard(X, y, **parameters):

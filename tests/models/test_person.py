@@ -9,16 +9,17 @@ from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
 from sklearn.pipeline import Pipeline
 
+from bench import contract
 from bench.cli import main
 from features.base import labels
 from features.jung28 import Jung28
-from models import contract, person
+from models import person
 from models.adapters import FromTorch
-from models.cnn85 import CNN85
-from models.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
+from models.classic.svm import svm
+from models.nets.cnn85 import CNN85
+from models.nets.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
 from models.person import PRIOR, SPREAD_PRIOR, WEIGHT, Own, relearnt
 from models.recipe import Recipe
-from models.svm import svm
 from tests.conftest import random_corpus
 
 

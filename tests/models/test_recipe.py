@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
-from bench import source
+from bench import contract, source
 from bench.cli import main
 from bench.corpora.corpus import COPY, Corpus, origin
 from bench.corpora.faults import FAULTS, Fault
@@ -23,20 +23,20 @@ from bench.registry import load, parameters
 from bench.work.evaluation import Evaluation
 from bench.work.fold import decisions
 from bench.work.workers import fill_cache
-from features import PARTS, kept
+from features import PARTS
+from features import cache as kept
+from features.cache import cache_key
 from features.jung28 import Jung28
-from features.kept import cache_key
 from features.touch import TouchFeatures
-from models import contract
-from models.cnn85 import CNN85
-from models.hughes2017 import Hughes2017CNN
-from models.lda import lda
+from models.classic.lda import lda
+from models.classic.rf import rf
+from models.classic.svm import svm
+from models.classic.xgb import xgb
+from models.nets.cnn85 import CNN85
+from models.nets.hughes2017 import Hughes2017CNN
 from models.recipe import Recipe, mean_of, rows_of, taken
-from models.rf import rf
 from models.rocket import Rocket
 from models.sizes import sizes
-from models.svm import svm
-from models.xgb import xgb
 from tests.conftest import random_corpus, with_other_values
 
 SYSTEMS = {

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench import contract
 from bench.cli import main
 from bench.commands import printing
 from bench.corpora.corpus import Corpus
@@ -14,10 +15,9 @@ from bench.corpora.steps import Repair, Windows
 from bench.errors import InputError
 from bench.plan.cells import cells
 from features.touch import TouchFeatures
-from models import contract
-from models.guarded import Guarded
-from models.lda import Discriminants
-from models.perceptron import Perceptron
+from models.classic.lda import Discriminants
+from models.classic.perceptron import Perceptron
+from models.out_of_distribution import Guarded
 from models.reflex import Reflex
 from tests.conftest import random_corpus, runs, with_other_values
 
@@ -27,7 +27,7 @@ QUICK = {"copies": 1}
 @pytest.fixture(autouse=True)
 def few_updates(monkeypatch):
     """The network learns for a shorter time than it does for a user."""
-    monkeypatch.setattr("models.guarded.Perceptron", partial(Perceptron, updates=100))
+    monkeypatch.setattr("models.out_of_distribution.Perceptron", partial(Perceptron, updates=100))
 
 
 @pytest.fixture(scope="module")

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from sklearn.pipeline import Pipeline
 
+from bench import contract
 from bench.cli import main
 from features.jung28 import Jung28
 from features.touch import TouchFeatures
-from models import contract
-from models.bayes import bayes
-from models.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
-from models.lda import Discriminants, lda
+from models.classic.bayes import bayes
+from models.classic.lda import Discriminants, lda
+from models.classic.softmax import softmax
+from models.nets.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
+from models.quantised import in_bits
 from models.recipe import Recipe
 from models.reflex import Reflex
-from models.rounded import in_bits
-from models.softmax import softmax
 from tests.conftest import random_corpus
 
 SYSTEMS = {

@@ -7,10 +7,10 @@ from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
 from bench.corpora.corpus import Corpus
 from features.jung54 import Jung54
-from models.mlp import mlp
-from models.scaling import RangeScaler, ZScaler
-from models.softmax import softmax
-from models.svm import svm
+from models.classic.mlp import mlp
+from models.classic.scaling import RangeScaler, ZScaler
+from models.classic.softmax import softmax
+from models.classic.svm import svm
 from tests.conftest import random_corpus
 
 

@@ -28,7 +28,7 @@ from xgboost import XGBClassifier
 
 from features.jung28 import Jung28
 from features.touch import TouchFeatures
-from models.lda import lda
+from models.classic.lda import lda
 from models.recipe import Recipe
 from models.reflex import Reflex
 from models.sizes import parameter_count, sizes

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import nn
 
-from models.cnn85 import CNN85
-from models.taxel_major import pool, taxel_major
+from models.nets.cnn85 import CNN85
+from models.nets.taxel_major import pool, taxel_major
 
 
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(1, 3), st.integers(0, 2), st.integers(0, 10_000))

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from features.touch import OF_STEPS, SIGNALS, signals
-from models import touchnet
-from models.touchnet import Stretches, TouchNet
+from models.nets import touchnet
+from models.nets.touchnet import Stretches, TouchNet
 from tests.conftest import random_corpus
 
 

@@ -22,15 +22,15 @@ from features.balli import Balli
 from features.hughes36 import Hughes36
 from features.jung28 import Jung28
 from features.ta273 import Ta273
-from models import study, tuning
-from models.cnn85 import CNN85
-from models.inner import inner_folds
-from models.jung2014 import jung2014_svm
-from models.rf import et, rf
+from models.classic.jung2014 import jung2014_svm
+from models.classic.rf import et, rf
+from models.classic.svm import svm
+from models.nets.cnn85 import CNN85
+from models.search import study, tuning
+from models.search.inner_folds import inner_folds
+from models.search.space import Range
+from models.search.tuning import Search
 from models.sizes import parameter_count
-from models.space import Range
-from models.svm import svm
-from models.tuning import Search
 from tests.conftest import random_corpus, with_other_values
 
 GRID = {"C": [0.125, 8.0, 512.0], "gamma": [0.01, 1.0]}

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.errors import InputError
-from models.cnn85 import CNN85, SelectiveSGD
-from models.cnn85 import RATES as LISTS
-from models.training import Windows, train
+from models.nets.cnn85 import CNN85, SelectiveSGD
+from models.nets.cnn85 import RATES as LISTS
+from models.nets.training import Windows, train
 from tests.conftest import random_corpus
 
 RATES = LISTS["paper"]

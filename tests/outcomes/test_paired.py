@@ -9,7 +9,7 @@ import pandas as pd
 from bench.outcomes.choice import decide
 from bench.outcomes.stopping import learn_stopping
 from bench.paired import mean_and_error, within_one_standard_error
-from models.tuning import Search
+from models.search.tuning import Search
 
 ONE_PERSON = [(n, k, m) for n in range(2, 31) for m in (6, 7, 11, 84) for k in (0, m // 3, m - 1)]
 

@@ -15,11 +15,11 @@ from bench.outcomes.baseline import Measured
 from bench.outcomes.gate import LIMITS, compare
 from bench.work.fold import decisions
 from features.jung54 import Jung54
-from models.bayes import bayes
-from models.cnn85 import CNN85
-from models.rf import rf
-from models.svm import svm
-from models.training import Windows
+from models.classic.bayes import bayes
+from models.classic.rf import rf
+from models.classic.svm import svm
+from models.nets.cnn85 import CNN85
+from models.nets.training import Windows
 from protocols.subjects import LOSO
 from tests.commands.test_check import HERE, NAMES
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from bench.outcomes import statistics
-from reports.recomputed import subjects_of_jung
+from reports.published_tables import subjects_of_jung
 
 RNG = np.random.default_rng(0)
 

@@ -3,9 +3,9 @@ import sys
 
 import pytest
 
+from bench.arguments import KEYS, parse
 from bench.cli import main
 from bench.errors import InputError
-from bench.plan.arguments import KEYS, parse
 from bench.plan.cells import cells
 from bench.source import source_digest
 
@@ -154,8 +154,8 @@ def test_help_names_every_part_and_imports_nothing_heavy(arguments):
 
 
 def test_the_code_of_a_part_is_part_of_its_identity():
-    from models.cnn85 import CNN85
-    from models.svm import svm
+    from models.classic.svm import svm
+    from models.nets.cnn85 import CNN85
     from protocols.subjects import LOSO
 
     digests = {source_digest(part) for part in (CNN85, svm, LOSO)}

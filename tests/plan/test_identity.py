@@ -53,14 +53,18 @@ def code(text):
 @pytest.mark.parametrize(
     ("file", "edit", "stale"),
     [
-        ("models/tuning.py", comment, set()),
-        ("models/tuning.py", code, set()),  # svm is not searched
-        ("models/svm.py", comment, set()),
-        ("models/svm.py", lambda text: text.replace(b"Scaled features", b"Features, scaled"), set()),  # a docstring
-        ("models/svm.py", code, {"run", "stress", "stream"}),
+        ("models/search/tuning.py", comment, set()),
+        ("models/search/tuning.py", code, set()),  # svm is not searched
+        ("models/classic/svm.py", comment, set()),
+        (
+            "models/classic/svm.py",
+            lambda text: text.replace(b"Scaled features", b"Features, scaled"),
+            set(),
+        ),  # a docstring
+        ("models/classic/svm.py", code, {"run", "stress", "stream"}),
         ("features/jung54.py", code, {"run", "stress", "stream"}),
         ("features/signals.py", code, {"run", "stress", "stream"}),
-        ("features/kept.py", code, set()),
+        ("features/cache.py", code, set()),
         ("protocols/subjects.py", code, {"run", "stress", "stream"}),
         ("bench/corpora/corpus.py", code, {"run", "stress", "stream"}),
         ("bench/corpora/folder.py", code, set()),
@@ -75,7 +79,7 @@ def code(text):
         ("models/sizes.py", code, {"run", "stress", "stream"}),
         ("models/rocket.py", code, set()),
         ("models/__init__.py", code, set()),  # another name in the registry
-        ("models/contract.py", code, {"run", "stress", "stream"}),
+        ("bench/contract.py", code, {"run", "stress", "stream"}),
     ],
 )
 def test_a_change_of_code_makes_those_runs_stale_that_depend_on_it(file, edit, stale, changed):
@@ -90,7 +94,7 @@ def test_a_searched_run_depends_on_the_search_and_its_selection(changed):
     before = [key(tuning=tuned), key(tuning=over)]
     changed("features/selection.py", code)
     assert [key(tuning=tuned) == before[0], key(tuning=over) == before[1]] == [True, False]
-    changed("models/tuning.py", code)
+    changed("models/search/tuning.py", code)
     assert key(tuning=tuned) != before[0]
 
 

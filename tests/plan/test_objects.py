@@ -13,6 +13,7 @@ from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.svm import SVC
 
 import bench
+from bench import contract
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import planned
@@ -20,7 +21,6 @@ from bench.work.evaluation import Evaluation
 from bench.work.tracking import key_of
 from features.jung28 import Jung28
 from features.jung54 import Jung54
-from models import contract
 from tests.conftest import runs
 
 SMALL = {"data.subjects": 3, "data.variants": ("normal",)}

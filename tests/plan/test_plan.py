@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.model_selection import GroupKFold, KFold, PredefinedSplit
 
+from bench.arguments import KEYS, PARTS, parse
 from bench.errors import InputError
 from bench.plan import splits
-from bench.plan.arguments import KEYS, PARTS, parse
 from bench.plan.cells import Part, cells
 from bench.plan.plan import Fold, Plan, folds_of, planned, shared_ratio
 from bench.registry import load, names, parameters, required

@@ -6,7 +6,7 @@ import pandas as pd
 
 from bench.outcomes.store import FORMAT
 from reports import page
-from reports.behaviour import contexts, stream_blocks, stress_blocks
+from reports.fault_curves import contexts, stream_blocks, stress_blocks
 from tests.reports.store import made_up, tracked_run
 
 ABOUT = {

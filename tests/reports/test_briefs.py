@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 
 from bench.outcomes.runs import tracked, with_groups
-from reports.briefs import EARLY, FAULTS, PEOPLE, STATISTICS, briefs, early, faults, told_apart
 from reports.comparison import published
 from reports.figures import Picture
-from reports.groups import Group, group_of
+from reports.run_groups import Group, group_of
+from reports.summary import EARLY, FAULTS, PEOPLE, STATISTICS, briefs, early, faults, told_apart
 from tests.reports.store import tracked_run, with_hits
 from tests.reports.test_behaviour import other_run, stressed
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 import bench
+from bench.leaderboard.submissions import score
+from bench.leaderboard.tasks import HAART
 from bench.outcomes.comparable import BATCH, CONDITIONS
 from bench.outcomes.runs import tracked
 from bench.outcomes.store import connect
-from bench.outcomes.submissions import score
-from bench.plan.tasks import HAART
 from reports.comparison import comparison, published
 from reports.latex import escaped, latex
 from reports.leaderboard import reference

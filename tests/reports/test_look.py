@@ -11,7 +11,8 @@ from PIL import Image
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import survey
 from bench.errors import InputError
-from reports import layout, look
+from reports import corpus_page as look
+from reports import layout
 from tests.conftest import random_corpus
 
 NAMES = ["pressure.png", "pressure.svg", "films.png", "films.svg", "motion.gif", "index.html"]

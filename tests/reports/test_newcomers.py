@@ -9,9 +9,9 @@ from bench.api import run
 from bench.cli import main
 from bench.outcomes.runs import tracked
 from bench.outcomes.store import connect
-from reports import newcomers
+from reports import new_person as newcomers
 from reports.layout import Table
-from reports.newcomers import WITHOUT, comparable, curve_of, curves_of, enough, newcomer_blocks
+from reports.new_person import WITHOUT, comparable, curve_of, curves_of, enough, newcomer_blocks
 
 SMALL = {"data": "synth", "data.subjects": "4", "data.repetitions": "2", "where": "gesture in ['pat', 'rub', 'grab']"}
 

@@ -13,14 +13,14 @@ import pytest
 
 from bench.cli import main
 from bench.errors import InputError
+from bench.leaderboard.tasks import HAART
 from bench.outcomes.comparable import BATCH, MARK, MARKED
 from bench.outcomes.runs import tracked, with_groups
-from bench.plan.tasks import HAART
 from reports import curves, details, layout, page, speed
 from reports.comparison import comparison, published
 from reports.figures import spread
+from reports.numbers import DESIGNED
 from reports.provenance import command
-from reports.words import DESIGNED
 from tests.reports.store import made_up, tracked_run, with_hits
 
 HOSTILE = 'svm[x=<script>alert(1)</script>|"&*_] · `a`'

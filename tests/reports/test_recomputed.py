@@ -6,7 +6,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from reports import recomputed
+from reports import published_tables as recomputed
 from reports.comparison import published
 
 

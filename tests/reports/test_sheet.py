@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
-from reports.sheet import write_sheet
+from reports.spreadsheet import write_sheet
 
 EVIL = "=HYPERLINK(1)"
 

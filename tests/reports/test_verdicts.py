@@ -6,7 +6,7 @@ import pytest
 
 from bench.outcomes import runs, scores
 from bench.outcomes.runs import tracked
-from reports import verdicts
+from reports import reproduction as verdicts
 from reports.comparison import published
 from reports.layout import Text
 from reports.papers import published_blocks

@@ -14,8 +14,8 @@ from bench.cli import main
 from bench.corpora.corpus import storage
 from bench.registry import load, names, parameters
 from bench.work.audit import CHECKS, FAILED, PASSED, SKIPPED, captures
-from models import rf
-from models.tuning import Search
+from models.classic import rf
+from models.search.tuning import Search
 
 FEW = {"epochs": 1, "pretraining": 1, "runs": 1}  # parameters by name, to train for a moment
 FEWER = {

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.pipeline import Pipeline
 
+from bench import contract
 from bench.corpora.faults import known
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
@@ -23,8 +24,7 @@ from bench.work.stream import Stream
 from bench.work.stress import Stress
 from features.base import FeatureSet
 from features.jung28 import Jung28
-from models import contract
-from models.lda import Discriminants
+from models.classic.lda import Discriminants
 from tests.conftest import random_corpus, runs
 
 HIDDEN = ("captures", "gestures", "subjects", "index", "name", "digest", "info", "path", "target", "steps", "piece")

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
+from bench.arguments import backend_of
 from bench.cli import main
 from bench.corpora.folder import address, write_folder
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
-from bench.plan.arguments import backend_of
 from bench.plan.cells import cells
 from bench.work import cluster, loop
 from bench.work.cluster_worker import difference, facts, packed

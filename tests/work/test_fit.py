@@ -13,7 +13,7 @@ import pytest
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
-from bench.corpora.table import from_frame, read_unlabelled
+from bench.corpora.read.table import from_frame, read_unlabelled
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.work.replay import Replay, learned

@@ -1,0 +1,428 @@
+"""All that the harness may ask of a system, on one page: built-in ones and those of others alike.
+
+A system is a scikit-learn classifier whose ``X`` is a `Corpus`; ``fit``, ``predict`` and ``classes_`` are all it needs.
+It is made by a *factory*, a class or a function whose keyword arguments are its parameters; an argument without a
+default is handed the feature set. A factory that gives a plain scikit-learn, XGBoost, LightGBM or CatBoost estimator is
+put behind the feature set.
+
+What a system may tell besides, each by an attribute or method of the name that stands here; what it does not tell has
+the default of the function. Nowhere else is anything looked up by name.
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from importlib.metadata import PackageNotFoundError, version
+from types import FunctionType
+from typing import Any, Protocol, TypeGuard, TypeVar
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, clone
+from sklearn.pipeline import Pipeline
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError, nearest
+from bench.registry import required
+from features.base import FeatureSet
+from models.search.space import Space
+
+TABLES = {"sklearn", "xgboost", "lightgbm", "catboost", "imblearn"}  # packages whose estimators learn from tables
+Given = TypeVar("Given")
+
+
+class System(Protocol):
+    """What a system must have."""
+
+    classes_: np.ndarray
+
+    def fit(self, X: Corpus, y: np.ndarray) -> System:
+        """Learn from captures and their class names."""
+
+    def predict(self, X: Corpus) -> np.ndarray:
+        """Class name of each capture."""
+
+
+class Features(Protocol):
+    """What a feature set must have: it is a scikit-learn transformer of captures to a table."""
+
+    def fit(self, X: Corpus, y: np.ndarray) -> Features:
+        """Learn from captures and their class names, if there is anything to learn."""
+
+    def transform(self, X: Corpus) -> pd.DataFrame:
+        """Features of each capture [captures, features]."""
+
+    def fit_transform(self, X: Corpus, y: np.ndarray) -> pd.DataFrame:
+        """Both, of the same captures."""
+
+
+def _told(part: object, name: str, default: object = None) -> Any:
+    """What stands under a name; that it is of the type that this page says is up to the author of the part."""
+    return getattr(part, name, default)
+
+
+# Of a factory, before anything is made
+
+
+def packages(factory: Callable) -> tuple[str, ...]:
+    """``packages``: distributions that this system alone depends on; their versions are part of a run's identity."""
+    return _told(factory, "packages", ())
+
+
+def space(factory: Callable) -> Space | None:
+    """``space``: values to search for each parameter, by `bench tune` without lists; none by default."""
+    return _told(factory, "space")
+
+
+# Before a run
+
+
+def check(part: object) -> None:
+    """``check()``: raises an `InputError` for parameters that cannot be, of a system or a feature set."""
+    _told(part, "check", lambda: None)()
+
+
+def check_training(estimator: System, X: Corpus, y: np.ndarray) -> None:
+    """``check_training(X, y)``: raises an `InputError` for a training part that it cannot learn from."""
+    _told(estimator, "check_training", lambda X, y: None)(X, y)
+
+
+def window(estimator: System, rate_hz: float) -> int | None:
+    """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows."""
+    if callable(own := _told(estimator, "length")):
+        return own(rate_hz)
+    frames = estimator.get_params(deep=False).get("frames") if isinstance(estimator, BaseEstimator) else None
+    return frames if isinstance(frames, int) else None
+
+
+def frames_at_once(estimator: System, frames: int) -> int:
+    """``window_``: frames of a capture of so many that a fitted system decides on at once; by default all."""
+    return min(frames, _told(estimator, "window_") or frames)
+
+
+def features(estimator: System) -> dict[str, Features]:
+    """The feature sets inside: a pipeline's step ``features`` or first built-in set, a search's ``features``."""
+    if isinstance(estimator, Pipeline):
+        first = estimator.steps[0][1]
+        own = estimator.named_steps.get("features", first if isinstance(first, FeatureSet) else None)
+        return {type(own).__name__.lower(): own} if isinstance(own, BaseEstimator) else {}
+    found = _told(estimator, "features")
+    return dict(found) if isinstance(found, dict) else {}
+
+
+def seen_by_features(estimator: System, X: Corpus) -> list[Corpus]:
+    """``seen(X)``: what its feature sets are given of captures, in training and when it decides; by default these."""
+    return _told(estimator, "seen", lambda X: [X])(X)
+
+
+def searches(estimator: System) -> bool:
+    """``searches``: whether it chooses its parameters itself, so that nothing else should; no by default."""
+    return bool(_told(estimator, "searches", False))
+
+
+def trained_faults(estimator: System) -> tuple[str, ...]:
+    """``trained_faults``: names of the faults that copies of its training captures go through; none by default."""
+    return _told(estimator, "trained_faults", ())
+
+
+def conditions(estimator: System) -> tuple[str, ...]:
+    """``conditions``: columns of the captures that it, or a part of it, needs to predict; none by default.
+
+    Such as the substrate under the skin, where a robot knows it. Its runs are tagged and labelled with them.
+    """
+    names = set()
+    for part in _nested(estimator):
+        if isinstance(declared := _told(part, "conditions", ()), str):
+            raise InputError(f"conditions = {declared!r}: give a tuple of names, such as ({declared!r},)")
+        names |= {*declared}
+    return tuple(sorted(names))
+
+
+def check_conditions(estimator: System, corpus: Corpus) -> None:
+    """Refuse conditions that a system cannot have when it predicts.
+
+    Raises:
+        InputError: a column that is not there, or that tells the class or the subject.
+    """
+    secret = {"subject", "gesture", *corpus.target.split("+")}
+    for name in conditions(estimator):
+        if name in secret:
+            raise InputError(f"conditions: the system declares {name!r}, which a prediction must not use; remove it")
+        if name not in corpus.captures:
+            others = [str(c) for c in corpus.captures if c not in secret]
+            raise InputError(f"conditions: {corpus.name} has no column {name!r}; {nearest(name, others)}")
+        values = corpus.captures[name]
+        for what, of in (("class", corpus.gestures), ("subject", corpus.subjects)):
+            if values.nunique() > 1 and pd.Series(of).groupby(values.to_numpy(), dropna=False).nunique().max() == 1:
+                raise InputError(
+                    f"conditions: each value of {name!r} has one {what}, so it tells the {what}; remove it"
+                )
+
+
+def blinded(estimator: System, X: Given) -> Given:
+    """What a system gets of some captures when it predicts: no labels, no subjects, no origin (`Corpus.blind`).
+
+    A table of features stays as it is.
+    """
+    return X.blind(conditions(estimator)) if isinstance(X, Corpus) and not X.is_blind else X  # type: ignore[return-value]
+
+
+# A person whom it meets
+
+
+def adapts(estimator: System) -> bool:
+    """Whether it has ``adapt``, or is a pipeline whose last part has."""
+    if isinstance(estimator, Pipeline):
+        return _told(estimator.steps[-1][1], "adapt") is not None
+    return _told(estimator, "adapt") is not None
+
+
+def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
+    """``adapt(X, y)``: a system for one person, from a fitted one, which stays as it is, and some of their captures.
+
+    Args:
+        estimator: fitted, and `adapts`.
+        X: captures of the person.
+        y: their class names; None where they are not known.
+    """
+    X = blinded(estimator, X) if y is None else X
+    estimator = deepcopy(estimator)  # one that changes itself would carry the captures of a person into other tests
+    if not isinstance(estimator, Pipeline):
+        return estimator.adapt(X, y)  # type: ignore[attr-defined]
+    *before, (name, last) = estimator.steps
+    if not before:
+        return last.adapt(X, y)
+    return Pipeline([*before, (name, last.adapt(Pipeline(before).transform(X), y))])
+
+
+# Decisions of a fitted system
+
+
+def decides_often(estimator: System) -> bool:
+    """Whether it has ``decide``, and so may decide more than once per capture."""
+    return _told(estimator, "decide") is not None
+
+
+def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
+    """``decide(X)``: every decision that it makes; by default one per capture, on all of its frames.
+
+    Returns:
+        A table with ``capture`` (position in X), ``start`` and ``frames`` (first frame and frames seen), and
+        probabilities [decisions, classes].
+    """
+    X = blinded(estimator, X)
+    if (own := _told(estimator, "decide")) is not None:
+        return own(X)
+    return pd.DataFrame({"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}), probabilities(estimator, X)
+
+
+def has_probabilities(estimator: System) -> bool:
+    """Whether it has ``predict_proba``."""
+    return _told(estimator, "predict_proba") is not None
+
+
+def probabilities(estimator: System, X: Corpus) -> np.ndarray:
+    """``predict_proba(X)`` [captures, classes]; a system without gets 1 for its label."""
+    X = blinded(estimator, X)
+    if (own := _told(estimator, "predict_proba")) is not None:
+        return own(X)
+    return np.asarray(estimator.predict(X))[:, None] == estimator.classes_
+
+
+# What happened while it was fitted
+
+
+def fit_seconds(estimator: System, wall: float, cpu: float) -> tuple[float, float]:
+    """``fit_seconds_``: (wall, CPU) seconds of the last fit, where ``fit`` does more; else what was measured."""
+    own = _told(estimator, "fit_seconds_", (wall, cpu))
+    return (own, cpu) if isinstance(own, int | float) else own
+
+
+def search_seconds(estimator: System) -> float | None:
+    """``search_seconds_``: seconds that its search took, also where part of it was stored before."""
+    return _told(estimator, "search_seconds_")
+
+
+def history(estimator: System) -> list[dict[str, float]]:
+    """``history_``: numbers by epoch, tracked as metrics with steps."""
+    return _told(estimator, "history_", [])
+
+
+def chosen(estimator: System) -> dict[str, object]:
+    """``chosen_``: what it chose on its training part, by name."""
+    return _told(estimator, "chosen_", {})
+
+
+def trials(estimator: System) -> pd.DataFrame | None:
+    """``trials_``: what it chose among, a row each."""
+    return _told(estimator, "trials_")
+
+
+# What a fitted system weighs; `models.sizes` counts what is not told
+
+
+def inside(estimator: System) -> System:
+    """``best_``: what decides in place of a fitted search."""
+    return _told(estimator, "best_", estimator)
+
+
+def members(estimator: System) -> list[System]:
+    """``members``: fitted systems that decide together; none by default."""
+    return _told(estimator, "members", [])
+
+
+def learnt_numbers(part: System | Features) -> int | None:
+    """``parameters_``: numbers that it has learnt, of a system or a feature set."""
+    return _told(part, "parameters_")
+
+
+def constants(part: System | Features) -> int:
+    """``constants_``: numbers that it must keep besides what it has learnt; none by default."""
+    return _told(part, "constants_", 0)
+
+
+def bytes_saved(part: System) -> int:
+    """``bytes_saved_``: bytes fewer than four for each number, of a part that decides with weights of fewer bits."""
+    return _told(part, "bytes_saved_", 0)
+
+
+def numbers_in_memory(part: System) -> int | None:
+    """``activations_``: numbers in memory during one decision; of a classifier, besides features and scores."""
+    return _told(part, "activations_")
+
+
+def kept_before(estimator: System, taxels: int) -> int:
+    """``keeps_before(taxels)``: numbers in memory for what captures go through first; none by default."""
+    return _told(estimator, "keeps_before", lambda taxels: 0)(taxels)
+
+
+def kept(feature_set: Features, frames: int, taxels: int) -> int:
+    """``keeps(frames, taxels)`` of a feature set: numbers in memory while it is computed; by default the capture."""
+    return _told(feature_set, "keeps", lambda frames, taxels: frames * taxels)(frames, taxels)
+
+
+def learns(feature_set: Features) -> bool:
+    """``learns`` of a feature set: whether its values depend on training captures; yes where it does not say."""
+    return bool(_told(feature_set, "learns", True))
+
+
+# From a factory or an object to a system
+
+
+def build(factory: Callable, feature_set: Features | None, **parameters: object) -> System:
+    """A system from its factory, with the feature set where it takes one.
+
+    Args:
+        factory: a class or a function.
+        feature_set: a transformer of captures to a table; None for a system that reads captures.
+        parameters: keyword arguments.
+    """
+    asked = required(factory)
+    if asked and feature_set is not None:
+        return factory(**{asked[0]: feature_set}, **parameters)
+    return behind(factory(**parameters), feature_set)
+
+
+def behind(estimator: System, feature_set: Features | None) -> System:
+    """An estimator that learns from tables behind a feature set; any other one as it is."""
+    if feature_set is None or not reads_tables(estimator):
+        return estimator
+    return Pipeline([("features", feature_set), ("classifier", estimator)])
+
+
+def reads_tables(system: object) -> bool:
+    """Whether an estimator, a class or a factory without required arguments learns from tables, not from captures.
+
+    What stands first in it decides: the first step of a pipeline, all members of a union or an ensemble, what a search
+    searches. A class of one's own learns from tables if it is derived from one that does.
+
+    Raises:
+        InputError: the factory raises something.
+    """
+    if inspect.isclass(system):
+        return not issubclass(system, Pipeline) and _of_tables(system)
+    if not isinstance(system, BaseEstimator) and callable(system):
+        try:
+            system = system()
+        except InputError:
+            raise
+        except Exception as e:  # a factory of the user's may raise anything
+            name = getattr(system, "__name__", type(system).__name__)
+            raise InputError(f"model={name}: it cannot be made: {type(e).__name__}: {e}") from e
+    if isinstance(system, Pipeline):
+        return reads_tables(system.steps[0][1])
+    if not _of_tables(type(system)) or not isinstance(system, BaseEstimator):
+        return _of_tables(type(system))
+    own = system.get_params(deep=False)
+    members = [part[1] for key in ("transformer_list", "estimators", "transformers") for part in own.get(key) or []]
+    inside = [part for part in (*members, own.get("estimator")) if isinstance(part, BaseEstimator)]
+    return all(reads_tables(part) for part in inside)
+
+
+def _of_tables(kind: type) -> bool:
+    """Whether a class, or one it is derived from, is of a package whose estimators learn from tables."""
+    modules = [each.__module__ for each in kind.__mro__]
+    return any(
+        m.split(".")[0] in TABLES
+        for m in modules
+        if m not in ("sklearn.base", "sklearn.utils.metaestimators") and not m.startswith("sklearn.utils")
+    )
+
+
+def copied(part: Given) -> Given:
+    """An untrained copy of an estimator that was handed over; a splitter as it is."""
+    return clone(part) if isinstance(part, BaseEstimator) else part
+
+
+def settings(part: object) -> str:
+    """Parameters of an object in full, those of estimators inside it included; a splitter's attributes."""
+    found = part.get_params() if isinstance(part, BaseEstimator) else vars(part)
+    with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
+        return repr({k: f"{v.__module__}.{v.__qualname__}" if _code(v) else v for k, v in found.items()})
+
+
+def shown(part: object) -> str:
+    """An object in one line: ``SVC(C=10)``; the steps of a pipeline one behind the other."""
+    if isinstance(part, Pipeline):
+        return " > ".join(shown(step) for _, step in part.steps)
+    return " ".join(repr(part).split()) if isinstance(part, BaseEstimator) else type(part).__name__
+
+
+def classes(part: object) -> list[Callable]:
+    """Classes of an object and of what is inside it, and functions, that are not of an installed library."""
+    found = {each if _code(each) else type(each) for each in _nested(part)}
+    own = (c for c in found if _library(c) is None and c.__module__.split(".")[0] not in sys.stdlib_module_names)
+    return sorted(own, key=lambda c: (c.__module__, c.__qualname__))
+
+
+def libraries(part: object) -> tuple[str, ...]:
+    """Distributions that the classes of an object come from."""
+    kinds = {each if _code(each) else type(each) for each in _nested(part)}
+    return tuple(sorted({name for kind in kinds if (name := _library(kind))}))
+
+
+def _nested(part: object) -> Iterator[object]:
+    yield part
+    if isinstance(part, BaseEstimator):
+        yield from (v for v in part.get_params().values() if isinstance(v, BaseEstimator) or _code(v))
+
+
+def _code(value: object) -> TypeGuard[type | FunctionType]:
+    """Whether a value is a class or a function, which are told by their name and source."""
+    return inspect.isclass(value) or inspect.isfunction(value)
+
+
+def _library(kind: Any) -> str | None:
+    """The installed distribution that a class is of, by its package's name; None for touchbench's and one's own."""
+    name = kind.__module__.split(".")[0]
+    if name in ("bench", "features", "models", "protocols", "__main__") or name not in sys.modules:
+        return None
+    name = {"sklearn": "scikit-learn"}.get(name, name)
+    try:
+        version(name)
+    except PackageNotFoundError:
+        return None
+    return name

@@ -1,0 +1,87 @@
+"""Sensor values: which are taken, and the smallest type that holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bench.corpora.read.limits import plain
+from bench.errors import InputError
+
+EXACT = 1 << 24  # float32 holds every whole number up to here
+LARGEST = 65535  # of uint16
+_AT_ONCE = 1 << 20  # values that are looked at in one step
+
+
+def highest_of(full_scale: float) -> float:
+    """The largest value that is taken: the full scale, as float32 has it if that is above it."""
+    return max(full_scale, float(np.float32(full_scale)))
+
+
+def unfit(values: np.ndarray, highest: float) -> np.ndarray:
+    """Where values are not within 0 and ``highest``, or are whole numbers that float32 would change."""
+    if values.dtype == np.float16:  # which holds no number as large as EXACT
+        values = values.astype(np.float32)
+    wrong = ~((values >= 0) & (values <= np.float64(highest)))  # a NaN is neither
+    large = (values > EXACT) & ~wrong
+    if large.any():
+        some = values[large]
+        if some.dtype.kind == "f":
+            wrong[large] = (some == np.floor(some)) & (some.astype(np.float32) != some)
+        else:  # 24 bits from the highest to the lowest that is set
+            bits = some.astype(np.uint64)
+            wrong[large] = bits // (bits & (~bits + np.uint64(1))) >= EXACT
+    return wrong
+
+
+def smallest(values: np.ndarray) -> np.dtype:
+    """uint16 when all values, which are within 0 and the full scale, are whole and fit, else float32."""
+    whole = values.dtype.kind in "iu" or bool((values == np.floor(values)).all())
+    return np.dtype(np.uint16 if whole and float(values.max()) <= LARGEST else np.float32)
+
+
+def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.ndarray:
+    """Values as they are stored.
+
+    Args:
+        values: numbers [rows, ...] of any type.
+        full_scale: the largest value allowed.
+        name: what messages call the file.
+        unit: what they call a row.
+
+    Raises:
+        InputError: a value that is not within 0 and the full scale, or a whole number that float32 would change.
+    """
+    flat = values.reshape(len(values), -1)
+    kinds = [np.dtype(np.uint16)]
+    step = max(1, _AT_ONCE // flat.shape[1])
+    for at in range(0, len(flat), step):
+        block = flat[at : at + step]
+        check(block, full_scale, f"{name}, {unit}", at + 1)
+        kinds.append(smallest(block))
+    return values.astype(np.result_type(*kinds))
+
+
+def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, names: Sequence[str] = ()) -> None:
+    """Refuse values that are not within 0 and the full scale, and whole numbers that float32 would change.
+
+    Args:
+        values: numbers [rows, columns] of any type.
+        full_scale: the largest value allowed.
+        where: what messages call the file and a row: ``my.csv, line``.
+        first: number of the first row in the file.
+        names: of the columns; without them they are channels from 1.
+
+    Raises:
+        InputError: the first of these values.
+    """
+    wrong = unfit(values, highest_of(full_scale))
+    if wrong.any():
+        i, j = np.argwhere(wrong)[0]
+        value = values[i, j]
+        why = f"not within 0 and the full scale {full_scale:g}; correct it or give full_scale="
+        if 0 <= value <= highest_of(full_scale):
+            why = f"a whole number that float32 cannot hold; give values up to {EXACT}, or decimals"
+        name = plain(names[j], 60) if names else f"channel {j + 1}"
+        raise InputError(f"{where} {first + i}: {name} is {str(value).removesuffix('.0')}, {why}")

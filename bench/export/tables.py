@@ -1,0 +1,228 @@
+"""What the C of a fitted system needs: sizes, steps, windows, when to decide, and its classifiers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from sklearn.pipeline import Pipeline
+
+from bench.contract import System
+from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
+from bench.errors import InputError
+from bench.export.classifiers import HAVE, Decider, decider, has_c, number
+from features.jung28 import Jung28
+from features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
+from models.recipe import Recipe
+from models.reflex import Reflex
+
+if TYPE_CHECKING:
+    from bench.work.saved import Recogniser
+
+LONGEST_TOUCH = 2**30  # frames; a window forgets
+
+
+@dataclass
+class Chip:
+    """All that is written of a fitted system.
+
+    Attributes:
+        defines: of the preprocessor, by name.
+        deciders: by the name of their function: ``decide``, and ``decide_early`` of what is shorter than a window.
+        features: which fixed code computes them, ``touch``, ``jung28`` or ``convolved``.
+        classes: names.
+        arrays: what features were learnt, by name.
+    """
+
+    defines: dict[str, str]
+    deciders: dict[str, Decider]
+    features: str
+    classes: list[str]
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def check(estimator: Any) -> None:
+    """Refuse a system that is not fitted and has no C.
+
+    Raises:
+        InputError: the message says why.
+    """
+    if isinstance(estimator, Reflex):
+        return
+    system, steps = _opened(estimator, "system")
+    if not isinstance(system, Pipeline):
+        from bench.export.network import check as check_network  # PyTorch, which other systems do without
+
+        check_network(system)
+        return
+    _features(system, steps)
+    if not has_c(system.steps[-1][1]):
+        raise InputError(f"{type(system.steps[-1][1]).__name__} has no C: {HAVE} have")
+
+
+def chip_of(found: Recogniser, bits: int) -> Chip:
+    """What the C of a saved system is made of.
+
+    Args:
+        found: as `bench.work.saved.load` gives it.
+        bits: of a learnt weight, 32 or 8.
+
+    Raises:
+        InputError: it cannot become C; the message says why.
+    """
+    estimator = found.estimator
+    whole, early = (estimator.whole_, estimator.early_) if isinstance(estimator, Reflex) else (estimator, None)
+    system, steps = _opened(whole)
+    if not isinstance(system, Pipeline):
+        return _network(system, steps, found, bits)
+    name, windows = _features(system, steps)
+    width = len(system.steps[0][1].get_feature_names_out())
+    longest = LONGEST_TOUCH if name == "touch" else found.longest
+    defines = _sizes(found, width, longest) | _steps(steps, found) | _windows(windows, early, found)
+    deciders = {"decide": decider(system, width, bits)}
+    if early is not None:
+        deciders["decide_early"] = decider(_opened(early)[0], width, bits)
+    return _chip(found, defines, deciders, name)
+
+
+def _network(system: System, steps: list, found: Recogniser, bits: int) -> Chip:
+    """Of a network that reads frames.
+
+    Raises:
+        InputError: it has no C.
+    """
+    from bench.export.network import check as check_network
+    from bench.export.network import convolved, head
+
+    check_network(system)
+    sizes, arrays = convolved(system, found.grid, bits)
+    last = head(system, bits)
+    width = last.arrays["hidden"].shape[1]
+    defines = _sizes(found, width, LONGEST_TOUCH) | _steps(steps, found) | sizes
+    return _chip(found, defines, {"decide": last}, "convolved", arrays)
+
+
+def _sizes(found: Recogniser, width: int, longest: int) -> dict[str, Any]:
+    rows, cols = found.grid
+    return {
+        "ROWS": rows,
+        "COLS": cols,
+        "TAXELS": rows * cols,
+        "CLASSES": len(found.classes),
+        "FEATURES": width,
+        "RATE_HZ": number(found.rate_hz),
+        "FULL_SCALE": number(found.full_scale),
+        "CHECKED": min(found.longest, 2 * round(found.rate_hz) + 9),  # frames of make check
+        "LONGEST": longest,
+    }
+
+
+def _chip(
+    found: Recogniser,
+    defines: dict[str, Any],
+    deciders: dict[str, Decider],
+    features: str,
+    arrays: dict[str, np.ndarray] | None = None,
+) -> Chip:
+    defines = defines | _stopping(found)
+    for each in deciders.values():
+        defines |= each.defines
+    return Chip({k: str(v) for k, v in defines.items()}, deciders, features, found.classes, arrays or {})
+
+
+def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
+    """A system, features and classifier or a network, and the steps of the recipe around it, if there is one.
+
+    Args:
+        estimator: the system, or a recipe.
+        inside: the attribute of a recipe that is the system.
+
+    Raises:
+        InputError: it is something else.
+    """
+    recipe = estimator if isinstance(estimator, Recipe) else None
+    system = getattr(recipe, inside) if recipe else estimator
+    if isinstance(system, Reflex):
+        raise InputError("reflex behind steps of its own has no C; leave model.scale= and the like out")
+    return system, recipe.steps() if recipe else []
+
+
+def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]:
+    """Which C computes the features, and of which windows.
+
+    Raises:
+        InputError: none does.
+    """
+    features = system.steps[0][1]
+    windows = next((step for step in steps if isinstance(step, Windows)), None)
+    if isinstance(features, TouchFeatures):
+        if windows is not None and windows.hop not in (0, windows.seconds / 2):
+            raise InputError(f"windows every {windows.hop:g} s have no C; leave model.hop= out, which is half a window")
+        if windows is None:
+            raise InputError("touch of whole captures cannot be computed as frames come; fit with model.window=1")
+        return "touch", windows
+    if isinstance(features, Jung28) and (features.area, features.peaks) == ("frame", "crossings"):
+        if windows is not None:
+            raise InputError("jung28 on windows has no C yet; leave model.window= out")
+        return "jung28", None
+    raise InputError(f"{type(features).__name__} has no C: touch on windows and jung28 of whole captures have")
+
+
+def _steps(steps: list, found: Recogniser) -> dict[str, Any]:
+    kinds = {kind for step in steps if isinstance(step, Repair) for kind in step.kinds}
+    return {
+        "SETTLED": max(2, int(np.ceil(SETTLED_S * found.rate_hz))),
+        "REPAIR_STUCK": int("stuck" in kinds),
+        "REPAIR_DEAD": int("dead" in kinds),
+        "REPAIR_OFFSET": int("offset" in kinds),
+        "SCALE_PEAK": int(any(isinstance(step, Scale) for step in steps)),
+    }
+
+
+def _windows(windows: Windows | None, early: Any, found: Recogniser) -> dict[str, Any]:
+    """Lengths of windows and what depends on them, in frames; windows begin in the middle of the one before.
+
+    Raises:
+        InputError: another hop.
+    """
+    if windows is None:
+        return {"WINDOW": 0, "EARLY": 0}
+    window, hop = windows.lengths(found.rate_hz)
+    short = next(s for s in _opened(early)[1] if isinstance(s, Windows)) if early is not None else None
+    early_window, early_hop = short.lengths(found.rate_hz) if short else (0, 0)
+    for frames, step in ((window, hop), (early_window, early_hop)):
+        if step != (frames + 1) // 2:
+            raise InputError(f"windows of {frames} frames every {step} have no C; leave model.hop= out, which is half")
+    segment = max(2, round(SEGMENT_S * found.rate_hz))
+    lags = ", ".join(str(max(1, round(s * found.rate_hz))) for s in LAGS_S)
+    return {
+        "WINDOW": window,
+        "HOP": hop,
+        "EARLY": early_window,
+        "EARLY_HOP": early_hop,
+        "SEGMENT": segment,
+        "MOST_POINTS": max(POINTS, min(window, segment)),
+        "LAG_FRAMES": f"{{{lags}}}",
+    }
+
+
+def _stopping(found: Recogniser) -> dict[str, Any]:
+    stopping = found.stopping
+    if stopping is None:
+        return {"STOPPING": 0, "CALIBRATED": 0}
+    heat = stopping.calibration
+    calibration = {
+        "CALIBRATED": 1,
+        "FIRST_MS": number(heat.first_ms),
+        "LAST_MS": number(heat.last_ms),
+        "FIRST_HEAT": number(heat.first),
+        "LAST_HEAT": number(heat.last),
+    }
+    if not stopping.saves:
+        return {"STOPPING": 0} | calibration
+    return {
+        "STOPPING": 1,
+        "THRESHOLD": number(stopping.threshold),
+        "WAITING": "{" + ", ".join(map(number, stopping.waiting.weights)) + "}",
+    } | calibration

@@ -1,0 +1,196 @@
+"""Frozen tasks: captures, subset, protocol and unit under a name, so that results of anybody can be compared.
+
+What a name means never changes; a task that is mended gets a new one, with ``-v2`` at its end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+
+import pandas as pd
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.library import open_corpus
+from bench.corpora.read import cost
+from bench.errors import InputError, nearest
+
+HAART = "d086fb847e3caddb00adea342d9b33818a69d2866419d9caf8ce84b50bd34a8f"
+RATE_HZ = 54.0  # of HAART
+INSTANTS_MS = (500, 1000, 2000, 4000, 8000)
+DRAWS = 5
+CLEAN = "none"
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a name fixes. The subset is the whole corpus, and what is to be told apart the gesture, in all of them.
+
+    Attributes:
+        name: ends in its version.
+        data: name of the corpus.
+        digest: of the corpus as touchbench imports it; empty for CoST, which is known by the MD5 of its file.
+        protocol: as it is tracked.
+        about: the protocol in words.
+        unit: what one row of predictions is.
+        score: what accuracy is of.
+        kind: of runs that answer it.
+        command: that makes such a run.
+        keys: columns that, with ``capture``, name a row.
+        split: the part of the corpus that is tested, empty for all of it.
+    """
+
+    name: str
+    data: str
+    digest: str
+    protocol: str
+    about: str
+    unit: str
+    score: str
+    kind: str = "cell"
+    command: str = "run"
+    keys: tuple[str, ...] = ()
+    split: str = ""
+
+    def circumstances(self) -> list[tuple[str, ...]]:
+        """Values of `keys` that every capture is tested under, as text."""
+        if self.keys == ("ms",):
+            return [(str(ms),) for ms in INSTANTS_MS]
+        if self.keys == ("draw",):
+            return [(str(draw),) for draw in range(1, DRAWS + 1)]
+        if self.keys == ("fault", "severity"):
+            return [*faults()]
+        return [()]
+
+
+CAPTURE = "capture: one label each, by mean probability of a system that decides several times"
+LOSO = "leave one subject out (10 subjects)"
+TASKS = {
+    task.name: task
+    for task in (
+        Task("haart-loso-v1", "haart", HAART, "loso", LOSO, CAPTURE, "829 captures"),
+        Task(
+            "haart-challenge-v1",
+            "haart",
+            HAART,
+            "challenge",
+            "the split of the 2015 challenge: 578 captures of 7 subjects to train on, 251 of 3 others to test",
+            CAPTURE,
+            "251 captures",
+            split="test",
+        ),
+        Task(
+            "haart-early-v1",
+            "haart",
+            HAART,
+            "loso",
+            f"{LOSO}; trained on whole captures, decided on what was touched so far",
+            "the label of a capture that stands after 0.5, 1, 2, 4 and 8 s from its onset",
+            "829 captures at 5 instants",
+            kind="stream",
+            command="stream",
+            keys=("ms",),
+        ),
+        Task(
+            "haart-faults-v1",
+            "haart",
+            HAART,
+            "loso",
+            f"{LOSO}; tested under 17 faults of the sensor at 5 severities, which training captures do not have",
+            "a capture under a fault at a severity, one label each",
+            "829 captures under 17 faults at 5 severities, without the clean ones",
+            kind="stress",
+            command="stress",
+            keys=("fault", "severity"),
+        ),
+        Task(
+            "haart-personal-v1",
+            "haart",
+            HAART,
+            "personal[shots=3]",
+            "a new person of whom up to 3 labelled captures of each gesture are known, 5 draws of them, seed 0",
+            "a capture in a draw, one label each",
+            "829 captures in 5 draws",
+            keys=("draw",),
+        ),
+        Task("cost-loso-v1", "cost", "", "loso", "leave one subject out (31 subjects)", CAPTURE, "7805 captures"),
+    )
+}
+
+
+def task_of(name: str) -> Task:
+    """The task of a name.
+
+    Raises:
+        InputError: there is none.
+    """
+    if name not in TASKS:
+        raise InputError(f"no task is called {name[:60]!r}; {nearest(name, TASKS)}")
+    return TASKS[name]
+
+
+def digest_of(task: Task) -> str:
+    """Digest of the captures of a task.
+
+    Raises:
+        InputError: CoST is not here as it was published.
+    """
+    return task.digest or published_cost().digest
+
+
+def captures_of(task: Task) -> pd.DataFrame:
+    """Position, ``subject`` and ``gesture`` of every capture that a task tests; ``capture`` is the position as text.
+
+    HAART's are known here; those of CoST are read from the imported corpus.
+
+    Raises:
+        InputError: CoST is not here as it was published.
+    """
+    if task.digest:
+        known = _table(f"{task.data}.csv")
+    else:
+        found = published_cost().captures
+        known = found.assign(capture=[str(i) for i in range(len(found))])
+    if task.split:
+        known = known[known["split"] == task.split]
+    return known[["capture", "subject", "gesture"]].reset_index(drop=True)
+
+
+def rows_of(task: Task) -> pd.DataFrame:
+    """Every row that predictions must have, once: ``capture`` and `Task.keys` as text, ``subject``, ``true``.
+
+    Raises:
+        InputError: CoST is not here as it was published.
+    """
+    captures = captures_of(task).rename(columns={"gesture": "true"})
+    each = pd.DataFrame(task.circumstances(), columns=list(task.keys), index=range(len(task.circumstances())))
+    return captures.merge(each, how="cross")[["capture", *task.keys, "subject", "true"]]
+
+
+def published_cost() -> Corpus:
+    """CoST as it was published.
+
+    Raises:
+        InputError: it is not here, or differs.
+    """
+    corpus = open_corpus("cost", {})
+    differs = corpus.info.get("warnings", []) if corpus.info.get("format") == "cost" else ["another format"]
+    if differs:
+        raise InputError(
+            f"data=cost is not CoST as published ({differs[0]}); import the file with MD5 {cost.PUBLISHED_MD5}"
+        )
+    return corpus
+
+
+def faults() -> dict[tuple[str, str], str]:
+    """The amount of every fault and severity, and of clean captures nothing."""
+    table = _table("faults.csv")
+    return dict(zip(zip(table["fault"], table["severity"], strict=True), table["amount"], strict=True))
+
+
+@lru_cache(maxsize=4)
+def _table(name: str) -> pd.DataFrame:
+    """A table of ``reports/reference``, all text."""
+    with (files("reports") / "reference" / name).open(encoding="utf-8") as f:
+        return pd.read_csv(f, dtype=str, keep_default_na=False)

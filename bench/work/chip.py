@@ -1,0 +1,149 @@
+"""Systems as C for a microcontroller: what the C answers, and what it takes."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from bench.errors import InputError
+from bench.export.measure import compiled, lacking, measured, toolchain
+from bench.export.tables import check
+from bench.export.write import CODE, files_of
+from bench.outcomes import scores
+from bench.outcomes.results import Findings, FoldResult, costs, table_of
+from bench.work.experiment import Experiment
+from bench.work.fold import batch_effects, computing, decisions, fitted, footprint
+from bench.work.replay import STATE, Calibration, Stopping, Waiting
+
+if TYPE_CHECKING:
+    from bench.corpora.corpus import Corpus
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
+    from bench.source import Code
+
+# As large as what `bench fit` teaches, which takes three more fits; it changes no probability.
+UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), 1.0)
+
+
+@dataclass(frozen=True)
+class OnChip(Experiment[None]):
+    """Fit on the training captures, export, and let the C label the test captures.
+
+    Attributes:
+        bits: of a learnt weight, 32 or 8.
+    """
+
+    kind: ClassVar[str] = "chip"
+    fold_kind: ClassVar[str] = "chip_fold"
+    heading: ClassVar[str] = "Accuracy in percent of whole captures, in C and in Python; a Cortex-M4F, linked"
+    columns: ClassVar[frozenset[str]] = frozenset({"python"})
+
+    bits: int = 32
+
+    def arguments(self) -> dict[str, str]:
+        """Bits where they are not the default."""
+        return {} if self.bits == 32 else {"bits": str(self.bits)}
+
+    def identity(self) -> object:
+        """Bits, the C that is the same for all systems, and the compilers."""
+        h = hashlib.sha256()
+        for path in sorted(CODE.iterdir()):
+            h.update(path.read_bytes())
+        return [repr(self), h.hexdigest(), toolchain()]
+
+    def options(self) -> dict[str, object]:
+        """Bits and compilers."""
+        return super().options() | {"chip.toolchain": "; ".join(toolchain())}
+
+    def depends(self) -> list[Code]:
+        """What is imported where it is needed, besides."""
+        from bench.export import network
+        from bench.work import saved
+
+        return [type(self), network, saved]
+
+    def refuse(self, plan: Plan) -> None:
+        """Refuse a system that has no C, and a machine without the programs.
+
+        Raises:
+            InputError: either.
+        """
+        check(plan.cell.estimator())
+        if missing := lacking():
+            raise InputError(
+                f"bench chip needs {', '.join(missing)}, not installed here; of Debian, the packages gcc make "
+                "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
+            )
+
+    def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+        """What the C says of each test capture beside what Python says; bytes and instructions."""
+        from bench.work.saved import Recogniser
+
+        train, test = corpus[fold.train], corpus[fold.test]
+        estimator = cell.estimator()
+        with computing(threads):
+            metrics = fitted(estimator, train)
+            predicted = decisions(estimator, corpus, fold.name, fold.test)
+            effects = batch_effects(estimator, corpus, fold.test, predicted)
+        table = scores.captures(predicted).rename(columns={"predicted": "python"})
+        table = table.assign(start=0, frames=test.lengths)
+        found = Recogniser(estimator, train, UNTAUGHT)
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            for file, text in files_of(found, self.bits, "a fold of bench chip").items():
+                (folder / file).write_text(text, encoding="utf-8")
+            asked = compiled(folder, len(found.classes))
+            own = np.array([asked(frames) for frames in test])
+            metrics |= measured(folder)
+        table[[f"p_{name}" for name in scores.classes_of(predicted)]] = np.float32(0)
+        table[[f"p_{name}" for name in found.classes]] = own
+        counted = footprint(estimator, corpus)
+        if self.bits != 32:  # counted of what Python has
+            del counted["flash_bytes"]
+        return FoldResult(fold.name, table, metrics | counted, batch_effects=effects)
+
+    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+        """Accuracy in C and in Python, and costs."""
+        return _compared([result]) | costs([result])
+
+    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[None]:
+        """Accuracy in C and in Python over all folds, captures that they label otherwise, and costs."""
+        predictions = table_of(results)
+        labelled = scores.captures(predictions)
+        found = scores.summary(predictions, plan.corpus.rate_hz) | _compared(results) | costs(results)
+        tables = {"predictions.parquet": predictions, "per_subject.csv": scores.per_subject(labelled)}
+        return Findings(found, tables)
+
+    def row(self, metrics: dict[str, float]) -> dict[str, str]:
+        """Accuracies, and what the chip needs."""
+
+        def text(name: str, scale: float, digits: int = 1) -> str:
+            return f"{scale * metrics[name]:,.{digits}f}" if name in metrics else "-"
+
+        return {
+            "bits": str(self.bits),
+            "in C": text("accuracy", 100),
+            "in Python": text("python_accuracy", 100),
+            "other labels": text("other_labels", 1, 0),
+            "flash kB": text("chip_flash_bytes", 1e-3),
+            "library RAM kB": text("chip_ram_bytes", 1e-3),
+            "program RAM kB": text("chip_program_ram_bytes", 1e-3),
+            "stack B": text("chip_stack_bytes", 1, 0),
+            "instructions a frame": text("chip_frame_instructions", 1, 0),
+            "at most": text("chip_most_instructions", 1, 0),
+        }
+
+
+def _compared(results: list[FoldResult]) -> dict[str, float]:
+    labelled = scores.captures(table_of(results))
+    own, python = labelled["predicted"], table_of(results)["python"].to_numpy()
+    return {
+        "accuracy": float((labelled["true"] == own).mean()),
+        "python_accuracy": float((labelled["true"].to_numpy() == python).mean()),
+        "other_labels": int((own.to_numpy() != python).sum()),
+    }

@@ -1,0 +1,1 @@
+"""Classifiers on feature sets, and the published systems that are made of them."""

@@ -1,0 +1,16 @@
+"""The system of Balli Altuglu and Altun 2015 (ICMI challenge): statistics of 16 signals, selected, and a forest."""
+
+from sklearn.pipeline import Pipeline
+
+from features.balli import Balli
+from models.classic.rf import rf
+
+
+def balli2015_rf(selected: int = 42, seed: int = 0) -> Pipeline:
+    """Random forest of 500 trees, a number that is our reading, on the selected features.
+
+    Args:
+        selected: how many features floating selection keeps.
+        seed: of the forest.
+    """
+    return rf(Balli(selected), trees=500, seed=seed)

@@ -1,0 +1,11 @@
+"""The system of Hughes et al. 2015 (ICMI challenge): likelihoods of hidden Markov models and softmax regression."""
+
+from sklearn.pipeline import Pipeline
+
+from features.hughes36 import Hughes36
+from models.classic.softmax import softmax
+
+
+def hughes2015_softmax(seed: int = 0) -> Pipeline:
+    """Softmax regression on standardised features; ``seed`` is that of the autoencoder and the models."""
+    return softmax(Hughes36(seed=seed))

@@ -1,0 +1,22 @@
+"""The two systems of Jung 2014 (ICMI doctoral consortium) and Jung et al. 2014 (ICMI), 28 features."""
+
+from sklearn.pipeline import Pipeline
+
+from features.jung28 import Jung28
+from models.classic.bayes import bayes
+from models.classic.svm import PENALTIES, svm
+from models.search.tuning import Search
+
+
+def jung2014_bayes(ridge: float = 1e-2) -> Pipeline:
+    """Gaussian Bayes with full covariances; the ridge is ours (see `models.classic.bayes.bayes`)."""
+    return bayes(Jung28(), ridge)
+
+
+def jung2014_svm(inner: str = "3") -> Search:
+    """Linear SVM on features scaled to 0..1; its penalty, which the papers do not tell, is searched.
+
+    Args:
+        inner: groups of training subjects that choose it, or ``loso``.
+    """
+    return Search({"svm": svm}, {"svm": {"kernel": ["linear"], "C": PENALTIES}}, {"jung28": Jung28()}, inner)

@@ -1,0 +1,186 @@
+"""Linear discriminants on a feature set, for captures or for windows of captures."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from scipy.special import softmax
+from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.pipeline import Pipeline
+
+from bench.errors import InputError
+from features.base import constant
+from models.feature_rows import captures_of, undamaged
+from models.person import WEIGHT, codes_of, share
+from models.search.space import Range
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """What `Discriminants` have learnt of their rows, which they can go on learning from.
+
+    Attributes:
+        mean, sd: of the features [features]; all that follows is in these units.
+        centres: of the classes [classes, features].
+        heavy: weight of the rows of each class [classes].
+        scatter: of the rows about the centres of their classes [features, features].
+    """
+
+    mean: np.ndarray
+    sd: np.ndarray
+    centres: np.ndarray
+    heavy: np.ndarray
+    scatter: np.ndarray
+
+
+class Discriminants(ClassifierMixin, BaseEstimator):
+    """Gaussian classes with one covariance, shrunk towards a multiple of the identity after standardisation.
+
+    Rows that come from one capture (``capture`` of the index of a `pandas.DataFrame`) share what is particular to it. A
+    label that is taken from n of them sees a mean whose covariance is that between captures plus one n-th of that
+    within them; ``windows`` is this n, as far as windows that overlap are independent. With 1, or one row per capture,
+    these are the usual linear discriminants. Classes count alike, however many captures they have.
+
+    Args:
+        shrinkage: 0 to 1.
+        windows: that decide on a label together.
+        damaged: how much a row of a damaged copy counts (``copy`` of the index is above 0); others count 1.
+
+    Attributes:
+        classes_: class names.
+        coef_: [classes, features], of the features as they are given.
+        intercept_: [classes].
+        learnt_: what they are made of.
+    """
+
+    def __init__(self, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0) -> None:
+        self.shrinkage = shrinkage
+        self.windows = windows
+        self.damaged = damaged
+
+    def fit(self, X: pd.DataFrame | np.ndarray, y: np.ndarray) -> Discriminants:
+        """Learn from features [rows, n_features] and class names [rows]."""
+        self.classes_, codes = np.unique(y, return_inverse=True)
+        Z = np.asarray(X, dtype=np.float64)
+        self.n_features_in_ = Z.shape[1]
+        captures, weight = captures_of(X), np.where(undamaged(X), 1.0, self.damaged)
+        mean = weight @ Z / weight.sum()
+        sd = np.sqrt(weight @ (Z - mean) ** 2 / weight.sum())
+        sd[constant(Z)] = np.inf
+        Z = (Z - mean) / sd
+        centres, heavy = _means(Z, codes, weight)
+        Z -= centres[codes]
+        self.learnt_ = Learnt(mean, sd, centres, heavy, self._scatter(Z, captures, weight))
+        self._solve(weight.sum())
+        return self
+
+    def _scatter(self, Z: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Of rows about the centres of their classes, what is particular to a capture counting more by ``windows``."""
+        own, heavy = _means(Z, captures, weight)
+        return (Z.T * weight) @ Z + (self.windows - 1) * (own.T * heavy) @ own
+
+    def _solve(self, total: float) -> None:
+        """Coefficients from what was learnt of rows with a total weight."""
+        learnt = self.learnt_
+        scatter = learnt.scatter / total
+        size = np.trace(scatter) / len(scatter)
+        scatter *= 1 - self.shrinkage
+        scatter[np.diag_indices(len(scatter))] += self.shrinkage * size + 1e-9
+        coef = np.linalg.solve(scatter, learnt.centres.T).T
+        self.coef_ = coef / learnt.sd
+        self.intercept_ = -0.5 * (coef * learnt.centres).sum(axis=1) - self.coef_ @ learnt.mean
+
+    def adapt(self, X: pd.DataFrame | np.ndarray, y: np.ndarray | None, weight: float = float(WEIGHT)) -> Discriminants:
+        """The same for one person: features measured from their own mean, and with labels their captures learnt too.
+
+        The mean of the person's rows takes the place of that of training, as far as `models.person.share` goes; where
+        captures with labels are not of all classes alike, rows are measured from their classes for that. Rows with
+        labels then join those of training with a weight, in closed form: the statistics that were learnt are all that
+        is needed.
+
+        Args:
+            X: features [rows, n_features] of some captures of the person.
+            y: class names [rows], each one that is known; None where they are not.
+            weight: of a row with a label beside one of training.
+        """
+        if not hasattr(self, "learnt_"):
+            raise InputError("the discriminants were saved by a touchbench that could not adapt; fit them again")
+        found = copy(self)
+        old = self.learnt_
+        Z = (np.asarray(X, dtype=np.float64) - old.mean) / old.sd
+        captures = captures_of(X)
+        codes = None if y is None else codes_of(y, self.classes_)
+        believed, apart = share(captures, codes, len(self.classes_))
+        shift = believed * (Z - old.centres[codes] if apart else Z).mean(axis=0)
+        total = old.heavy.sum()
+        found.learnt_ = replace(old, mean=old.mean + np.where(np.isfinite(old.sd), old.sd, 0) * shift)
+        if codes is not None:
+            found.learnt_ = found._joined(Z - shift, codes, captures, np.full(len(Z), weight))
+            total += weight * len(Z)
+        found._solve(total)
+        return found
+
+    def _joined(self, Z: np.ndarray, codes: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> Learnt:
+        """What was learnt, and more rows."""
+        old = self.learnt_
+        heavy = np.bincount(codes, weight, len(self.classes_))
+        centres = np.zeros_like(old.centres)
+        np.add.at(centres, codes, Z * weight[:, None])
+        centres /= np.where(heavy > 0, heavy, 1)[:, None]
+        both = old.heavy + heavy
+        apart = np.sqrt(self.windows * old.heavy * heavy / both)[:, None] * (centres - old.centres)
+        scatter = old.scatter + self._scatter(Z - centres[codes], captures, weight) + apart.T @ apart
+        mixed = (old.heavy[:, None] * old.centres + heavy[:, None] * centres) / both[:, None]
+        return replace(old, centres=mixed, heavy=both, scatter=scatter)
+
+    @property
+    def constants_(self) -> int:
+        """Mean and SD of the features: in single precision they must be measured from these before they are weighed."""
+        return 2 * self.n_features_in_
+
+    def decision_function(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Log of the density of each class, but for what is common to all [rows, classes]."""
+        return np.asarray(X, dtype=np.float64) @ self.coef_.T + self.intercept_
+
+    def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Class probabilities [rows, classes]."""
+        return softmax(self.decision_function(X), axis=1)
+
+    def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Class names [rows]."""
+        return self.classes_[self.decision_function(X).argmax(axis=1)]
+
+
+def _means(values: np.ndarray, codes: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted mean of the rows of each code [codes, n], and the sum of their weights."""
+    order = np.argsort(codes, kind="stable")
+    first = np.flatnonzero(np.diff(codes[order], prepend=-1))
+    heavy = np.add.reduceat(weight[order], first)
+    return np.add.reduceat(values[order] * weight[order][:, None], first) / heavy[:, None], heavy
+
+
+def lda(features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0) -> Pipeline:
+    """Linear discriminants (`Discriminants`).
+
+    Args:
+        features: transformer from captures to a table.
+        shrinkage: of the covariance, 0 to 1.
+        windows: of a capture that decide on its label together, as far as they are independent.
+        damaged: how much a damaged copy counts beside its capture, where ``model.faults`` makes some.
+
+    Raises:
+        InputError: a shrinkage, a number of windows or a weight that cannot be.
+    """
+    if not 0 <= shrinkage <= 1:
+        raise InputError(f"model.shrinkage={shrinkage:g}: give 0 to 1")
+    if not 1 <= windows < float("inf"):
+        raise InputError(f"model.windows={windows:g}: give 1 or more")
+    if not 0 < damaged < float("inf"):
+        raise InputError(f"model.damaged={damaged:g}: give a number above 0")
+    return Pipeline([("features", features), ("classifier", Discriminants(shrinkage, windows, damaged))])
+
+
+lda.space = {"shrinkage": Range(1e-3, 1, log=True), "windows": Range(1, 8, log=True)}

@@ -1,0 +1,113 @@
+"""Feed-forward networks on a feature set (van Wingerden et al. 2014; Jung et al. 2017, section 4.2)."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.neural_network import MLPClassifier
+from sklearn.pipeline import Pipeline
+
+from bench.errors import InputError
+from models.classic.scaling import RangeScaler, ZScaler
+
+BATCH = 32
+
+
+class EarlyStoppedNet(ClassifierMixin, BaseEstimator):
+    """Tanh layers and a softmax, trained by Adam until a part of the training captures stops getting better.
+
+    The papers train with Levenberg-Marquardt (2017) or do not say how (2014); Adam stands in for both.
+
+    Args:
+        layers: units of each hidden layer.
+        held: share of the training captures, drawn at random within each class, that decides when to stop.
+        patience: epochs without a better accuracy on these before training stops; the best epoch is kept.
+        runs: networks trained from different starts; the one that is best on its held captures is kept.
+        seed: of weights, batches and draws.
+    """
+
+    def __init__(
+        self, layers: tuple[int, ...] = (54, 27), held: float = 0.3, patience: int = 6, runs: int = 5, seed: int = 0
+    ) -> None:
+        self.layers = layers
+        self.held = held
+        self.patience = patience
+        self.runs = runs
+        self.seed = seed
+
+    def fit(self, X: np.ndarray, y: np.ndarray) -> EarlyStoppedNet:
+        """Train on features [captures, n_features] and class names [captures]."""
+        self.n_features_in_ = np.shape(X)[1]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)  # 1000 epochs is the paper's limit, not a fault
+            runs = [self._run(self.seed * self.runs + i, len(X)).fit(X, y) for i in range(self.runs)]
+        self.net_ = max(runs, key=lambda net: net.best_validation_score_)
+        self.classes_ = self.net_.classes_
+        return self
+
+    def _run(self, seed: int, captures: int) -> MLPClassifier:
+        return MLPClassifier(
+            self.layers,
+            activation="tanh",
+            batch_size=min(BATCH, int(captures * (1 - self.held))),
+            max_iter=1000,
+            early_stopping=True,
+            validation_fraction=self.held,
+            n_iter_no_change=self.patience,
+            tol=0.0,
+            random_state=seed,
+        )
+
+    def predict_proba(self, X: np.ndarray) -> np.ndarray:
+        """Class probabilities [captures, classes]."""
+        return self.net_.predict_proba(X)
+
+    def predict(self, X: np.ndarray) -> np.ndarray:
+        """Class names [captures]."""
+        return self.net_.predict(X)
+
+    @property
+    def parameters_(self) -> int:
+        """Weights and biases."""
+        return sum(a.size for a in (*self.net_.coefs_, *self.net_.intercepts_))
+
+
+def mlp(
+    features: TransformerMixin,
+    layers: str = "54+27",
+    held: float = 0.3,
+    patience: int = 6,
+    runs: int = 5,
+    scaling: str = "range",
+    seed: int = 0,
+) -> Pipeline:
+    """Scaled features, then `EarlyStoppedNet`, whose parameters these are.
+
+    Args:
+        features: transformer from captures to a table.
+        layers: units of each hidden layer, joined by ``+``.
+        held: share of the training captures that decides when to stop.
+        patience: epochs without improvement before training stops.
+        runs: networks of which the best is kept.
+        scaling: ``range`` to -1..1, or ``z`` to mean 0 and SD 1, of the training captures.
+        seed: of weights, batches and draws.
+
+    Raises:
+        InputError: a count below 1, a share that is none, or another scaling.
+    """
+    units = tuple(int(n) if n.isdecimal() else 0 for n in layers.split("+"))
+    if min(*units, patience, runs) < 1:
+        raise InputError(f"model.layers={layers} patience={patience} runs={runs}: give at least 1")
+    if not 0 < held < 1:
+        raise InputError(f"model.held={held:g}: give a share between 0 and 1")
+    if scaling not in ("range", "z"):
+        raise InputError(f"model.scaling={scaling}: give range or z")
+    scaler = RangeScaler((-1, 1)) if scaling == "range" else ZScaler()
+    net = EarlyStoppedNet(units, held, patience, runs, seed)
+    return Pipeline([("features", features), ("scaler", scaler), ("classifier", net)])
+
+
+mlp.space = {"layers": ["27", "54", "54+27", "108+54"], "scaling": ["range", "z"]}

@@ -1,0 +1,43 @@
+"""Forests: random ones, as in the 2015 challenge by Ta, Balli Altuglu and Gaus, and extremely randomised ones."""
+
+from sklearn.base import ClassifierMixin, TransformerMixin
+from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
+from sklearn.pipeline import Pipeline
+
+from bench.errors import InputError
+from models.search.space import Range
+
+
+def rf(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float = 0.0, seed: int = 0) -> Pipeline:
+    """A random forest on the raw features.
+
+    Args:
+        features: transformer from captures to a table.
+        trees: number of trees.
+        leaf: fewest captures in a leaf.
+        tried: share of the features that is tried at each split; 0 for the square root of their number.
+        seed: of the bootstrap and the tried features.
+
+    Raises:
+        InputError: a count below 1, or a share that is none.
+    """
+    return _forest(RandomForestClassifier, features, trees, leaf, tried, seed)
+
+
+def et(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float = 0.0, seed: int = 0) -> Pipeline:
+    """Extremely randomised trees on the raw features; no paper's system. The parameters are those of `rf`."""
+    return _forest(ExtraTreesClassifier, features, trees, leaf, tried, seed)
+
+
+def _forest(
+    kind: type[ClassifierMixin], features: TransformerMixin, trees: int, leaf: int, tried: float, seed: int
+) -> Pipeline:
+    if trees < 1 or leaf < 1:
+        raise InputError(f"model.trees={trees} model.leaf={leaf}: give at least 1")
+    if not 0 <= tried <= 1:
+        raise InputError(f"model.tried={tried:g}: give a share from 0 to 1")
+    forest = kind(trees, min_samples_leaf=leaf, max_features=tried or "sqrt", random_state=seed)
+    return Pipeline([("features", features), ("classifier", forest)])
+
+
+rf.space = et.space = {"leaf": Range(1, 8, log=True), "tried": Range(0.02, 0.5, log=True)}

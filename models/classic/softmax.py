@@ -1,0 +1,28 @@
+"""Softmax regression (Hughes et al. 2015)."""
+
+from sklearn.base import TransformerMixin
+from sklearn.linear_model import LogisticRegression
+from sklearn.pipeline import Pipeline
+
+from bench.errors import InputError
+from models.classic.scaling import ZScaler
+from models.search.space import Range
+
+
+def softmax(features: TransformerMixin, C: float = 1.0) -> Pipeline:
+    """Standardised features, then one linear layer with a softmax, cross-entropy with an L2 penalty, L-BFGS.
+
+    Args:
+        features: transformer from captures to a table.
+        C: inverse strength of the penalty.
+
+    Raises:
+        InputError: a strength that is not above 0.
+    """
+    if not C > 0:
+        raise InputError(f"model.C={C:g}: give a value above 0")
+    layer = LogisticRegression(C=C, max_iter=2000)
+    return Pipeline([("features", features), ("scaler", ZScaler()), ("classifier", layer)])
+
+
+softmax.space = {"C": Range(1e-3, 1e2, log=True)}

@@ -1,0 +1,31 @@
+"""The systems of Ta, Johal, Portaz, Castelli and Vaufreydaz 2015 (ICMI challenge), 273 features.
+
+The submissions that were trained on manually filtered captures cannot be repeated: which ones were left out is not
+published.
+"""
+
+from sklearn.pipeline import Pipeline
+
+from features.ta273 import Ta273
+from models.classic.rf import rf
+from models.classic.svm import svm
+from models.search.tuning import Search
+
+
+def ta2015_svm(inner: str = "3") -> Search:
+    """SVM with an RBF kernel on standardised features; its grid is our reading.
+
+    Args:
+        inner: groups of training subjects that choose penalty and width, or ``loso``.
+    """
+    grid = {
+        "scaling": ["z"],
+        "C": [2.0**k for k in range(-1, 12, 2)],
+        "gamma": [2.0**k for k in range(-13, -2, 2)],
+    }
+    return Search({"svm": svm}, {"svm": grid}, {"ta273": Ta273()}, inner)
+
+
+def ta2015_rf(seed: int = 0) -> Pipeline:
+    """Random forest of 1000 trees; their number is our reading."""
+    return rf(Ta273(), trees=1000, seed=seed)

@@ -1,0 +1,65 @@
+"""Boosted trees (XGBoost) on a feature set; no paper's system, the usual strong baseline on tables."""
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.pipeline import Pipeline
+
+from bench.errors import InputError
+from models.search.space import Range
+
+
+class BoostedTrees(ClassifierMixin, BaseEstimator):
+    """`xgboost.XGBClassifier` with class names, which it does not take itself.
+
+    Args:
+        trees: boosting rounds.
+        depth: largest depth of a tree.
+        rate: learning rate.
+        seed: of the row and column samples.
+    """
+
+    def __init__(self, trees: int = 300, depth: int = 4, rate: float = 0.1, seed: int = 0) -> None:
+        self.trees = trees
+        self.depth = depth
+        self.rate = rate
+        self.seed = seed
+
+    def fit(self, X: pd.DataFrame, y: np.ndarray) -> "BoostedTrees":
+        """Boost on features [captures, n_features] and class names [captures]."""
+        from xgboost import XGBClassifier
+
+        self.n_features_in_ = np.shape(X)[1]
+        self.classes_, codes = np.unique(y, return_inverse=True)
+        self.booster_ = XGBClassifier(
+            n_estimators=self.trees,
+            max_depth=self.depth,
+            learning_rate=self.rate,
+            subsample=0.8,
+            colsample_bytree=0.8,
+            tree_method="hist",
+            random_state=self.seed,
+        ).fit(np.asarray(X), codes)
+        return self
+
+    def predict_proba(self, X: pd.DataFrame) -> np.ndarray:
+        """Class probabilities [captures, classes]."""
+        return self.booster_.predict_proba(np.asarray(X))
+
+    def predict(self, X: pd.DataFrame) -> np.ndarray:
+        """Class names [captures]."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+
+def xgb(features: TransformerMixin, trees: int = 300, depth: int = 4, rate: float = 0.1, seed: int = 0) -> Pipeline:
+    """Boosted trees on the raw features; the parameters are those of `BoostedTrees`.
+
+    Raises:
+        InputError: a count below 1, or a rate that is not above 0.
+    """
+    if trees < 1 or depth < 1 or not rate > 0:
+        raise InputError(f"model.trees={trees} model.depth={depth} model.rate={rate:g}: all must be above 0")
+    return Pipeline([("features", features), ("classifier", BoostedTrees(trees, depth, rate, seed))])
+
+
+xgb.space = {"trees": Range(100, 600), "depth": Range(1, 6), "rate": Range(0.02, 0.3, log=True)}

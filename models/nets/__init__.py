@@ -1,0 +1,1 @@
+"""Networks: one training loop, windows, checkpoints, and one file per paper."""

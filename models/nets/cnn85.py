@@ -1,0 +1,215 @@
+"""CNN85 (Albawi et al. 2018): 85 frames as the channels of a small image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import torch
+from torch import nn
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from models.nets.checkpoint import Checkpoint
+from models.nets.taxel_major import taxel_major
+from models.nets.training import Samples, Step, Windows, train
+from models.nets.window import WindowNet
+
+RATES = {
+    "paper": (1.0, 0.5, 0.1, 0.05, 0.001),
+    "toolbox": (1.0, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001, 0.0005),
+}
+SEARCH_EVERY = 10  # epochs
+SEARCH_BATCHES = 30
+
+
+class CNN85(WindowNet):
+    """Three convolutions over 85 frames as channels (Albawi et al. 2018, Table 1).
+
+    Input [batch, frames, rows, cols] scaled to 0..1; output one logit per class. The paper's pooling "pad 2" is read
+    as stride 2 with ceiling, the only reading that gives its 256 x 2 x 2 (docs/systems.md, cnn85). Trained by SGD with
+    momentum, whose learning rate is searched anew every ten epochs on the training windows themselves (`SelectiveSGD`).
+
+    Args:
+        frames: length of a window; 85 frames are 630 ms of CoST.
+        hop: frames from one training window to the next, None for windows that do not overlap; those that are scored
+            never do.
+        padding: of the last window of a capture: ``zero``, as published, or ``edge``, which repeats its last frame.
+        rates: learning rates that are tried: those that the ``paper`` lists, or those of its ``toolbox``.
+        width: share of the published number of filters and units.
+        epochs: passes over the training windows.
+        batch: windows per step.
+        seed: of the weights and the shuffles.
+        device: of PyTorch.
+        seconds: length of a window in seconds at the corpus's rate; 0 for what ``frames`` says.
+        precision: ``float32``, or ``bfloat16``: matrix products in half the bits, faster where the processor has them.
+    """
+
+    def __init__(
+        self,
+        frames: int = 85,
+        hop: int | None = None,
+        padding: str = "zero",
+        rates: str = "paper",
+        width: float = 1.0,
+        epochs: int = 50,
+        batch: int = 250,
+        seed: int = 0,
+        device: str = "cpu",
+        seconds: float = 0.0,
+        precision: str = "float32",
+    ) -> None:
+        self.frames = frames
+        self.hop = hop
+        self.padding = padding
+        self.rates = rates
+        self.width = width
+        self.epochs = epochs
+        self.batch = batch
+        self.seed = seed
+        self.device = device
+        self.seconds = seconds
+        self.precision = precision
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: a count below 1, no width, an unknown padding or list of rates.
+        """
+        super().check()
+        if not 0 < self.width <= 16:
+            raise InputError(f"model.width={self.width:g}: give a share of the published width, above 0 and up to 16")
+        for name, known in (("padding", ("zero", "edge")), ("rates", tuple(RATES))):
+            if (value := getattr(self, name)) not in known:
+                raise InputError(f"model.{name}={value}: give {' or '.join(known)}")
+
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse a training part before anything is run.
+
+        Raises:
+            InputError: training windows that leave frames out.
+        """
+        if (self.hop or 1) > (frames := self.length(X.rate_hz)):
+            raise InputError(f"model.hop={self.hop}: frames between windows of {frames} would never be seen")
+        super().check_training(X, y)
+
+    def samples(self, corpus: Corpus) -> Windows:
+        """Windows that do not overlap."""
+        return Windows(corpus, self.window, self.window, self.padding)
+
+    def training_samples(self, corpus: Corpus) -> Windows:
+        """Windows that are trained on."""
+        return Windows(corpus, self.window, self.hop or self.window, self.padding)
+
+    def network(self, rows: int, cols: int, classes: int) -> nn.Module:
+        """909 070 parameters for 8 x 8 taxels, 85 frames and 14 classes."""
+        a, b, c, d = (max(round(n * self.width), 1) for n in (64, 128, 256, 512))
+        return nn.Sequential(
+            nn.Conv2d(self.window, a, 3, padding=1),
+            nn.ReLU(),
+            nn.MaxPool2d(2, ceil_mode=True),
+            nn.Conv2d(a, b, 2, padding=1),
+            nn.ReLU(),
+            nn.MaxPool2d(2, ceil_mode=True),
+            nn.Conv2d(b, c, 3, padding=1),
+            nn.ReLU(),
+            nn.MaxPool2d(2, ceil_mode=True),
+            nn.Flatten(),
+            nn.LazyLinear(d),
+            nn.ReLU(),
+            nn.Linear(d, classes),
+        )
+
+    def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
+        """Logits of windows, float32; whichever the precision of the products."""
+        if self.precision == "bfloat16":
+            return self.halved(net, x.contiguous(memory_format=torch.channels_last))
+        return net(x)
+
+    def learn(
+        self,
+        net: nn.Module,
+        samples: Samples,
+        target: np.ndarray,
+        judge: Callable[[], float] | None = None,
+        kept: Checkpoint | None = None,
+    ) -> list[dict[str, float]]:
+        """Train with the toolbox's optimiser and its search of the learning rate.
+
+        The paper does not say how weights start. The toolbox's examples use a normal of SD 0.01, from which this
+        network did not leave chance on HAART, nor did it from PyTorch's default; from He's normal it did.
+        """
+        for p in net.parameters():
+            nn.init.kaiming_normal_(p) if p.ndim > 1 else nn.init.zeros_(p)
+        sgd = SelectiveSGD(net, RATES[self.rates])
+        forward = partial(taxel_major, net) if self.precision == "float32" else partial(self.forward, net)
+        return train(net, samples, target, sgd, self.epochs, self.batch, self.seed, sgd.search, forward, kept=kept)
+
+
+class SelectiveSGD:
+    """SGD with bias-corrected momentum 0.9 and a searched rate, as the paper's toolbox (LightNet) does it.
+
+    m <- 0.9 m - 0.1 gradient - 1e-4 weight (no decay of biases); weight <- weight + rate m / (1 - 0.9^t).
+    """
+
+    def __init__(self, net: nn.Module, rates: tuple[float, ...]) -> None:
+        self.parameters = list(net.parameters())
+        self.momentum = [torch.zeros_like(p) for p in self.parameters]
+        self.steps = 0
+        self.rate = rates[0]
+        self.rates = rates
+
+    def zero_grad(self) -> None:
+        """Forget the gradients."""
+        for p in self.parameters:
+            p.grad = None
+
+    @torch.no_grad()
+    def step(self) -> None:
+        """Move the parameters along the momentum."""
+        self.steps += 1
+        torch._foreach_mul_(self.momentum, 0.9)
+        torch._foreach_add_(self.momentum, [p.grad for p in self.parameters], alpha=-0.1)
+        decayed = [i for i, p in enumerate(self.parameters) if p.ndim > 1]
+        torch._foreach_add_([self.momentum[i] for i in decayed], [self.parameters[i] for i in decayed], alpha=-1e-4)
+        torch._foreach_add_(self.parameters, self.momentum, alpha=self.rate / (1 - 0.9**self.steps))
+
+    def state_dict(self) -> dict:
+        """Momentum, steps and rates."""
+        return {"momentum": self.momentum, "steps": self.steps, "rate": self.rate, "rates": list(self.rates)}
+
+    def load_state_dict(self, state: dict) -> None:
+        """Go on from such a state."""
+        self.momentum, self.steps = state["momentum"], state["steps"]
+        self.rate, self.rates = state["rate"], tuple(state["rates"])
+
+    @torch.no_grad()
+    def _restore(self, weights: list[torch.Tensor], momentum: list[torch.Tensor], steps: int) -> None:
+        torch._foreach_copy_(self.parameters, weights)
+        torch._foreach_copy_(self.momentum, momentum)
+        self.steps = steps
+
+    def search(self, epoch: int, batches: np.ndarray, step: Step) -> None:
+        """Try each rate from the current weights on up to 30 batches and keep that with the lowest last loss.
+
+        The trial weights are discarded. Rates above the first one ever kept are not tried again.
+        """
+        if epoch % SEARCH_EVERY:
+            return
+        weights = [p.detach().clone() for p in self.parameters]
+        momentum = [m.clone() for m in self.momentum]
+        steps = self.steps
+        losses = []
+        for rate in self.rates:
+            self.rate = rate
+            for rows in batches[:SEARCH_BATCHES]:
+                loss = step(rows)
+                if not np.isfinite(loss):  # it cannot come back, so the remaining batches would be wasted
+                    break
+            losses.append(loss if np.isfinite(loss) else np.inf)
+            self._restore(weights, momentum, steps)
+        self.rate = self.rates[int(np.argmin(losses))]
+        if epoch == 0:
+            self.rates = tuple(r for r in self.rates if r <= self.rate)

@@ -1,0 +1,369 @@
+"""The three networks of Hughes, Krauthammer and Correll 2017: CNN, CNN-RNN and autoencoder-RNN.
+
+All are trained by RMSProp at 1e-4 on values divided by full scale, from weights of a truncated normal of SD 0.1 and
+biases of 0.1, until the training loss stands still. The paper tells neither batch size nor how weights start nor when
+the loss has converged; these are our readings (docs/systems.md, hughes2017).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import torch
+from torch import nn
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from models.nets.checkpoint import Checkpoint
+from models.nets.time_blocks import TimeConv3d, pooled
+from models.nets.training import Forward, Sequences, Torch, Windows, moved, train
+from models.nets.window import WindowNet
+from models.quantised import BITS, back
+
+# By corpus: rate in Hz, frames and hop of a window, then filters and kernel (frames, rows, columns) of both layers.
+COST = (135.0, 45, 15, (30, (20, 2, 2)), (10, (5, 2, 2)))
+HAART = (54.0, 27, 9, (30, (10, 3, 3)), (20, (5, 2, 2)))
+CHUNKS = {COST: 270, HAART: 432}  # frames of a sequence of single frames
+UNITS = 50
+ENCODER = (200, 100, 50, 25, 10)
+PATIENCE = 10
+
+
+class Hughes2017CNN(WindowNet):
+    """Two 3-D convolutions over windows of a third to half a second; a decision per window.
+
+    Windows are 45 frames every 15 with CoST's network, or 27 every 9 with HAART's, whichever corpus's rate is nearer.
+    On grids that are too small for a kernel or a pooling, these are cut to what is there.
+
+    Args:
+        epochs: most passes over the training windows.
+        batch: windows per step.
+        rate: learning rate.
+        seed: of the weights and the shuffles.
+        device: of PyTorch.
+        bits: of a learnt weight when it decides: 32, or 8 as `bench export` stores them.
+    """
+
+    def __init__(
+        self,
+        epochs: int = 500,
+        batch: int = 100,
+        rate: float = 1e-4,
+        seed: int = 0,
+        device: str = "cpu",
+        bits: int = 32,
+    ) -> None:
+        self.epochs = epochs
+        self.batch = batch
+        self.rate = rate
+        self.seed = seed
+        self.device = device
+        self.bits = bits
+
+    @property
+    def linear_last(self) -> bool:
+        """Weights in few bits do not learn a person."""
+        return self.bits == 32
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: as of `WindowNet.check`, or other bits than 32 and 8.
+        """
+        super().check()
+        if self.bits not in BITS:
+            raise InputError(f"model.bits={self.bits}: give 32 or 8")
+
+    def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
+        """Train on captures and their class names."""
+        self.design_ = nearest(X.rate_hz)
+        super().fit(X, y)
+        if self.bits != 32:
+            self.bytes_saved_ = 3 * in_bits(self.net_, self.bits)
+        return self
+
+    def samples(self, corpus: Corpus) -> Windows:
+        """The windows of captures."""
+        return Windows(corpus, *self.design_[1:3])
+
+    def network(self, rows: int, cols: int, classes: int) -> nn.Module:
+        """11 204 parameters for CoST, 17 157 for HAART."""
+        return nn.Sequential(
+            *convolutions(self.design_, rows, cols),
+            nn.LazyLinear(UNITS),
+            nn.ReLU(),
+            nn.Linear(UNITS, classes),
+        )
+
+    def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
+        """What ``net(x)`` gives, the first layer pooled before its bias is added."""
+        conv, pool, relu, *rest = net
+        return nn.Sequential(*rest)(pooled(conv, x, pool.kernel_size).relu_())
+
+    def learn(
+        self,
+        net: nn.Module,
+        samples: Windows,
+        target: np.ndarray,
+        judge: Callable[[], float] | None = None,
+        kept: Checkpoint | None = None,
+    ) -> list[dict[str, float]]:
+        """Train with RMSProp until the loss stands still."""
+        start(net)
+        rmsprop = Torch(torch.optim.RMSprop(net.parameters(), self.rate))
+        forward = partial(self.forward, net)
+        return train(
+            net,
+            samples,
+            target,
+            rmsprop,
+            self.epochs,
+            self.batch,
+            self.seed,
+            forward=forward,
+            judge=judge,
+            patience=PATIENCE,
+            kept=kept,
+        )
+
+
+class Hughes2017CNNRNN(Hughes2017CNN):
+    """The same convolutions on each window, then a plain recurrent layer over up to 36 windows; majority vote.
+
+    A capture with more windows makes several sequences, which is what a decision is of. On HAART the 46 windows of a
+    capture are one sequence. The cell is tanh, the paper contrasts it with LSTM; the loss is a mean over windows.
+
+    Args:
+        epochs: most passes over the training sequences.
+        batch: sequences per step.
+        rate: learning rate.
+        seed: of the weights and the shuffles.
+        device: of PyTorch.
+    """
+
+    def __init__(
+        self, epochs: int = 500, batch: int = 10, rate: float = 1e-4, seed: int = 0, device: str = "cpu"
+    ) -> None:
+        super().__init__(epochs, batch, rate, seed, device)
+
+    def samples(self, corpus: Corpus) -> Sequences:
+        """Sequences of windows."""
+        return Sequences(super().samples(corpus), 36 if self.design_ == COST else 46)
+
+    def network(self, rows: int, cols: int, classes: int) -> nn.Module:
+        """16 254 parameters for CoST, 22 207 for HAART."""
+        head = nn.Sequential(nn.Linear(UNITS, UNITS), nn.ReLU(), nn.Linear(UNITS, classes))
+        return Recurrent(nn.Sequential(*convolutions(self.design_, rows, cols)), UNITS, head)
+
+    def forward(self, net: nn.Module, x: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
+        """What ``net(x)`` gives, with the encoder of each window as `Hughes2017CNN` runs it."""
+        return net(x, partial(super().forward, net.encoder))
+
+
+class Hughes2017AERNN(WindowNet):
+    """The code of an autoencoder of single frames, a recurrent layer over them; majority vote over chunks of frames.
+
+    The autoencoder, 64-200-100-50-25-10 and back, learns to reconstruct training frames; then the recurrent layer is
+    attached to its code and everything is trained. A chunk, which is what a decision is of, has at most 270 frames
+    (2 s) with CoST, and 432, a whole capture, with HAART, whichever corpus's rate is nearer.
+
+    Args:
+        epochs: most passes over the training chunks.
+        pretraining: passes of the autoencoder over the training frames.
+        batch: chunks per step.
+        rate: learning rate.
+        seed: of the weights and the shuffles.
+        device: of PyTorch.
+    """
+
+    def __init__(
+        self,
+        epochs: int = 500,
+        pretraining: int = 20,
+        batch: int = 10,
+        rate: float = 1e-4,
+        seed: int = 0,
+        device: str = "cpu",
+    ) -> None:
+        self.epochs = epochs
+        self.pretraining = pretraining
+        self.batch = batch
+        self.rate = rate
+        self.seed = seed
+        self.device = device
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: a count below 1.
+        """
+        super().check()
+        if self.pretraining < 1:
+            raise InputError(f"model.pretraining={self.pretraining}: give at least 1")
+
+    def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
+        """Train on captures and their class names."""
+        self.chunk_ = CHUNKS[nearest(X.rate_hz)]
+        return super().fit(X, y)
+
+    def samples(self, corpus: Corpus) -> Sequences:
+        """Chunks of frames."""
+        return Sequences(Windows(corpus, 1, 1), self.chunk_)
+
+    def network(self, rows: int, cols: int, classes: int) -> nn.Module:
+        """40 949 parameters for CoST, 40 767 for HAART, and the decoder, which is not kept."""
+        sizes = [rows * cols, *ENCODER]
+        return Recurrent(nn.Sequential(nn.Flatten(), *layers(sizes)), 25, nn.Linear(25, classes))
+
+    def learn(
+        self,
+        net: nn.Module,
+        samples: Sequences,
+        target: np.ndarray,
+        judge: Callable[[], float] | None = None,
+        kept: Checkpoint | None = None,
+    ) -> list[dict[str, float]]:
+        """Train the autoencoder on frames, then everything on chunks."""
+        start(net)
+        losses = self._pretrain(net.encoder, samples)
+        rmsprop = Torch(torch.optim.RMSprop(net.parameters(), self.rate))
+        history = train(
+            net,
+            samples,
+            target,
+            rmsprop,
+            self.epochs,
+            self.batch,
+            self.seed,
+            judge=judge,
+            patience=PATIENCE,
+            kept=kept,
+        )
+        return [{"reconstruction": loss} for loss in losses] + history
+
+    def _pretrain(self, encoder: nn.Sequential, samples: Sequences) -> list[float]:
+        sizes = [encoder[1].in_features, *ENCODER][::-1]
+        decoder = nn.Sequential(*layers(sizes)).to(self.device)
+        start(decoder)
+        net = nn.Sequential(encoder, decoder)
+        rmsprop = torch.optim.RMSprop(net.parameters(), self.rate)
+        order = np.random.default_rng(self.seed)
+        losses = []
+        for _ in range(self.pretraining):
+            summed = 0.0
+            for rows in np.array_split(order.permutation(len(samples)), -(-len(samples) // self.batch)):
+                frames = moved(samples.batch(rows), torch.device(self.device))[0]
+                rmsprop.zero_grad()
+                loss = nn.functional.mse_loss(net(frames), frames.flatten(1))
+                loss.backward()
+                rmsprop.step()
+                summed += loss.item() * len(rows)
+            losses.append(summed / len(samples))
+        return losses
+
+
+class Recurrent(nn.Module):
+    """An encoder of windows, a plain recurrent layer over the windows of a sequence, and a head at each of them.
+
+    Called with the windows of some sequences, one sequence after another, and how many each has; gives logits
+    [windows, classes] in the same order.
+    """
+
+    def __init__(self, encoder: nn.Module, units: int, head: nn.Module) -> None:
+        super().__init__()
+        self.encoder = encoder
+        self.units = units
+        self.into = nn.LazyLinear(units)
+        self.within = nn.Linear(units, units, bias=False)
+        self.head = head
+
+    def forward(self, batch: tuple[torch.Tensor, torch.Tensor], encode: Forward | None = None) -> torch.Tensor:
+        """Logits at each window; ``encode`` is a faster way to compute ``encoder(x)``."""
+        windows, steps = batch
+        inputs = self.into((encode or self.encoder)(windows))
+        # Longest sequences first: those that still run at a step are then the first ones.
+        order = torch.argsort(steps, descending=True, stable=True)
+        first = (steps.cumsum(0) - steps)[order]
+        runs = steps[order][None] > torch.arange(int(steps.max()), device=steps.device)[:, None]
+        place = (first + torch.arange(len(runs), device=steps.device)[:, None])[runs]
+        states = _States.apply(inputs[place], self.within.weight, runs.sum(1).tolist())
+        return self.head(torch.empty_like(states).index_copy(0, place, states))
+
+
+class _States(torch.autograd.Function):
+    """States of a tanh layer [windows, units] from its inputs, all first windows, then all second ones and so on.
+
+    ``running`` counts the sequences at each step, which are the first ones of the step before.
+    """
+
+    @staticmethod
+    def forward(ctx: object, inputs: torch.Tensor, weight: torch.Tensor, running: list[int]) -> torch.Tensor:
+        states = inputs.clone()
+        steps = states.split(running)
+        steps[0].tanh_()
+        for before, now in zip(steps, steps[1:], strict=False):
+            now.addmm_(before[: len(now)], weight.T).tanh_()
+        ctx.save_for_backward(states, weight)
+        ctx.running = running
+        return states
+
+    @staticmethod
+    def backward(ctx: object, gradient: torch.Tensor) -> tuple:
+        states, weight = ctx.saved_tensors
+        slope = (1 - states.square()).split(ctx.running)
+        gradient = gradient.clone()
+        steps = gradient.split(ctx.running)
+        for t in reversed(range(len(steps))):
+            steps[t].mul_(slope[t])
+            if t:
+                steps[t - 1][: len(steps[t])].addmm_(steps[t], weight)
+        for_weight = torch.zeros_like(weight)
+        for before, now in zip(states.split(ctx.running), steps[1:], strict=False):
+            for_weight.addmm_(now.T, before[: len(now)])
+        return gradient, for_weight, None
+
+
+def nearest(rate_hz: float) -> tuple:
+    """The design for the corpus whose rate is nearer."""
+    return min(COST, HAART, key=lambda design: abs(np.log(design[0] / rate_hz)))
+
+
+def convolutions(design: tuple, rows: int, cols: int) -> list[nn.Module]:
+    """Convolution, pooling and ReLU, twice, down to a vector."""
+    (filters, kernel), (filters2, kernel2) = design[3:]
+    found, shape = [], (design[1], rows, cols)
+    for number, (outputs, size) in enumerate(((filters, kernel), (filters2, kernel2))):
+        size = tuple(min(k, n) for k, n in zip(size, shape, strict=True))
+        found.append(TimeConv3d(outputs, size) if number == 0 else nn.Conv3d(filters, outputs, size))
+        shape = tuple(n - k + 1 for n, k in zip(shape, size, strict=True))
+        pooled = tuple(min(2, n) for n in shape)
+        found += [nn.MaxPool3d(pooled), nn.ReLU()]
+        shape = tuple(n // p for n, p in zip(shape, pooled, strict=True))
+    return [*found, nn.Flatten()]
+
+
+def in_bits(net: nn.Module, bits: int) -> int:
+    """Round the weights of a network in place, in steps of their own for each filter or unit; how many. Biases stay."""
+    weights = [p for p in net.parameters() if p.ndim > 1]
+    with torch.no_grad():
+        for p in weights:
+            p.copy_(torch.from_numpy(back(p.flatten(1).cpu().numpy(), bits)).view_as(p))
+    return sum(p.numel() for p in weights)
+
+
+def layers(sizes: list[int]) -> list[nn.Module]:
+    """Linear layers with ReLU between them, none after the last."""
+    found: list[nn.Module] = []
+    for before, after in zip(sizes[:-1], sizes[1:], strict=True):
+        found += [nn.Linear(before, after), nn.ReLU()]
+    return found[:-1]
+
+
+def start(net: nn.Module) -> None:
+    """Weights from a truncated normal of SD 0.1, biases 0.1."""
+    for p in net.parameters():
+        nn.init.trunc_normal_(p, std=0.1, a=-0.2, b=0.2) if p.ndim > 1 else nn.init.constant_(p, 0.1)

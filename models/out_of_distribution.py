@@ -1,0 +1,96 @@
+"""Two classifiers for one table: one for what looks as in training, one for what does not."""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, ClassifierMixin
+
+from features.base import constant
+from models.classic.lda import Discriminants
+from models.classic.perceptron import Perceptron
+from models.feature_rows import undamaged
+
+UNUSUAL = 2.5  # SDs of undamaged training rows
+
+
+class Guarded(ClassifierMixin, BaseEstimator):
+    """Linear discriminants that have met no damage, and a small network that has, mixed row by row.
+
+    The more features of a row lie further than 2.5 SDs from the mean of the undamaged training rows, the more the
+    network counts: nothing where none does, all from a share of ``doubt`` on. Rows of damaged copies are told by their
+    index, as `models.classic.lda.Discriminants` reads it. Where there are none, the network learns from the same rows.
+
+    Args:
+        windows: as of `models.classic.lda.Discriminants`.
+        units: of the network's hidden layer.
+        doubt: share of the features.
+        seed: of the network.
+
+    Attributes:
+        classes_: class names.
+        linear_, robust_: the two, fitted.
+        mean_, sd_: of undamaged rows, float32 [features].
+    """
+
+    def __init__(self, windows: float = 2.0, units: int = 18, doubt: float = 0.03, seed: int = 0) -> None:
+        self.windows = windows
+        self.units = units
+        self.doubt = doubt
+        self.seed = seed
+
+    def fit(self, X: pd.DataFrame, y: np.ndarray) -> Guarded:
+        """Learn from features [rows, n_features], labelled by capture and copy, and class names [rows]."""
+        whole = undamaged(X)
+        usual = X[whole]
+        values = usual.to_numpy(dtype=np.float32)
+        self.n_features_in_ = values.shape[1]
+        self.mean_, self.sd_ = values.mean(axis=0), values.std(axis=0)
+        self.sd_[constant(values) | (self.sd_ == 0)] = np.inf
+        self.linear_ = Discriminants(windows=self.windows).fit(usual, y[whole])
+        self.robust_ = Perceptron(self.units, seed=self.seed).fit(X, y)
+        self.classes_ = self.linear_.classes_
+        return self
+
+    def adapt(self, X: pd.DataFrame, y: np.ndarray | None) -> Guarded:
+        """The same for one person (as `Discriminants.adapt`); what is usual moves with their mean as well.
+
+        The network measures from that mean, too, and its last layer learns what has labels.
+        """
+        found = copy(self)
+        found.linear_ = self.linear_.adapt(X, y)
+        moved = (found.linear_.learnt_.mean - self.linear_.learnt_.mean).astype(np.float32)
+        found.mean_ = self.mean_ + moved
+        found.robust_ = copy(self.robust_)
+        found.robust_.mean_ = self.robust_.mean_ + moved
+        found.robust_ = found.robust_.adapt(X, y)
+        return found
+
+    def doubts(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """How much the network counts, 0 to 1 [rows]; what is not a number is unusual."""
+        usual = np.abs(np.asarray(X, dtype=np.float32) - self.mean_) <= np.float32(UNUSUAL) * self.sd_
+        return np.minimum((~usual).mean(axis=1) / self.doubt, 1)
+
+    def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Class probabilities [rows, classes]."""
+        values = np.asarray(X, dtype=np.float32)
+        doubt = self.doubts(values)[:, None]
+        linear = np.where(doubt < 1, self.linear_.predict_proba(values), 0)  # of an endless feature, no number
+        return (1 - doubt) * linear + doubt * self.robust_.predict_proba(values)
+
+    def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+        """Class names [rows]."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+    @property
+    def activations_(self) -> int:
+        """Features as the network sees them, and its units."""
+        return self.n_features_in_ + self.units
+
+    @property
+    def parameters_(self) -> int:
+        """What both have learnt, and what a row is compared with."""
+        own = self.mean_.size + self.sd_.size
+        return own + self.linear_.coef_.size + self.linear_.intercept_.size + self.robust_.parameters_

@@ -1,0 +1,103 @@
+"""Learnt weights in few bits, as `bench export` stores them."""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import Any
+
+import numpy as np
+from sklearn.linear_model import LogisticRegression
+from sklearn.pipeline import Pipeline
+
+from bench.errors import InputError
+from models.classic.bayes import GaussianBayes
+from models.classic.lda import Discriminants
+from models.out_of_distribution import Guarded
+
+BITS = (32, 8)
+
+
+def rounded(weights: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights [rows, n], in 8 or 16 bits as whole numbers, and the step of each row."""
+    if bits == 32:
+        return weights.astype(np.float32), np.ones(len(weights), np.float32)
+    kind = np.dtype(f"int{bits}")
+    step = np.abs(weights).max(axis=1) / np.iinfo(kind).max
+    step = np.where(step > 0, step, 1)
+    return np.rint(weights / step[:, None]).astype(kind), step.astype(np.float32)
+
+
+def lower(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A triangle [n, n] as its rows below the diagonal, divided by it, one behind the other, and the diagonal."""
+    diagonal = np.diag(factor)
+    below = np.tril(factor) / diagonal[:, None]
+    return np.concatenate([below[i, :i] for i in range(len(below))]), diagonal
+
+
+def can_be(classifier: object) -> bool:
+    """Whether its weights can be had in few bits here."""
+    return isinstance(classifier, Discriminants | Guarded | LogisticRegression | GaussianBayes)
+
+
+def in_bits(system: Pipeline, bits: int) -> Pipeline:
+    """A fitted pipeline that decides with weights of so many bits; it stays as it is itself.
+
+    Raises:
+        InputError: its classifier is another one.
+    """
+    *before, (name, classifier) = system.steps
+    return Pipeline([*before, (name, _classifier(classifier, bits))])
+
+
+def _classifier(classifier: Any, bits: int) -> Any:
+    found = copy(classifier)
+    if isinstance(found, Guarded):
+        found.robust_ = copy(classifier.robust_)
+        found.linear_ = _about(classifier.linear_, classifier.mean_.astype(float), classifier.sd_.astype(float), bits)
+        found.robust_.coefs_ = [back(w.T.astype(float), bits).T.astype(np.float32) for w in classifier.robust_.coefs_]
+    elif isinstance(found, Discriminants):
+        found = _about(classifier, classifier.learnt_.mean, classifier.learnt_.sd, bits)
+    elif isinstance(found, LogisticRegression):
+        found.coef_ = back(classifier.coef_, bits)
+    elif isinstance(found, GaussianBayes):
+        triangles, diagonals = zip(*map(lower, classifier.factors_), strict=True)
+        rows = back(np.stack(triangles), bits)
+        found.factors_ = [_whole(row, diagonal) for row, diagonal in zip(rows, diagonals, strict=True)]
+    else:
+        raise InputError(f"model.bits={bits}: {type(classifier).__name__} is not measured in few bits; leave it out")
+    found.bytes_saved_ = (4 - bits // 8) * _weights(classifier)
+    return found
+
+
+def _weights(classifier: Any) -> int:
+    """How many weights are had in few bits."""
+    if isinstance(classifier, Guarded):
+        return classifier.linear_.coef_.size + sum(w.size for w in classifier.robust_.coefs_)
+    if isinstance(classifier, GaussianBayes):
+        classes, width = classifier.means_.shape
+        return classes * (width * (width - 1) // 2)
+    return classifier.coef_.size
+
+
+def back(weights: np.ndarray, bits: int) -> np.ndarray:
+    """Weights as what is stored of them says."""
+    whole, step = rounded(weights, bits)
+    return whole * step[:, None].astype(float)
+
+
+def _about(linear: Discriminants, mean: np.ndarray, sd: np.ndarray, bits: int) -> Discriminants:
+    """Discriminants with coefficients rounded in units of an SD of each feature, endless for what never varies.
+
+    They weigh what lies between a feature and its mean, so that at the mean nothing is rounded.
+    """
+    found = copy(linear)
+    finite = np.where(np.isfinite(sd), sd, 0)
+    found.coef_ = back(linear.coef_ * finite, bits) / np.where(finite > 0, finite, 1)
+    found.intercept_ = linear.intercept_ + (linear.coef_ - found.coef_) @ mean
+    return found
+
+
+def _whole(row: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
+    factor = np.eye(len(diagonal))
+    factor[np.tril_indices(len(diagonal), -1)] = row
+    return factor * diagonal[:, None]

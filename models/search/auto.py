@@ -1,0 +1,450 @@
+"""The search over everything, within a budget that is the whole fit."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.utils.validation import check_is_fitted
+
+from bench import contract
+from bench.corpora.corpus import Corpus
+from bench.costs import quantity
+from bench.errors import InputError
+from bench.progress import tell
+from models.recipe import Recipe
+from models.search import portfolio
+from models.search.ensemble import Ensemble, selected, temperature_of, tempered
+from models.search.inner_folds import inner_folds
+from models.search.portfolio import Trial
+from models.search.space import suggested
+from models.search.study import identity, in_memory, open_study
+from models.search.trial_scores import Inner
+from models.search.trials import COSTS, Tried, frozen, table_of, thawed, together, told, within
+
+if TYPE_CHECKING:
+    import optuna
+    from optuna import Study
+
+UNIT = {"flash": 1e3, "ram": 1e3, "predict": 1.0}  # of a limit, in those of the trials
+GROWTH = 4.0  # how much more work than the best one of its model a trial may be
+SMALL = 0.3  # seconds of work that any model may begin with
+DRAWS = 20  # of the sampler, for one trial
+POOL = 12  # of the best trials an ensemble is picked
+TABLES = 0.4  # of the budget that the features of all captures may take
+CAUTION = 1.2  # times what a trial should take must be left
+SKIPS = 5  # drawn trials one after the other that would take too long end the search
+SPARE = 0.02  # of the budget, for what cannot be foreseen
+CHEAP = 3  # of those that come first, where there is no time to judge any
+WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
+
+
+class Auto(ClassifierMixin, BaseEstimator):
+    """The best of many systems, or several together, found in a given time on the training part alone.
+
+    A trial is judged by training subjects that are left out (groups of them), and given up as soon as a Wilcoxon
+    signed-rank test over the subjects seen so far finds it worse than the best one (p < 0.1), unless it needs less than
+    half of the flash or memory of that. First come the trials of `portfolio.FIRST`, cheap ones that are known to
+    be good; then a tree-structured Parzen estimator draws from `portfolio.SPACES`. A model may become larger
+    only where its larger trials were its best: a trial is at most four times the work of the best one of its model.
+
+    At last an ensemble is picked from the left-out probabilities of the trials (`ensemble.selected`), begun with
+    the most accurate one, and fitted to the whole training part.
+
+    The budget is all of that: features that are not kept yet, trials, the last fits. A trial that cannot end in what
+    is left, after the last fits, is not begun. Where not even the features of all captures can be computed, as many as
+    there is time for are used. With ``budget=inf`` nothing depends on time, unless ``max_predict`` is asked for.
+
+    Args:
+        budget: seconds of the whole fit. How far it gets depends on the machine; ``chosen_`` tells.
+        trials: how many; None for as many as the budget allows. For a run that can be repeated give trials and
+            ``budget=inf``.
+        inner: groups of training subjects that judge, or ``loso``.
+        members: most systems that decide together.
+        max_flash: limit of what must be stored, with 32 bits a number, such as ``64kB``; empty for none.
+        max_ram: limit of what must be in memory during a decision.
+        max_predict: limit of the time to compute a decision, such as ``2ms``.
+        max_decision: touch after which a label must be there, such as ``1s``: trials are judged by the first second of
+            left-out captures. What computing takes comes on top.
+        seed: of the search and of the systems.
+
+    Attributes:
+        best_: the fitted recogniser.
+        chosen_: what it is made of, and how far the search got.
+        trials_: a row per trial, with its costs, its weight, and whether it is on the front of accuracy and each cost.
+        tried_: the same as `Tried`.
+        search_seconds_: seconds of all trials, also of those that were stored before; ``fit_seconds_`` wall and CPU
+            seconds of the last fits.
+    """
+
+    searches = True
+    features = portfolio.FEATURES
+
+    def __init__(
+        self,
+        budget: float = 60.0,
+        trials: int | None = None,
+        inner: str = "3",
+        members: int = 5,
+        max_flash: str = "",
+        max_ram: str = "",
+        max_predict: str = "",
+        max_decision: str = "",
+        seed: int = 0,
+    ) -> None:
+        self.budget = budget
+        self.trials = trials
+        self.inner = inner
+        self.members = members
+        self.max_flash = max_flash
+        self.max_ram = max_ram
+        self.max_predict = max_predict
+        self.max_decision = max_decision
+        self.seed = seed
+
+    def check(self) -> None:
+        """Refuse parameters that cannot be, before anything is run.
+
+        Raises:
+            InputError: one of them.
+        """
+        if self.inner != "loso" and not (self.inner.isdecimal() and int(self.inner) >= 2):
+            raise InputError(f"model.inner={self.inner}: give a number of subject groups from 2 on, or loso")
+        for name, least in (("trials", 1), ("members", 1)):
+            if (value := getattr(self, name)) is not None and value < least:
+                raise InputError(f"model.{name}={value}: give at least {least}")
+        if not self.budget > 0:
+            raise InputError(f"model.budget={self.budget:g}: give a number of seconds above 0")
+        if self.trials is None and self.budget == float("inf"):
+            raise InputError("this search has no end: give a number of trials, or a budget in seconds")
+        self._limits(), self._touch()
+
+    def _limits(self) -> dict[str, float]:
+        """What each cost must not exceed."""
+        given = {cost: getattr(self, f"max_{cost}") for cost in COSTS}
+        return {COSTS[c]: UNIT[c] * quantity(f"max_{c}", v, "model.") for c, v in given.items() if v}
+
+    def _touch(self) -> float | None:
+        """Seconds of a touch that a decision may see."""
+        asked = self.max_decision
+        return quantity("max_decision", asked, "model.") / 1e3 if asked else None
+
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse a training part before anything is run.
+
+        Raises:
+            InputError: it has fewer than two subjects, or an inner training part has only one class.
+        """
+        if (touch := self._touch()) is not None and touch * X.rate_hz < 1:
+            raise InputError(f"model.max_decision={self.max_decision}: shorter than a frame at {X.rate_hz:g} Hz")
+        self._folds(X, y)
+
+    def _folds(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        folds = inner_folds(X.subjects.astype(str), self.inner)
+        if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
+            raise InputError(
+                f"trials are judged by leaving training subjects out, which here leaves one class; "
+                f"choose another model.inner= than {self.inner}, or more captures"
+            )
+        return folds
+
+    @property
+    def trained_faults(self) -> tuple[str, ...]:
+        """What was trained on damaged copies; before the search every fault, for some of its trials may be."""
+        if "best_" in vars(self):
+            parts = contract.members(self.best_) or [self.best_]
+            return tuple(sorted({name for part in parts for name in contract.trained_faults(part)}))
+        return Recipe(None, faults=("all",)).trained_faults  # type: ignore[arg-type]
+
+    def fit(self, X: Corpus, y: np.ndarray) -> Auto:
+        """Search on the captures and their class names, then fit what was found to all of them.
+
+        Raises:
+            InputError: fewer than two subjects, or no trial is within the limits.
+        """
+        began = time.perf_counter()
+        self.check()
+        self.part_ = self._affordable(X, np.asarray(y))
+        X, y = X[self.part_], np.asarray(y)[self.part_]
+        inner = self._inner(X, y, self._folds(X, y))
+        with open_study(self.study_key(), X, y, ["maximize"], WORSE) as study:
+            self.tried_ = [thawed(t, inner) for t in study.get_trials(deepcopy=False)][: self.trials]
+            stored = sum(t.seconds for t in self.tried_)
+            clock = Clock(began - stored, self.budget)
+            self._search(inner, study, clock)
+        self.search_seconds_ = time.perf_counter() - clock.began
+        wall, cpu = time.perf_counter(), time.process_time()
+        chosen = self._fitted(inner, clock)
+        self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
+        self.classes_ = self.best_.classes_
+        self.trials_ = table_of(self.tried_, chosen)
+        self.chosen_ = told(self.tried_, chosen, self.part_)
+        return self
+
+    def _inner(self, X: Corpus, y: np.ndarray, folds: list) -> Inner:
+        """Captures to judge by; under the digest of a part of them nothing is kept, which would be of the whole."""
+        if not isinstance(self.part_, slice):
+            X = X.changed(digest="", path=None)
+        return Inner(X, y, folds, self._touch(), self.seed)
+
+    def __getstate__(self) -> dict[str, object]:
+        """What is saved: without what the trials said of the training captures, which nobody needs to decide."""
+        state = super().__getstate__()
+        tried = [replace(t, proba=None) for t in state.get("tried_", [])]
+        return state | ({"tried_": tried} if tried else {})
+
+    def predict_proba(self, X: Corpus) -> np.ndarray:
+        """Class probabilities [captures, classes]."""
+        check_is_fitted(self, "best_")
+        return self.best_.predict_proba(X)
+
+    def predict(self, X: Corpus) -> np.ndarray:
+        """Class name of each capture."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+    def study_key(self) -> dict[str, object]:
+        """What trials depend on besides captures and labels; not on how many there are, so that a study can grow."""
+        limits = [self.max_flash, self.max_ram, self.max_predict, self.max_decision]
+        return {"search": [identity(Auto), self.inner, self.seed, self.budget, *limits]}
+
+    def _affordable(self, X: Corpus, y: np.ndarray) -> slice | np.ndarray:
+        """All captures, or as many of each class and subject as there is time to compute the features of."""
+        first = portfolio.complete(portfolio.FIRST[0])
+        needed = Inner(X, y, [], self._touch(), self.seed).tabling(first)
+        every = max(1, int(np.ceil(needed / (TABLES * self.budget))))
+        order = np.lexsort((X.subjects.astype(str), y.astype(str)))
+        while every > 1:
+            part = np.sort(order[::every])
+            try:
+                self._folds(X[part], y[part])
+                return part
+            except InputError:  # too few of them to judge by
+                every //= 2
+        return slice(None)
+
+    def _search(self, inner: Inner, study: Study, clock: Clock) -> None:
+        """Try one after the other, until there is no time or trial left."""
+        memory = in_memory(WORSE)
+        memory.add_trials([frozen(tried, self._limits()) for tried in self.tried_])
+        while self.trials is None or len(self.tried_) < self.trials:
+            began = time.perf_counter()
+            left = clock.left - clock.spare - self._last_fits(inner, clock.left)
+            trial = self._next(memory, inner) if left > 0 else None
+            if trial is None or [t.state for t in self.tried_[len(portfolio.FIRST) :]][-SKIPS:] == ["skipped"] * SKIPS:
+                return
+            if self._expected(inner, trial) > left:
+                tried = Tried(trial, "skipped")
+            else:
+                tried = self._try(memory, inner, trial, left)
+            tried.seconds = time.perf_counter() - began
+            self.tried_.append(tried)
+            tell(self._progress(), max(clock.left, 0) if np.isfinite(self.budget) else None)
+            kept = frozen(tried, self._limits())
+            memory.add_trial(kept)
+            study.add_trial(kept)
+
+    def _progress(self) -> str:
+        """Trials, and the best so far."""
+        best = max((t.accuracy for t in self.tried_ if t.state == "complete"), default=float("nan"))
+        of = "" if self.trials is None else f" of {self.trials}"
+        return f"{len(self.tried_)} trials{of}, best {100 * best:.1f} % of left-out training people"
+
+    def _next(self, memory: Study, inner: Inner) -> Trial | None:
+        """The next of those that come first; then one that is drawn, small enough and new; None if there is none.
+
+        It depends on the trials so far alone, not on the time that is left.
+        """
+        number = len(self.tried_)
+        if number < len(portfolio.FIRST):
+            return portfolio.complete(portfolio.FIRST[number])
+        known = [tried.trial for tried in self.tried_]
+        for draw in range(DRAWS):
+            trial = self._drawn(memory, number, draw)
+            if trial not in known and inner.work(trial) <= self._allowed(inner, trial):
+                return trial
+        return None
+
+    def _drawn(self, memory: Study, number: int, draw: int) -> Trial:
+        """What the sampler suggests; the same for the same trials so far."""
+        import optuna
+
+        seed = np.random.SeedSequence([self.seed, number, draw]).generate_state(1)[0]
+        memory.sampler = optuna.samplers.TPESampler(seed=int(seed))
+        asked = memory.ask()
+        name = asked.suggest_categorical("model", list(portfolio.MODELS))
+        trial: Trial = {"model": name, "features": asked.suggest_categorical("features", list(portfolio.FEATURES))}
+        own = {f"{name}.{k}": values for k, values in portfolio.SPACES[name].items()}
+        for key, values in (portfolio.BEFORE | own).items():
+            trial[key] = suggested(asked, key, values)
+        memory.tell(asked, state=optuna.trial.TrialState.FAIL)  # it is added when it was tried
+        return trial
+
+    def _allowed(self, inner: Inner, trial: Trial) -> float:
+        """Work that a trial of a model may be: some times that of its best one."""
+        own = [t for t in self.tried_ if t.state == "complete" and t.trial["model"] == trial["model"]]
+        best = max(own, key=lambda t: t.accuracy, default=None)
+        return max(SMALL, GROWTH * inner.work(best.trial)) if best else SMALL
+
+    def _expected(self, inner: Inner, trial: Trial) -> float:
+        """Seconds that a trial and its last fit should take, by those before."""
+        ratio = self._ratio(inner, trial)
+        return CAUTION * (inner.tabling(trial) + ratio * (inner.judging(trial) + inner.work(trial)))
+
+    def _ratio(self, inner: Inner, trial: Trial) -> float:
+        """Seconds over work: of the last trial of the same model, else the median of the last of others, else 1."""
+        last = {t.trial["model"]: t.fit_seconds / inner.work(t.trial) for t in self.tried_ if t.fit_seconds}
+        return last.get(trial["model"], float(np.median([*last.values()])) if last else 1.0)
+
+    def _try(self, memory: Study, inner: Inner, trial: Trial, left: float) -> Tried:
+        """Judge a trial, as far as it is worth it."""
+        import optuna
+
+        began = time.perf_counter()
+        asked = memory.ask()  # only to be compared with those before
+        tried = Tried(trial, "complete", proba=np.zeros((len(inner.y), len(inner.classes)), dtype=np.float16))
+        try:
+            inner.table(trial), inner.table(trial, tested=True)
+            left, began = left - (time.perf_counter() - began), time.perf_counter()
+            self._judge(inner, tried, asked, began, left)
+        except Exception as e:  # whatever a system raises on these captures, others may do
+            tried.state, tried.error = "failed", f"{type(e).__name__}: {e}"
+        if tried.state != "complete":
+            tried.proba = None
+        memory.tell(asked, state=optuna.trial.TrialState.FAIL)
+        return tried
+
+    def _judge(self, inner: Inner, tried: Tried, asked: optuna.Trial, began: float, left: float) -> None:
+        """Fill in what the inner folds say of a trial, until it is not worth it any more."""
+        trial, limits = tried.trial, self._limits()
+        done = spent = 0.0
+        for number, (model, test, proba, seconds) in enumerate(inner.judge(trial), 1):
+            tried.proba[test] = proba
+            done += inner.work(trial, len(inner.folds[number - 1][0]) / len(inner.X))
+            spent += seconds
+            tried.fit_seconds = spent * inner.work(trial) / done
+            hit = proba.argmax(axis=1) == inner.codes[test]
+            for subject in np.unique(inner.subjects[test]):
+                tried.subjects[str(subject)] = float(hit[inner.subjects[test] == subject].mean())
+                asked.report(tried.subjects[str(subject)], len(tried.subjects) - 1)
+            system = inner.system(trial, model)
+            tried.costs = inner.bytes(system)
+            if not within(tried.costs, limits):
+                tried.state = "large"
+                return
+            if number == len(inner.folds):
+                tried.costs = inner.costs(system)
+                tried.heat = temperature_of(tried.proba, inner.codes)
+            elif self._behind(asked, tried):
+                tried.state = "pruned"
+                return
+            elif (time.perf_counter() - began) / number * len(inner.folds) + tried.fit_seconds > left:
+                tried.state = "late"
+                return
+
+    def _behind(self, asked: optuna.Trial, tried: Tried) -> bool:
+        """Whether a trial is worse than the best one that is within the limits, and not much smaller."""
+        limits = self._limits()
+        rivals = [t for t in self.tried_ if t.state == "complete" and within(t.costs, limits)]
+        if not rivals or not asked.should_prune():
+            return False
+        best = max(rivals, key=lambda t: t.accuracy)
+        return not any(value < best.costs[name] / 2 for name, value in tried.costs.items())
+
+    def _picked(
+        self, inner: Inner, left: float, fitted: dict[int, dict[str, float]] | None = None
+    ) -> list[tuple[Tried, float]]:
+        """Trials that decide together, and how much each counts; their last fits should end in the seconds left.
+
+        Args:
+            inner: the captures.
+            left: seconds.
+            fitted: by its id, what a trial costs fitted to all captures; else what it cost when it was judged.
+        """
+        limits = self._limits()
+        costs = {id(t): t.costs for t in self.tried_} | (fitted or {})
+        pool = [t for t in self.tried_ if t.state == "complete" and within(costs[id(t)], limits)]
+        pool = sorted(pool, key=lambda t: -t.accuracy)[:POOL]
+        if not pool:
+            return []
+
+        def allowed(some: set[int]) -> bool:
+            in_time = len(some) == 1 or sum(_last_fit(inner, pool[i]) for i in some) <= left
+            both = together([costs[id(pool[i])] for i in some])
+            return len(some) <= self.members and in_time and within(both, limits)
+
+        proba = np.stack([tempered(t.proba, t.heat) for t in pool])
+        return [(pool[i], w) for i, w in selected(proba, inner.codes, inner.subjects, allowed).items()]
+
+    def _last_fits(self, inner: Inner, left: float) -> float:
+        """Seconds that the last fits should take, if the search ended here."""
+        return sum(_last_fit(inner, tried) for tried, _ in self._picked(inner, left))
+
+    def _fitted(self, inner: Inner, clock: Clock) -> list[tuple[Tried, float]]:
+        """Fit what was picked to the whole training part; what then exceeds a limit, or comes too late, is left out."""
+        if not any(t.state == "complete" for t in self.tried_):
+            return self._unjudged(inner)
+        fits: dict[int, contract.System] = {}
+        costs: dict[int, dict[str, float]] = {}
+        while picked := self._picked(inner, clock.left, costs):
+            heavy = sorted(picked, key=lambda pair: -pair[1])
+            for tried, _ in heavy:
+                some = any(id(t) in fits for t, _ in picked)
+                if id(tried) not in fits and (not some or _last_fit(inner, tried) <= clock.left):
+                    fits[id(tried)] = inner.fitted(tried.trial)
+                    costs[id(tried)] = inner.costs(fits[id(tried)])
+            kept = [(t, w) for t, w in heavy if id(t) in fits]
+            if within(together([costs[id(t)] for t, _ in kept]), self._limits()):
+                break
+        else:
+            raise InputError(self._too_large())
+        total = sum(w for _, w in kept)
+        kept = [(t, w / total) for t, w in kept]
+        self.best_ = Ensemble([fits[id(t)] for t, _ in kept], [w for _, w in kept], [t.heat for t, _ in kept])
+        return kept
+
+    def _unjudged(self, inner: Inner) -> list[tuple[Tried, float]]:
+        """The first that is within the limits, where there was no time to judge any.
+
+        Raises:
+            InputError: none of the cheap ones is.
+        """
+        for trial in portfolio.FIRST[:CHEAP]:
+            tried = Tried(portfolio.complete(trial), "unjudged")
+            self.best_ = inner.fitted(tried.trial)
+            tried.costs = inner.costs(self.best_)
+            self.tried_.append(tried)
+            if within(tried.costs, self._limits()):
+                return [(tried, 1.0)]
+        raise InputError(self._too_large())
+
+    def _too_large(self) -> str:
+        """What is said where nothing is within the limits."""
+        least = {n: min((t.costs[n] for t in self.tried_ if n in t.costs), default=np.nan) for n in self._limits()}
+        said = ", ".join(f"{name} {value:.3g}" for name, value in least.items())
+        return f"no trial is within the limits of model.max_*: the least of {len(self.tried_)} are {said}"
+
+
+@dataclass
+class Clock:
+    """Seconds of a budget since a moment of `time.perf_counter`."""
+
+    began: float
+    budget: float
+
+    @property
+    def spare(self) -> float:
+        """Seconds for what cannot be foreseen."""
+        return SPARE * self.budget if np.isfinite(self.budget) else 0.0
+
+    @property
+    def left(self) -> float:
+        """Seconds until the budget is spent; below 0 after that."""
+        return self.budget - (time.perf_counter() - self.began)
+
+
+def _last_fit(inner: Inner, tried: Tried) -> float:
+    """Seconds that the last fit of a trial should take."""
+    return tried.fit_seconds + inner.tabling(tried.trial)

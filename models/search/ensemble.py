@@ -1,0 +1,98 @@
+"""Recognisers that decide together, and which of many to take for that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.special import logsumexp, softmax
+from sklearn.base import BaseEstimator, ClassifierMixin
+
+from bench import contract
+from bench.corpora.corpus import Corpus
+
+LEAST = 1e-9  # of a probability, inside a logarithm
+COLDEST, HOTTEST = 0.05, 20.0  # of a temperature
+PICKS = 15  # of a selection: weights are multiples of about 1/15
+
+
+class Ensemble(ClassifierMixin, BaseEstimator):
+    """Fitted recognisers that decide together by a weighted mean of their tempered probabilities.
+
+    Args:
+        members: recognisers of the same classes; one without probabilities gives its label 1.
+        weights: of each, which sum to 1.
+        temperatures: by which the log probabilities of each are divided; 1 leaves them.
+    """
+
+    def __init__(self, members: list[contract.System], weights: list[float], temperatures: list[float]) -> None:
+        self.members = members
+        self.weights = weights
+        self.temperatures = temperatures
+        self.classes_ = members[0].classes_
+
+    def predict_proba(self, X: Corpus) -> np.ndarray:
+        """Class probabilities [captures, classes]."""
+        parts = zip(self.members, self.weights, self.temperatures, strict=True)
+        return sum(w * tempered(contract.probabilities(member, X), t) for member, w, t in parts)
+
+    def predict(self, X: Corpus) -> np.ndarray:
+        """Class name of each capture."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+
+def tempered(proba: np.ndarray, temperature: float) -> np.ndarray:
+    """Probabilities [captures, classes] whose logarithms are divided by a temperature, summing to 1 again."""
+    return softmax(np.log(np.maximum(proba.astype(np.float64), LEAST)) / temperature, axis=1)
+
+
+def temperature_of(proba: np.ndarray, codes: np.ndarray) -> float:
+    """The temperature with the lowest log loss.
+
+    Args:
+        proba: of captures that training did not see [captures, classes].
+        codes: true class of each, a column of ``proba``.
+    """
+    scores = np.log(np.maximum(proba.astype(np.float64), LEAST))
+
+    def loss(log: float) -> float:
+        cooled = scores / np.exp(log)
+        return float(np.mean(logsumexp(cooled, axis=1) - cooled[np.arange(len(codes)), codes]))
+
+    found = minimize_scalar(loss, bounds=(np.log(COLDEST), np.log(HOTTEST)), method="bounded")
+    return float(np.exp(found.x))
+
+
+def selected(
+    proba: np.ndarray, codes: np.ndarray, subjects: np.ndarray, allowed: Callable[[set[int]], bool]
+) -> dict[int, float]:
+    """Weights of recognisers that decide together, picked one by one for the lowest log loss (Caruana et al. 2004).
+
+    The first that is allowed is picked first. One may be picked again, which gives it more weight. Subjects count
+    alike, however many captures they have. It ends when no pick makes it better, or after 15.
+
+    Args:
+        proba: tempered probabilities of each recogniser [recognisers, captures, classes], the most accurate one first.
+        codes: true class of each capture.
+        subjects: whose capture it is.
+        allowed: whether these recognisers may decide together.
+
+    Returns:
+        Weight by position; empty if none is allowed even alone.
+    """
+    _, who = np.unique(subjects, return_inverse=True)
+    weight = 1 / np.bincount(who)[who]
+    right = proba[:, np.arange(len(codes)), codes] + LEAST
+    picks = [i for i in range(len(right)) if allowed({i})][:1]
+    total, best = sum(right[i] for i in picks), -np.inf
+    while picks and len(picks) < PICKS:
+        gains = np.log((total + right) / (len(picks) + 1)) @ weight
+        best = max(best, np.log(total / len(picks)) @ weight)
+        order = np.argsort(-gains, kind="stable")
+        found = next((int(i) for i in order if gains[i] > best + LEAST and allowed({*picks, int(i)})), None)
+        if found is None:
+            break
+        picks.append(found)
+        total = total + right[found]
+    return {i: picks.count(i) / len(picks) for i in dict.fromkeys(picks)}

@@ -1,0 +1,150 @@
+"""What `models.search.auto` tries: systems and their ranges, what it begins with, and what each should cost.
+
+A trial is a dict, as Optuna's are: ``model``, ``features``, what captures go through first (``window``, ``repair``,
+``faults``, ``scale`` of `models.recipe.Recipe`), the share of ``columns`` that an F-test keeps, and parameters of the
+model as ``svm.C``.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.feature_selection import f_classif
+from sklearn.pipeline import Pipeline
+
+from bench import contract
+from bench.registry import parameters
+from features.base import FeatureSet
+from features.jung54 import Jung54
+from features.touch import TouchFeatures
+from models import recipe
+from models.classic.lda import lda
+from models.classic.perceptron import perceptron
+from models.classic.rf import et, rf
+from models.classic.softmax import softmax
+from models.classic.svm import svm
+from models.classic.xgb import xgb
+from models.search.space import Range, Space
+
+Trial = dict[str, object]
+
+MODELS = {"lda": lda, "svm": svm, "softmax": softmax, "et": et, "rf": rf, "xgb": xgb, "perceptron": perceptron}
+FEATURES: dict[str, FeatureSet] = {"touch": TouchFeatures(), "jung54": Jung54()}
+BEFORE: Space = {
+    "window": [0.0, 0.5, 1.0, 2.0],
+    "repair": ["", "stuck+dead"],
+    "faults": ["", "all"],
+    "scale": ["none", "peak"],
+    "columns": [1.0, 0.5, 0.25],
+}
+SPACES: dict[str, Space] = {
+    "lda": {"shrinkage": Range(0.02, 0.9, log=True), "windows": Range(1.0, 4.0, log=True)},
+    "svm": {"scaling": ["z", "range"], "C": Range(0.5, 500.0, log=True), "gamma": Range(1e-4, 0.3, log=True)},
+    "softmax": {"C": Range(1e-3, 10.0, log=True)},
+    "et": {"trees": Range(30, 600, log=True), "leaf": Range(1, 8, log=True), "tried": Range(0.02, 0.5, log=True)},
+    "rf": {"trees": Range(30, 600, log=True), "leaf": Range(1, 8, log=True), "tried": Range(0.02, 0.5, log=True)},
+    "xgb": {"trees": Range(30, 600, log=True), "depth": Range(1, 6), "rate": Range(0.03, 0.3, log=True)},
+    "perceptron": {"units": Range(8, 64, log=True), "updates": Range(300, 3000, log=True)},
+}
+# Cheap ones first. Chosen on generated captures in three calibrations and the training people of HAART's challenge
+# split: docs/systems.md, auto.
+FIRST: list[Trial] = [
+    {"model": "lda", "lda.shrinkage": 0.2},
+    {"model": "lda", "window": 1.0, "lda.shrinkage": 0.2, "lda.windows": 2.0},
+    {"model": "lda", "features": "jung54", "lda.shrinkage": 0.2},
+    {"model": "svm", "svm.scaling": "z", "svm.C": 10.0, "svm.gamma": 0.001},
+    {"model": "lda", "window": 2.0, "lda.shrinkage": 0.2, "lda.windows": 2.0},
+    {"model": "softmax", "softmax.C": 0.1},
+    {"model": "et", "et.trees": 200, "et.leaf": 1, "et.tried": 0.2},
+    {"model": "et", "features": "jung54", "et.trees": 200, "et.leaf": 1, "et.tried": 0.2},
+    {"model": "xgb", "features": "jung54", "xgb.trees": 100, "xgb.depth": 3, "xgb.rate": 0.15},
+    {"model": "softmax", "window": 1.0, "softmax.C": 0.01},
+    {"model": "xgb", "xgb.trees": 100, "xgb.depth": 3, "xgb.rate": 0.15},
+    {"model": "perceptron", "window": 1.0, "perceptron.units": 18, "perceptron.updates": 3000},
+    {"model": "xgb", "xgb.trees": 300, "xgb.depth": 4, "xgb.rate": 0.1},
+]
+
+
+class Columns(TransformerMixin, BaseEstimator):
+    """The columns of a table in which classes differ most, by an F-test.
+
+    Args:
+        share: of the columns that are kept, at least one.
+
+    Attributes:
+        kept_: their positions, in order.
+    """
+
+    parameters_ = 0  # features that are not kept need not be computed: nothing is stored
+
+    def __init__(self, share: float = 0.5) -> None:
+        self.share = share
+
+    def fit(self, X: pd.DataFrame, y: np.ndarray) -> Columns:
+        """Judge the columns [rows, n_features] by class names [rows]."""
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")  # of columns that do not vary
+            ratio = np.nan_to_num(f_classif(np.asarray(X, dtype=np.float64), y)[0], nan=-1.0, posinf=np.inf)
+        count = max(1, round(self.share * X.shape[1]))
+        self.kept_ = np.sort(np.argsort(-ratio, kind="stable")[:count])
+        return self
+
+    def transform(self, X: pd.DataFrame) -> pd.DataFrame:
+        """The kept columns; the labels of the rows stay."""
+        return X.iloc[:, self.kept_]
+
+
+def complete(trial: Trial) -> Trial:
+    """A trial with what it leaves out, as the sampler tells it."""
+    usual = {"model": trial["model"], "features": "touch"} | {k: list(values)[0] for k, values in BEFORE.items()}
+    known = parameters(MODELS[str(trial["model"])])
+    own = {f"{trial['model']}.{k}": known[k] for k in SPACES[str(trial["model"])]}
+    return usual | own | trial
+
+
+def steps_of(trial: Trial) -> recipe.Recipe:
+    """What the captures of a trial go through first, in a recipe without a system."""
+    names = {k: tuple(filter(None, str(trial[k]).split("+"))) for k in ("repair", "faults")}
+    return recipe.Recipe(None, window=trial["window"], scale=trial["scale"], **names)  # type: ignore[arg-type]
+
+
+def classifier(trial: Trial, seed: int) -> Pipeline:
+    """What learns from the table of a trial: selection of columns, scaling, classifier."""
+    name = str(trial["model"])
+    values: dict[str, object] = {k.partition(".")[2]: v for k, v in trial.items() if k.startswith(f"{name}.")}
+    values |= {"seed": seed} if "seed" in parameters(MODELS[name]) else {}
+    steps = contract.build(MODELS[name], "passthrough", **values).steps[1:]
+    return Pipeline([("columns", Columns(float(str(trial["columns"])))), *steps] if trial["columns"] != 1 else steps)
+
+
+def work(trial: Trial, rows: int, width: int, classes: int) -> float:
+    """Seconds that a fit should take on one core of 2024, by how its work grows; measured ones correct it.
+
+    Args:
+        trial: a complete one.
+        rows: of the table.
+        width: columns of it.
+        classes: number of them.
+    """
+    width = max(1, round(width * float(str(trial["columns"]))))
+
+    def value(name: str) -> float:
+        return float(str(trial[f"{trial['model']}.{name}"]))
+
+    match trial["model"]:
+        case "lda":
+            return 1e-10 * (rows + width) * width**2
+        case "svm":
+            return 4e-10 * rows**2 * width
+        case "softmax":
+            return 5e-8 * rows * width * classes
+        case "et" | "rf":
+            tried = value("tried") * width if value("tried") else width**0.5
+            return (1e-8 if trial["model"] == "et" else 2.2e-8) * value("trees") * rows * np.log2(rows + 2) * tried
+        case "xgb":
+            return 3.2e-9 * value("trees") * classes * width * (rows + 1200)
+        case _:  # perceptron
+            return value("updates") / 3000 * (3 + 6.6e-5 * width * value("units"))
