@@ -111,13 +111,14 @@ def checkpoint(estimator: BaseEstimator, X: Corpus, y: np.ndarray) -> Checkpoint
 
     Nothing is kept where that has no name: of parameters that are objects, or functions made by others.
     """
-    given = estimator.get_params(deep=False)
-    if not X.digest or not _named(type(estimator)) or not all(map(_named, given.values())):
+    params = estimator.get_params(deep=False)
+    if not X.digest or not _named(type(estimator)) or not all(map(_named, params.values())):
         return Checkpoint(None)
-    told = {k: identity(v) if callable(v) else v for k, v in given.items()}
+    params = {k: identity(v) if callable(v) else v for k, v in params.items()}
     code = source_digest(*(part for step in X.steps for part in step.code())) if X.steps else ""
-    what = {"system": identity(type(estimator)), "parameters": told, "steps": [repr(X.steps), code, X.piece.tolist()]}
-    return Checkpoint(home() / "training" / f"{study_name(what, X, y)}.pt")
+    system = {"system": identity(type(estimator)), "parameters": params}
+    captures = {"steps": [repr(X.steps), code, X.piece.tolist()]}
+    return Checkpoint(home() / "training" / f"{study_name(system | captures, X, y)}.pt")
 
 
 def _named(part: object) -> bool:
