@@ -7,7 +7,6 @@ train what ``bench run`` has trained. What nobody has touched for a month goes.
 from __future__ import annotations
 
 import inspect
-import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -55,17 +54,14 @@ class Checkpoint:
             return None
         try:
             kept = torch.load(self.path, weights_only=True)
-            state, (wall, cpu) = kept["state"], map(float, kept["seconds"])
-            rows = [dict(row) for row in state["history"]]
-            if not (0 <= wall < math.inf and 0 <= cpu < math.inf):
-                return None
+            state, (wall, cpu) = kept["state"], kept["seconds"]
             self.path.touch()
         except Exception:  # not there, cut off or another's: training begins anew
             return None
         self._wall -= wall
         self._cpu -= cpu
         self.resumed = True
-        return {**state, "history": rows}
+        return state
 
     def write(self, state: dict) -> None:
         """Keep a state, unless the last one is so new that writing would cost more than training again."""

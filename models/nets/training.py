@@ -114,8 +114,6 @@ class Sequences:
 
 
 Samples = Windows | Sequences
-
-
 Step = Callable[[np.ndarray], float]
 Forward = Callable[[object], torch.Tensor]
 

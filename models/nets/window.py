@@ -36,7 +36,6 @@ from models.person import codes_of
 LONGEST_S = 3600.0  # of a window
 PRECISIONS = ("float32", "bfloat16")
 
-
 declared = partial(dataclass, kw_only=True, eq=False, repr=False)
 
 
@@ -192,13 +191,13 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         self.window_ = self.length(X.rate_hz)
         kept = checkpoint(self, X, y)
         samples = self.training_samples(X[~held])
+        one = moved(samples.one(), torch.device(self.device))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
-            net = self.network(*X.grid, len(self.classes_)).to(self.device)
+            self.net_ = net = self.network(*X.grid, len(self.classes_)).to(self.device)
             with torch.no_grad():  # gives lazy layers their size before an optimiser asks for parameters
                 net.eval()
-                net(moved(samples.one(), torch.device(self.device)))
-            self.net_ = net
+                net(one)
             judge = partial(self._accuracy, X[held], codes[held]) if held.any() else None
             target = codes[~held][samples.capture]
             before = self.prepare(net, samples)
@@ -208,7 +207,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         vars(self).pop("fit_seconds_", None)
         if kept.resumed:
             self.fit_seconds_ = kept.seconds()
-        self.activations_ = activations(net, moved(samples.one(), torch.device(self.device)))
+        self.activations_ = activations(net, one)
         return self
 
     @available_if(lambda self: self.linear_last)

@@ -60,10 +60,7 @@ class Zhou2016CNN3D(Zhou2016):
             _Averaged(self.average),
             *_stack(shape, (3, 3, 3), poolings),
             nn.Flatten(),
-            nn.LazyLinear(256),
-            nn.ReLU(),
-            nn.Dropout(0.5),
-            nn.Linear(256, classes),
+            *_dense(classes),
         )
 
 
@@ -76,10 +73,7 @@ class Zhou2016CNN2D(Zhou2016):
             _Averaged(self.average),
             *_frames_alone((self.window // self.average, rows, cols)),
             _MeanOverTime(),
-            nn.LazyLinear(256),
-            nn.ReLU(),
-            nn.Dropout(0.5),
-            nn.Linear(256, classes),
+            *_dense(classes),
         )
 
 
@@ -122,8 +116,8 @@ class _Averaged(nn.Module):
         self.frames = frames
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        whole = x.shape[1] // self.frames * self.frames
-        return x[:, :whole].unflatten(1, (-1, self.frames)).mean(2)[:, None].contiguous()
+        used = x.shape[1] // self.frames * self.frames
+        return x[:, :used].unflatten(1, (-1, self.frames)).mean(2)[:, None].contiguous()
 
 
 class _MeanOverTime(nn.Module):
@@ -176,6 +170,10 @@ def _stack(shape: tuple[int, ...], kernel: tuple[int, ...], poolings: tuple[tupl
         layers += [conv, nn.BatchNorm3d(filters), nn.ReLU(), nn.MaxPool3d(cut)]
         shape, channels = tuple(n // p for n, p in zip(shape, cut, strict=True)), filters
     return layers
+
+
+def _dense(classes: int) -> list[nn.Module]:
+    return [nn.LazyLinear(256), nn.ReLU(), nn.Dropout(0.5), nn.Linear(256, classes)]
 
 
 def _frames_alone(shape: tuple[int, ...]) -> list[nn.Module]:
