@@ -185,26 +185,6 @@ def test_published_sizes_of_the_others():
         assert sum(p.numel() for p in net.parameters()) == size
 
 
-@pytest.mark.parametrize(
-    ("design", "maps"),
-    [
-        (
-            None,
-            {0: (64, 8, 8), 2: (64, 4, 4), 3: (128, 5, 5), 5: (128, 3, 3), 6: (256, 3, 3), 8: (256, 2, 2), 9: (1024,)},
-        ),
-        (COST, {0: (30, 26, 7, 7), 1: (30, 13, 3, 3), 3: (10, 9, 2, 2), 4: (10, 4, 1, 1), 6: (40,)}),
-        (HAART, {0: (30, 18, 6, 6), 1: (30, 9, 3, 3), 3: (20, 5, 2, 2), 4: (20, 2, 1, 1), 6: (40,)}),
-    ],
-)
-def test_published_shapes(design, maps):
-    model = Hughes2017CNN() if design else CNN85()
-    model.design_ = design
-    x = torch.zeros(1, design[1] if design else 85, 8, 8)
-    for number, layer in enumerate(model.network(8, 8, 14)):
-        x = layer(x)
-        assert tuple(x.shape[1:]) == maps.get(number, tuple(x.shape[1:]))
-
-
 def test_windows_in_seconds_follow_the_rate():
     for rate, frames in ((100.0, 8), (54.0, 4)):
         corpus = at(rate, longest=30)

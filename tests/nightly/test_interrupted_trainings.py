@@ -7,24 +7,14 @@ from sklearn.base import clone
 from bench.corpora.library import open_corpus
 from bench.scratch import home
 from models.adapters import FromTorch
-from models.nets import checkpoint
 from models.nets.checkpoint import Checkpoint
 from models.nets.cnn85 import CNN85
 from models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
 from models.nets.touchnet import TouchNet
 from models.nets.zhou2016 import Zhou2016CNN3D, Zhou2016GMLSTM
+from tests.models.test_training import Killed, always, small  # noqa: F401
 
 pytestmark = pytest.mark.nightly
-
-
-class Killed(BaseException):
-    """What no code handles."""
-
-
-def small(frames, rows, cols, classes):
-    return torch.nn.Sequential(
-        torch.nn.Flatten(), torch.nn.Linear(frames * rows * cols, 8), torch.nn.Dropout(0.5), torch.nn.Linear(8, classes)
-    )
 
 
 SYSTEMS = [
@@ -40,9 +30,7 @@ SYSTEMS = [
 
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: type(system).__name__)
-def test_it_goes_on_where_it_was_interrupted_and_ends_in_the_same_network(system, monkeypatch):
-    monkeypatch.setattr(checkpoint, "OFTEN_S", 0.0)
-    monkeypatch.setattr(checkpoint, "SHARE", 0.0)
+def test_it_goes_on_where_it_was_interrupted_and_ends_in_the_same_network(system, always, monkeypatch):  # noqa: F811
     corpus = open_corpus("synth", {"subjects": 3, "repetitions": 1, "variants": ("normal",)})[:30]
     unbroken = clone(system).fit(corpus, corpus.gestures)
     write, count = Checkpoint.write, []
