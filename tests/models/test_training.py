@@ -76,15 +76,21 @@ def counted(monkeypatch, last=None):
     return epochs
 
 
-def test_an_epoch_is_a_new_order_without_the_incomplete_batch(windows, monkeypatch):
-    seen, batch = [], windows.batch
-    monkeypatch.setattr(windows, "batch", lambda rows: seen.append(rows) or batch(rows))
-    net = dropping()
+def test_an_epoch_is_a_new_order_without_the_incomplete_batch_with_dropout(windows, monkeypatch):
+    seen, modes, batch, net = [], set(), windows.batch, dropping()
+
+    def noted(rows):
+        seen.append(rows)
+        modes.add(net.training)
+        return batch(rows)
+
+    monkeypatch.setattr(windows, "batch", noted)
     for size, per_epoch in ((16, len(windows) // 16), (10_000, 1)):
         seen.clear()
-        train(net, windows, np.zeros(len(windows)), still(net), Schedule(3, size, 0))
+        judge = lambda: float(net.eval().training)  # noqa: E731
+        train(net, windows, np.zeros(len(windows)), still(net), Schedule(3, size, 0), judge=judge)
         epochs = [np.concatenate(seen[i * per_epoch : (i + 1) * per_epoch]) for i in range(3)]
-        assert len(seen) == 3 * per_epoch
+        assert len(seen) == 3 * per_epoch and modes == {True}
         assert all(len(set(rows)) == len(rows) == per_epoch * min(size, len(windows)) for rows in epochs)
         assert not np.array_equal(epochs[0], epochs[1])
 
