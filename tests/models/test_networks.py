@@ -20,7 +20,7 @@ from models.nets.last_layer import relearnt
 from models.nets.ren2023 import Ren2023Transformer
 from models.nets.time_blocks import TimeConv3d
 from models.nets.touchnet import TouchNet
-from models.nets.training import activations
+from models.nets.training import Schedule, activations
 from models.nets.window import FrameNet
 from models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 from tests.conftest import random_corpus, with_other_values
@@ -125,6 +125,20 @@ def test_contract_of_a_network(system, corpus, narrow):
     for grid, longest in (((3, 5), 40), ((1, 2), 2)):  # captures of one frame
         small = random_corpus(grid=grid, longest=longest, per_class=1)
         assert clone(system).fit(small, small.gestures).predict(small[:1])[0] in small.gestures
+
+
+def test_weights_start_as_the_docstrings_say_and_training_goes_by_the_seed(corpus, monkeypatch):
+    calls = []
+    monkeypatch.setattr("models.nets.window.train", lambda *arguments: calls.append(arguments) or [])
+    started = lambda system: clone(system).fit(corpus, corpus.gestures).net_  # noqa: E731
+    for system, bias, sd in ((CNN85(frames=10), 0, (2 / 90) ** 0.5), (Hughes2017CNN(), 0.1, 0.088)):
+        one, same, other = (started(system.set_params(seed=seed))[0] for seed in (0, 0, 1))
+        assert torch.equal(one.weight, same.weight) and not torch.equal(one.weight, other.weight)
+        assert (one.bias == torch.tensor(bias)).all() and one.weight.std().item() == pytest.approx(sd, rel=0.05)
+        assert one.weight.abs().max() <= 0.2 or bias == 0  # a truncated normal of SD 0.1
+    *_, optimiser, schedule = calls[-1][:5]
+    assert calls[2][4] == Schedule(50, 250, 1) and schedule == Schedule(500, 100, 1, patience=10)
+    assert isinstance(optimiser.inner, torch.optim.RMSprop) and optimiser.rate == 1e-4
 
 
 def test_what_can_be_learnt_is_learnt(corpus):
