@@ -23,11 +23,11 @@ from torch.utils.data import DataLoader, TensorDataset
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
 from models.nets.cnn85 import CNN85, SelectiveSGD
-from models.nets.hughes2017 import CHUNKS, COST, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
+from models.nets.hughes2017 import COST, Hughes2017, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
 from models.nets.ren2023 import Ren2023Transformer
 from models.nets.taxel_major import taxel_major
 from models.nets.time_blocks import TimeConv3d
-from models.nets.training import Sequences, Torch, train
+from models.nets.training import Optimiser, Schedule, Sequences, train
 from models.nets.window import WindowNet
 from models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 
@@ -137,10 +137,8 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     system, optimiser, size = SYSTEMS[name]
     corpus = haart_like(size) if isinstance(size, int) else generate(*size)
     model: WindowNet = system(**({"precision": precision} if precision else {}))
-    if isinstance(model, Hughes2017CNN):
+    if isinstance(model, Hughes2017):
         model.design_ = COST
-    if isinstance(model, Hughes2017AERNN):
-        model.chunk_ = CHUNKS[COST]
     samples = model.samples(corpus)
     classes, target = np.unique(corpus.gestures, return_inverse=True)
     target = target[samples.capture]
@@ -149,7 +147,7 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     net.eval()(first)
     theirs = [ordinary(net) for _ in range(2)]
     data = tensors(samples, target)
-    forward = partial(taxel_major if name == "cnn85" and not precision else model.forward, net)
+    forward = partial(taxel_major if name == "cnn85" and not precision else model.logits, net)
     with torch.inference_mode():
         expected = theirs[0].eval()(data.tensors[0][:2])
         if isinstance(samples, Sequences):
@@ -160,12 +158,12 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     batch = min(model.batch, len(samples))
     loader = DataLoader(data, batch_size=batch, shuffle=True, drop_last=True)
     rate = optimiser.keywords["lr"]
-    sgd = SelectiveSGD(net, (0.05,)) if name == "cnn85" else Torch(optimiser(net.parameters()))
-    sgd.rate = rate
+    sgd = SelectiveSGD(net, (rate,)) if name == "cnn85" else Optimiser(optimiser(net.parameters()))
+    sgd.before_epoch = lambda *_: None  # the others do not search their rate
     epochs = {
         "plain": partial(plain, theirs[0], optimiser(theirs[0].parameters()), loader),
         "skorch": skorch(theirs[1], optimiser, data, len(classes), batch),
-        "ours": partial(train, net, samples, target, sgd, epochs=1, batch=batch, seed=0, forward=forward),
+        "ours": partial(train, net, samples, target, sgd, Schedule(1, batch, seed=0), forward),
     }
     count = len(samples) // batch * batch
     print(
@@ -173,14 +171,14 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     )
     speeds = {key: [] for key, epoch in epochs.items() if epoch}
     for _ in range(rounds):
-        for key, found in speeds.items():
+        for key, measured in speeds.items():
             wall, cpu = time.perf_counter(), time.process_time()
             epochs[key]()
-            found.append((count / (time.perf_counter() - wall), count / (time.process_time() - cpu)))
-        print("  " + "   ".join(f"{k} {found[-1][0]:8.1f} /s" for k, found in speeds.items()), flush=True)
+            measured.append((count / (time.perf_counter() - wall), count / (time.process_time() - cpu)))
+        print("  " + "   ".join(f"{k} {measured[-1][0]:8.1f} /s" for k, measured in speeds.items()), flush=True)
     ours = np.array(speeds.pop("ours"))
-    for key, found in speeds.items():
-        wall, cpu = np.median(ours / np.array(found), axis=0)
+    for key, measured in speeds.items():
+        wall, cpu = np.median(ours / np.array(measured), axis=0)
         print(f"  ours over {key}: {wall:.2f} (processor time {cpu:.2f})", flush=True)
 
 

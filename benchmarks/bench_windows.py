@@ -20,7 +20,7 @@ from bench_training import SYSTEMS, haart_like
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
-from models.nets.hughes2017 import COST, Hughes2017CNN
+from models.nets.hughes2017 import COST, Hughes2017, Hughes2017CNN
 from models.nets.training import probabilities
 
 ROUNDS = 300
@@ -32,7 +32,7 @@ def latency(name: str) -> None:
     system, _, size = SYSTEMS[name]
     model = system()
     corpus = haart_like(1) if isinstance(size, int) else generate(1)
-    if isinstance(model, Hughes2017CNN):
+    if isinstance(model, Hughes2017):
         model.design_ = COST
     longest = corpus[[int(corpus.lengths.argmax())]].detached()
     samples = model.samples(longest)
@@ -41,7 +41,7 @@ def latency(name: str) -> None:
     )
     net = model.network(*one.grid, 14)
     net.eval()(samples.batch(np.arange(1)))
-    decide = partial(model.forward, net)
+    decide = partial(model.logits, net)
     times = []
     for _ in range(ROUNDS):
         wall, cpu = time.perf_counter(), time.process_time()
@@ -62,10 +62,10 @@ def peak_bytes() -> int:
     return int(status.split("VmHWM:")[1].split()[0]) * 1024
 
 
-def fold(path: str, about: tuple) -> None:
+def fold(path: str, parts: tuple) -> None:
     """Train for one epoch on frames that are memory-mapped, and print the peak."""
     frames = np.load(path, mmap_mode="r")
-    corpus = Corpus(frames, *about, "synth")
+    corpus = Corpus(frames, *parts, "synth")
     before = peak_bytes()
     model = Hughes2017CNN(epochs=1)
     model.fit(corpus, corpus.gestures)
@@ -82,8 +82,8 @@ def memory() -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frames.npy"
         np.save(path, corpus.frames)
-        about = corpus.starts, corpus.lengths, corpus.captures, corpus.rate_hz, corpus.full_scale
-        child = get_context("spawn").Process(target=fold, args=(str(path), about))
+        parts = corpus.starts, corpus.lengths, corpus.captures, corpus.rate_hz, corpus.full_scale
+        child = get_context("spawn").Process(target=fold, args=(str(path), parts))
         child.start()
         child.join()
 

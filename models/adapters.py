@@ -17,9 +17,6 @@ from models.series import Series
 if TYPE_CHECKING:
     from torch import nn
 
-    from models.nets.checkpoint import Checkpoint
-    from models.nets.training import Samples
-
 
 class FromSeries(ClassifierMixin, BaseEstimator):
     """A classifier of equally long series [captures, channels, frames], such as those of aeon and sktime.
@@ -92,19 +89,3 @@ class FromTorch(WindowNet):
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """What ``module`` makes for this grid."""
         return self.module(self.window, rows, cols, classes)
-
-    def learn(
-        self,
-        net: nn.Module,
-        samples: Samples,
-        target: np.ndarray,
-        judge: Callable[[], float] | None = None,
-        kept: Checkpoint | None = None,
-    ) -> list[dict[str, float]]:
-        """Train with Adam."""
-        import torch
-
-        from models.nets.training import Torch, train
-
-        adam = Torch(torch.optim.Adam(net.parameters(), self.rate))
-        return train(net, samples, target, adam, self.epochs, self.batch, self.seed, kept=kept)

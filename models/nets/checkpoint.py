@@ -7,7 +7,6 @@ train what ``bench run`` has trained. What nobody has touched for a month goes.
 from __future__ import annotations
 
 import inspect
-import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -55,17 +54,14 @@ class Checkpoint:
             return None
         try:
             kept = torch.load(self.path, weights_only=True)
-            state, (wall, cpu) = kept["state"], map(float, kept["seconds"])
-            rows = [dict(row) for row in state["history"]]
-            if not (0 <= wall < math.inf and 0 <= cpu < math.inf):
-                return None
+            state, (wall, cpu) = kept["state"], kept["seconds"]
             self.path.touch()
         except Exception:  # not there, cut off or another's: training begins anew
             return None
         self._wall -= wall
         self._cpu -= cpu
         self.resumed = True
-        return {**state, "history": rows}
+        return state
 
     def write(self, state: dict) -> None:
         """Keep a state, unless the last one is so new that writing would cost more than training again."""
@@ -111,13 +107,14 @@ def checkpoint(estimator: BaseEstimator, X: Corpus, y: np.ndarray) -> Checkpoint
 
     Nothing is kept where that has no name: of parameters that are objects, or functions made by others.
     """
-    given = estimator.get_params(deep=False)
-    if not X.digest or not _named(type(estimator)) or not all(map(_named, given.values())):
+    params = estimator.get_params(deep=False)
+    if not X.digest or not _named(type(estimator)) or not all(map(_named, params.values())):
         return Checkpoint(None)
-    told = {k: identity(v) if callable(v) else v for k, v in given.items()}
+    params = {k: identity(v) if callable(v) else v for k, v in params.items()}
     code = source_digest(*(part for step in X.steps for part in step.code())) if X.steps else ""
-    what = {"system": identity(type(estimator)), "parameters": told, "steps": [repr(X.steps), code, X.piece.tolist()]}
-    return Checkpoint(home() / "training" / f"{study_name(what, X, y)}.pt")
+    system = {"system": identity(type(estimator)), "parameters": params}
+    captures = {"steps": [repr(X.steps), code, X.piece.tolist()]}
+    return Checkpoint(home() / "training" / f"{study_name(system | captures, X, y)}.pt")
 
 
 def _named(part: object) -> bool:

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-
 import numpy as np
 import torch
 from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from models.nets.checkpoint import Checkpoint
 from models.nets.taxel_major import taxel_major
-from models.nets.training import Samples, Step, Windows, train
-from models.nets.window import WindowNet
+from models.nets.training import Optimiser, Samples, Step, Windows
+from models.nets.window import FrameNet
 
 RATES = {
     "paper": (1.0, 0.5, 0.1, 0.05, 0.001),
@@ -24,53 +20,29 @@ SEARCH_EVERY = 10  # epochs
 SEARCH_BATCHES = 30
 
 
-class CNN85(WindowNet):
-    """Three convolutions over 85 frames as channels (Albawi et al. 2018, Table 1).
+class CNN85(FrameNet):
+    """Three convolutions over 85 frames, 630 ms of CoST, as channels (Albawi et al. 2018, Table 1).
 
     Input [batch, frames, rows, cols] scaled to 0..1; output one logit per class. The paper's pooling "pad 2" is read
     as stride 2 with ceiling, the only reading that gives its 256 x 2 x 2 (docs/systems.md, cnn85). Trained by SGD with
     momentum, whose learning rate is searched anew every ten epochs on the training windows themselves (`SelectiveSGD`).
 
     Args:
-        frames: length of a window; 85 frames are 630 ms of CoST.
         hop: frames from one training window to the next, None for windows that do not overlap; those that are scored
             never do.
         padding: of the last window of a capture: ``zero``, as published, or ``edge``, which repeats its last frame.
         rates: learning rates that are tried: those that the ``paper`` lists, or those of its ``toolbox``.
         width: share of the published number of filters and units.
-        epochs: passes over the training windows.
-        batch: windows per step.
-        seed: of the weights and the shuffles.
-        device: of PyTorch.
-        seconds: length of a window in seconds at the corpus's rate; 0 for what ``frames`` says.
-        precision: ``float32``, or ``bfloat16``: matrix products in half the bits, faster where the processor has them.
+        frames, epochs, batch, seed, device, seconds, precision: as of `WindowNet`.
     """
 
-    def __init__(
-        self,
-        frames: int = 85,
-        hop: int | None = None,
-        padding: str = "zero",
-        rates: str = "paper",
-        width: float = 1.0,
-        epochs: int = 50,
-        batch: int = 250,
-        seed: int = 0,
-        device: str = "cpu",
-        seconds: float = 0.0,
-        precision: str = "float32",
-    ) -> None:
-        self.frames = frames
-        self.hop = hop
-        self.padding = padding
-        self.rates = rates
-        self.width = width
-        self.epochs = epochs
-        self.batch = batch
-        self.seed = seed
-        self.device = device
-        self.seconds = seconds
-        self.precision = precision
+    frames: int = 85
+    hop: int | None = None
+    padding: str = "zero"
+    rates: str = "paper"
+    width: float = 1.0
+    epochs: int = 50
+    batch: int = 250
 
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run.
@@ -81,9 +53,9 @@ class CNN85(WindowNet):
         super().check()
         if not 0 < self.width <= 16:
             raise InputError(f"model.width={self.width:g}: give a share of the published width, above 0 and up to 16")
-        for name, known in (("padding", ("zero", "edge")), ("rates", tuple(RATES))):
-            if (value := getattr(self, name)) not in known:
-                raise InputError(f"model.{name}={value}: give {' or '.join(known)}")
+        for name, names in (("padding", ("zero", "edge")), ("rates", tuple(RATES))):
+            if (value := getattr(self, name)) not in names:
+                raise InputError(f"model.{name}={value}: give {' or '.join(names)}")
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part before anything is run.
@@ -123,32 +95,27 @@ class CNN85(WindowNet):
         )
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
-        """Logits of windows, float32; whichever the precision of the products."""
+        """What ``net(x)`` gives; in training in taxel-major order, in half the bits with channels last."""
         if self.precision == "bfloat16":
-            return self.halved(net, x.contiguous(memory_format=torch.channels_last))
-        return net(x)
+            return net(x.contiguous(memory_format=torch.channels_last))
+        return taxel_major(net, x) if net.training else net(x)
 
-    def learn(
-        self,
-        net: nn.Module,
-        samples: Samples,
-        target: np.ndarray,
-        judge: Callable[[], float] | None = None,
-        kept: Checkpoint | None = None,
-    ) -> list[dict[str, float]]:
-        """Train with the toolbox's optimiser and its search of the learning rate.
+    def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]]:
+        """Weights from He's normal, biases 0.
 
         The paper does not say how weights start. The toolbox's examples use a normal of SD 0.01, from which this
         network did not leave chance on HAART, nor did it from PyTorch's default; from He's normal it did.
         """
         for p in net.parameters():
             nn.init.kaiming_normal_(p) if p.ndim > 1 else nn.init.zeros_(p)
-        sgd = SelectiveSGD(net, RATES[self.rates])
-        forward = partial(taxel_major, net) if self.precision == "float32" else partial(self.forward, net)
-        return train(net, samples, target, sgd, self.epochs, self.batch, self.seed, sgd.search, forward, kept=kept)
+        return []
+
+    def optimiser(self, net: nn.Module, samples: Samples) -> SelectiveSGD:
+        """The toolbox's, with its search of the learning rate."""
+        return SelectiveSGD(net, RATES[self.rates])
 
 
-class SelectiveSGD:
+class SelectiveSGD(Optimiser):
     """SGD with bias-corrected momentum 0.9 and a searched rate, as the paper's toolbox (LightNet) does it.
 
     m <- 0.9 m - 0.1 gradient - 1e-4 weight (no decay of biases); weight <- weight + rate m / (1 - 0.9^t).
@@ -191,8 +158,8 @@ class SelectiveSGD:
         torch._foreach_copy_(self.momentum, momentum)
         self.steps = steps
 
-    def search(self, epoch: int, batches: np.ndarray, step: Step) -> None:
-        """Try each rate from the current weights on up to 30 batches and keep that with the lowest last loss.
+    def before_epoch(self, epoch: int, batches: np.ndarray, step: Step) -> None:
+        """Every ten epochs, keep that rate whose last loss on up to 30 batches from the current weights is the lowest.
 
         The trial weights are discarded. Rates above the first one ever kept are not tried again.
         """

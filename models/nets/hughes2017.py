@@ -7,7 +7,6 @@ the loss has converged; these are our readings (docs/systems.md, hughes2017).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -16,9 +15,8 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from models.nets.checkpoint import Checkpoint
 from models.nets.time_blocks import TimeConv3d, pooled
-from models.nets.training import Forward, Sequences, Torch, Windows, moved, train
+from models.nets.training import Forward, Optimiser, Samples, Sequences, Windows, moved
 from models.nets.window import WindowNet
 from models.quantised import BITS, back
 
@@ -28,39 +26,53 @@ HAART = (54.0, 27, 9, (30, (10, 3, 3)), (20, (5, 2, 2)))
 CHUNKS = {COST: 270, HAART: 432}  # frames of a sequence of single frames
 UNITS = 50
 ENCODER = (200, 100, 50, 25, 10)
-PATIENCE = 10
 
 
-class Hughes2017CNN(WindowNet):
+class Hughes2017(WindowNet):
+    """What the three share: the design for the corpus, CoST or HAART, whose rate is nearer, and how they learn.
+
+    Attributes:
+        design_: `COST` or `HAART`.
+    """
+
+    epochs: int = 500
+    batch: int = 10
+    rate: float = 1e-4
+
+    patience = 10
+
+    def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
+        """Train on captures and their class names."""
+        self.design_ = min(COST, HAART, key=lambda design: abs(np.log(design[0] / X.rate_hz)))
+        return super().fit(X, y)
+
+    def samples(self, corpus: Corpus) -> Samples:
+        """Windows of captures: 45 frames every 15 with CoST's network, 27 every 9 with HAART's."""
+        return Windows(corpus, *self.design_[1:3])
+
+    def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]]:
+        """Weights as `start` says."""
+        start(net)
+        return []
+
+    def optimiser(self, net: nn.Module, samples: Samples) -> Optimiser:
+        """RMSProp."""
+        return Optimiser(torch.optim.RMSprop(net.parameters(), self.rate))
+
+
+class Hughes2017CNN(Hughes2017):
     """Two 3-D convolutions over windows of a third to half a second; a decision per window.
 
     Windows are 45 frames every 15 with CoST's network, or 27 every 9 with HAART's, whichever corpus's rate is nearer.
     On grids that are too small for a kernel or a pooling, these are cut to what is there.
 
     Args:
-        epochs: most passes over the training windows.
-        batch: windows per step.
-        rate: learning rate.
-        seed: of the weights and the shuffles.
-        device: of PyTorch.
         bits: of a learnt weight when it decides: 32, or 8 as `bench export` stores them.
+        epochs, batch, rate, seed, device: as of `WindowNet`.
     """
 
-    def __init__(
-        self,
-        epochs: int = 500,
-        batch: int = 100,
-        rate: float = 1e-4,
-        seed: int = 0,
-        device: str = "cpu",
-        bits: int = 32,
-    ) -> None:
-        self.epochs = epochs
-        self.batch = batch
-        self.rate = rate
-        self.seed = seed
-        self.device = device
-        self.bits = bits
+    batch: int = 100
+    bits: int = 32
 
     @property
     def linear_last(self) -> bool:
@@ -79,15 +91,10 @@ class Hughes2017CNN(WindowNet):
 
     def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
         """Train on captures and their class names."""
-        self.design_ = nearest(X.rate_hz)
         super().fit(X, y)
         if self.bits != 32:
             self.bytes_saved_ = 3 * in_bits(self.net_, self.bits)
         return self
-
-    def samples(self, corpus: Corpus) -> Windows:
-        """The windows of captures."""
-        return Windows(corpus, *self.design_[1:3])
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """11 204 parameters for CoST, 17 157 for HAART."""
@@ -100,54 +107,18 @@ class Hughes2017CNN(WindowNet):
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
         """What ``net(x)`` gives, the first layer pooled before its bias is added."""
-        conv, pool, relu, *rest = net
-        return nn.Sequential(*rest)(pooled(conv, x, pool.kernel_size).relu_())
-
-    def learn(
-        self,
-        net: nn.Module,
-        samples: Windows,
-        target: np.ndarray,
-        judge: Callable[[], float] | None = None,
-        kept: Checkpoint | None = None,
-    ) -> list[dict[str, float]]:
-        """Train with RMSProp until the loss stands still."""
-        start(net)
-        rmsprop = Torch(torch.optim.RMSprop(net.parameters(), self.rate))
-        forward = partial(self.forward, net)
-        return train(
-            net,
-            samples,
-            target,
-            rmsprop,
-            self.epochs,
-            self.batch,
-            self.seed,
-            forward=forward,
-            judge=judge,
-            patience=PATIENCE,
-            kept=kept,
-        )
+        return pooled_first(net, x)
 
 
-class Hughes2017CNNRNN(Hughes2017CNN):
+class Hughes2017CNNRNN(Hughes2017):
     """The same convolutions on each window, then a plain recurrent layer over up to 36 windows; majority vote.
 
     A capture with more windows makes several sequences, which is what a decision is of. On HAART the 46 windows of a
     capture are one sequence. The cell is tanh, the paper contrasts it with LSTM; the loss is a mean over windows.
 
     Args:
-        epochs: most passes over the training sequences.
-        batch: sequences per step.
-        rate: learning rate.
-        seed: of the weights and the shuffles.
-        device: of PyTorch.
+        epochs, batch, rate, seed, device: as of `WindowNet`; ``batch`` sequences per step.
     """
-
-    def __init__(
-        self, epochs: int = 500, batch: int = 10, rate: float = 1e-4, seed: int = 0, device: str = "cpu"
-    ) -> None:
-        super().__init__(epochs, batch, rate, seed, device)
 
     def samples(self, corpus: Corpus) -> Sequences:
         """Sequences of windows."""
@@ -160,10 +131,10 @@ class Hughes2017CNNRNN(Hughes2017CNN):
 
     def forward(self, net: nn.Module, x: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
         """What ``net(x)`` gives, with the encoder of each window as `Hughes2017CNN` runs it."""
-        return net(x, partial(super().forward, net.encoder))
+        return net(x, partial(pooled_first, net.encoder))
 
 
-class Hughes2017AERNN(WindowNet):
+class Hughes2017AERNN(Hughes2017):
     """The code of an autoencoder of single frames, a recurrent layer over them; majority vote over chunks of frames.
 
     The autoencoder, 64-200-100-50-25-10 and back, learns to reconstruct training frames; then the recurrent layer is
@@ -171,29 +142,11 @@ class Hughes2017AERNN(WindowNet):
     (2 s) with CoST, and 432, a whole capture, with HAART, whichever corpus's rate is nearer.
 
     Args:
-        epochs: most passes over the training chunks.
         pretraining: passes of the autoencoder over the training frames.
-        batch: chunks per step.
-        rate: learning rate.
-        seed: of the weights and the shuffles.
-        device: of PyTorch.
+        epochs, batch, rate, seed, device: as of `WindowNet`; ``batch`` chunks per step.
     """
 
-    def __init__(
-        self,
-        epochs: int = 500,
-        pretraining: int = 20,
-        batch: int = 10,
-        rate: float = 1e-4,
-        seed: int = 0,
-        device: str = "cpu",
-    ) -> None:
-        self.epochs = epochs
-        self.pretraining = pretraining
-        self.batch = batch
-        self.rate = rate
-        self.seed = seed
-        self.device = device
+    pretraining: int = 20
 
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run.
@@ -205,52 +158,23 @@ class Hughes2017AERNN(WindowNet):
         if self.pretraining < 1:
             raise InputError(f"model.pretraining={self.pretraining}: give at least 1")
 
-    def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
-        """Train on captures and their class names."""
-        self.chunk_ = CHUNKS[nearest(X.rate_hz)]
-        return super().fit(X, y)
-
     def samples(self, corpus: Corpus) -> Sequences:
         """Chunks of frames."""
-        return Sequences(Windows(corpus, 1, 1), self.chunk_)
+        return Sequences(Windows(corpus, 1, 1), CHUNKS[self.design_])
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """40 949 parameters for CoST, 40 767 for HAART, and the decoder, which is not kept."""
         sizes = [rows * cols, *ENCODER]
         return Recurrent(nn.Sequential(nn.Flatten(), *layers(sizes)), 25, nn.Linear(25, classes))
 
-    def learn(
-        self,
-        net: nn.Module,
-        samples: Sequences,
-        target: np.ndarray,
-        judge: Callable[[], float] | None = None,
-        kept: Checkpoint | None = None,
-    ) -> list[dict[str, float]]:
-        """Train the autoencoder on frames, then everything on chunks."""
+    def prepare(self, net: nn.Module, samples: Sequences) -> list[dict[str, float]]:
+        """Train the autoencoder on frames; its losses by pass."""
         start(net)
-        losses = self._pretrain(net.encoder, samples)
-        rmsprop = Torch(torch.optim.RMSprop(net.parameters(), self.rate))
-        history = train(
-            net,
-            samples,
-            target,
-            rmsprop,
-            self.epochs,
-            self.batch,
-            self.seed,
-            judge=judge,
-            patience=PATIENCE,
-            kept=kept,
-        )
-        return [{"reconstruction": loss} for loss in losses] + history
-
-    def _pretrain(self, encoder: nn.Sequential, samples: Sequences) -> list[float]:
-        sizes = [encoder[1].in_features, *ENCODER][::-1]
+        sizes = [net.encoder[1].in_features, *ENCODER][::-1]
         decoder = nn.Sequential(*layers(sizes)).to(self.device)
         start(decoder)
-        net = nn.Sequential(encoder, decoder)
-        rmsprop = torch.optim.RMSprop(net.parameters(), self.rate)
+        autoencoder = nn.Sequential(net.encoder, decoder)
+        rmsprop = torch.optim.RMSprop(autoencoder.parameters(), self.rate)
         order = np.random.default_rng(self.seed)
         losses = []
         for _ in range(self.pretraining):
@@ -258,11 +182,11 @@ class Hughes2017AERNN(WindowNet):
             for rows in np.array_split(order.permutation(len(samples)), -(-len(samples) // self.batch)):
                 frames = moved(samples.batch(rows), torch.device(self.device))[0]
                 rmsprop.zero_grad()
-                loss = nn.functional.mse_loss(net(frames), frames.flatten(1))
+                loss = nn.functional.mse_loss(autoencoder(frames), frames.flatten(1))
                 loss.backward()
                 rmsprop.step()
                 summed += loss.item() * len(rows)
-            losses.append(summed / len(samples))
+            losses.append({"reconstruction": summed / len(samples)})
         return losses
 
 
@@ -289,9 +213,9 @@ class Recurrent(nn.Module):
         order = torch.argsort(steps, descending=True, stable=True)
         first = (steps.cumsum(0) - steps)[order]
         runs = steps[order][None] > torch.arange(int(steps.max()), device=steps.device)[:, None]
-        place = (first + torch.arange(len(runs), device=steps.device)[:, None])[runs]
-        states = _States.apply(inputs[place], self.within.weight, runs.sum(1).tolist())
-        return self.head(torch.empty_like(states).index_copy(0, place, states))
+        index = (first + torch.arange(len(runs), device=steps.device)[:, None])[runs]
+        states = _States.apply(inputs[index], self.within.weight, runs.sum(1).tolist())
+        return self.head(torch.empty_like(states).index_copy(0, index, states))
 
 
 class _States(torch.autograd.Function):
@@ -327,23 +251,25 @@ class _States(torch.autograd.Function):
         return gradient, for_weight, None
 
 
-def nearest(rate_hz: float) -> tuple:
-    """The design for the corpus whose rate is nearer."""
-    return min(COST, HAART, key=lambda design: abs(np.log(design[0] / rate_hz)))
+def pooled_first(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
+    """What `convolutions`, and layers after them, give for windows; the first is pooled before its bias is added."""
+    conv, pool, relu, *rest = net
+    return nn.Sequential(*rest)(pooled(conv, x, pool.kernel_size).relu_())
 
 
 def convolutions(design: tuple, rows: int, cols: int) -> list[nn.Module]:
     """Convolution, pooling and ReLU, twice, down to a vector."""
     (filters, kernel), (filters2, kernel2) = design[3:]
-    found, shape = [], (design[1], rows, cols)
+    stack: list[nn.Module] = []
+    shape = (design[1], rows, cols)
     for number, (outputs, size) in enumerate(((filters, kernel), (filters2, kernel2))):
         size = tuple(min(k, n) for k, n in zip(size, shape, strict=True))
-        found.append(TimeConv3d(outputs, size) if number == 0 else nn.Conv3d(filters, outputs, size))
+        stack.append(TimeConv3d(outputs, size) if number == 0 else nn.Conv3d(filters, outputs, size))
         shape = tuple(n - k + 1 for n, k in zip(shape, size, strict=True))
-        pooled = tuple(min(2, n) for n in shape)
-        found += [nn.MaxPool3d(pooled), nn.ReLU()]
-        shape = tuple(n // p for n, p in zip(shape, pooled, strict=True))
-    return [*found, nn.Flatten()]
+        pool = tuple(min(2, n) for n in shape)
+        stack += [nn.MaxPool3d(pool), nn.ReLU()]
+        shape = tuple(n // p for n, p in zip(shape, pool, strict=True))
+    return [*stack, nn.Flatten()]
 
 
 def in_bits(net: nn.Module, bits: int) -> int:
@@ -357,10 +283,10 @@ def in_bits(net: nn.Module, bits: int) -> int:
 
 def layers(sizes: list[int]) -> list[nn.Module]:
     """Linear layers with ReLU between them, none after the last."""
-    found: list[nn.Module] = []
-    for before, after in zip(sizes[:-1], sizes[1:], strict=True):
-        found += [nn.Linear(before, after), nn.ReLU()]
-    return found[:-1]
+    stack: list[nn.Module] = []
+    for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
+        stack += [nn.Linear(inputs, outputs), nn.ReLU()]
+    return stack[:-1]
 
 
 def start(net: nn.Module) -> None:

@@ -25,16 +25,16 @@ def relearnt(
         batch: samples at a time.
         forward: how a network decides on a batch, as its system does it.
     """
-    found = deepcopy(net).eval()
-    layer = [module for module in found.modules() if isinstance(module, nn.Linear)][-1]
-    given, row = _inputs(found, layer, samples, batch, forward)
+    adapted = deepcopy(net).eval()
+    layer = [module for module in adapted.modules() if isinstance(module, nn.Linear)][-1]
+    inputs, row = _inputs(adapted, layer, samples, batch, forward)
     capture = samples.capture[row]
     old = np.column_stack([parameter.detach().cpu().numpy() for parameter in (layer.weight, layer.bias)])
-    new = of_layer(old, given, target[capture], capture)
+    new = of_layer(old, inputs, target[capture], capture)
     with torch.no_grad():
         layer.weight.copy_(torch.from_numpy(new[:, :-1]))
         layer.bias.copy_(torch.from_numpy(new[:, -1]))
-    return found
+    return adapted
 
 
 def _inputs(

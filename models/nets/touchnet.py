@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
 from torch import nn
@@ -11,8 +9,7 @@ from torch import nn
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from features.touch import OF_STEPS, SIGNALS, signals
-from models.nets.checkpoint import Checkpoint
-from models.nets.training import Torch, train
+from models.nets.training import Optimiser
 from models.nets.window import WindowNet
 
 CLIP = 3.0  # SDs beyond which a signal says no more
@@ -47,8 +44,8 @@ class Stretches:
         self.start = (np.arange(counts.sum()) - first) * hop
         self.seen = np.minimum(frames, corpus.lengths[self.capture])
         self.steps = np.ones(len(self.capture), dtype=np.int64)
-        found = [_signals_of(corpus[int(i)], corpus.full_scale) for i in range(len(corpus))]
-        self.values = torch.from_numpy(np.concatenate(found))
+        values = [_signals_of(corpus[int(i)], corpus.full_scale) for i in range(len(corpus))]
+        self.values = torch.from_numpy(np.concatenate(values))
         self._begin = torch.from_numpy((np.cumsum(corpus.lengths) - corpus.lengths)[self.capture])
         self._length = torch.from_numpy(corpus.lengths[self.capture])
         self._frames, self._hop, self._drawn = frames, hop, drawn
@@ -72,15 +69,15 @@ class Stretches:
         return _mounted(values), seen
 
     def _cut(self, first: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        place = first[:, None] + torch.arange(int(seen.max()))
-        return self.values[place.clamp(max=len(self.values) - 1)], seen
+        index = first[:, None] + torch.arange(int(seen.max()))
+        return self.values[index.clamp(max=len(self.values) - 1)], seen
 
 
 def _signals_of(frames: np.ndarray, full_scale: float) -> np.ndarray:
     """Of a capture, float32 [frames, signals]; of its first frame, what belongs to a step is that of the second."""
-    found = signals(frames.astype(np.float32) / np.float32(full_scale)).astype(np.float32)
-    found[0, [*OF_STEPS]] = found[min(1, len(found) - 1), [*OF_STEPS]]
-    return found
+    values = signals(frames.astype(np.float32) / np.float32(full_scale)).astype(np.float32)
+    values[0, [*OF_STEPS]] = values[min(1, len(values) - 1), [*OF_STEPS]]
+    return values
 
 
 def _mounted(values: torch.Tensor) -> torch.Tensor:
@@ -106,40 +103,21 @@ class TouchNet(WindowNet):
     the training part of HAART's challenge split, or is round (docs/systems.md, touchnet).
 
     Args:
-        seconds: length of a window.
         width: channels of the first layer; the second has one and a half, the third two times as many.
         kernel: frames under a filter of the first two layers.
         updates: batches that it learns from, rounded up to whole passes over the training windows.
-        batch: windows per update.
-        rate: highest learning rate, a third of the way (one cycle, Smith and Topin 2019).
         smoothing: share of a label that is spread over all classes.
-        seed: of the weights and the draws.
-        device: of PyTorch.
+        rate: highest learning rate, a third of the way (one cycle, Smith and Topin 2019).
+        seconds, batch, seed, device: as of `WindowNet`; ``batch`` windows per update.
     """
 
-    def __init__(
-        self,
-        seconds: float = 1.0,
-        width: int = 16,
-        kernel: int = 9,
-        updates: int = 1500,
-        batch: int = 128,
-        rate: float = 4e-3,
-        smoothing: float = 0.1,
-        seed: int = 0,
-        device: str = "cpu",
-    ) -> None:
-        self.seconds = seconds
-        self.width = width
-        self.kernel = kernel
-        self.updates = updates
-        self.batch = batch
-        self.rate = rate
-        self.smoothing = smoothing
-        self.seed = seed
-        self.device = device
-
-    epochs = None
+    seconds: float = 1.0
+    width: int = 16
+    kernel: int = 9
+    updates: int = 1500
+    batch: int = 128
+    rate: float = 4e-3
+    smoothing: float = 0.1
 
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run.
@@ -186,21 +164,19 @@ class TouchNet(WindowNet):
         layers = [_Convolved(*sizes) for sizes in zip(widths[:-1], widths[1:], kernels, strict=True)]
         return _Net(layers, nn.Linear(3 * widths[-1], classes))
 
-    def learn(
-        self,
-        net: nn.Module,
-        samples: Stretches,
-        target: np.ndarray,
-        judge: Callable[[], float] | None = None,
-        kept: Checkpoint | None = None,
-    ) -> list[dict[str, float]]:
-        """Train with AdamW and one cycle of the rate."""
+    def prepare(self, net: nn.Module, samples: Stretches) -> list[dict[str, float]]:
+        """Take mean and SD of the training frames."""
         net.standardise(samples.values)
-        batches = max(len(samples) // self.batch, 1)
-        epochs = -(-self.updates // batches)
+        return []
+
+    def passes(self, samples: Stretches) -> int:
+        """Whole passes that make at least so many updates."""
+        return -(-self.updates // max(len(samples) // self.batch, 1))
+
+    def optimiser(self, net: nn.Module, samples: Stretches) -> OneCycle:
+        """AdamW and one cycle of the rate."""
         adam = torch.optim.AdamW(net.parameters(), self.rate, weight_decay=DECAY)
-        cycle = OneCycle(adam, self.rate, epochs * batches)
-        return train(net, samples, target, cycle, epochs, self.batch, self.seed, kept=kept, smoothing=self.smoothing)
+        return OneCycle(adam, self.rate, self.passes(samples) * max(len(samples) // self.batch, 1))
 
 
 class _Net(nn.Module):
@@ -255,24 +231,25 @@ class _Convolved(nn.Sequential):
         )
 
 
-class OneCycle(Torch):
-    """An optimiser whose rate rises to its highest and falls to nothing, as the loop wants it."""
+class OneCycle(Optimiser):
+    """An optimiser whose rate rises to its highest and falls to nothing in so many steps, as the loop wants it."""
 
     def __init__(self, optimiser: torch.optim.Optimizer, rate: float, steps: int) -> None:
         super().__init__(optimiser)
-        cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=steps)
         self.rate = rate
+        self.cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=steps)
 
-        def step() -> None:
-            optimiser.step()
-            if cycle.last_epoch < steps - 1:
-                cycle.step()
+    def step(self) -> None:
+        """Move the parameters, then the rate."""
+        super().step()
+        if self.cycle.last_epoch < self.cycle.total_steps - 1:
+            self.cycle.step()
 
-        self.step = step
-        self.state_dict = lambda: {"optimiser": optimiser.state_dict(), "cycle": cycle.state_dict()}
+    def state_dict(self) -> dict:
+        """Of the optimiser and of the cycle."""
+        return {"optimiser": super().state_dict(), "cycle": self.cycle.state_dict()}
 
-        def load(state: dict) -> None:
-            optimiser.load_state_dict(state["optimiser"])
-            cycle.load_state_dict(state["cycle"])
-
-        self.load_state_dict = load
+    def load_state_dict(self, state: dict) -> None:
+        """Go on from such a state."""
+        super().load_state_dict(state["optimiser"])
+        self.cycle.load_state_dict(state["cycle"])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from copy import deepcopy
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -18,9 +18,7 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus, storage
 from bench.progress import tell
-
-if TYPE_CHECKING:
-    from models.nets.checkpoint import Checkpoint
+from models.nets.checkpoint import Checkpoint
 
 
 class Windows:
@@ -116,28 +114,58 @@ class Sequences:
 
 
 Samples = Windows | Sequences
+Step = Callable[[np.ndarray], float]
+Forward = Callable[[object], torch.Tensor]
 
 
-class Optimiser(Protocol):
-    """What the loop needs of an optimiser: forget gradients, take a step, name its current rate, keep its state."""
+class Optimiser:
+    """An optimiser of PyTorch as the loop wants it.
 
-    rate: float
+    Attributes:
+        rate: the learning rate.
+    """
+
+    def __init__(self, inner: torch.optim.Optimizer) -> None:
+        self.inner = inner
+        self.rate = inner.param_groups[0]["lr"]
+
+    def before_epoch(self, epoch: int, batches: np.ndarray, step: Step) -> None:
+        """Set the rate of an epoch (from 0), whose batches [batches, samples] may be tried with ``step``; it stays."""
 
     def zero_grad(self) -> None:
         """Forget the gradients."""
+        self.inner.zero_grad()
 
     def step(self) -> None:
         """Move the parameters along their gradients."""
+        self.inner.step()
 
     def state_dict(self) -> dict:
         """All that the next step depends on, besides the parameters."""
+        return self.inner.state_dict()
 
     def load_state_dict(self, state: dict) -> None:
         """Go on from such a state."""
+        self.inner.load_state_dict(state)
 
 
-Step = Callable[[np.ndarray], float]
-Forward = Callable[[object], torch.Tensor]
+@dataclass(frozen=True)
+class Schedule:
+    """How long a network is trained, and in which steps.
+
+    Attributes:
+        epochs: most passes over the samples.
+        batch: samples per step; with fewer than that, all of them are one batch.
+        seed: of the shuffles.
+        patience: stop when the median loss of this many epochs is not 0.1 % below that of as many before them.
+        smoothing: share of a label that is spread over all classes.
+    """
+
+    epochs: int
+    batch: int
+    seed: int
+    patience: int | None = None
+    smoothing: float = 0.0
 
 
 def train(
@@ -145,15 +173,10 @@ def train(
     samples: Samples,
     target: np.ndarray,
     optimiser: Optimiser,
-    epochs: int,
-    batch: int,
-    seed: int,
-    before_epoch: Callable[[int, np.ndarray, Step], None] | None = None,
+    schedule: Schedule,
     forward: Forward | None = None,
     judge: Callable[[], float] | None = None,
-    patience: int | None = None,
     kept: Checkpoint | None = None,
-    smoothing: float = 0.0,
 ) -> list[dict[str, float]]:
     """Minimise cross-entropy over shuffled batches; the incomplete last batch of an epoch is left out.
 
@@ -162,17 +185,12 @@ def train(
         samples: what it is trained on.
         target: int64 [samples], class of each.
         optimiser: of the parameters of ``net``.
-        epochs: most passes over the samples.
-        batch: samples per step; with fewer than that, all of them are one batch.
-        seed: of the shuffles.
-        before_epoch: called with the epoch (from 0), its batches and the step, to set the learning rate.
-        forward: a faster way to compute ``net(x)`` (`WindowNet.forward`).
+        schedule: epochs, batches, and when to stop.
+        forward: a faster way to compute ``net(x)`` (`WindowNet.logits`).
         judge: accuracy of the network on captures it is not trained on; the epoch with the highest, the first of equal
             ones, is the one that is kept.
-        patience: stop when the median loss of this many epochs is not 0.1 % below that of as many before them.
         kept: where the state after each epoch is kept and, after a kill, found again; on a processor the result is
             then the same bit for bit. What has been trained to the end is not trained again.
-        smoothing: share of a label that is spread over all classes.
 
     Returns:
         Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.
@@ -180,87 +198,76 @@ def train(
     Raises:
         FloatingPointError: the loss is not finite any more, and no epoch was judged before.
     """
-    order = np.random.default_rng(seed)
-    device = next(net.parameters()).device
-    labels = torch.from_numpy(np.asarray(target, dtype=np.int64))
-    steps = torch.from_numpy(samples.steps)
-    forward = forward or net
-
-    def step(rows: np.ndarray) -> float:
-        optimiser.zero_grad()
-        decided = labels[rows].repeat_interleave(steps[rows]).to(device)
-        logits = forward(moved(samples.batch(rows), device))
-        loss = nn.functional.cross_entropy(logits, decided, label_smoothing=smoothing)
-        loss.backward()
-        optimiser.step()
-        return loss.item()
-
-    history: list[dict[str, float]] = []
-    best: tuple[float, dict] | None = None
-    whole = max(len(samples) // batch, 1) * min(batch, len(samples))
-    if kept and (state := kept.read()):
-        fresh = deepcopy((net.state_dict(), optimiser.state_dict(), order.bit_generator.state, torch.get_rng_state()))
-        try:
-            if "optimiser" not in state:  # it was done
-                net.load_state_dict(state["net"])
-                return state["history"]
-            _go_on(net, optimiser, order, (state["net"], state["optimiser"], state["order"], state["random"]))
-            history, best = state["history"], state["best"]
-        except (AttributeError, KeyError, RuntimeError, TypeError, ValueError):  # somebody else's state
-            _go_on(net, optimiser, order, fresh)
-            kept.begin_anew()
-    begun = len(history)
-    began, at_most = time.monotonic(), " at most" if patience else ""
-    for epoch in range(begun, epochs):
+    kept = kept or Checkpoint(None)
+    state = _State(net, optimiser, schedule.seed)
+    if state.resume(kept):
+        return state.history
+    step = _step(net, samples, target, optimiser, schedule.smoothing, forward or net)
+    report = _reporter(schedule, len(state.history))
+    for epoch in range(len(state.history), schedule.epochs):
         net.train()
-        batches = order.permutation(len(samples))[:whole].reshape(-1, min(batch, len(samples)))
-        if before_epoch:
-            before_epoch(epoch, batches, step)
+        batches = _shuffled(len(samples), schedule.batch, state.order)
+        optimiser.before_epoch(epoch, batches, step)
         losses = []
         for rows in batches:
             losses.append(step(rows))
-            done = epoch + len(losses) / len(batches)
-            left = (time.monotonic() - began) * (epochs - done) / (done - begun)
-            tell(f"epoch {epoch + 1} of {epochs}{at_most}, loss {losses[-1]:.3g}", left)
-        history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
-        if not np.isfinite(history[-1]["loss"]):
-            if best:
+            report(epoch, len(losses) / len(batches), losses[-1])
+        state.history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
+        if not np.isfinite(state.history[-1]["loss"]):
+            if state.best:
                 break
             raise FloatingPointError(
                 f"training diverged: the loss of epoch {epoch + 1} is not finite at a learning rate of "
                 f"{optimiser.rate:g}; give a lower one"
             )
         if judge:
-            history[-1]["held_accuracy"] = accuracy = judge()
-            if best is None or accuracy > best[0]:
-                best = accuracy, {name: value.clone() for name, value in net.state_dict().items()}
-        if patience and _stands_still([row["loss"] for row in history], patience):
+            state.judged(judge())
+        if schedule.patience and _stands_still([row["loss"] for row in state.history], schedule.patience):
             break
-        if kept:
-            kept.write(
-                {
-                    "net": net.state_dict(),
-                    "optimiser": optimiser.state_dict(),
-                    "order": order.bit_generator.state,
-                    "random": torch.get_rng_state(),
-                    "history": history,
-                    "best": best,
-                }
-            )
-    if best:
-        net.load_state_dict(best[1])
-    if kept:
-        kept.done({"net": net.state_dict(), "history": history})
-    return history
+        kept.write(state.state_dict())
+    if state.best:
+        net.load_state_dict(state.best[1])
+    kept.done({"net": net.state_dict(), "history": state.history})
+    return state.history
 
 
-def _go_on(net: nn.Module, optimiser: Optimiser, order: np.random.Generator, state: tuple) -> None:
-    """Take weights, the optimiser's state, that of the shuffles and that of PyTorch's draws."""
-    weights, moved_so_far, shuffles, draws = state
-    net.load_state_dict(weights)
-    optimiser.load_state_dict(moved_so_far)
-    order.bit_generator.state = shuffles
-    torch.set_rng_state(draws)
+def _shuffled(samples: int, batch: int, order: np.random.Generator) -> np.ndarray:
+    """The batches of an epoch [batches, samples]."""
+    batch = min(batch, samples)
+    return order.permutation(samples)[: samples // batch * batch].reshape(-1, batch)
+
+
+def _step(
+    net: nn.Module, samples: Samples, target: np.ndarray, optimiser: Optimiser, smoothing: float, forward: Forward
+) -> Step:
+    """A function that learns from the samples of some rows and returns their loss before."""
+    device = next(net.parameters()).device
+    labels = torch.from_numpy(np.asarray(target, dtype=np.int64))
+    steps = torch.from_numpy(samples.steps)
+
+    def step(rows: np.ndarray) -> float:
+        optimiser.zero_grad()
+        expected = labels[rows].repeat_interleave(steps[rows]).to(device)
+        logits = forward(moved(samples.batch(rows), device))
+        loss = nn.functional.cross_entropy(logits, expected, label_smoothing=smoothing)
+        loss.backward()
+        optimiser.step()
+        return loss.item()
+
+    return step
+
+
+def _reporter(schedule: Schedule, begun: int) -> Callable[[int, float, float], None]:
+    """A function that reports an epoch, the share of it that is done, and the last loss; ``begun`` were done before."""
+    began = time.monotonic()
+    limit = f"{schedule.epochs} at most" if schedule.patience else f"{schedule.epochs}"
+
+    def report(epoch: int, share: float, loss: float) -> None:
+        done = epoch + share
+        left = (time.monotonic() - began) * (schedule.epochs - done) / (done - begun)
+        tell(f"epoch {epoch + 1} of {limit}, loss {loss:.3g}", left)
+
+    return report
 
 
 def _stands_still(losses: list[float], patience: int) -> bool:
@@ -270,15 +277,62 @@ def _stands_still(losses: list[float], patience: int) -> bool:
     return np.median(losses[-patience:]) > 0.999 * np.median(losses[-2 * patience : -patience])
 
 
-class Torch:
-    """An optimiser of PyTorch as the loop wants it."""
+class _State:
+    """All that the next epoch depends on.
 
-    def __init__(self, optimiser: torch.optim.Optimizer) -> None:
-        self.zero_grad = optimiser.zero_grad
-        self.step = optimiser.step
-        self.state_dict = optimiser.state_dict
-        self.load_state_dict = optimiser.load_state_dict
-        self.rate = optimiser.param_groups[0]["lr"]
+    Attributes:
+        order: of the shuffles.
+        history: of the epochs so far.
+        best: accuracy and weights of the best epoch that was judged.
+    """
+
+    def __init__(self, net: nn.Module, optimiser: Optimiser, seed: int) -> None:
+        self.net = net
+        self.optimiser = optimiser
+        self.order = np.random.default_rng(seed)
+        self.history: list[dict[str, float]] = []
+        self.best: tuple[float, dict] | None = None
+
+    def judged(self, accuracy: float) -> None:
+        """Note the accuracy of the last epoch, and keep its weights if it is the best."""
+        self.history[-1]["held_accuracy"] = accuracy
+        if self.best is None or accuracy > self.best[0]:
+            self.best = accuracy, {name: value.clone() for name, value in self.net.state_dict().items()}
+
+    def state_dict(self) -> dict:
+        """What `torch.save` can write."""
+        return {
+            "net": self.net.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "order": self.order.bit_generator.state,
+            "random": torch.get_rng_state(),
+            "history": self.history,
+            "best": self.best,
+        }
+
+    def load_state_dict(self, state: dict) -> None:
+        """Go on from such a state; that of a training that is done has weights and history alone."""
+        self.net.load_state_dict(state["net"])
+        if "optimiser" in state:
+            self.optimiser.load_state_dict(state["optimiser"])
+            self.order.bit_generator.state = state["order"]
+            torch.set_rng_state(state["random"])
+            self.best = state["best"]
+        self.history = state["history"]
+
+    def resume(self, kept: Checkpoint) -> bool:
+        """Go on from what was kept, if there is anything; whether that was a training that is done."""
+        state = kept.read()
+        if state is None:
+            return False
+        fresh = deepcopy(self.state_dict())
+        try:
+            self.load_state_dict(state)
+            return "optimiser" not in state
+        except (AttributeError, KeyError, RuntimeError, TypeError, ValueError):  # a file of another kind
+            self.load_state_dict(fresh)
+            kept.begin_anew()
+            return False
 
 
 def moved(batch: object, device: torch.device) -> object:
@@ -303,28 +357,24 @@ def probabilities(net: nn.Module, samples: Samples, batch: int, forward: Forward
 IN_PLACE = (nn.ReLU, nn.Flatten, nn.Dropout, nn.BatchNorm1d, nn.BatchNorm3d, nn.LayerNorm)
 
 
-def activations(net: nn.Module, one: object) -> tuple[int, int]:
+def activations(net: nn.Module, one: object) -> int:
     """Numbers that are in memory while one sample goes through a network: its input and the outputs of its layers.
 
     Layers that can overwrite their input (ReLU, normalisation, dropout) add nothing. Hughes et al. 2017, Table VIII,
-    counts in this way. Self-attention holds queries, keys, values, scores and what they give besides its output.
+    counts in this way, without outputs of convolutions that are pooled at once. Self-attention holds queries, keys,
+    values, scores and what they give besides its output.
 
     Args:
         net: the network.
         one: a batch of one sample.
-
-    Returns:
-        All of them, and without outputs of convolutions that are pooled at once.
     """
-    outputs: list[tuple[nn.Module, int]] = []
+    sizes: list[int] = []
 
-    def note(layer: nn.Module, given: object, output: object) -> None:
-        tensor = output[0] if isinstance(output, tuple) else output
-        inside = 0
+    def note(layer: nn.Module, inputs: tuple, output: torch.Tensor | tuple) -> None:
+        sizes.append((output[0] if isinstance(output, tuple) else output).numel())
         if isinstance(layer, nn.MultiheadAttention):
-            steps = given[0].shape[1]
-            inside = 4 * given[0].numel() + len(given[0]) * layer.num_heads * steps**2
-        outputs.append((layer, tensor.numel() + inside))
+            windows, steps, _ = inputs[0].shape
+            sizes.append(4 * inputs[0].numel() + windows * layer.num_heads * steps**2)
 
     attention = [m for m in net.modules() if isinstance(m, nn.MultiheadAttention)]
     within = {id(m) for layer in attention for m in layer.modules()}
@@ -339,8 +389,4 @@ def activations(net: nn.Module, one: object) -> tuple[int, int]:
     finally:
         for hook in hooks:
             hook.remove()
-    given = one[0] if isinstance(one, tuple) else one
-    total = given.numel() + sum(size for _, size in outputs)
-    pooled = (nn.MaxPool2d, nn.MaxPool3d)
-    pairs = zip(outputs[:-1], outputs[1:], strict=True)
-    return total, total - sum(size for (_, size), (after, _) in pairs if isinstance(after, pooled))
+    return (one[0] if isinstance(one, tuple) else one).numel() + sum(sizes)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
+from dataclasses import dataclass
 from functools import partial
-from inspect import signature
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -18,21 +18,47 @@ from torch import nn
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.memory import ensure
-from models.nets.checkpoint import Checkpoint, checkpoint
+from bench.registry import parameters
+from models.nets.checkpoint import checkpoint
 from models.nets.last_layer import relearnt
-from models.nets.training import Samples, Windows, activations, moved, probabilities
+from models.nets.training import (
+    Optimiser,
+    Samples,
+    Schedule,
+    Windows,
+    activations,
+    moved,
+    probabilities,
+    train,
+)
 from models.person import codes_of
 
 LONGEST_S = 3600.0  # of a window
 PRECISIONS = ("float32", "bfloat16")
 
+declared = partial(dataclass, kw_only=True, eq=False, repr=False)
 
+
+@declared
 class WindowNet(ClassifierMixin, BaseEstimator):
     """Cuts captures into samples, decides on each, and labels a capture by the mean of its probabilities.
 
-    A system gives ``network(rows, cols, classes)`` and ``learn(net, samples, target)``, and has ``epochs``,
-    ``batch``, ``seed`` and ``device`` among its parameters. One whose sample is not
-    a window that follows the last one has its own ``samples``, and ``training_samples`` if it trains on others.
+    A system is a subclass. Its annotated attributes are its parameters, as in a dataclass: keyword arguments of its
+    constructor, with the values that stand there as defaults. ``network(rows, cols, classes)`` makes its network.
+    Where it differs from Adam on windows that follow one another, it has its own ``samples``, ``training_samples``,
+    ``prepare``, ``optimiser``, ``passes`` or ``forward``.
+
+    Args:
+        seed: of the weights, the shuffles and other draws, and of the held-out subject if there is one.
+        device: of PyTorch.
+        batch: samples per step; every system has it.
+        epochs: most passes over the training samples. With a held-out subject, the epoch that is best for that subject
+            is kept. This and the following are parameters of those systems that list them.
+        rate: learning rate.
+        frames: length of a window.
+        seconds: length of a window in seconds at the corpus's rate; 0 for what ``frames`` says.
+        precision: ``float32``, or ``bfloat16``: matrix products in half the bits, up to twice as fast where the
+            processor has them; weights, norms and the loss keep 32 bits.
 
     Attributes:
         classes_: class names.
@@ -42,13 +68,25 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         activations_: numbers in memory while it decides on one window, or takes one step of a sequence (`activations`).
     """
 
-    linear_last = True  # its last linear layer gives the logits, so that it can learn a person
-    holds_out = False  # whether one training subject chooses the epoch
-    frames: int | None = None  # parameters that some have
-    hop: int | None = None
-    seconds = 0.0
-    rate = 1.0
-    precision = "float32"
+    seed: int = 0
+    device: str = "cpu"
+
+    # What systems have that do not list them among their parameters.
+    epochs: ClassVar[int | None] = None
+    rate: ClassVar[float] = 1.0
+    frames: ClassVar[int | None] = None
+    hop: ClassVar[int | None] = None
+    seconds: ClassVar[float] = 0.0
+    precision: ClassVar[str] = "float32"
+
+    patience: ClassVar[int | None] = None  # as of `Schedule`
+    smoothing: ClassVar[float] = 0.0
+    linear_last: ClassVar[bool] = True  # its last linear layer gives the logits, so that it can learn a person
+    holds_out: ClassVar[bool] = False  # whether one training subject chooses the epoch
+
+    def __init_subclass__(cls, **more: object) -> None:
+        super().__init_subclass__(**more)
+        declared(cls)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
@@ -58,21 +96,24 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         """What ``net(x)`` gives, up to rounding; a system may have a faster way."""
         return net(x)
 
-    def halved(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
-        """What ``net(x)`` gives, float32, with products in bfloat16; what is learnt and the loss keep their 32 bits."""
-        with torch.autocast(x.device.type, torch.bfloat16):
-            return net(x).float()
+    def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]]:
+        """What comes before the training loop, such as how weights start; what it reports. Nothing by default."""
+        return []
 
-    def learn(
-        self,
-        net: nn.Module,
-        samples: Samples,
-        target: np.ndarray,
-        judge: Callable[[], float] | None = None,
-        kept: Checkpoint | None = None,
-    ) -> list[dict[str, float]]:
-        """Train the network in place and return its history; ``judge`` and ``kept`` are those of `train`."""
-        raise NotImplementedError
+    def optimiser(self, net: nn.Module, samples: Samples) -> Optimiser:
+        """How the network learns: by Adam."""
+        return Optimiser(torch.optim.Adam(net.parameters(), self.rate))
+
+    def passes(self, samples: Samples) -> int:
+        """Most epochs on these samples."""
+        return self.epochs
+
+    def logits(self, net: nn.Module, x: object) -> torch.Tensor:
+        """Logits of a batch, float32, by products of the wanted precision."""
+        if self.precision == "float32":
+            return self.forward(net, x)
+        with torch.autocast(torch.device(self.device).type, torch.bfloat16):
+            return self.forward(net, x).float()
 
     def length(self, rate_hz: float) -> int:
         """Frames of a window at some rate: ``seconds`` of it, or ``frames`` at any."""
@@ -107,11 +148,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
             raise InputError(
                 f"model.seconds={self.seconds:g}: give a number above 0 up to {LONGEST_S:g}, or 0 for what frames says"
             )
-        if (
-            self.seconds
-            and self.frames is not None
-            and self.frames != signature(type(self)).parameters["frames"].default
-        ):
+        if self.seconds and self.frames is not None and self.frames != parameters(type(self))["frames"]:
             raise InputError(f"model.frames={self.frames} and model.seconds={self.seconds:g}: give one of them")
         if not 0 < self.rate < float("inf"):
             raise InputError(f"model.rate={self.rate:g}: give a number above 0")
@@ -128,9 +165,9 @@ class WindowNet(ClassifierMixin, BaseEstimator):
                 not fit into memory.
         """
         if self.frames is not None:
-            said = f"model.seconds={self.seconds:g}" if self.seconds else f"model.frames={self.frames}"
+            length = f"model.seconds={self.seconds:g}" if self.seconds else f"model.frames={self.frames}"
             values = self.batch * float(self.length(X.rate_hz)) * int(np.prod(X.grid))
-            ensure(f"{said} model.batch={self.batch}", 4 * values)
+            ensure(f"{length} model.batch={self.batch}", 4 * values)
         if self.holds_out and len(set(X.subjects.astype(str))) < 2:
             raise InputError(f"{type(self).__name__} lets one training subject choose the epoch; train on two or more")
 
@@ -154,19 +191,23 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         self.window_ = self.length(X.rate_hz)
         kept = checkpoint(self, X, y)
         samples = self.training_samples(X[~held])
+        one = moved(samples.one(), torch.device(self.device))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
-            net = self.network(*X.grid, len(self.classes_)).to(self.device)
+            self.net_ = net = self.network(*X.grid, len(self.classes_)).to(self.device)
             with torch.no_grad():  # gives lazy layers their size before an optimiser asks for parameters
                 net.eval()
-                net(moved(samples.one(), torch.device(self.device)))
-            self.net_ = net
+                net(one)
             judge = partial(self._accuracy, X[held], codes[held]) if held.any() else None
-            self.history_ = self.learn(net, samples, codes[~held][samples.capture], judge, kept)
+            target = codes[~held][samples.capture]
+            before = self.prepare(net, samples)
+            schedule = Schedule(self.passes(samples), self.batch, self.seed, self.patience, self.smoothing)
+            optimiser, forward = self.optimiser(net, samples), partial(self.logits, net)
+            self.history_ = before + train(net, samples, target, optimiser, schedule, forward, judge, kept)
         vars(self).pop("fit_seconds_", None)
         if kept.resumed:
             self.fit_seconds_ = kept.seconds()
-        self.activations_ = activations(net, moved(samples.one(), torch.device(self.device)))[0]
+        self.activations_ = activations(net, one)
         return self
 
     @available_if(lambda self: self.linear_last)
@@ -180,11 +221,10 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "net_")
         if y is None:
             return self
-        found = copy(self)
-        found.net_ = relearnt(
-            self.net_, self.samples(X), codes_of(np.asarray(y), self.classes_), self.batch, self.forward
-        )
-        return found
+        adapted = copy(self)
+        codes = codes_of(np.asarray(y), self.classes_)
+        adapted.net_ = relearnt(self.net_, self.samples(X), codes, self.batch, self.logits)
+        return adapted
 
     def _accuracy(self, X: Corpus, codes: np.ndarray) -> float:
         return float((self.predict_proba(X).argmax(axis=1) == codes).mean())
@@ -199,7 +239,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "net_")
         samples = self.samples(X)
         table = pd.DataFrame({"capture": samples.capture, "start": samples.start, "frames": samples.seen})
-        proba = probabilities(self.net_, samples, self.batch, partial(self.forward, self.net_))
+        proba = probabilities(self.net_, samples, self.batch, partial(self.logits, self.net_))
         return table, votes(proba, samples.steps)
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
@@ -217,6 +257,13 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         """Learnt numbers in the network."""
         check_is_fitted(self, "net_")
         return sum(p.numel() for p in self.net_.parameters())
+
+
+class FrameNet(WindowNet):
+    """A network on windows of so many ``frames``, or of seconds, whose products may have half the bits."""
+
+    seconds: float = 0.0
+    precision: str = "float32"
 
 
 def votes(proba: np.ndarray, steps: np.ndarray) -> np.ndarray:

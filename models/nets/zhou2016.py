@@ -7,61 +7,35 @@ subject chooses.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-
 import numpy as np
 import torch
 from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from models.nets.checkpoint import Checkpoint
-from models.nets.training import Torch, Windows, train
-from models.nets.window import WindowNet
+from models.nets.window import FrameNet
 
 FILTERS = (16, 32, 64, 128)
 UNITS = 128
 
 
-class Zhou2016(WindowNet):
+class Zhou2016(FrameNet):
     """A network on 432 frames, HAART's whole 8 s, averaged over each 4 of them; longer captures make several windows.
 
+    Windows are zero-padded at the end.
+
     Args:
-        frames: length of a window, zero-padded at the end.
         average: frames that are averaged into one; 1 for the full rate, which takes four times as long.
-        epochs: passes over the training windows, of which the best for one held-out training subject is kept.
-        batch: windows per step.
-        rate: learning rate.
-        seed: of the weights, the shuffles and the held-out subject.
-        device: of PyTorch.
-        seconds: length of a window in seconds at the corpus's rate; 0 for what ``frames`` says.
-        precision: ``float32``, or ``bfloat16``: matrix products in half the bits, faster where the processor has them.
+        frames, epochs, batch, rate, seed, device, seconds, precision: as of `WindowNet`.
     """
 
     holds_out = True
 
-    def __init__(
-        self,
-        frames: int = 432,
-        average: int = 4,
-        epochs: int = 60,
-        batch: int = 32,
-        rate: float = 1e-3,
-        seed: int = 0,
-        device: str = "cpu",
-        seconds: float = 0.0,
-        precision: str = "float32",
-    ) -> None:
-        self.frames = frames
-        self.average = average
-        self.epochs = epochs
-        self.batch = batch
-        self.rate = rate
-        self.seed = seed
-        self.device = device
-        self.seconds = seconds
-        self.precision = precision
+    frames: int = 432
+    average: int = 4
+    epochs: int = 60
+    batch: int = 32
+    rate: float = 1e-3
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part before anything is run.
@@ -69,28 +43,10 @@ class Zhou2016(WindowNet):
         Raises:
             InputError: fewer than one or more frames averaged than a window has, or one training subject.
         """
-        if not 1 <= self.average <= (frames := self.length(X.rate_hz)):
+        frames = self.length(X.rate_hz)
+        if not 1 <= self.average <= frames:
             raise InputError(f"model.average={self.average}: give 1 to {frames}, the frames of a window")
         super().check_training(X, y)
-
-    def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
-        """What ``net(x)`` gives, with products in half the bits if that is the precision."""
-        return self.halved(net, x) if self.precision == "bfloat16" else net(x)
-
-    def learn(
-        self,
-        net: nn.Module,
-        samples: Windows,
-        target: np.ndarray,
-        judge: Callable[[], float] | None = None,
-        kept: Checkpoint | None = None,
-    ) -> list[dict[str, float]]:
-        """Train with Adam and keep the epoch that is best for the held-out subject."""
-        adam = Torch(torch.optim.Adam(net.parameters(), self.rate))
-        forward = partial(self.forward, net)
-        return train(
-            net, samples, target, adam, self.epochs, self.batch, self.seed, forward=forward, judge=judge, kept=kept
-        )
 
 
 class Zhou2016CNN3D(Zhou2016):
@@ -104,10 +60,7 @@ class Zhou2016CNN3D(Zhou2016):
             _Averaged(self.average),
             *_stack(shape, (3, 3, 3), poolings),
             nn.Flatten(),
-            nn.LazyLinear(256),
-            nn.ReLU(),
-            nn.Dropout(0.5),
-            nn.Linear(256, classes),
+            *_dense(classes),
         )
 
 
@@ -120,10 +73,7 @@ class Zhou2016CNN2D(Zhou2016):
             _Averaged(self.average),
             *_frames_alone((self.window // self.average, rows, cols)),
             _MeanOverTime(),
-            nn.LazyLinear(256),
-            nn.ReLU(),
-            nn.Dropout(0.5),
-            nn.Linear(256, classes),
+            *_dense(classes),
         )
 
 
@@ -166,8 +116,8 @@ class _Averaged(nn.Module):
         self.frames = frames
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        whole = x.shape[1] // self.frames * self.frames
-        return x[:, :whole].unflatten(1, (-1, self.frames)).mean(2)[:, None].contiguous()
+        used = x.shape[1] // self.frames * self.frames
+        return x[:, :used].unflatten(1, (-1, self.frames)).mean(2)[:, None].contiguous()
 
 
 class _MeanOverTime(nn.Module):
@@ -211,14 +161,19 @@ def _stack(shape: tuple[int, ...], kernel: tuple[int, ...], poolings: tuple[tupl
 
     Channels come last in memory, which makes the library's layers faster (docs/performance.md).
     """
-    found, channels = [], 1
+    layers: list[nn.Module] = []
+    channels = 1
     for filters, pooling in zip(FILTERS, poolings, strict=True):
         cut = tuple(min(p, n) for p, n in zip(pooling, shape, strict=True))
         padding = tuple(k // 2 for k in kernel)
         conv = nn.Conv3d(channels, filters, kernel, padding=padding).to(memory_format=torch.channels_last_3d)
-        found += [conv, nn.BatchNorm3d(filters), nn.ReLU(), nn.MaxPool3d(cut)]
+        layers += [conv, nn.BatchNorm3d(filters), nn.ReLU(), nn.MaxPool3d(cut)]
         shape, channels = tuple(n // p for n, p in zip(shape, cut, strict=True)), filters
-    return found
+    return layers
+
+
+def _dense(classes: int) -> list[nn.Module]:
+    return [nn.LazyLinear(256), nn.ReLU(), nn.Dropout(0.5), nn.Linear(256, classes)]
 
 
 def _frames_alone(shape: tuple[int, ...]) -> list[nn.Module]:
