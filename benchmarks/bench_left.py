@@ -19,18 +19,18 @@ def main(words: list[str]) -> None:
         code = "import sys; from bench.cli import main; sys.exit(main(sys.argv[1:]))"
         command = [sys.executable, "-c", code, "run", *words]
         process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
-        began, said = time.monotonic(), []
+        began, lines = time.monotonic(), []
         for line in process.stderr:
             if " fold " in line:
-                told = re.search(r", ((?:\d+ (?:s|min|h) ?)+)left", line)
-                left = sum(int(n) * UNITS[u] for n, u in re.findall(r"(\d+) (s|min|h)", told[1])) if told else 0
-                said.append((time.monotonic() - began, left))
+                words = re.search(r", ((?:\d+ (?:s|min|h) ?)+)left", line)
+                left = sum(int(n) * UNITS[u] for n, u in re.findall(r"(\d+) (s|min|h)", words[1])) if words else 0
+                lines.append((time.monotonic() - began, left))
         assert process.wait() == 0
-    end = said[-1][0]
-    print(f"{len(said)} folds in {end:.0f} s")
-    for number, (at, left) in enumerate(said[:-1], 1):
+    end = lines[-1][0]
+    print(f"{len(lines)} folds in {end:.0f} s")
+    for number, (at, left) in enumerate(lines[:-1], 1):
         print(f"after {number:2} folds, {at:5.0f} s: {left:4.0f} s left, really {end - at:4.0f}")
-    first = said[len(said) // 10 : -1]
+    first = lines[len(lines) // 10 : -1]
     off = sorted(abs(left - (end - at)) / max(end - at, 1) for at, left in first)
     median, most = 100 * off[len(off) // 2], 100 * off[-1]
     print(f"from a tenth of the folds on, off by {median:.0f} % in the median, {most:.0f} at most")

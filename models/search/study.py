@@ -63,6 +63,7 @@ def within(costs: dict[str, float], limits: dict[str, float]) -> bool:
     return all(costs[name] <= limit for name, limit in limits.items() if name in costs)
 
 
+@dataclass
 class Study:
     """The trials of a search in their order, within its budget.
 
@@ -82,26 +83,18 @@ class Study:
         tried: the finished trials.
     """
 
-    def __init__(
-        self,
-        common: Space,
-        spaces: dict[str, Space],
-        seed: int,
-        most: float,
-        budget: float,
-        began: float,
-        limits: dict[str, float],
-    ) -> None:
+    common: Space
+    spaces: dict[str, Space]
+    seed: int
+    most: float
+    budget: float
+    began: float
+    limits: dict[str, float]
+    tried: list[Tried] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
         import optuna
 
-        self.common = common
-        self.spaces = spaces
-        self.seed = seed
-        self.most = most
-        self.budget = budget
-        self.began = began
-        self.limits = limits
-        self.tried: list[Tried] = []
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)

@@ -109,7 +109,7 @@ class Search(ClassifierMixin, BaseEstimator):
         began = time.perf_counter()
         self.check()
         tables = Tables(self.features or {}, X, y, labelled_folds(X, y, self.inner))
-        spaces = {model: self._own(model) for model in self.models}
+        spaces = {model: self._space(model) for model in self.models}
         study = Study(self._common(), spaces, self.seed, self._size(), self.budget, began, limits={})
         study.search(lambda: self._step(study, tables), self.study_key(), X, y)
         self.search_seconds_ = sum(t.seconds for t in study.tried)
@@ -167,17 +167,17 @@ class Search(ClassifierMixin, BaseEstimator):
         """Values of what every combination has."""
         return {"model": list(self.models)} | ({"features": list(self.features)} if self.features else {})
 
-    def _own(self, model: str) -> Space:
+    def _space(self, model: str) -> Space:
         """Values of the parameters of one model."""
         return {f"{model}.{name}": values for name, values in self.spaces[model].items()}
 
     def _grid(self) -> dict[str, list] | None:
         """Values of everything where there is one model and all of them are lists."""
         (first, *others) = self.spaces
-        own = self._own(first)
-        if others or any(isinstance(values, Range) for values in own.values()):
+        space = self._space(first)
+        if others or any(isinstance(values, Range) for values in space.values()):
             return None
-        return self._common() | {name: list(values) for name, values in own.items()}
+        return self._common() | {name: list(values) for name, values in space.items()}
 
     def _size(self) -> float:
         """Number of combinations to try."""
@@ -194,7 +194,7 @@ class Search(ClassifierMixin, BaseEstimator):
         Each value is there, and every combination where there are not too many of them to be made.
         """
         for model in self.models:
-            lists = {name: values for name, values in self._own(model).items() if not isinstance(values, Range)}
+            lists = {name: values for name, values in self._space(model).items() if not isinstance(values, Range)}
             first = {"model": model} | {name: values[0] for name, values in lists.items()}
             yield from ({**first, name: value} for name, values in lists.items() for value in values)
             if _count(lists) <= COMBINATIONS:
@@ -266,7 +266,7 @@ class Search(ClassifierMixin, BaseEstimator):
 
     def _position(self, trial: Trial) -> tuple:
         """Where a combination stands if every list is read from its first value."""
-        lists = self._common() | self._own(str(trial["model"]))
+        lists = self._common() | self._space(str(trial["model"]))
         return tuple(
             trial[name] if isinstance(values, Range) else list(values).index(trial[name])
             for name, values in lists.items()
