@@ -127,14 +127,14 @@ def test_a_trial_is_worse_if_a_signed_rank_test_over_the_subjects_so_far_says_so
     made = Study({"model": ["m"]}, {"m": {}}, 0, 9, np.inf, 0.0, {"cost": 1.0})
     step = iter(
         [
-            Tried({"model": "m"}, "complete", subjects={"a": 0.9, "b": 0.9}, costs={"cost": 2.0}),  # beyond the limit
-            Tried({"model": "m"}, "complete", subjects=dict(enumerate([*best, 9.0]))),
+            Tried({"model": "m"}, "complete", subjects=dict.fromkeys(range(10), 1.0), costs={"cost": 2.0}),  # too dear
+            Tried({"model": "m"}, "complete", subjects=dict(enumerate([*best, 1.0]))),
             Tried({"model": "m"}, "large", subjects={"a": 99.0, "b": 99.0}),
         ]
     )
     made.search(lambda: next(step, None), {}, SimpleNamespace(digest=""), LABELS)
     expected = len(mine) > 1 and wilcoxon(mine - best, alternative="less", zero_method="zsplit").pvalue < 0.1
-    expected = expected and mine.mean() < np.mean([*best, 9.0])
+    expected = expected and mine.mean() < np.mean([*best, 1.0])
     assert made.worse(Tried({"model": "m"}, "complete", subjects=dict(enumerate(mine)))) == expected
 
 
