@@ -206,8 +206,8 @@ def tune(**values: object) -> pd.DataFrame:
 
     Args:
         values: keys of `run`; values of ``model__X`` to try; ``trials`` (combinations in each fold, default 50),
-            ``budget`` (seconds of searching in a fold), ``inner`` (groups of training subjects that judge, default 3,
-            or ``loso``) and ``objective`` (``accuracy``, ``accuracy+time`` or ``smallest``).
+            ``budget`` (seconds of searching in a fold) and ``inner`` (groups of training subjects that judge, default
+            3, or ``loso``).
 
     Returns:
         The columns of `run`.

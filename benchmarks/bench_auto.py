@@ -48,10 +48,10 @@ def groups_of(subjects: np.ndarray) -> np.ndarray:
     """Which of three groups each capture's subject is in, as `auto` deals them."""
     from models.search.inner_folds import inner_folds
 
-    found = np.zeros(len(subjects), dtype=int)
+    groups = np.zeros(len(subjects), dtype=int)
     for number, (_, test) in enumerate(inner_folds(subjects.astype(str), "3")):
-        found[test] = number
-    return found
+        groups[test] = number
+    return groups
 
 
 def tables(corpus: object) -> pd.DataFrame:
@@ -68,10 +68,10 @@ def by_auto(corpus: object, train: np.ndarray, test: np.ndarray, budget: float) 
     from models.sizes import sizes
 
     X = corpus[train]
-    found = Auto(budget=budget).fit(X, X.gestures)
-    spent = found.search_seconds_ + found.fit_seconds_[0]  # a study that was kept is not searched again
+    system = Auto(budget=budget).fit(X, X.gestures)
+    spent = system.search_seconds_ + system.fit_seconds_[0]  # a study that was kept is not searched again
     taxels = corpus.grid[0] * corpus.grid[1]
-    return found.predict(corpus[test]), spent, sizes(found, taxels, int(corpus.lengths.max()))["flash_bytes"]
+    return system.predict(corpus[test]), spent, sizes(system, taxels, int(corpus.lengths.max()))["flash_bytes"]
 
 
 def by_flaml(corpus: object, train: np.ndarray, test: np.ndarray, budget: float) -> tuple[np.ndarray, float, int]:
@@ -80,8 +80,8 @@ def by_flaml(corpus: object, train: np.ndarray, test: np.ndarray, budget: float)
 
     table, y = tables(corpus), corpus.gestures
     began = time.perf_counter()
-    found = AutoML()
-    found.fit(
+    system = AutoML()
+    system.fit(
         table.iloc[train],
         y[train],
         task="classification",
@@ -97,7 +97,7 @@ def by_flaml(corpus: object, train: np.ndarray, test: np.ndarray, budget: float)
         estimator_list=["lgbm", "xgboost", "xgb_limitdepth", "rf", "extra_tree", "lrl1", "lrl2", "kneighbor"],
     )
     spent = time.perf_counter() - began
-    return np.asarray(found.predict(table.iloc[test])), spent, len(pickle.dumps(found.model))
+    return np.asarray(system.predict(table.iloc[test])), spent, len(pickle.dumps(system.model))
 
 
 def by_autogluon(corpus: object, train: np.ndarray, test: np.ndarray, budget: float) -> tuple[np.ndarray, float, int]:
@@ -105,15 +105,15 @@ def by_autogluon(corpus: object, train: np.ndarray, test: np.ndarray, budget: fl
     from autogluon.tabular import TabularPredictor
 
     table = tables(corpus)
-    known = table.iloc[train].assign(label=corpus.gestures[train], group=groups_of(corpus.subjects[train]))
+    labelled = table.iloc[train].assign(label=corpus.gestures[train], group=groups_of(corpus.subjects[train]))
     folder = tempfile.mkdtemp()
     try:
         began = time.perf_counter()
-        found = TabularPredictor(
+        system = TabularPredictor(
             "label", eval_metric="accuracy", path=folder, groups="group", verbosity=0, log_to_file=False
         )
-        found.fit(
-            known,
+        system.fit(
+            labelled,
             time_limit=budget,
             num_cpus=1,
             num_gpus=0,
@@ -121,7 +121,7 @@ def by_autogluon(corpus: object, train: np.ndarray, test: np.ndarray, budget: fl
             ag_args_ensemble={"fold_fitting_strategy": "sequential_local"},
         )
         spent = time.perf_counter() - began
-        return found.predict(table.iloc[test]).to_numpy(), spent, int(found.disk_usage())
+        return system.predict(table.iloc[test]).to_numpy(), spent, int(system.disk_usage())
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -145,36 +145,36 @@ def main(name: str, protocol: str, budgets: str, tools: str, jobs: str, out: str
     from joblib import Parallel, delayed
 
     done = pd.read_csv(out) if Path(out).exists() else pd.DataFrame(columns=["data", "tool", "budget", "fold"])
-    known = set(done[["data", "tool", "budget", "fold"]].itertuples(index=False, name=None))
+    finished = set(done[["data", "tool", "budget", "fold"]].itertuples(index=False, name=None))
     count = len(outer_folds(corpus_of(name), protocol))
-    asked = [(t, float(b), f) for b in budgets.split(",") for f in range(count) for t in tools.split(",")]
+    jobs_left = [(t, float(b), f) for b in budgets.split(",") for f in range(count) for t in tools.split(",")]
 
     def run(tool: str, budget: float, fold: int) -> None:
         alone = os.environ | {v: "1" for v in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
-        said = subprocess.run(
+        process = subprocess.run(
             [sys.executable, __file__, "one", tool, name, protocol, str(fold), str(budget)],
             capture_output=True,
             text=True,
             env=alone,
             check=False,
         )
-        lines = [line.split(",")[1:] for line in said.stdout.splitlines() if line.startswith("found,")]
+        lines = [line.split(",")[1:] for line in process.stdout.splitlines() if line.startswith("found,")]
         if not lines:
-            print(f"{tool} {budget} fold {fold} failed: {said.stderr.strip().splitlines()[-1:]}")
+            print(f"{tool} {budget} fold {fold} failed: {process.stderr.strip().splitlines()[-1:]}")
         for who, accuracy, spent, size in lines:
             row = [name, tool, budget, fold, who, float(accuracy), float(spent), int(size)]
             names = ["data", "tool", "budget", "fold", "subject", "accuracy", "seconds", "bytes"]
             pd.DataFrame([row], columns=names).to_csv(out, mode="a", index=False, header=not Path(out).exists())
 
-    Parallel(int(jobs), prefer="threads")(delayed(run)(*each) for each in asked if (name, *each) not in known)
+    Parallel(int(jobs), prefer="threads")(delayed(run)(*each) for each in jobs_left if (name, *each) not in finished)
     summary(pd.read_csv(out))
 
 
-def summary(found: pd.DataFrame) -> None:
+def summary(results: pd.DataFrame) -> None:
     """Accuracy over subjects with its 95 % interval, seconds, bytes, and the paired difference of `auto` to each."""
     from bench.outcomes.statistics import interval
 
-    for (data, budget), rows in found.groupby(["data", "budget"]):
+    for (data, budget), rows in results.groupby(["data", "budget"]):
         wide = rows.pivot_table(index="subject", columns="tool", values="accuracy")
         for tool in wide:
             mine = rows[rows["tool"] == tool]

@@ -21,13 +21,13 @@ from features.jung54 import Jung54
 from models.classic.jung2014 import PENALTIES
 from models.classic.jung2017 import WIDTHS, jung2017_svm_rbf
 from models.classic.svm import svm
-from models.search import tuning
+from models.search import study
 from protocols.subjects import LOSO
 
 
 def one(corpus: object, inner: str, worse: float, train: np.ndarray, test: np.ndarray) -> dict:
     """Search in one outer fold."""
-    tuning.WORSE = worse
+    study.WORSE = worse
     search = jung2017_svm_rbf(inner)
     X = corpus[train]
     search.fit(X, X.gestures)
@@ -58,7 +58,7 @@ def main(name: str, inners: str = "2,3,5,loso", giving_up: str = "on,off") -> No
     corpus = open_corpus(name, small).detached()
     folds = list(LOSO().split(corpus))
     print(f"{name}: {len(corpus)} captures, {len(folds)} subjects, LOSO, {len(PENALTIES) * len(WIDTHS)} points")
-    levels = [{"on": tuning.WORSE, "off": 0.0}[word] for word in giving_up.split(",")]
+    levels = [{"on": study.WORSE, "off": 0.0}[word] for word in giving_up.split(",")]
     jobs = [(inner, worse, *fold) for inner in inners.split(",") for worse in levels for fold in folds]
     rows = pd.DataFrame(Parallel(2)(delayed(one)(corpus, *job) for job in jobs))
     reference = rows["accuracy"].to_numpy()[-len(folds) :]
@@ -74,9 +74,9 @@ def main(name: str, inners: str = "2,3,5,loso", giving_up: str = "on,off") -> No
         )
     table = Jung54().fit_transform(corpus)
     points = [(C, gamma) for C in PENALTIES for gamma in WIDTHS]
-    found = Parallel(2)(delayed(fixed)(table, corpus, *point, folds) for point in points)
-    C, gamma = points[int(np.argmax(found))]
-    print(f"best fixed point C 2^{np.log2(C):.0f} gamma 2^{np.log2(gamma):.0f}: {100 * max(found):.1f}")
+    means = Parallel(2)(delayed(fixed)(table, corpus, *point, folds) for point in points)
+    C, gamma = points[int(np.argmax(means))]
+    print(f"best fixed point C 2^{np.log2(C):.0f} gamma 2^{np.log2(gamma):.0f}: {100 * max(means):.1f}")
 
 
 if __name__ == "__main__":

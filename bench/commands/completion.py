@@ -68,7 +68,6 @@ LISTED = {  # values of keys that are no names of the registry
     "model.person": ("centre", "scale", "pool"),
     "model.repair": ("stuck", "dead", "offset"),
     "model.scale": ("peak",),
-    "objective": ("accuracy", "accuracy+time", "smallest"),
     "run": ("true", "false"),
     "start": ("onset", "middle"),
     "stopping": ("yes", "no"),

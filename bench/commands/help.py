@@ -47,12 +47,10 @@ and stores the choice in each fold, with every combination tried and the front o
   trials=     combinations to try in each fold; default 50, or all of a grid of lists
   budget=     seconds after which a fold begins no new combination
   inner=      groups of training subjects that judge, or loso; default 3
-  objective=  accuracy (default); or, among those within one standard error of the best: accuracy+time, the fastest;
-              smallest, the first in the lists of values
   data= where= target= protocol= model= features= seed= jobs= cluster=   as for bench run
 
   bench tune data=haart protocol=loso model=svm features=jung54 trials=50
-  bench tune data=haart protocol=challenge model=rf,xgb features=ta273 objective=accuracy+time
+  bench tune data=haart protocol=challenge model=rf,xgb features=ta273 budget=60
 """
 CHOOSE = """\
 bench choose [key=value ...]

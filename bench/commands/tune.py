@@ -19,7 +19,7 @@ from models.recipe import besides
 if TYPE_CHECKING:
     from models.search.space import How, Space, Tuning
 
-OPTIONS: How = {"trials": 50, "inner": "3", "budget": float("inf"), "objective": "accuracy"}
+OPTIONS: How = {"trials": 50, "inner": "3", "budget": float("inf")}
 KEYS = RUN_KEYS | OPTIONS.keys()
 
 
@@ -39,24 +39,24 @@ def tune(arguments: list[str]) -> int:
 def searched(values: Values) -> list[Outcome]:
     """The cells of some values, each a search.
 
-    Values of a model's parameters that are given are the ones that are tried; without a list of several among them, the
-    ranges that the model declares are searched, and what is given is kept.
+    Listed values of a model's parameters are tried. Where no parameter has several, the ranges that the model declares
+    are searched, and single values are kept.
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    # Of the type of the default, each of them.
     how = cast("How", {k: convert(k, values[k], default) for k, default in OPTIONS.items() if k in values})
-    given = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
-    if "seed" in given:
-        raise InputError(f"model.seed={given['seed']}: give seed= instead, it is that of the search too")
-    asked = cells({k: v for k, v in values.items() if not k.startswith("model.") and k != "seed" and k not in OPTIONS})
-    known = {name for cell in asked for name in _parameters(cell)}
-    for name in given:
-        if name not in known:
-            raise InputError(f"model={values.get('model', 'svm')} has no parameter {name!r}; {nearest(name, known)}")
+    params = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
+    if "seed" in params:
+        raise InputError(f"model.seed={params['seed']}: give seed= instead, it is that of the search too")
+    rest = {k: v for k, v in values.items() if not k.startswith("model.") and k != "seed" and k not in OPTIONS}
+    untuned = cells(rest)
+    names = {name for cell in untuned for name in _parameters(cell)}
+    for name in params:
+        if name not in names:
+            raise InputError(f"model={values.get('model', 'svm')} has no parameter {name!r}; {nearest(name, names)}")
     seeds = [convert("seed", text, 0) for text in items("seed", values.get("seed", "0"))]
-    tuned = [replace(cell, tuning=_tuning(cell, given, how) | {"seed": seed}) for cell in asked for seed in seeds]
+    tuned = [replace(cell, tuning=_tuning(cell, params, how) | {"seed": seed}) for cell in untuned for seed in seeds]
     return evaluated(tuned, backend_of(values))
 
 
@@ -67,28 +67,28 @@ def _parameters(cell: Cell) -> dict[str, object]:
     return parameters(cell.model.factory) | besides(cell.model.factory)
 
 
-def _values(name: str, given: object, usual: object) -> list[object]:
+def _values(name: str, listed: object, default: object) -> list[object]:
     """The values of a list, each of the type of the default; several names together stay joined by +."""
-    found = [convert(f"model.{name}", value, usual) for value in items(f"model.{name}", given)]
-    return [text_of(value) if isinstance(value, tuple) else value for value in found]
+    values = [convert(f"model.{name}", value, default) for value in items(f"model.{name}", listed)]
+    return list(dict.fromkeys(text_of(value) if isinstance(value, tuple) else value for value in values))
 
 
-def _tuning(cell: Cell, given: dict[str, object], how: How) -> Tuning:
+def _tuning(cell: Cell, params: dict[str, object], how: How) -> Tuning:
     name = cell.model.short
     if cell.model.given is not None:
         raise InputError(f"model={name}: an object is what it is; give its class or a factory by name to search")
     if contract.searches(cell.estimator()):
         raise InputError(f"model={name} searches by itself; use bench run model={name}")
-    usual = _parameters(cell)
-    listed = {name: list(dict.fromkeys(_values(name, given[name], usual[name]))) for name in given if name in usual}
+    defaults = _parameters(cell)
+    listed = {k: _values(k, values, defaults[k]) for k, values in params.items() if k in defaults}
     space: Space = {**listed}
     if all(len(values) == 1 for values in listed.values()):
         declared = contract.space(cell.model.factory)
         if declared is None:
             raise InputError(
                 f"model={name} declares no ranges to search; list values, such as "
-                f"model.{next(iter(usual), 'parameter')}=1,2, or give it an attribute space"
+                f"model.{next(iter(defaults), 'parameter')}=1,2, or give it an attribute space"
             )
         space = {**declared, **listed}
-    whole = all(isinstance(values, list) for values in space.values())
-    return {"space": space, **how} if whole else {"space": space, "trials": OPTIONS["trials"], **how}
+    is_grid = all(isinstance(values, list) for values in space.values())
+    return {"space": space, **how} if is_grid else {"space": space, "trials": OPTIONS["trials"], **how}

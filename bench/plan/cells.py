@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 DEFAULTS = {"data": "synth", "protocol": "loso", "model": "svm", "seed": "0", "where": "", "target": "gesture"}
 DEFAULT_FEATURES = "jung54"
-HOW = ("inner", "trials", "budget", "objective")  # of a search, as it is typed
+HOW = ("inner", "trials", "budget")  # of a search, as it is typed
 Made = TypeVar("Made")  # what a part is when it is built
 
 

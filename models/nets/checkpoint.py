@@ -20,7 +20,7 @@ from sklearn.base import BaseEstimator
 from bench.corpora.corpus import Corpus
 from bench.scratch import home, replacing
 from bench.source import source_digest
-from models.search.study import identity, study_name
+from models.search.identity import identity, study_name
 
 OFTEN_S = 1.0
 LONG_S = 60.0  # what trains in less is trained again

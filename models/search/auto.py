@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -14,32 +12,28 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.costs import quantity
 from bench.errors import InputError
-from bench.progress import tell
 from models.recipe import Recipe
 from models.search import portfolio
-from models.search.ensemble import Ensemble, selected, temperature_of, tempered
-from models.search.inner_folds import inner_folds
-from models.search.portfolio import Trial
-from models.search.space import suggested
-from models.search.study import identity, in_memory, open_study
+from models.search.ensemble import Ensemble, logarithms, selected, tempered
+from models.search.identity import identity
+from models.search.inner_folds import by_subject, check_search, labelled_folds
+from models.search.space import Trial
+from models.search.study import Study, Tried, within
 from models.search.trial_scores import Inner
-from models.search.trials import COSTS, Tried, frozen, table_of, thawed, together, told, within
-
-if TYPE_CHECKING:
-    import optuna
-    from optuna import Study
+from models.search.trials import COSTS, summary, table_of, together
+from models.temperature import fit_temperature
 
 UNIT = {"flash": 1e3, "ram": 1e3, "predict": 1.0}  # of a limit, in those of the trials
 GROWTH = 4.0  # how much more work than the best one of its model a trial may be
 SMALL = 0.3  # seconds of work that any model may begin with
 DRAWS = 20  # of the sampler, for one trial
+COLDEST, HOTTEST = 0.05, 20.0  # of a temperature
 POOL = 12  # of the best trials an ensemble is picked
 TABLES = 0.4  # of the budget that the features of all captures may take
 CAUTION = 1.2  # times what a trial should take must be left
 SKIPS = 5  # drawn trials one after the other that would take too long end the search
 SPARE = 0.02  # of the budget, for what cannot be foreseen
 CHEAP = 3  # of those that come first, where there is no time to judge any
-WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
 
 
 class Auto(ClassifierMixin, BaseEstimator):
@@ -111,26 +105,19 @@ class Auto(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: one of them.
         """
-        if self.inner != "loso" and not (self.inner.isdecimal() and int(self.inner) >= 2):
-            raise InputError(f"model.inner={self.inner}: give a number of subject groups from 2 on, or loso")
-        for name, least in (("trials", 1), ("members", 1)):
-            if (value := getattr(self, name)) is not None and value < least:
-                raise InputError(f"model.{name}={value}: give at least {least}")
-        if not self.budget > 0:
-            raise InputError(f"model.budget={self.budget:g}: give a number of seconds above 0")
-        if self.trials is None and self.budget == float("inf"):
-            raise InputError("this search has no end: give a number of trials, or a budget in seconds")
+        check_search(self.inner, self.trials, self.budget, endless=True)
+        if self.members < 1:
+            raise InputError(f"model.members={self.members}: give at least 1")
         self._limits(), self._touch()
 
     def _limits(self) -> dict[str, float]:
         """What each cost must not exceed."""
-        given = {cost: getattr(self, f"max_{cost}") for cost in COSTS}
-        return {COSTS[c]: UNIT[c] * quantity(f"max_{c}", v, "model.") for c, v in given.items() if v}
+        texts = {cost: getattr(self, f"max_{cost}") for cost in COSTS}
+        return {COSTS[c]: UNIT[c] * quantity(f"max_{c}", text, "model.") for c, text in texts.items() if text}
 
     def _touch(self) -> float | None:
         """Seconds of a touch that a decision may see."""
-        asked = self.max_decision
-        return quantity("max_decision", asked, "model.") / 1e3 if asked else None
+        return quantity("max_decision", self.max_decision, "model.") / 1e3 if self.max_decision else None
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part before anything is run.
@@ -140,16 +127,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         """
         if (touch := self._touch()) is not None and touch * X.rate_hz < 1:
             raise InputError(f"model.max_decision={self.max_decision}: shorter than a frame at {X.rate_hz:g} Hz")
-        self._folds(X, y)
-
-    def _folds(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        folds = inner_folds(X.subjects.astype(str), self.inner)
-        if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
-            raise InputError(
-                f"trials are judged by leaving training subjects out, which here leaves one class; "
-                f"choose another model.inner= than {self.inner}, or more captures"
-            )
-        return folds
+        labelled_folds(X, y, self.inner)
 
     @property
     def trained_faults(self) -> tuple[str, ...]:
@@ -169,32 +147,30 @@ class Auto(ClassifierMixin, BaseEstimator):
         self.check()
         self.part_ = self._affordable(X, np.asarray(y))
         X, y = X[self.part_], np.asarray(y)[self.part_]
-        inner = self._inner(X, y, self._folds(X, y))
-        with open_study(self.study_key(), X, y, ["maximize"], WORSE) as study:
-            self.tried_ = [thawed(t, inner) for t in study.get_trials(deepcopy=False)][: self.trials]
-            stored = sum(t.seconds for t in self.tried_)
-            clock = Clock(began - stored, self.budget)
-            self._search(inner, study, clock)
-        self.search_seconds_ = time.perf_counter() - clock.began
+        # Features are kept by the digest, for all captures: not of a part of them.
+        captures = X if isinstance(self.part_, slice) else X.changed(digest="", path=None)
+        inner = Inner(captures, y, labelled_folds(X, y, self.inner), self._touch(), self.seed)
+        study = Study(
+            {"model": list(portfolio.MODELS), "features": list(portfolio.FEATURES)} | portfolio.BEFORE,
+            {m: {f"{m}.{k}": values for k, values in space.items()} for m, space in portfolio.SPACES.items()},
+            self.seed,
+            np.inf if self.trials is None else self.trials,
+            self.budget,
+            began,
+            self._limits(),
+        )
+        self.tried_ = study.tried
+        study.search(lambda: self._step(inner, study), self.study_key(), X, y)
+        self.search_seconds_ = time.perf_counter() - study.began
         wall, cpu = time.perf_counter(), time.process_time()
-        chosen = self._fitted(inner, clock)
+        chosen = self._fitted(inner, study)
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
         self.classes_ = self.best_.classes_
         self.trials_ = table_of(self.tried_, chosen)
-        self.chosen_ = told(self.tried_, chosen, self.part_)
+        self.chosen_ = summary(self.tried_, chosen, self.part_)
+        for tried in self.tried_:  # nobody needs them to decide, and saved systems hold nothing of training captures
+            tried.proba = None
         return self
-
-    def _inner(self, X: Corpus, y: np.ndarray, folds: list) -> Inner:
-        """Captures to judge by; under the digest of a part of them nothing is kept, which would be of the whole."""
-        if not isinstance(self.part_, slice):
-            X = X.changed(digest="", path=None)
-        return Inner(X, y, folds, self._touch(), self.seed)
-
-    def __getstate__(self) -> dict[str, object]:
-        """What is saved: without what the trials said of the training captures, which nobody needs to decide."""
-        state = super().__getstate__()
-        tried = [replace(t, proba=None) for t in state.get("tried_", [])]
-        return state | ({"tried_": tried} if tried else {})
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Class probabilities [captures, classes]."""
@@ -219,73 +195,41 @@ class Auto(ClassifierMixin, BaseEstimator):
         while every > 1:
             part = np.sort(order[::every])
             try:
-                self._folds(X[part], y[part])
+                labelled_folds(X[part], y[part], self.inner)
                 return part
             except InputError:  # too few of them to judge by
                 every //= 2
         return slice(None)
 
-    def _search(self, inner: Inner, study: Study, clock: Clock) -> None:
-        """Try one after the other, until there is no time or trial left."""
-        memory = in_memory(WORSE)
-        memory.add_trials([frozen(tried, self._limits()) for tried in self.tried_])
-        while self.trials is None or len(self.tried_) < self.trials:
-            began = time.perf_counter()
-            left = clock.left - clock.spare - self._last_fits(inner, clock.left)
-            trial = self._next(memory, inner) if left > 0 else None
-            if trial is None or [t.state for t in self.tried_[len(portfolio.FIRST) :]][-SKIPS:] == ["skipped"] * SKIPS:
-                return
-            if self._expected(inner, trial) > left:
-                tried = Tried(trial, "skipped")
-            else:
-                tried = self._try(memory, inner, trial, left)
-            tried.seconds = time.perf_counter() - began
-            self.tried_.append(tried)
-            tell(self._progress(), max(clock.left, 0) if np.isfinite(self.budget) else None)
-            kept = frozen(tried, self._limits())
-            memory.add_trial(kept)
-            study.add_trial(kept)
+    def _step(self, inner: Inner, study: Study) -> Tried | None:
+        """Judge the next trial, or skip it; None where there is no time, or none that is new and fits into it."""
+        spare = SPARE * self.budget if np.isfinite(self.budget) else 0.0
+        left = study.left - spare - self._last_fits(inner, study.left)
+        trial = self._next(study, inner) if left > 0 else None
+        if trial is None or [t.state for t in self.tried_[len(portfolio.FIRST) :]][-SKIPS:] == ["skipped"] * SKIPS:
+            return None
+        if self._expected(inner, trial) > left:
+            return Tried(trial, "skipped")
+        return self._try(study, inner, trial, left)
 
-    def _progress(self) -> str:
-        """Trials, and the best so far."""
-        best = max((t.accuracy for t in self.tried_ if t.state == "complete"), default=float("nan"))
-        of = "" if self.trials is None else f" of {self.trials}"
-        return f"{len(self.tried_)} trials{of}, best {100 * best:.1f} % of left-out training people"
-
-    def _next(self, memory: Study, inner: Inner) -> Trial | None:
+    def _next(self, study: Study, inner: Inner) -> Trial | None:
         """The next of those that come first; then one that is drawn, small enough and new; None if there is none.
 
         It depends on the trials so far alone, not on the time that is left.
         """
-        number = len(self.tried_)
-        if number < len(portfolio.FIRST):
-            return portfolio.complete(portfolio.FIRST[number])
-        known = [tried.trial for tried in self.tried_]
+        if len(self.tried_) < len(portfolio.FIRST):
+            return portfolio.complete(portfolio.FIRST[len(self.tried_)])
+        earlier = [tried.trial for tried in self.tried_]
         for draw in range(DRAWS):
-            trial = self._drawn(memory, number, draw)
-            if trial not in known and inner.work(trial) <= self._allowed(inner, trial):
+            trial = study.drawn({}, draw)
+            if trial not in earlier and inner.work(trial) <= self._allowed(inner, trial):
                 return trial
         return None
 
-    def _drawn(self, memory: Study, number: int, draw: int) -> Trial:
-        """What the sampler suggests; the same for the same trials so far."""
-        import optuna
-
-        seed = np.random.SeedSequence([self.seed, number, draw]).generate_state(1)[0]
-        memory.sampler = optuna.samplers.TPESampler(seed=int(seed))
-        asked = memory.ask()
-        name = asked.suggest_categorical("model", list(portfolio.MODELS))
-        trial: Trial = {"model": name, "features": asked.suggest_categorical("features", list(portfolio.FEATURES))}
-        own = {f"{name}.{k}": values for k, values in portfolio.SPACES[name].items()}
-        for key, values in (portfolio.BEFORE | own).items():
-            trial[key] = suggested(asked, key, values)
-        memory.tell(asked, state=optuna.trial.TrialState.FAIL)  # it is added when it was tried
-        return trial
-
     def _allowed(self, inner: Inner, trial: Trial) -> float:
         """Work that a trial of a model may be: some times that of its best one."""
-        own = [t for t in self.tried_ if t.state == "complete" and t.trial["model"] == trial["model"]]
-        best = max(own, key=lambda t: t.accuracy, default=None)
+        same = [t for t in self.tried_ if t.state == "complete" and t.trial["model"] == trial["model"]]
+        best = max(same, key=lambda t: t.accuracy, default=None)
         return max(SMALL, GROWTH * inner.work(best.trial)) if best else SMALL
 
     def _expected(self, inner: Inner, trial: Trial) -> float:
@@ -298,57 +242,49 @@ class Auto(ClassifierMixin, BaseEstimator):
         last = {t.trial["model"]: t.fit_seconds / inner.work(t.trial) for t in self.tried_ if t.fit_seconds}
         return last.get(trial["model"], float(np.median([*last.values()])) if last else 1.0)
 
-    def _try(self, memory: Study, inner: Inner, trial: Trial, left: float) -> Tried:
+    def _try(self, study: Study, inner: Inner, trial: Trial, left: float) -> Tried:
         """Judge a trial, as far as it is worth it."""
-        import optuna
-
         began = time.perf_counter()
-        asked = memory.ask()  # only to be compared with those before
         tried = Tried(trial, "complete", proba=np.zeros((len(inner.y), len(inner.classes)), dtype=np.float16))
         try:
             inner.table(trial), inner.table(trial, tested=True)
             left, began = left - (time.perf_counter() - began), time.perf_counter()
-            self._judge(inner, tried, asked, began, left)
+            self._judge(study, inner, tried, began, left)
         except Exception as e:  # whatever a system raises on these captures, others may do
             tried.state, tried.error = "failed", f"{type(e).__name__}: {e}"
         if tried.state != "complete":
             tried.proba = None
-        memory.tell(asked, state=optuna.trial.TrialState.FAIL)
         return tried
 
-    def _judge(self, inner: Inner, tried: Tried, asked: optuna.Trial, began: float, left: float) -> None:
+    def _judge(self, study: Study, inner: Inner, tried: Tried, began: float, left: float) -> None:
         """Fill in what the inner folds say of a trial, until it is not worth it any more."""
-        trial, limits = tried.trial, self._limits()
+        trial = tried.trial
         done = spent = 0.0
         for number, (model, test, proba, seconds) in enumerate(inner.judge(trial), 1):
             tried.proba[test] = proba
             done += inner.work(trial, len(inner.folds[number - 1][0]) / len(inner.X))
             spent += seconds
             tried.fit_seconds = spent * inner.work(trial) / done
-            hit = proba.argmax(axis=1) == inner.codes[test]
-            for subject in np.unique(inner.subjects[test]):
-                tried.subjects[str(subject)] = float(hit[inner.subjects[test] == subject].mean())
-                asked.report(tried.subjects[str(subject)], len(tried.subjects) - 1)
+            tried.subjects |= by_subject(proba.argmax(axis=1) == inner.codes[test], inner.subjects[test])
             system = inner.system(trial, model)
             tried.costs = inner.bytes(system)
-            if not within(tried.costs, limits):
+            if not within(tried.costs, study.limits):
                 tried.state = "large"
                 return
             if number == len(inner.folds):
                 tried.costs = inner.costs(system)
-                tried.heat = temperature_of(tried.proba, inner.codes)
-            elif self._behind(asked, tried):
+                tried.heat = fit_temperature(logarithms(tried.proba), inner.codes, COLDEST, HOTTEST)
+            elif self._behind(study, tried):
                 tried.state = "pruned"
                 return
             elif (time.perf_counter() - began) / number * len(inner.folds) + tried.fit_seconds > left:
                 tried.state = "late"
                 return
 
-    def _behind(self, asked: optuna.Trial, tried: Tried) -> bool:
+    def _behind(self, study: Study, tried: Tried) -> bool:
         """Whether a trial is worse than the best one that is within the limits, and not much smaller."""
-        limits = self._limits()
-        rivals = [t for t in self.tried_ if t.state == "complete" and within(t.costs, limits)]
-        if not rivals or not asked.should_prune():
+        rivals = [t for t in self.tried_ if t.state == "complete" and within(t.costs, study.limits)]
+        if not rivals or not study.worse(tried):
             return False
         best = max(rivals, key=lambda t: t.accuracy)
         return not any(value < best.costs[name] / 2 for name, value in tried.costs.items())
@@ -382,17 +318,17 @@ class Auto(ClassifierMixin, BaseEstimator):
         """Seconds that the last fits should take, if the search ended here."""
         return sum(_last_fit(inner, tried) for tried, _ in self._picked(inner, left))
 
-    def _fitted(self, inner: Inner, clock: Clock) -> list[tuple[Tried, float]]:
+    def _fitted(self, inner: Inner, study: Study) -> list[tuple[Tried, float]]:
         """Fit what was picked to the whole training part; what then exceeds a limit, or comes too late, is left out."""
         if not any(t.state == "complete" for t in self.tried_):
             return self._unjudged(inner)
         fits: dict[int, contract.System] = {}
         costs: dict[int, dict[str, float]] = {}
-        while picked := self._picked(inner, clock.left, costs):
+        while picked := self._picked(inner, study.left, costs):
             heavy = sorted(picked, key=lambda pair: -pair[1])
             for tried, _ in heavy:
                 some = any(id(t) in fits for t, _ in picked)
-                if id(tried) not in fits and (not some or _last_fit(inner, tried) <= clock.left):
+                if id(tried) not in fits and (not some or _last_fit(inner, tried) <= study.left):
                     fits[id(tried)] = inner.fitted(tried.trial)
                     costs[id(tried)] = inner.costs(fits[id(tried)])
             kept = [(t, w) for t, w in heavy if id(t) in fits]
@@ -421,28 +357,10 @@ class Auto(ClassifierMixin, BaseEstimator):
         raise InputError(self._too_large())
 
     def _too_large(self) -> str:
-        """What is said where nothing is within the limits."""
+        """The message where nothing is within the limits."""
         least = {n: min((t.costs[n] for t in self.tried_ if n in t.costs), default=np.nan) for n in self._limits()}
-        said = ", ".join(f"{name} {value:.3g}" for name, value in least.items())
-        return f"no trial is within the limits of model.max_*: the least of {len(self.tried_)} are {said}"
-
-
-@dataclass
-class Clock:
-    """Seconds of a budget since a moment of `time.perf_counter`."""
-
-    began: float
-    budget: float
-
-    @property
-    def spare(self) -> float:
-        """Seconds for what cannot be foreseen."""
-        return SPARE * self.budget if np.isfinite(self.budget) else 0.0
-
-    @property
-    def left(self) -> float:
-        """Seconds until the budget is spent; below 0 after that."""
-        return self.budget - (time.perf_counter() - self.began)
+        words = ", ".join(f"{name} {value:.3g}" for name, value in least.items())
+        return f"no trial is within the limits of model.max_*: the least of {len(self.tried_)} are {words}"
 
 
 def _last_fit(inner: Inner, tried: Tried) -> float:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.special import logsumexp, softmax
+from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 
 from bench import contract
 from bench.corpora.corpus import Corpus
 
 LEAST = 1e-9  # of a probability, inside a logarithm
-COLDEST, HOTTEST = 0.05, 20.0  # of a temperature
 PICKS = 15  # of a selection: weights are multiples of about 1/15
 
 
@@ -44,24 +42,12 @@ class Ensemble(ClassifierMixin, BaseEstimator):
 
 def tempered(proba: np.ndarray, temperature: float) -> np.ndarray:
     """Probabilities [captures, classes] whose logarithms are divided by a temperature, summing to 1 again."""
-    return softmax(np.log(np.maximum(proba.astype(np.float64), LEAST)) / temperature, axis=1)
+    return softmax(logarithms(proba) / temperature, axis=1)
 
 
-def temperature_of(proba: np.ndarray, codes: np.ndarray) -> float:
-    """The temperature with the lowest log loss.
-
-    Args:
-        proba: of captures that training did not see [captures, classes].
-        codes: true class of each, a column of ``proba``.
-    """
-    scores = np.log(np.maximum(proba.astype(np.float64), LEAST))
-
-    def loss(log: float) -> float:
-        cooled = scores / np.exp(log)
-        return float(np.mean(logsumexp(cooled, axis=1) - cooled[np.arange(len(codes)), codes]))
-
-    found = minimize_scalar(loss, bounds=(np.log(COLDEST), np.log(HOTTEST)), method="bounded")
-    return float(np.exp(found.x))
+def logarithms(proba: np.ndarray) -> np.ndarray:
+    """Of probabilities, of which none is taken for impossible, float64."""
+    return np.log(np.maximum(proba.astype(np.float64), LEAST))
 
 
 def selected(
@@ -90,9 +76,9 @@ def selected(
         gains = np.log((total + right) / (len(picks) + 1)) @ weight
         best = max(best, np.log(total / len(picks)) @ weight)
         order = np.argsort(-gains, kind="stable")
-        found = next((int(i) for i in order if gains[i] > best + LEAST and allowed({*picks, int(i)})), None)
-        if found is None:
+        better = next((int(i) for i in order if gains[i] > best + LEAST and allowed({*picks, int(i)})), None)
+        if better is None:
             break
-        picks.append(found)
-        total = total + right[found]
+        picks.append(better)
+        total = total + right[better]
     return {i: picks.count(i) / len(picks) for i in dict.fromkeys(picks)}

@@ -32,57 +32,87 @@ def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.n
     return list(splitter.split(subjects, groups=subjects))
 
 
+def labelled_folds(X: Corpus, y: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The inner folds of captures and their class names.
+
+    Raises:
+        InputError: fewer than two subjects, or an inner training part of a single class.
+    """
+    folds = inner_folds(X.subjects.astype(str), inner)
+    if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
+        raise InputError(
+            "a search leaves training subjects out, which here leaves one class; "
+            f"choose another inner= than {inner}, or more captures"
+        )
+    return folds
+
+
+def check_search(inner: str, trials: int | None, budget: float, endless: bool) -> None:
+    """Refuse what no search can have.
+
+    Args:
+        inner: number of groups of subjects, or ``loso``.
+        trials: how many, None for all.
+        budget: seconds.
+        endless: whether there is no end without trials or a budget.
+
+    Raises:
+        InputError: one of them.
+    """
+    if inner != "loso" and not (inner.isdecimal() and int(inner) >= 2):
+        raise InputError(f"model.inner={inner}: give a number of subject groups from 2 on, or loso")
+    if trials is not None and trials < 1:
+        raise InputError(f"model.trials={trials}: give at least 1")
+    if not budget > 0:
+        raise InputError(f"model.budget={budget:g}: give a number of seconds above 0")
+    if endless and trials is None and budget == float("inf"):
+        raise InputError("this search has no end: give a number of trials, or a budget in seconds")
+
+
+def by_subject(hit: np.ndarray, subjects: np.ndarray) -> dict[str, float]:
+    """Accuracy of each subject, from which captures were right."""
+    return {str(s): float(hit[subjects == s].mean()) for s in np.unique(subjects)}
+
+
 class Tables:
     """What models are fitted to and judged by in each inner fold: tables of features, or captures."""
 
     def __init__(self, features: dict[str, TransformerMixin], X: Corpus, y: np.ndarray, folds: list) -> None:
         self.features = {name: clone(part) for name, part in features.items()}
         self.X = X
-        self.y = y
+        self.y = np.asarray(y)
         self.folds = folds
-        self.whole: dict[str, pd.DataFrame] = {}
-        self.learnt: dict[tuple[str, int], tuple[pd.DataFrame, pd.DataFrame]] = {}
-        self.spent: dict[str, float] = {}
+        self._all: dict[str, pd.DataFrame] = {}
+        self._learnt: dict[tuple[str, int], tuple[pd.DataFrame, pd.DataFrame]] = {}
+        self._milliseconds: dict[str, float] = {}
 
-    def train(self, name: str | None, fold: int) -> Corpus | pd.DataFrame:
-        """What a model is fitted to in an inner fold."""
-        return self._part(name, fold, 0)
-
-    def test(self, name: str | None, fold: int) -> Corpus | pd.DataFrame:
-        """What it is judged by."""
-        return self._part(name, fold, 1)
-
-    def _part(self, name: str | None, fold: int, side: int) -> Corpus | pd.DataFrame:
+    def part(self, name: str | None, fold: int, side: int) -> Corpus | pd.DataFrame:
+        """What a model is fitted to (side 0) or judged by (side 1) in an inner fold; captures without a feature set."""
         part = self.folds[fold][side]
         if not name:
             return self.X[part]
         features = self.features[name]
         if not contract.learns(features):
-            if name not in self.whole:
-                self.whole[name] = features.fit(self.X, self.y).transform(self.X)
-            return self.whole[name].iloc[part]
-        if (name, fold) not in self.learnt:
+            if name not in self._all:
+                self._all[name] = features.fit(self.X, self.y).transform(self.X)
+            return self._all[name].iloc[part]
+        if (name, fold) not in self._learnt:
             train, test = self.folds[fold]
             fitted = features.fit(self.X[train], self.y[train])
-            self.learnt[name, fold] = fitted.transform(self.X[train]), fitted.transform(self.X[test])
-        return self.learnt[name, fold][side]
+            self._learnt[name, fold] = fitted.transform(self.X[train]), fitted.transform(self.X[test])
+        return self._learnt[name, fold][side]
 
-    def alone(self, name: str | None, fold: int) -> list[Corpus | pd.DataFrame]:
-        """A few of what is judged, one by one."""
-        judged = self.test(name, fold)
-        rows = judged.iloc if isinstance(judged, pd.DataFrame) else judged
-        return [rows[[i % len(judged)]] for i in range(TIMED)]
-
-    def milliseconds(self, name: str | None) -> float:
-        """Time to compute the features of one capture."""
-        if not name:
-            return 0.0
-        if name not in self.spent:
-            self._part(name, 0, 0)  # fits it
+    def milliseconds(self, name: str | None, model: contract.System) -> float:
+        """Time to label one capture: of its features, and of a model fitted in the last inner fold."""
+        tested = self.part(name, len(self.folds) - 1, 1)
+        rows = tested.iloc if isinstance(tested, pd.DataFrame) else tested
+        spent = milliseconds_of(model.predict, [rows[[i % len(tested)]] for i in range(TIMED)])
+        if name and name not in self._milliseconds:
+            self.part(name, 0, 0)  # fits it
             some = np.linspace(0, len(self.X) - 1, TIMED).astype(int)
-            alone = [self.X[i : i + 1].detached() for i in some]
-            self.spent[name] = milliseconds_of(self.features[name].transform, alone)
-        return self.spent[name]
+            captures = [self.X[i : i + 1].detached() for i in some]
+            self._milliseconds[name] = milliseconds_of(self.features[name].transform, captures)
+        return spent + (self._milliseconds[name] if name else 0.0)
 
 
 def milliseconds_of(call: Callable, each: Iterable[object]) -> float:

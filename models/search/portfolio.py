@@ -27,9 +27,7 @@ from models.classic.rf import et, rf
 from models.classic.softmax import softmax
 from models.classic.svm import svm
 from models.classic.xgb import xgb
-from models.search.space import Range, Space
-
-Trial = dict[str, object]
+from models.search.space import Range, Space, Trial
 
 MODELS = {"lda": lda, "svm": svm, "softmax": softmax, "et": et, "rf": rf, "xgb": xgb, "perceptron": perceptron}
 FEATURES: dict[str, FeatureSet] = {"touch": TouchFeatures(), "jung54": Jung54()}
@@ -100,9 +98,8 @@ class Columns(TransformerMixin, BaseEstimator):
 def complete(trial: Trial) -> Trial:
     """A trial with what it leaves out, as the sampler tells it."""
     usual = {"model": trial["model"], "features": "touch"} | {k: list(values)[0] for k, values in BEFORE.items()}
-    known = parameters(MODELS[str(trial["model"])])
-    own = {f"{trial['model']}.{k}": known[k] for k in SPACES[str(trial["model"])]}
-    return usual | own | trial
+    defaults = parameters(MODELS[str(trial["model"])])
+    return usual | {f"{trial['model']}.{k}": defaults[k] for k in SPACES[str(trial["model"])]} | trial
 
 
 def steps_of(trial: Trial) -> recipe.Recipe:

@@ -1,4 +1,4 @@
-"""What a search may try for a parameter: a list of values, or a range; and how it is asked for."""
+"""What a search may try for a parameter: a list of values, or a range."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypedDict
 
 if TYPE_CHECKING:
-    from optuna import Trial
+    from optuna import Trial as Draft
+    from optuna.distributions import BaseDistribution
 
 
 @dataclass(frozen=True)
@@ -20,15 +21,27 @@ class Range:
 
 
 Space = dict[str, Range | Sequence]
+Trial = dict[str, object]  # a value of each parameter
 
 
-def suggested(trial: Trial, key: str, values: Range | Sequence) -> object:
+def distribution(values: Range | Sequence) -> BaseDistribution:
+    """The values as Optuna has them."""
+    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+    if not isinstance(values, Range):
+        return CategoricalDistribution(list(values))
+    if isinstance(values.low, int) and isinstance(values.high, int):
+        return IntDistribution(values.low, values.high, log=values.log)
+    return FloatDistribution(values.low, values.high, log=values.log)
+
+
+def suggested(draft: Draft, name: str, values: Range | Sequence) -> object:
     """A value that a trial of Optuna draws."""
     if not isinstance(values, Range):
-        return trial.suggest_categorical(key, list(values))
+        return draft.suggest_categorical(name, list(values))
     if isinstance(values.low, int) and isinstance(values.high, int):
-        return trial.suggest_int(key, values.low, values.high, log=values.log)
-    return trial.suggest_float(key, values.low, values.high, log=values.log)
+        return draft.suggest_int(name, values.low, values.high, log=values.log)
+    return draft.suggest_float(name, values.low, values.high, log=values.log)
 
 
 class How(TypedDict, total=False):

@@ -19,7 +19,7 @@ from features.cache import after, is_kept
 from models import recipe
 from models.search import portfolio
 from models.search.inner_folds import TIMED, milliseconds_of
-from models.search.portfolio import Trial
+from models.search.space import Trial
 from models.sizes import sizes
 
 PROBED = 4  # captures whose features are timed
@@ -77,15 +77,19 @@ class Inner:
         self.probed: dict[str, float] = {}
         self.widths = {name: len(clone(part).fit(X[:1]).names_) for name, part in portfolio.FEATURES.items()}
 
-    def table(self, trial: Trial, tested: bool = False) -> Table:
-        """What a trial learns from, or what it is judged by."""
+    def _captures(self, trial: Trial, tested: bool) -> tuple[tuple, Corpus, recipe.Recipe, list[Step]]:
+        """Of a table: its key, the captures, their recipe, and its steps for what is learnt from or judged by."""
         begun = tested and self.begun is not None
         key = (*(trial[name] for name in BEFORE), begun)
+        prepared = portfolio.steps_of(trial)
+        steps = prepared.steps() if begun else prepared.training_steps()
+        return key, self.begun if begun else self.X, prepared, steps
+
+    def table(self, trial: Trial, tested: bool = False) -> Table:
+        """What a trial learns from, or what it is judged by."""
+        key, X, prepared, steps = self._captures(trial, tested)
         if key not in self.tables:
-            how = portfolio.steps_of(trial)
-            steps = how.steps() if begun else how.training_steps()
-            X = self.begun if begun and self.begun is not None else self.X
-            how.check_copies(X)
+            prepared.check_copies(X)
             self.tables[key] = tabled(clone(portfolio.FEATURES[str(trial["features"])]), X, steps)
             while sum(t.bytes for t in self.tables.values()) > HELD and len(self.tables) > 2:
                 self.tables.pop(next(iter(self.tables)))
@@ -93,12 +97,11 @@ class Inner:
 
     def rows(self, trial: Trial) -> int:
         """Of the table that a trial learns from."""
-        key = (*(trial[name] for name in BEFORE), False)
+        key, X, prepared, _ = self._captures(trial, tested=False)
         if key in self.tables:
             return len(self.tables[key].row)
-        how = portfolio.steps_of(trial)
-        cut = how.steps()[-1].rows(self.X) if how.window else self.X.index
-        return len(cut) * (1 + how.copies * bool(how.faults))
+        cut = prepared.steps()[-1].rows(X) if prepared.window else X.index
+        return len(cut) * (1 + prepared.copies * bool(prepared.faults))
 
     def work(self, trial: Trial, share: float = 1.0) -> float:
         """Seconds that a fit to a share of the captures should take (`models.search.portfolio.work`)."""
@@ -114,19 +117,17 @@ class Inner:
         return sum(self._tabling(trial, tested) for tested in ([False] if self.begun is None else [False, True]))
 
     def _tabling(self, trial: Trial, tested: bool) -> float:
-        key = (*(trial[name] for name in BEFORE), tested)
+        key, X, prepared, steps = self._captures(trial, tested)
         if key in self.tables:
             return 0.0
-        how, features = portfolio.steps_of(trial), portfolio.FEATURES[str(trial["features"])]
-        X = self.begun if tested and self.begun is not None else self.X
-        steps = how.steps() if tested else how.training_steps()
-        if is_kept(features, X, tuple(steps)):
+        name = str(trial["features"])
+        if is_kept(portfolio.FEATURES[name], X, tuple(steps)):
             return READ_S
         grown = len(X.index) / (X.index.max() + 1) if X.digest else 1.0  # of a stored corpus all are computed and kept
-        copies = 1 + how.copies * bool(how.faults and not tested)
-        changed = CHANGED if how.repair or how.faults or how.scale != "none" else 1.0
-        seconds = self._probed(str(trial["features"])) * int(X.lengths.sum()) / grown
-        return seconds * copies * changed * (WINDOWED if how.window else 1.0)
+        copies = 1 + prepared.copies * bool(prepared.faults and not tested)
+        changed = CHANGED if prepared.repair or prepared.faults or prepared.scale != "none" else 1.0
+        seconds = self._probed(name) * int(X.lengths.sum()) / grown
+        return seconds * copies * changed * (WINDOWED if prepared.window else 1.0)
 
     def _probed(self, name: str) -> float:
         """Seconds to compute the features of captures, per frame, by those of a few short and long ones."""
@@ -141,19 +142,19 @@ class Inner:
 
     def judge(self, trial: Trial) -> Iterator[tuple[Pipeline, np.ndarray, np.ndarray, float]]:
         """Of each inner fold: what learnt, positions of tested captures, their probabilities, seconds of the fit."""
-        learnt, asked = self.table(trial), self.table(trial, tested=True)
+        learnt, tested = self.table(trial), self.table(trial, tested=True)
         for train, test in self.folds:
             part = np.isin(learnt.row, train)
             began = time.perf_counter()
             model = portfolio.classifier(trial, self.seed)
             model.fit(learnt.values[part], self.y[learnt.row[part]])
             spent = time.perf_counter() - began
-            part = np.isin(asked.row, test) & asked.sound
-            of, row = np.unique(asked.row[part], return_inverse=True)
-            proba = np.zeros((len(of), len(self.classes)))
+            part = np.isin(tested.row, test) & tested.sound
+            captures, row = np.unique(tested.row[part], return_inverse=True)
+            proba = np.zeros((len(captures), len(self.classes)))
             columns = np.searchsorted(self.classes, model.classes_)
-            proba[:, columns] = recipe.mean_of(contract.probabilities(model, asked.values[part]), row)
-            yield model, of, proba, spent
+            proba[:, columns] = recipe.mean_of(contract.probabilities(model, tested.values[part]), row)
+            yield model, captures, proba, spent
 
     def fitted(self, trial: Trial) -> contract.System:
         """The system of a trial, fitted to all captures."""
@@ -163,16 +164,16 @@ class Inner:
 
     def system(self, trial: Trial, model: Pipeline) -> contract.System:
         """What decides on captures, from what has learnt from a table."""
-        how, features = portfolio.steps_of(trial), portfolio.FEATURES[str(trial["features"])]
-        whole = Pipeline([("features", clone(features).fit(self.X)), *model.steps])
-        if not how.steps() and not how.faults:
-            return whole
-        return how.set_params(system=whole).around(whole, self.X)
+        prepared, features = portfolio.steps_of(trial), portfolio.FEATURES[str(trial["features"])]
+        system = Pipeline([("features", clone(features).fit(self.X)), *model.steps])
+        if not prepared.steps() and not prepared.faults:
+            return system
+        return prepared.set_params(system=system).around(system, self.X)
 
     def bytes(self, system: contract.System) -> dict[str, float]:
         """What a fitted system needs in flash and memory, with 32 bits a number."""
-        found = sizes(system, self.X.grid[0] * self.X.grid[1], self.longest)
-        return {name: found[name] for name in ("flash_bytes", "ram_bytes")}
+        needed = sizes(system, self.X.grid[0] * self.X.grid[1], self.longest)
+        return {name: needed[name] for name in ("flash_bytes", "ram_bytes")}
 
     def costs(self, system: contract.System) -> dict[str, float]:
         """The same, and milliseconds of a decision on a capture."""
@@ -190,8 +191,8 @@ def beginning(X: Corpus, seconds: float) -> Corpus:
 def tabled(features: FeatureSet, X: Corpus, steps: list[Step]) -> Table:
     """Features of captures after some steps; kept ones where there are some."""
     features = features.fit(X)
-    if steps and (found := after(features, X, tuple(steps))) is not None:
-        values, row = recipe.rows_of(found, X.index)
+    if steps and (stored := after(features, X, tuple(steps))) is not None:
+        values, row = recipe.rows_of(stored, X.index)
     else:
         seen, row = recipe.taken(X, steps)
         values = features.transform(seen)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
@@ -19,17 +20,16 @@ from bench.errors import InputError
 from bench.paired import within_one_standard_error
 from bench.pareto import front
 from bench.registry import parameters
-from models.search.inner_folds import Tables, inner_folds, milliseconds_of
-from models.search.space import Range, Space, suggested
-from models.search.study import identity, open_study
+from models.search.identity import identity
+from models.search.inner_folds import Tables, by_subject, check_search, labelled_folds
+from models.search.space import Range, Space, Trial
+from models.search.study import Study, Tried
 
 if TYPE_CHECKING:
     from bench.source import Code
     from models.search.space import Tuning
 
-WORSE = 0.1  # p-value of a signed-rank test over subjects below which a combination is not followed further
 COMBINATIONS = 1000  # at most so many are checked one by one before anything is run
-OBJECTIVES = ("accuracy", "accuracy+time", "smallest")
 
 
 class Search(ClassifierMixin, BaseEstimator):
@@ -52,9 +52,9 @@ class Search(ClassifierMixin, BaseEstimator):
         trials: combinations to try; None for all of them, which needs lists only. Fewer than all are drawn by a
             tree-structured Parzen estimator.
         budget: seconds after which no new combination is begun.
-        objective: ``accuracy``; or what gives nothing up and, of the combinations whose accuracy is not below the best
-            by more than a standard error of the paired difference, takes the fastest (``accuracy+time``, which searches
-            for both) or the one that comes first in the lists (``smallest``).
+        objective: ``accuracy``; or ``smallest``, which gives nothing up and takes, of the combinations whose accuracy
+            is not below the best by more than a standard error of the paired difference, the one that comes first in
+            the lists.
         seed: of the search, and of models that take one.
 
     Attributes:
@@ -62,7 +62,8 @@ class Search(ClassifierMixin, BaseEstimator):
         chosen_: model, features and parameters of it.
         trials_: one row per combination: its values, state, accuracy, predict_ms and whether it is on the front of
             accuracy against time.
-        fit_seconds_: wall and CPU seconds of the last fit, ``search_seconds_`` those of all combinations.
+        fit_seconds_: wall and CPU seconds of the last fit, ``search_seconds_`` those of all combinations, also of
+            those that were stored before.
     """
 
     searches = True
@@ -93,16 +94,9 @@ class Search(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: one of them.
         """
-        if self.inner != "loso" and not (self.inner.isdecimal() and int(self.inner) >= 2):
-            raise InputError(f"model.inner={self.inner}: give a number of subject groups from 2 on, or loso")
-        if self.trials is not None and self.trials < 1:
-            raise InputError(f"model.trials={self.trials}: give at least 1")
-        if not self.budget > 0:
-            raise InputError(f"model.budget={self.budget:g}: give a number of seconds above 0")
-        if self.objective not in OBJECTIVES:
-            raise InputError(f"model.objective={self.objective}: give {', '.join(OBJECTIVES[:-1])} or {OBJECTIVES[-1]}")
-        if self.trials is None and self.budget == float("inf") and not self._grid():
-            raise InputError("this search has no end: give a number of trials, or a budget in seconds")
+        check_search(self.inner, self.trials, self.budget, endless=self._grid() is None)
+        if self.objective not in ("accuracy", "smallest"):
+            raise InputError(f"model.objective={self.objective}: give accuracy or smallest")
         for part in (self.features or {}).values():
             contract.check(part)
 
@@ -112,23 +106,15 @@ class Search(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: fewer than two subjects.
         """
+        began = time.perf_counter()
         self.check()
-        subjects = X.subjects.astype(str)
-        folds = self._folds(X, y)
-        tables = Tables(self.features or {}, X, y, folds)
-        directions = ["maximize", "minimize"] if self.objective == "accuracy+time" else ["maximize"]
-        with open_study(self.study_key(), X, y, directions, WORSE) as study:
-            finished = _finished(study)
-            ends = time.monotonic() + self.budget - _seconds(finished)
-            while len(finished) < self._size() and (time.monotonic() < ends or not finished):
-                self._try(study, len(finished), tables, y, subjects)
-                finished = _finished(study)
-        finished = self._counted(finished)
-        names = [str(s) for s in np.unique(subjects)]
-        self.trials_ = self._table(finished)
-        ranked = self._ranked(finished, names)
-        self.chosen_ = dict(finished[ranked[0]].params)
-        self.search_seconds_ = _seconds(finished)
+        tables = Tables(self.features or {}, X, y, labelled_folds(X, y, self.inner))
+        spaces = {model: self._space(model) for model in self.models}
+        study = Study(self._common(), spaces, self.seed, self._size(), self.budget, began, limits={})
+        study.search(lambda: self._step(study, tables), self.study_key(), X, y)
+        self.search_seconds_ = sum(t.seconds for t in study.tried)
+        self.trials_ = _table(study.tried)
+        self.chosen_ = study.tried[self._ranked(study.tried)[0]].trial
         wall, cpu = time.perf_counter(), time.process_time()
         self.best_ = self._make(self.chosen_, self._features(self.chosen_)).fit(X, y)
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
@@ -151,15 +137,6 @@ class Search(ClassifierMixin, BaseEstimator):
         """Decisions of a recogniser that makes several per capture."""
         return self.best_.decide(X)
 
-    def _grid(self) -> dict[str, list] | None:
-        """Values of each parameter where there is one model and all of them are lists."""
-        spaces = list(self.spaces.values())
-        if len(spaces) > 1 or any(isinstance(v, Range) for v in spaces[0].values()):
-            return None
-        model = next(iter(self.models))
-        grid = {"model": [model]} | ({"features": list(self.features)} if self.features else {})
-        return grid | {f"{model}.{k}": list(v) for k, v in spaces[0].items()}
-
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part, or listed values, before anything is run.
 
@@ -167,35 +144,12 @@ class Search(ClassifierMixin, BaseEstimator):
             InputError: it has fewer than two subjects, an inner training part has only one class, or a model refuses a
                 combination of listed values or an inner training part.
         """
-        folds = self._folds(X, y)
-        for chosen in self._listed():
-            model = self._make(chosen, "passthrough" if self.features else None)
+        folds = labelled_folds(X, y, self.inner)
+        for trial in self._listed():
+            model = self._make(trial, "passthrough" if self.features else None)
             contract.check(model)
             for train, _ in folds:
                 contract.check_training(model, X[train], np.asarray(y)[train])
-
-    def _folds(self, X: Corpus, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The inner folds of a training part."""
-        folds = inner_folds(X.subjects.astype(str), self.inner)
-        if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
-            raise InputError(
-                f"parameters are chosen by leaving training subjects out, which here leaves one class; "
-                f"choose another inner= than {self.inner}, or more captures"
-            )
-        return folds
-
-    def _listed(self) -> Iterator[dict[str, object]]:
-        """Combinations of listed values of each model, ranges left at their defaults.
-
-        Each value is there, and every combination where there are not too many of them to be made.
-        """
-        for name, space in self.spaces.items():
-            lists = {f"{name}.{k}": v for k, v in space.items() if not isinstance(v, Range)}
-            first = {"model": name} | {k: v[0] for k, v in lists.items()}
-            yield from ({**first, k: value} for k, v in lists.items() for value in v)
-            if np.prod([len(v) for v in lists.values()], dtype=float) <= COMBINATIONS:
-                for values in itertools.product(*lists.values()):
-                    yield {"model": name} | dict(zip(lists, values, strict=True))
 
     def study_key(self) -> dict[str, object]:
         """What trials depend on besides captures and labels; not on how many there are, so that a study can grow."""
@@ -206,158 +160,134 @@ class Search(ClassifierMixin, BaseEstimator):
                 name: [identity(type(f)), sorted(map(repr, f.get_params().items()))]
                 for name, f in (self.features or {}).items()
             },
-            "search": [identity(Search), self.inner, self.objective, self.seed, self._whole_grid()],
+            "search": [identity(Search), self.inner, self.objective, self.seed, self._is_exhaustive()],
         }
 
-    def _counted(self, finished: list) -> list:
-        """Those of the stored trials that this search would have made: a study may hold a longer one."""
-        if self.trials is not None:
-            finished = finished[: self.trials]
-        spent = np.cumsum([t.user_attrs["seconds"] for t in finished])
-        return finished[: max(int((spent < self.budget).sum()) + 1, 1)]
+    def _common(self) -> dict[str, list]:
+        """Values of what every combination has."""
+        return {"model": list(self.models)} | ({"features": list(self.features)} if self.features else {})
+
+    def _space(self, model: str) -> Space:
+        """Values of the parameters of one model."""
+        return {f"{model}.{name}": values for name, values in self.spaces[model].items()}
+
+    def _grid(self) -> dict[str, list] | None:
+        """Values of everything where there is one model and all of them are lists."""
+        (first, *others) = self.spaces
+        space = self._space(first)
+        if others or any(isinstance(values, Range) for values in space.values()):
+            return None
+        return self._common() | {name: list(values) for name, values in space.items()}
 
     def _size(self) -> float:
         """Number of combinations to try."""
-        every = float(np.prod([len(v) for v in grid.values()])) if (grid := self._grid()) else float("inf")
+        every = _count(grid) if (grid := self._grid()) else math.inf
         return every if self.trials is None else min(self.trials, every)
 
-    def _whole_grid(self) -> bool:
+    def _is_exhaustive(self) -> bool:
         grid = self._grid()
-        return grid is not None and self._size() == float(np.prod([len(v) for v in grid.values()]))
+        return grid is not None and self._size() == _count(grid)
 
-    def _try(self, study: object, number: int, tables: Tables, y: np.ndarray, subjects: np.ndarray) -> None:
-        """Score one combination, or the one that was cut off.
+    def _listed(self) -> Iterator[Trial]:
+        """Combinations of listed values of each model, ranges left at their defaults.
 
-        What is tried depends on the seed and the finished trials alone, so that a resumed search is the same.
+        Each value is there, and every combination where there are not too many of them to be made.
         """
-        import optuna
-        from optuna.trial import TrialState
+        for model in self.models:
+            lists = {name: values for name, values in self._space(model).items() if not isinstance(values, Range)}
+            first = {"model": model} | {name: values[0] for name, values in lists.items()}
+            yield from ({**first, name: value} for name, values in lists.items() for value in values)
+            if _count(lists) <= COMBINATIONS:
+                for values in itertools.product(*lists.values()):
+                    yield {"model": model} | dict(zip(lists, values, strict=True))
 
-        unfinished = study.get_trials(deepcopy=False, states=(TrialState.RUNNING, TrialState.WAITING))
-        reported: set[int] = set()
-        if unfinished and unfinished[0].state == TrialState.RUNNING:
-            reported = set(unfinished[0].intermediate_values)
-            trial = optuna.Trial(study, unfinished[0]._trial_id)
-        else:
-            if not unfinished and (given := self._given(number)):
-                study.enqueue_trial(given)
-            trial = study.ask()
-        started = time.perf_counter()
-        chosen = self._suggest(trial, number)
-        features: object = chosen.get("features")
-        name = None if self._prepares(chosen) else features  # what goes through steps first has tables of its own
-        if features:
-            features = "passthrough" if name else self._features(chosen)
-        accuracy: dict[str, float] = {}
-        for fold, (train, test) in enumerate(tables.folds):
-            model = self._make(chosen, features)
-            model.fit(tables.train(name, fold), y[train])
-            hit = model.predict(contract.blinded(model, tables.test(name, fold))) == y[test]
-            for subject in np.unique(subjects[test]):
-                accuracy[str(subject)] = float(hit[subjects[test] == subject].mean())
-            if self.objective == "accuracy":
-                for step in range(len(accuracy) - len(np.unique(subjects[test])), len(accuracy)):
-                    if step not in reported:
-                        trial.report(list(accuracy.values())[step], step)
-                if fold + 1 < len(tables.folds) and trial.should_prune():
-                    trial.set_user_attr("seconds", time.perf_counter() - started)
-                    study.tell(trial, state=TrialState.PRUNED)
-                    return
-        spent = tables.milliseconds(name) + milliseconds_of(model.predict, tables.alone(name, fold))
-        trial.set_user_attr("predict_ms", spent)
-        trial.set_user_attr("subjects", accuracy)
-        trial.set_user_attr("seconds", time.perf_counter() - started)
-        mean = float(np.mean(list(accuracy.values())))
-        study.tell(trial, [mean, spent] if self.objective == "accuracy+time" else mean)
-
-    def _given(self, number: int) -> dict[str, object]:
+    def _first(self, number: int) -> Trial:
         """What is not left to the sampler: the points of a grid, or each model with each feature set once.
 
         The seed shuffles them, as a good one early makes giving up quicker. (Optuna's own grid sampler cannot go on
         after an interruption.)
         """
-        grid = self._grid() if self._whole_grid() else {"model": list(self.models)}
-        if not self._whole_grid() and self.features:
-            grid["features"] = list(self.features)
-        sizes = [len(values) for values in grid.values()]
-        count = int(np.prod(sizes))
+        grid = self._grid()
+        lists = grid if grid and self._is_exhaustive() else self._common()
+        sizes = [len(values) for values in lists.values()]
+        count = math.prod(sizes)
         if number >= count or count == 1:
             return {}
-        place = np.unravel_index(np.random.default_rng(self.seed).permutation(count)[number], sizes)
-        return {name: values[i] for (name, values), i in zip(grid.items(), place, strict=True)}
+        position = np.unravel_index(np.random.default_rng(self.seed).permutation(count)[number], sizes)
+        return {name: values[i] for (name, values), i in zip(lists.items(), position, strict=True)}
 
-    def _suggest(self, trial: object, number: int) -> dict[str, object]:
-        """The values of a trial; each is drawn with a seed of its own, in case the trial is cut off in between."""
-        import optuna
+    def _step(self, study: Study, tables: Tables) -> Tried | None:
+        """Judge the next combination; None where there is no time, but for the first."""
+        if study.tried and study.left <= 0:
+            return None
+        tried = Tried(study.drawn(self._first(len(study.tried)), each=True), "complete")
+        set_name = tried.trial.get("features")
+        name = None if self._prepares(tried.trial) else set_name  # what goes through steps first has its own tables
+        features = "passthrough" if name else self._features(tried.trial)
+        for fold, (train, test) in enumerate(tables.folds):
+            model = self._make(tried.trial, features)
+            model.fit(tables.part(name, fold, 0), tables.y[train])
+            hit = model.predict(contract.blinded(model, tables.part(name, fold, 1))) == tables.y[test]
+            tried.subjects |= by_subject(hit, tables.X.subjects.astype(str)[test])
+            if self.objective == "accuracy" and fold + 1 < len(tables.folds) and study.worse(tried):
+                tried.state = "pruned"
+                return tried
+        tried.costs["predict_ms"] = tables.milliseconds(name, model)
+        return tried
 
-        def seeded() -> object:
-            seed = np.random.SeedSequence([self.seed, number, len(chosen)]).generate_state(1)[0]
-            trial.study.sampler = optuna.samplers.TPESampler(seed=int(seed))
-            return trial
-
-        chosen: dict[str, object] = {}
-        chosen["model"] = seeded().suggest_categorical("model", list(self.models))
-        if self.features:
-            chosen["features"] = seeded().suggest_categorical("features", list(self.features))
-        for name, values in self.spaces[chosen["model"]].items():
-            key = f"{chosen['model']}.{name}"
-            chosen[key] = suggested(seeded(), key, values)
-        return chosen
-
-    def _prepares(self, chosen: dict[str, object]) -> bool:
+    def _prepares(self, trial: Trial) -> bool:
         """Whether a trial's captures go through steps (`models.recipe.Recipe`) before its features are computed."""
         from models.recipe import besides  # here, so that steps are no part of what a search without them depends on
 
-        usual = besides(self.models[chosen["model"]])
-        return any(chosen.get(f"{chosen['model']}.{k}", v) not in (v, "") for k, v in usual.items())
+        usual = besides(self.models[trial["model"]])
+        return any(trial.get(f"{trial['model']}.{k}", v) not in (v, "") for k, v in usual.items())
 
-    def _make(self, chosen: dict[str, object], features: object) -> ClassifierMixin:
-        name = chosen["model"]
-        factory = self.models[name]
-        values = {"seed": self.seed} if "seed" in parameters(factory) else {}
-        values |= {k.partition(".")[2]: v for k, v in chosen.items() if k.startswith(f"{name}.")}
+    def _make(self, trial: Trial, features: object) -> ClassifierMixin:
         from models.recipe import build
 
+        factory = self.models[trial["model"]]
+        values = {"seed": self.seed} if "seed" in parameters(factory) else {}
+        values |= {k.partition(".")[2]: v for k, v in trial.items() if k.startswith(f"{trial['model']}.")}
         return build(factory, features, **values)
 
-    def _table(self, finished: list) -> pd.DataFrame:
-        rows = []
-        for trial in finished:
-            subjects = trial.user_attrs.get("subjects")
-            seen = list(subjects.values()) if subjects else list(trial.intermediate_values.values())
-            rows.append(
-                trial.params
-                | {"state": trial.state.name.lower(), "accuracy": float(np.mean(seen)), "subjects": len(seen)}
-                | {"predict_ms": trial.user_attrs.get("predict_ms", np.nan)}
-                | {"seconds": trial.user_attrs["seconds"]}
-            )
-        table = pd.DataFrame(rows)
-        return table.assign(front=front(table["accuracy"].to_numpy(), table["predict_ms"].to_numpy()))
+    def _features(self, trial: Trial) -> TransformerMixin | None:
+        return clone(self.features[trial["features"]]) if self.features else None
 
-    def _features(self, params: dict[str, object]) -> TransformerMixin | None:
-        return clone(self.features[params["features"]]) if self.features else None
-
-    def _ranked(self, finished: list, subjects: list[str]) -> list[int]:
+    def _ranked(self, tried: list[Tried]) -> list[int]:
         """Positions of the complete trials, the one to take first; the order in which they were made has no say."""
-        complete = [i for i, t in enumerate(finished) if "subjects" in t.user_attrs]
-        scores = {i: np.array([finished[i].user_attrs["subjects"][s] for s in subjects]) for i in complete}
-        ranked = sorted(complete, key=lambda i: (-round(scores[i].mean(), 9), self._place(finished[i].params)))
+        complete = [i for i, t in enumerate(tried) if t.state == "complete"]
+        ranked = sorted(complete, key=lambda i: (-round(tried[i].accuracy, 9), self._position(tried[i].trial)))
         if self.objective == "accuracy":
             return ranked
-        lost = {i: scores[ranked[0]] - scores[i] for i in ranked}
-        near = [i for i in ranked if within_one_standard_error(lost[i])]
-        if self.objective == "smallest":
-            return sorted(near, key=lambda i: self._place(finished[i].params))
-        return sorted(near, key=lambda i: (finished[i].user_attrs["predict_ms"], ranked.index(i)))
+        best = tried[ranked[0]].subjects
+        losses = {i: np.array([best[s] - tried[i].subjects[s] for s in sorted(best)]) for i in ranked}
+        near = [i for i in ranked if within_one_standard_error(losses[i])]
+        return sorted(near, key=lambda i: self._position(tried[i].trial))
 
-    def _place(self, params: dict[str, object]) -> tuple:
+    def _position(self, trial: Trial) -> tuple:
         """Where a combination stands if every list is read from its first value."""
-        place = [list(self.models).index(params["model"])]
-        place += [list(self.features).index(params["features"])] if self.features else []
-        for name, values in self.spaces[params["model"]].items():
-            value = params[f"{params['model']}.{name}"]
-            place.append(value if isinstance(values, Range) else list(values).index(value))
-        return tuple(place)
+        lists = self._common() | self._space(str(trial["model"]))
+        return tuple(
+            trial[name] if isinstance(values, Range) else list(values).index(trial[name])
+            for name, values in lists.items()
+        )
+
+
+def _count(lists: dict[str, list]) -> int:
+    """Number of combinations."""
+    return math.prod(len(values) for values in lists.values())
+
+
+def _table(tried: list[Tried]) -> pd.DataFrame:
+    """A row per combination, in their order."""
+    rows = [
+        t.trial
+        | {"state": t.state, "accuracy": t.accuracy, "subjects": len(t.subjects)}
+        | {"predict_ms": t.costs.get("predict_ms", np.nan), "seconds": t.seconds}
+        for t in tried
+    ]
+    table = pd.DataFrame(rows)
+    return table.assign(front=front(table["accuracy"].to_numpy(), table["predict_ms"].to_numpy()))
 
 
 def tuned(
@@ -378,8 +308,8 @@ def tuned(
     if tuning.get("over") == "features":
         from features.selection import COUNTS, Subset
 
-        (whole,) = features.values()
-        features = {f"{n} best of {shown}": Subset(clone(whole), n) for n in COUNTS} | features
+        (all_columns,) = features.values()
+        features = {f"{n} best of {shown}": Subset(clone(all_columns), n) for n in COUNTS} | features
     how = {k: v for k, v in tuning.items() if k not in ("space", "over")}
     return Search({name: factory}, {name: tuning["space"]}, features, **how)
 
@@ -389,12 +319,3 @@ def machinery(tuning: Tuning) -> list[Code]:
     import features.selection
 
     return [Search, *([features.selection] if tuning.get("over") == "features" else [])]
-
-
-def _finished(study: object) -> list:
-    return [t for t in study.get_trials(deepcopy=False) if t.state.is_finished()]
-
-
-def _seconds(finished: list) -> float:
-    """Seconds that combinations took; Optuna's own would count the time in which a search lay interrupted."""
-    return sum(t.user_attrs["seconds"] for t in finished)

@@ -129,7 +129,7 @@ def _keys(rng: random.Random, command: str) -> list[tuple[str, str]]:
     own = {
         "stress": [("faults", rng.choice(["noise", "shift,rotation", "all"])), ("train_subjects", "1")],
         "stream": [("hop_ms", rng.choice(["100", "500"])), ("start", rng.choice(["onset", "middle"]))],
-        "tune": [("trials", "2"), ("inner", "2"), ("budget", "1"), ("objective", rng.choice(["accuracy", "smallest"]))],
+        "tune": [("trials", "2"), ("inner", "2"), ("budget", "1")],
         "fit": [("out", "m")],
         "choose": [("by", rng.choice(["flash", "ram"])), ("max_flash", "1kB"), ("margin", "1")],
         "extract": [("out", rng.choice(["f.csv", "f.parquet"])), ("data", "synth")],

@@ -1,6 +1,8 @@
 """The search over everything: judged as a plain loop would, within its budget and limits, resumed, blind to others."""
 
+import itertools
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -10,18 +12,20 @@ from sklearn.model_selection import GroupKFold
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from bench import progress
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
+from bench.pareto import front
 from bench.scratch import home
 from features.touch import TouchFeatures
 from models.classic.lda import Discriminants
-from models.search import auto, portfolio
-from models.search import trial_scores as judged
+from models.recipe import taken
+from models.search import auto, portfolio, study, trial_scores
 from models.search.auto import Auto
 from models.search.ensemble import tempered
+from models.search.inner_folds import inner_folds
 from models.search.portfolio import Columns, complete
 from models.search.space import Range
+from models.search.study import Tried
 from models.search.trial_scores import Inner
 from models.sizes import sizes
 from tests.conftest import random_corpus, with_other_values
@@ -29,20 +33,21 @@ from tests.conftest import random_corpus, with_other_values
 QUICK = [
     {"model": "lda", "lda.shrinkage": 0.5},
     {"model": "svm", "svm.scaling": "z", "svm.C": 10.0, "svm.gamma": 0.001},
-    {"model": "lda", "window": 0.5, "repair": "stuck+dead", "faults": "all", "columns": 0.25},
+    {"model": "lda", "window": 0.05, "columns": 0.25},
 ]
+BEFORE = {"window": [0.0, 0.05], "repair": [""], "faults": [""], "scale": ["none"], "columns": [1.0, 0.5, 0.25]}
 
 
 @pytest.fixture
 def quick(monkeypatch):
-    monkeypatch.setattr(portfolio, "FIRST", QUICK)
     few = {m: space for m, space in portfolio.SPACES.items() if m in ("lda", "svm", "softmax")}
-    monkeypatch.setattr(portfolio, "SPACES", few)
-    monkeypatch.setattr(portfolio, "MODELS", {m: portfolio.MODELS[m] for m in few})
+    models = {m: portfolio.MODELS[m] for m in few}
+    for name, value in {"FIRST": QUICK, "BEFORE": BEFORE, "SPACES": few, "MODELS": models}.items():
+        monkeypatch.setattr(portfolio, name, value)
 
 
-def noisy(subjects=6, **kwargs):
-    corpus = random_corpus(subjects=subjects, per_class=3, **kwargs)
+def noisy(subjects=4, longest=15, **kwargs):
+    corpus = random_corpus(subjects=subjects, per_class=3, longest=longest, **kwargs)
     rng = np.random.default_rng(1)
     noise = rng.integers(0, 160, len(corpus.frames))[:, None, None]
     return corpus.changed(frames=(corpus.frames + noise).astype(np.uint16))
@@ -57,17 +62,26 @@ def searched(corpus, trials=5, **kwargs):
     return Auto(budget=float("inf"), trials=trials, inner="2", **kwargs).fit(corpus, corpus.gestures)
 
 
-class Ticking:
+def inner_of(corpus, touch=None):
+    return Inner(corpus, corpus.gestures, inner_folds(corpus.subjects.astype(str), "2"), touch, 0)
+
+
+def flash(system, corpus):
+    return sizes(system, 64, int(corpus.lengths.max()))["flash_bytes"]
+
+
+def ticking(monkeypatch, tick):
     """A clock that goes on by so much whenever it is read."""
+    clock = SimpleNamespace(now=0.0)
 
-    def __init__(self, tick):
-        self.now, self.tick = 0.0, tick
+    def read():
+        clock.now += tick
+        return clock.now
 
-    def perf_counter(self):
-        self.now += self.tick
-        return self.now
-
-    process_time = perf_counter
+    clock.perf_counter = clock.process_time = read
+    for module in (auto, study, trial_scores):
+        monkeypatch.setattr(module, "time", clock)
+    return clock
 
 
 def test_a_trial_is_judged_as_a_plain_loop_would(quick):
@@ -78,215 +92,191 @@ def test_a_trial_is_judged_as_a_plain_loop_would(quick):
         scaler = StandardScaler().fit(X[train])
         machine = SVC(C=10, gamma=0.001, break_ties=True).fit(scaler.transform(X[train]), y[train])
         hits[test] = machine.predict(scaler.transform(X[test])) == y[test]
-    found = searched(corpus)
-    assert found.tried_[1].state == "complete"
-    assert found.tried_[1].subjects == pytest.approx({s: hits[who == s].mean() for s in np.unique(who)})
-    assert found.trials_["accuracy"][1] == pytest.approx(np.mean([hits[who == s].mean() for s in np.unique(who)]))
+    search = searched(corpus, 2)
+    assert search.tried_[1].state == "complete"
+    assert search.tried_[1].subjects == pytest.approx({s: hits[who == s].mean() for s in np.unique(who)})
+    assert search.trials_["accuracy"][1] == pytest.approx(np.mean([hits[who == s].mean() for s in np.unique(who)]))
 
 
 def test_windows_are_judged_by_the_mean_of_undamaged_ones(quick):
-    corpus = noisy(subjects=4, longest=120)
+    corpus = noisy(longest=120)
     trial = complete({"model": "lda", "window": 0.5, "faults": "all", "lda.shrinkage": 0.3})
-    inner = Inner(corpus, corpus.gestures, auto.inner_folds(corpus.subjects.astype(str), "2"), None, 0)
-    (_, test, proba, _), _ = inner.judge(trial)
+    (_, test, proba, _), _ = inner_of(corpus).judge(trial)
     train = np.setdiff1d(np.arange(len(corpus)), test)
-    whole = portfolio.steps_of(trial)
-    from models.recipe import taken
-
-    seen, row = taken(corpus[train], whole.training_steps())
+    seen, row = taken(corpus[train], portfolio.steps_of(trial).training_steps())
     model = Discriminants(0.3).fit(TouchFeatures().transform(seen), corpus.gestures[train][row])
     for i in (0, len(test) - 1):
-        alone, _ = taken(corpus[test[[i]]], whole.steps())
-        expected = model.predict_proba(TouchFeatures().transform(alone)).mean(axis=0)
+        windows, _ = taken(corpus[test[[i]]], portfolio.steps_of(trial).steps())
+        expected = model.predict_proba(TouchFeatures().transform(windows)).mean(axis=0)
         np.testing.assert_allclose(proba[i], expected, atol=1e-6)
 
 
 def test_the_first_seconds_are_what_a_limit_on_touch_judges_by(quick):
-    corpus = noisy(subjects=4, longest=120)
-    folds = auto.inner_folds(corpus.subjects.astype(str), "2")
-    trial = complete(QUICK[0])
-    (_, test, proba, _), _ = Inner(corpus, corpus.gestures, folds, 0.2, 0).judge(trial)
+    corpus = noisy(longest=120)
+    (_, test, proba, _), _ = inner_of(corpus, 0.2).judge(complete(QUICK[0]))
     train, frames = np.setdiff1d(np.arange(len(corpus)), test), int(0.2 * corpus.rate_hz)
     model = Discriminants(0.5).fit(TouchFeatures().transform(corpus[train]), corpus.gestures[train])
     begun = type(corpus).from_captures(
         [corpus[i][:frames] for i in test], corpus.captures.iloc[test], corpus.rate_hz, full_scale=corpus.full_scale
     )
     np.testing.assert_allclose(proba, model.predict_proba(TouchFeatures().transform(begun)), atol=1e-6)
-    asked = searched(corpus, 2, max_decision="200ms")
-    assert asked.tried_[0].accuracy != searched(corpus, 2).tried_[0].accuracy
+    limited = searched(corpus, 1, max_decision="200ms")
+    assert limited.tried_[0].accuracy != searched(corpus, 1).tried_[0].accuracy
 
 
 def test_what_decides_is_what_was_picked_fitted_to_everybody(quick):
     corpus = noisy()
-    found = searched(corpus)
-    chosen = found.trials_[found.trials_["weight"] > 0]
+    search = searched(corpus, 6)
+    trials = search.trials_
+    chosen = trials[trials["weight"] > 0]
     assert chosen["weight"].sum() == pytest.approx(1) and (chosen["state"] == "complete").all()
-    assert len(found.best_.members) == len(chosen) <= 5
-    told = zip(found.best_.members, found.best_.weights, found.best_.temperatures, strict=True)
-    mean = sum(w * tempered(m.predict_proba(corpus), t) for m, w, t in told)
-    np.testing.assert_allclose(found.predict_proba(corpus), mean)
-    assert sum(name.isdecimal() for name in found.chosen_) == len(chosen)
+    assert sum(name.isdecimal() for name in search.chosen_) == len(search.best_.members) == len(chosen) <= 5
+    members = zip(search.best_.members, search.best_.weights, search.best_.temperatures, strict=True)
+    mean = sum(w * tempered(m.predict_proba(corpus), t) for m, w, t in members)
+    np.testing.assert_allclose(search.predict_proba(corpus), mean)
+    heaviest = search.tried_[int(trials["weight"].argmax())]
+    again = inner_of(corpus).fitted(heaviest.trial)
+    assert np.array_equal(search.best_.members[0].predict_proba(corpus), again.predict_proba(corpus))
+    judged = trials[trials["state"] == "complete"]
+    assert judged[["flash_bytes", "ram_bytes", "predict_ms"]].notna().all(axis=None)
+    assert trials["ended"].is_monotonic_increasing
+    for cost, name in (("flash", "flash_bytes"), ("ram", "ram_bytes"), ("predict", "predict_ms")):
+        best = front(judged["accuracy"].to_numpy(), judged[name].to_numpy())
+        assert trials.loc[trials[f"front_{cost}"]].index.tolist() == judged[best].index.tolist()
+    assert search.trained_faults == () and len(Auto().trained_faults) > 10
+    saved = pickle.loads(pickle.dumps(search))  # holds nothing of the training captures
+    assert all(t.proba is None for t in saved.tried_)
+    assert np.array_equal(saved.predict_proba(corpus), search.predict_proba(corpus))
 
 
-def test_it_repeats_itself_and_goes_on_after_an_interruption(tmp_path, quick, monkeypatch):
+def test_it_goes_on_after_an_interruption_as_if_there_had_been_none(tmp_path, quick, monkeypatch):
     corpus = stored(noisy(), tmp_path / "corpus")
+    for before in itertools.product(("touch", "jung54"), BEFORE["window"]):  # kept: tables that are read round alike
+        inner_of(corpus).table(complete({"model": "lda"} | dict(zip(("features", "window"), before, strict=True))))
     straight = searched(corpus)
-    assert len(straight.trials_) == 5
     (home() / "studies").rename(home() / "gone")
-    real, made = judged.Inner.judge, 0
+    real, made = Inner.judge, []
 
     def judge(self, trial):
-        nonlocal made
-        made += 1
-        if made == 4:
+        made.append(trial)
+        if len(made) == 4:
             raise KeyboardInterrupt
         return real(self, trial)
 
-    monkeypatch.setattr(judged.Inner, "judge", judge)
+    monkeypatch.setattr(Inner, "judge", judge)
     with pytest.raises(KeyboardInterrupt):
         searched(corpus)
-    resumed = searched(corpus)
-    assert made == 6  # three were stored
-    again = searched(corpus)
-    assert made == 6
-    for other in (resumed, again):
-        assert [t.trial for t in other.tried_] == [t.trial for t in straight.tried_]
-        assert other.chosen_ == straight.chosen_
-        assert np.array_equal(other.predict_proba(corpus), straight.predict_proba(corpus))
+    for _ in range(2):
+        resumed = searched(corpus)
+        assert len(made) == 6  # three were stored, and then all
+        assert [t.trial for t in resumed.tried_] == [t.trial for t in straight.tried_]
+        assert resumed.chosen_ == straight.chosen_
+        assert np.array_equal(resumed.predict_proba(corpus), straight.predict_proba(corpus))
 
 
-def test_a_study_grows_and_answers_shorter_searches_only_with_their_own_trials(tmp_path, quick):
-    corpus = stored(noisy(), tmp_path / "corpus")
-    grown = [searched(corpus, n) for n in (2, 6, 3)]
-    assert [len(each.trials_) for each in grown] == [2, 6, 3]
-    (home() / "studies").rename(home() / "gone")
-    assert [t.trial for t in searched(corpus, 6).tried_] == [t.trial for t in grown[1].tried_]
-
-
-def test_other_people_change_nothing(tmp_path, quick):
-    corpus = noisy()
+def test_other_people_change_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        portfolio, "FIRST", [QUICK[0], {"model": "lda", "window": 0.5, "faults": "all", "columns": 0.25}]
+    )
+    corpus = noisy(longest=60)
     train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
-    probe = random_corpus(seed=9)
-    found = []
-    for name, each in (("a", corpus), ("b", with_other_values(corpus, test))):
-        whole = stored(each, tmp_path / name)
-        found.append(searched(whole[train]))
-    assert [t.trial for t in found[0].tried_] == [t.trial for t in found[1].tried_]
-    assert found[0].chosen_ == found[1].chosen_
-    assert np.array_equal(*(each.predict_proba(probe) for each in found))
+    searches = []
+    for name, captures in (("a", corpus), ("b", with_other_values(corpus, test))):
+        searches.append(searched(stored(captures, tmp_path / name)[train], 2))
+    assert [t.trial for t in searches[0].tried_] == [t.trial for t in searches[1].tried_]
+    assert searches[0].chosen_ == searches[1].chosen_
+    assert np.array_equal(*(each.predict_proba(random_corpus(seed=9)) for each in searches))
 
 
-@pytest.mark.parametrize("budget", [0.5, 2.0, 5.0, 20.0])
-@pytest.mark.parametrize("tick", [0.001, 0.01])
-def test_the_budget_is_the_whole_fit(budget, tick, quick, monkeypatch):
+def test_the_budget_is_the_whole_fit_and_more_of_it_tries_the_same_first(quick, monkeypatch):
     corpus = noisy()
-    clock = Ticking(tick)
-    monkeypatch.setattr(auto, "time", clock)
-    monkeypatch.setattr(judged, "time", clock)
     monkeypatch.setattr(portfolio, "work", lambda *args: 0.1)
-    found = Auto(budget=budget, inner="2", trials=30).fit(corpus, corpus.gestures)
-    assert clock.now <= max(1.1 * budget, budget + 1)
-    assert found.search_seconds_ + found.fit_seconds_[0] <= max(1.1 * budget, budget + 1)
-    assert found.predict(corpus).shape == (len(corpus),)
+    searches = []
+    for budget, tick in ((0.5, 0.02), (1.5, 0.02), (6.0, 0.02)):
+        clock = ticking(monkeypatch, tick)
+        search = Auto(budget=budget, inner="2", trials=12).fit(corpus, corpus.gestures)
+        assert clock.now <= max(1.1 * budget, budget + 1)
+        assert search.search_seconds_ + search.fit_seconds_[0] <= max(1.1 * budget, budget + 1)
+        searches.append([t.trial for t in search.tried_ if t.state in ("complete", "pruned")])
+    shorter, longer = searches[1:]
+    assert len(QUICK) < len(shorter) < len(longer) and longer[: len(shorter)] == shorter
 
 
-def test_with_more_budget_the_same_trials_come_first(quick, monkeypatch):
-    corpus = noisy()
-    found = []
-    for budget in (4.0, 8.0):
-        clock = Ticking(0.01)
-        monkeypatch.setattr(auto, "time", clock)
-        monkeypatch.setattr(judged, "time", clock)
-        found.append(Auto(budget=budget, inner="2").fit(corpus, corpus.gestures))
-    until = next(i for i, t in enumerate(found[0].tried_) if t.state not in ("complete", "pruned"))
-    assert until > 3 and sum(t.state == "complete" for t in found[1].tried_) > until
-    assert [t.trial for t in found[1].tried_[:until]] == [t.trial for t in found[0].tried_[:until]]
+def test_nothing_is_tried_twice(quick, monkeypatch):
+    again = complete(QUICK[1])
+    monkeypatch.setattr(study.Study, "drawn", lambda self, *args: dict(again))
+    assert len(searched(noisy(), 5).tried_) == len(QUICK)
 
 
-def test_it_says_how_far_it_is(quick, tmp_path, monkeypatch):
-    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
-    said = []
-    with progress.telling(tmp_path, "fold"):
-        monkeypatch.setattr(portfolio, "FIRST", [*QUICK[:2]])
-        real = auto.tell
-        monkeypatch.setattr(auto, "tell", lambda *told: (real(*told), said.extend(progress.told(tmp_path))))
-        Auto(budget=60.0, inner="2", trials=2).fit(noisy(), noisy().gestures)
-    assert [words.split(",")[0] for _, _, words, *_ in said] == ["1 trials of 2", "2 trials of 2"]
-    assert all("best" in words and 0 <= left <= 60 for _, _, words, left, *_ in said) and not progress.told(tmp_path)
-
-
-def test_where_time_is_short_fewer_captures_are_used(quick, monkeypatch):
-    corpus = noisy(gestures=("pat", "rub"))
-    monkeypatch.setattr(judged.Inner, "_probed", lambda self, name: 10 / int(corpus.lengths.sum()))
-    found = Auto(budget=5.0, inner="2", trials=1).fit(corpus, corpus.gestures)
-    part = corpus[found.part_]
-    assert found.chosen_["captures"] == len(part) == int(np.ceil(len(corpus) / 5))
+def test_where_time_is_short_fewer_captures_are_used(quick, monkeypatch, tmp_path):
+    corpus = stored(noisy(subjects=6, gestures=("pat", "rub")), tmp_path / "corpus")
+    monkeypatch.setattr(Inner, "_probed", lambda self, name: 10 / int(corpus.lengths.sum()))
+    search = Auto(budget=5.0, inner="2", trials=1).fit(corpus, corpus.gestures)
+    part = corpus[search.part_]
+    assert search.chosen_["captures"] == len(part) == int(np.ceil(len(corpus) / 5))
     assert set(part.gestures) == set(corpus.gestures) and len(set(part.subjects)) >= 2
-    assert set(found.predict(corpus)) <= set(corpus.gestures)
+    assert not (home() / "features").exists()  # nothing of a part is kept under the digest of all
+    assert set(search.predict(corpus)) <= set(corpus.gestures)
 
 
-def test_where_there_is_no_time_at_all_something_decides_within_the_limits(quick, monkeypatch):
+def test_where_there_is_no_time_something_decides_within_the_limits(quick, monkeypatch):
     corpus = noisy()
     monkeypatch.setattr(Auto, "_expected", lambda self, inner, trial: 1e9)
-    found = Auto(budget=1.0, inner="2").fit(corpus, corpus.gestures)
-    assert found.tried_[0].state == "skipped" and found.classes_.tolist() == sorted(set(corpus.gestures))
     monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], {"model": "lda", "columns": 0.25}])
-    large = sizes(Auto(budget=1.0, inner="2").fit(corpus, corpus.gestures), 64, 40)["flash_bytes"]
-    small = Auto(budget=1.0, inner="2", max_flash=f"{large / 2000}kB").fit(corpus, corpus.gestures)
-    assert sizes(small, 64, 40)["flash_bytes"] <= large / 2
-    with pytest.raises(InputError, match="no trial is within the limits"):
+    free = Auto(budget=1.0, inner="2").fit(corpus, corpus.gestures)
+    assert free.tried_[0].state == "skipped" and free.classes_.tolist() == sorted(set(corpus.gestures))
+    limit = flash(free, corpus) / 2
+    assert (
+        flash(Auto(budget=1.0, inner="2", max_flash=f"{limit / 1e3}kB").fit(corpus, corpus.gestures), corpus) <= limit
+    )
+    with pytest.raises(InputError, match="within the limits"):
         Auto(budget=1.0, inner="2", max_flash="10B").fit(corpus, corpus.gestures)
+    ticking(monkeypatch, 1.0)  # every look at the clock takes longer than the budget
+    search = Auto(budget=0.1, inner="2").fit(corpus, corpus.gestures)
+    assert search.trials_["state"].tolist() == ["unjudged"] and search.trials_["weight"].tolist() == [1.0]
+    assert search.trials_["accuracy"].isna().all() and not search.trials_["front_flash"].any()
+    assert search.chosen_["1"].startswith("1.00 lda") and set(search.predict(corpus)) <= set(corpus.gestures)
 
 
-def test_a_budget_that_is_spent_before_the_first_trial_still_lists_what_decides(quick, monkeypatch):
-    corpus = noisy()
-    monkeypatch.setattr(auto, "time", Ticking(1.0))  # every look at the clock takes longer than the budget
-    found = Auto(budget=0.1, inner="2").fit(corpus, corpus.gestures)
-    assert found.trials_["state"].tolist() == ["unjudged"] and found.trials_["weight"].tolist() == [1.0]
-    assert found.trials_["accuracy"].isna().all() and not found.trials_["front_flash"].any()
-    assert found.chosen_["1"].startswith("1.00 lda") and set(found.predict(corpus)) <= set(corpus.gestures)
-
-
-def test_a_trial_that_fails_is_told_and_the_others_go_on(quick, monkeypatch, tmp_path):
+def test_a_trial_that_fails_is_listed_and_the_others_go_on(quick, monkeypatch, tmp_path):
     corpus = stored(noisy(), tmp_path / "corpus")
-    real = judged.Inner.judge
+    real = Inner.judge
 
     def judge(self, trial):
         if trial["model"] == "svm":
             raise FloatingPointError("not today")
         return real(self, trial)
 
-    monkeypatch.setattr(judged.Inner, "judge", judge)
-    for _ in range(2):  # found, then stored
-        found = searched(corpus)
-        assert found.tried_[1].state == "failed" and found.trials_["weight"][1] == 0
-        assert found.chosen_["failed"] >= 1 and "FloatingPointError: not today" in found.chosen_["error"]
-    monkeypatch.setattr(judged.Inner, "judge", lambda self, trial: 1 / 0)
-    (home() / "studies").rename(home() / "gone")
-    all_failed = searched(corpus, 2)
+    monkeypatch.setattr(Inner, "judge", judge)
+    for _ in range(2):  # judged, then stored
+        search = searched(corpus, 3)
+        assert [t.state for t in search.tried_] == ["complete", "failed", "complete"]
+        assert search.trials_["weight"][1] == 0
+        assert search.chosen_["failed"] == 1 and "FloatingPointError: not today" in search.chosen_["error"]
+    monkeypatch.setattr(Inner, "judge", lambda self, trial: 1 / 0)
+    all_failed = searched(corpus.detached(), 2)
     assert all_failed.chosen_["failed"] == 2 and all_failed.chosen_["1"].startswith("1.00 lda")
 
 
-def test_one_within_the_limits_is_not_given_up_for_one_that_exceeds_them(quick, monkeypatch):
+def test_a_worse_trial_is_given_up_unless_it_is_much_smaller_or_the_better_one_is_too_large(quick, monkeypatch):
     corpus = noisy()
-    monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], {"model": "lda", "columns": 0.25, "lda.shrinkage": 0.9}])
-    monkeypatch.setattr("optuna.trial.Trial.should_prune", lambda self: True)
-    large = searched(corpus, 1).tried_[0].costs["flash_bytes"]
-    found = searched(corpus, 2, max_flash=f"{large / 1500}kB")
-    assert [t.state for t in found.tried_] == ["large", "complete"]
+    small = {"model": "lda", "columns": 0.25, "lda.shrinkage": 0.9}
+    monkeypatch.setattr(study.Study, "worse", lambda self, tried: True)
+    monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], {"model": "lda", "lda.shrinkage": 0.9}, small])
+    free = searched(corpus, 3).tried_
+    assert [t.state for t in free] == ["complete", "pruned", "complete"]
+    monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], small])
+    limit = free[0].costs["flash_bytes"] / 1500
+    assert [t.state for t in searched(corpus, 2, max_flash=f"{limit}kB").tried_] == ["large", "complete"]
 
 
 def test_limits_hold_for_what_is_fitted(quick):
     corpus = noisy()
-    free = searched(corpus, 6)
-    size = sizes(free, 64, int(corpus.lengths.max()))["flash_bytes"]
-    for limit in (size / 2, 5e3):
-        small = searched(corpus, 6, max_flash=f"{limit / 1e3:.3f}kB")
-        assert sizes(small, 64, int(corpus.lengths.max()))["flash_bytes"] <= limit
-    with pytest.raises(InputError, match="no trial is within the limits of model.max_.*flash_bytes"):
-        searched(corpus, 3, max_flash="10B")
-    with pytest.raises(InputError, match="ram_bytes"):
-        searched(corpus, 3, max_ram="10B")
+    limit = flash(searched(corpus, 4), corpus) / 2
+    assert flash(searched(corpus, 4, max_flash=f"{limit / 1e3:.3f}kB"), corpus) <= limit
+    for limits, cost in (({"max_flash": "10B"}, "flash_bytes"), ({"max_ram": "10B"}, "ram_bytes")):
+        with pytest.raises(InputError, match=f"within the limits.*{cost}"):
+            searched(corpus, 2, **limits)
 
 
 def test_limits_hold_for_an_ensemble_as_a_whole(quick, monkeypatch):
@@ -294,70 +284,52 @@ def test_limits_hold_for_an_ensemble_as_a_whole(quick, monkeypatch):
     corpus = noisy()
     grown = [{"model": "svm", "svm.scaling": "z", "svm.C": c, "svm.gamma": 0.01} for c in (1.0, 100.0)]
     monkeypatch.setattr(portfolio, "FIRST", grown)
-    monkeypatch.setattr(auto, "selected", lambda proba, codes, who, allowed: two(len(proba), allowed))
 
-    def two(count, allowed):
-        return {0: 0.5, 1: 0.5} if count == 2 and allowed({0, 1}) else {0: 1.0} if allowed({0}) else {}
+    def both(proba, codes, who, allowed):
+        return {0: 0.5, 1: 0.5} if len(proba) == 2 and allowed({0, 1}) else {0: 1.0} if allowed({0}) else {}
 
+    monkeypatch.setattr(auto, "selected", both)
     free = searched(corpus, 2)
-    judged_as = sum(t.costs["flash_bytes"] for t in free.tried_)
-    fitted = sizes(free, 64, 40)["flash_bytes"]
-    assert len(free.best_.members) == 2 and judged_as < fitted
-    limit = (judged_as + fitted) / 2
-    held = searched(corpus, 2, max_flash=f"{limit / 1000}kB")
-    assert len(held.best_.members) == 1 and sizes(held, 64, 40)["flash_bytes"] <= limit
+    judged = sum(t.costs["flash_bytes"] for t in free.tried_)
+    fitted = flash(free, corpus)
+    assert len(free.best_.members) == 2 and judged < fitted
+    limit = (judged + fitted) / 2
+    limited = searched(corpus, 2, max_flash=f"{limit / 1e3}kB")
+    assert len(limited.best_.members) == 1 and flash(limited, corpus) <= limit
 
 
-def test_the_last_fits_end_where_a_limit_is_exceeded_late(quick, monkeypatch):
+def test_the_last_fits_end_where_a_limit_is_exceeded_late():
     """The first pick outgrows its limit when there is no time for another: another is fitted nevertheless."""
-    corpus = noisy()
-    real = judged.Inner.costs
-    monkeypatch.setattr(auto.Clock, "left", 1e-6)
-    found = searched(corpus, 2)
-    search = Auto(budget=float("inf"), trials=2, inner="2", max_flash="1MB")
-    search.tried_, search.part_ = found.tried_, found.part_
-    best = max(found.tried_, key=lambda t: t.accuracy)
-    first = []
-
-    def costs(self, system):
-        grown = {} if first else {"flash_bytes": 1e9}
-        first.append(system)
-        return real(self, system) | grown
-
-    monkeypatch.setattr(judged.Inner, "costs", costs)
-    inner = Inner(corpus, corpus.gestures, [], None, 0)
-    ((kept, weight),) = search._fitted(inner, auto.Clock(0.0, 1.0))
-    assert kept is not best and weight == 1.0 and len(first) == 2
-
-
-def test_what_is_saved_holds_nothing_of_the_training_captures(quick):
-    corpus = noisy()
-    found = searched(corpus, 3)
-    again = pickle.loads(pickle.dumps(found))
-    assert all(t.proba is None for t in again.tried_) and found.tried_[0].proba is not None
-    assert np.array_equal(again.predict_proba(corpus), found.predict_proba(corpus))
-
-
-def test_faults_are_told_of_what_decides(quick):
-    corpus = noisy()
-    assert len(Auto().trained_faults) > 10
-    assert searched(corpus, 1).trained_faults == ()
+    codes = np.array([0, 1])
+    search = Auto(max_flash="1MB")
+    proba = np.eye(2, dtype=np.float16)
+    search.tried_ = [
+        Tried(
+            {"name": name},
+            "complete",
+            subjects={"a": share},
+            costs={"flash_bytes": 1.0, "ram_bytes": 1.0, "predict_ms": 1.0},
+            proba=proba,
+        )
+        for name, share in (("small", 0.4), ("grows", 0.9))
+    ]
+    fits = []
+    inner = SimpleNamespace(
+        codes=codes,
+        subjects=np.array(["a", "a"]),
+        tabling=lambda trial: 1.0,
+        fitted=lambda trial: fits.append(trial["name"]) or SimpleNamespace(classes_=codes, name=trial["name"]),
+        costs=lambda system: {
+            "flash_bytes": 1e9 if system.name == "grows" else 1.0,
+            "ram_bytes": 1.0,
+            "predict_ms": 1.0,
+        },
+    )
+    ((kept, weight),) = search._fitted(inner, SimpleNamespace(left=1e-6))
+    assert fits == ["grows", "small"] and kept is search.tried_[0] and weight == 1.0
 
 
-def test_costs_and_fronts_are_told(quick):
-    found = searched(noisy(), 6).trials_
-    complete_ = found[found["state"] == "complete"]
-    assert complete_[["flash_bytes", "ram_bytes", "predict_ms"]].notna().all(axis=None)
-    for cost, name in (("flash", "flash_bytes"), ("ram", "ram_bytes"), ("predict", "predict_ms")):
-        for row in complete_.itertuples():
-            others = complete_[complete_.index != row.Index]
-            at_least = (others["accuracy"] >= row.accuracy) & (others[name] <= getattr(row, name))
-            better = (others["accuracy"] > row.accuracy) | (others[name] < getattr(row, name))
-            assert found.loc[row.Index, f"front_{cost}"] == (not (at_least & better).any())
-    assert found["ended"].is_monotonic_increasing
-
-
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.0001])
+@pytest.mark.parametrize("share", [0.5, 0.0001])
 def test_columns_are_those_of_the_largest_f_ratio(share):
     corpus = noisy()
     table = TouchFeatures().transform(corpus)
@@ -385,51 +357,39 @@ def test_what_comes_first_can_be_built_and_drawn(number):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("wrong", "part"),
     [
-        ({"inner": "1"}, "model.inner=1: give a number of subject groups"),
-        ({"trials": 0}, "model.trials=0: give at least 1"),
-        ({"members": 0}, "model.members=0: give at least 1"),
-        ({"budget": 0.0}, "model.budget=0: give"),
-        ({"budget": float("nan")}, "model.budget=nan: give"),
-        ({"budget": float("inf")}, "this search has no end"),
-        ({"max_flash": "64"}, "model.max_flash=64: give a number above 0 and B or kB"),
-        ({"max_decision": "1kB"}, "model.max_decision=1kB: give a number above 0 and ms or s"),
-        ({"max_decision": "infs"}, "model.max_decision=infs: give"),
-        ({"max_predict": "-1ms"}, "model.max_predict=-1ms: give"),
+        ({"trials": 0}, "trials=0:"),
+        ({"members": 0}, "members=0:"),
+        ({"budget": float("inf")}, "no end"),
+        ({"max_flash": "64"}, "max_flash=64:.* B or kB"),
+        ({"max_decision": "1kB"}, "max_decision=1kB:.* ms or s"),
+        ({"max_decision": "infs"}, "max_decision=infs:"),
+        ({"max_predict": "-1ms"}, "max_predict=-1ms:"),
     ],
 )
-def test_searches_that_cannot_be(wrong, message):
-    with pytest.raises(InputError, match=message):
+def test_searches_that_cannot_be(wrong, part):
+    with pytest.raises(InputError, match=part):
         Auto(**wrong).check()
 
 
-def test_one_subject_or_one_class_is_told():
-    with pytest.raises(InputError, match="shorter than a frame at 100 Hz"):
-        Auto(max_decision="5ms").check_training(noisy(), noisy().gestures)
-    corpus = noisy(subjects=2)
-    with pytest.raises(InputError, match="there is 1; train on more"):
-        Auto().check_training(corpus[corpus.subjects == "1"], corpus.gestures[corpus.subjects == "1"])
-    part = ((corpus.subjects == "1") & (corpus.gestures == "pat")) | (corpus.subjects == "2")
-    with pytest.raises(InputError, match="which here leaves one class"):
-        Auto().check_training(corpus[part], corpus.gestures[part])
+def test_training_parts_that_cannot_be():
+    corpus = noisy(subjects=1)
+    for system, fact in ((Auto(max_decision="5ms"), "max_decision=5ms.* 100 Hz"), (Auto(), "there is 1")):
+        with pytest.raises(InputError, match=fact):
+            system.check_training(corpus, corpus.gestures)
 
 
-def test_rows_are_counted_as_the_table_has_them():
-    corpus = noisy(subjects=4, longest=120)
-    inner = Inner(corpus, corpus.gestures, [], None, 0)
-    for before in ({}, {"window": 0.5}, {"faults": "all"}, {"window": 0.5, "faults": "all", "repair": "stuck+dead"}):
-        trial = complete({"model": "lda"} | before)
-        counted = inner.rows(trial)
-        made = len(inner.table(trial).values)
-        assert made == inner.rows(trial)
-        assert counted == made if "faults" not in before else 0.9 < counted / made < 1.1  # some damage drops frames
-
-
-def test_tables_say_the_same_kept_or_not(tmp_path):
-    corpus = noisy(subjects=4, longest=120)
-    kept = stored(corpus, tmp_path / "corpus")[3:40]
-    trial = complete({"model": "lda", "window": 0.5, "faults": "all"})
-    tables = [Inner(kept, kept.gestures, [], None, 0).table(trial) for _ in range(2)]  # computed, then read
-    pd.testing.assert_frame_equal(tables[0].values, tables[1].values)
-    assert tables[0].row.tolist() == tables[1].row.tolist()
+@pytest.mark.parametrize(
+    "before", [{}, {"window": 0.5}, {"faults": "all"}, {"window": 0.5, "faults": "all", "repair": "stuck+dead"}]
+)
+def test_tables_have_the_rows_that_were_counted_and_are_read_as_they_were_computed(before, tmp_path):
+    corpus = stored(noisy(longest=120), tmp_path / "corpus")[3:]
+    trial = complete({"model": "lda"} | before)
+    inner = inner_of(corpus)
+    counted, table = inner.rows(trial), inner.table(trial)
+    assert len(table.values) == inner.rows(trial) == len(table.row)
+    assert counted == len(table.values) if "faults" not in before else 0.9 < counted / len(table.values) < 1.1
+    read = inner_of(corpus).table(trial)
+    pd.testing.assert_frame_equal(read.values, table.values)
+    assert read.row.tolist() == table.row.tolist()

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import log_loss
 
-from models.search.ensemble import Ensemble, selected, temperature_of, tempered
+from models.search.ensemble import Ensemble, logarithms, selected, tempered
+from models.temperature import fit_temperature
 
 
 def drawn(seed, members=3, captures=30, classes=3):
@@ -18,9 +19,10 @@ def drawn(seed, members=3, captures=30, classes=3):
 
 
 def loss_of(proba, codes, subjects):
-    """Mean of the subjects' log losses, by scikit-learn."""
-    labels = list(range(proba.shape[1]))
-    return np.mean([log_loss(codes[subjects == s], proba[subjects == s], labels=labels) for s in set(subjects)])
+    """Mean of the subjects' log losses."""
+    return np.mean(
+        [-np.log([p[c] for p, c in zip(proba, codes, strict=True)])[subjects == s].mean() for s in set(subjects)]
+    )
 
 
 @given(st.integers(0, 200))
@@ -55,22 +57,26 @@ def test_subjects_count_alike_however_many_captures_they_have():
     assert list(selected(np.stack([steady, often]), codes, subjects, lambda some: some != {0, 1})) == [0]
 
 
-@given(st.integers(0, 50))
-def test_the_temperature_has_the_least_loss(seed):
+@pytest.mark.parametrize("bounds", [(0.05, 20.0), (0.9, 1.1)])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_temperature_has_the_least_loss_within_its_bounds(seed, bounds):
     proba, codes, _ = drawn(seed)
-    found = temperature_of(proba[0], codes)
-    grid = np.exp(np.linspace(np.log(0.05), np.log(20), 400))
-    losses = [log_loss(codes, tempered(proba[0], t), labels=[0, 1, 2]) for t in grid]
-    assert log_loss(codes, tempered(proba[0], found), labels=[0, 1, 2]) <= min(losses) + 1e-6
+    losses = {}
+    for t in np.geomspace(*bounds, 300):
+        powers = proba[0] ** (1 / t)
+        losses[t] = log_loss(codes, powers / powers.sum(axis=1, keepdims=True), labels=[0, 1, 2])
+    best = fit_temperature(logarithms(proba[0]), codes, *bounds)
+    assert bounds[0] <= best <= bounds[1] and best == pytest.approx(min(losses, key=losses.get), rel=0.03)
+    np.testing.assert_allclose(tempered(proba[0], t), powers / powers.sum(axis=1, keepdims=True))
 
 
 def test_probabilities_of_half_precision_keep_their_zeros():
     proba = np.array([[1, 0], [0.5, 0.5]], dtype=np.float16)
     assert np.isfinite(tempered(proba, 2.0)).all() and tempered(proba, 2.0)[1].tolist() == [0.5, 0.5]
-    assert np.isfinite(temperature_of(proba, np.array([1, 0])))
+    assert np.isfinite(fit_temperature(logarithms(proba), np.array([1, 0]), 0.05, 20.0))
 
 
-class Says:
+class Votes:
     classes_ = np.array(["a", "b"])
 
     def __init__(self, label):
@@ -81,6 +87,6 @@ class Says:
 
 
 def test_members_without_probabilities_vote_by_weight():
-    together = Ensemble([Says("a"), Says("b")], [0.4, 0.6], [1.0, 1.0])
+    together = Ensemble([Votes("a"), Votes("b")], [0.4, 0.6], [1.0, 1.0])
     np.testing.assert_allclose(together.predict_proba([0]), [[0.4, 0.6]], atol=1e-6)
     assert together.predict([0, 0]).tolist() == ["b", "b"]

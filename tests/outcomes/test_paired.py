@@ -1,7 +1,6 @@
 """The rule of one standard error against exact fractions, and the three places that decide by it."""
 
 from fractions import Fraction
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -9,6 +8,7 @@ import pandas as pd
 from bench.outcomes.choice import decide
 from bench.outcomes.stopping import learn_stopping
 from bench.paired import mean_and_error, within_one_standard_error
+from models.search.study import Tried
 from models.search.tuning import Search
 
 ONE_PERSON = [(n, k, m) for n in range(2, 31) for m in (6, 7, 11, 84) for k in (0, m // 3, m - 1)]
@@ -55,12 +55,10 @@ def chosen_of_two(best, other):
     search.features = None
     names = [str(i) for i in range(len(best))]
     trials = [
-        SimpleNamespace(
-            params={"model": "m", "m.size": size}, user_attrs={"subjects": dict(zip(names, shares, strict=True))}
-        )
+        Tried({"model": "m", "m.size": size}, "complete", subjects=dict(zip(names, shares, strict=True)))
         for size, shares in ((2, best), (1, other))
     ]
-    return choice.chosen == 1, search._ranked(trials, names) == [1, 0]
+    return choice.chosen == 1, search._ranked(trials) == [1, 0]
 
 
 def test_choice_and_search_take_the_cheaper_of_two_that_differ_on_one_person():

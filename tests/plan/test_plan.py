@@ -166,7 +166,7 @@ def test_commands_that_search_make_the_same_search_again(monkeypatch):
     for module in (smallest, tune):
         monkeypatch.setattr(module, "evaluated", lambda cells, jobs: made.append(cells))
     for line, verb in (
-        ("model=svm features=gaus model.C=1.0,2.0 model.gamma=0.5 trials=9 objective=accuracy+time seed=1", "tune"),
+        ("model=svm features=gaus model.C=1.0,2.0 model.gamma=0.5 trials=9 budget=60 seed=1", "tune"),
         ("model=bayes trials=4 inner=loso", "tune"),
         ("model=cnn85 over=frames model.frames=10,85 model.epochs=2", "choose"),
         ("model=svm features=jung28 over=features inner=2", "choose"),

@@ -1,0 +1,165 @@
+"""The engine of both searches: resumed wherever it was cut, answered by its own trials, and its rule of giving up."""
+
+import json
+import time
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import wilcoxon
+
+from bench import progress
+from bench.scratch import home
+from features.jung28 import Jung28
+from features.ta273 import Ta273
+from models.classic.rf import et, rf
+from models.classic.svm import svm
+from models.search import identity, study
+from models.search.space import Range
+from models.search.study import Study, Tried
+from models.search.tuning import Search
+from tests.conftest import random_corpus
+
+CAPTURES = SimpleNamespace(digest="abc", index=np.arange(3))
+LABELS = np.array(["a", "b", "a"])
+SPACES = {
+    "line": {"line.x": Range(1e-3, 10.0, log=True), "line.n": Range(1, 9)},
+    "list": {"list.kind": ["u", "v", 2, None]},
+}
+
+
+def value_of(trial):
+    """Best for x of 0.1 and small n."""
+    bad = abs(np.log10(trial["line.x"]) + 1) + trial["line.n"] / 9 if trial["model"] == "line" else 1.5
+    return 1 / (1 + bad)
+
+
+def searched(most=14, budget=np.inf, stop=None, key=0):
+    """A search of fourteen trials, of which every third is given up and every fifth fails; stopped within a trial."""
+    made = Study({"model": ["line", "list"]}, SPACES, 3, most, budget, time.perf_counter(), {"cost": 0.9})
+
+    def step():
+        number = len(made.tried)
+        if made.left <= 0:
+            return None
+        trial = made.drawn({"model": "list"} if number == 1 else {}, each=True)
+        if number == stop:
+            raise KeyboardInterrupt
+        score = value_of(trial)
+        tried = Tried(trial, "complete", subjects={"p": score, "q": score / 2}, costs={"cost": score}, heat=score)
+        if number % 3 == 2:
+            tried.state, tried.subjects = "pruned", {"p": score}
+        elif number % 5 == 4:
+            tried.state, tried.subjects, tried.error = "failed", {}, "ValueError: no"
+        else:
+            tried.proba = np.full((2, 3), score, dtype=np.float16)
+        return tried
+
+    made.search(step, {"key": key}, CAPTURES, LABELS)
+    return made.tried
+
+
+def facts(trials):
+    """All of some trials but the seconds, with the types of their values."""
+    return [
+        (repr(t.trial), t.state, t.subjects, t.costs, t.heat, t.error, None if t.proba is None else t.proba.tolist())
+        for t in trials
+    ]
+
+
+@pytest.fixture(scope="module")
+def straight():
+    """Uninterrupted, and not stored."""
+    digest, CAPTURES.digest = CAPTURES.digest, ""
+    try:
+        return facts(searched())
+    finally:
+        CAPTURES.digest = digest
+
+
+def file():
+    return home() / "studies" / f"{identity.study_name({'key': 0}, CAPTURES, LABELS)}.jsonl"
+
+
+@pytest.mark.parametrize("stop", [0, 1, 2, 13])
+def test_an_interrupted_search_goes_on_as_if_it_had_not_been(straight, stop):
+    with pytest.raises(KeyboardInterrupt):
+        searched(stop=stop)
+    assert facts(searched()) == straight
+    assert facts(searched(stop=0)) == straight  # all are stored: none is made
+    assert len({line[0] for line in straight}) > 10  # they differ, or this shows nothing
+
+
+def test_a_file_that_a_killed_process_left_is_repaired_wherever_it_ends(straight):
+    searched()
+    content = file().read_bytes()
+    file().with_suffix(".lock").write_text("")
+    for end in [0, 1, *np.random.default_rng(0).integers(2, len(content), 6), len(content) - 1]:
+        file().write_bytes(content[:end])
+        assert facts(searched()) == straight
+        assert facts(searched()) == straight  # as read
+
+
+def test_a_search_is_answered_only_by_the_trials_that_it_would_have_made(straight):
+    assert [len(searched(most)) for most in (3, 14, 6)] == [3, 14, 6]
+    assert facts(searched()) == straight
+    assert facts(searched(key=1)) == straight and len(list((home() / "studies").glob("*.jsonl"))) == 2
+    lines = [json.loads(line) | {"seconds": 10.0} for line in file().read_text().splitlines()]
+    file().write_text("".join(json.dumps(line) + "\n" for line in lines))
+    assert [len(searched(14, budget)) for budget in (39.9, 40.1, 1e3)] == [4, 5, 14]
+
+
+def test_a_folder_that_cannot_be_written_only_costs_the_resuming(straight):
+    home().mkdir(exist_ok=True)
+    (home() / "studies").write_text("in the way")
+    assert facts(searched()) == straight
+
+
+shares = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=9)
+
+
+@given(shares)
+def test_a_trial_is_worse_if_a_signed_rank_test_over_the_subjects_so_far_says_so(pairs):
+    mine, best = np.array(pairs).T / 4
+    made = Study({"model": ["m"]}, {"m": {}}, 0, 9, np.inf, 0.0, {"cost": 1.0})
+    step = iter(
+        [
+            Tried({"model": "m"}, "complete", subjects=dict.fromkeys(range(10), 1.0), costs={"cost": 2.0}),  # too dear
+            Tried({"model": "m"}, "complete", subjects=dict(enumerate([*best, 1.0]))),
+            Tried({"model": "m"}, "large", subjects={"a": 99.0, "b": 99.0}),
+        ]
+    )
+    made.search(lambda: next(step, None), {}, SimpleNamespace(digest=""), LABELS)
+    expected = len(mine) > 1 and wilcoxon(mine - best, alternative="less", zero_method="zsplit").pvalue < 0.1
+    expected = expected and mine.mean() < np.mean([*best, 1.0])
+    assert made.worse(Tried({"model": "m"}, "complete", subjects=dict(enumerate(mine)))) == expected
+
+
+def test_it_tells_how_far_it_is(tmp_path, monkeypatch):
+    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
+    lines = []
+    monkeypatch.setattr(study, "tell", lambda *words: lines.append(words))
+    searched(2, 60.0)
+    assert [words.split(",")[0] for words, _ in lines] == ["1 trials of 2", "2 trials of 2"]
+    assert all("best" in words and 0 <= left <= 60 for words, left in lines)
+
+
+def test_a_study_belongs_to_captures_labels_space_and_code(monkeypatch):
+    corpus = random_corpus()
+    usual = {"models": {"svm": svm}, "spaces": {"svm": {"C": [0.125, 8.0]}}, "features": {"f": Jung28()}, "inner": "2"}
+    others = [
+        *({"models": {"svm": model}} for model in (rf, et, partial(svm, C=1.0), partial(svm, C=2.0))),
+        *({"spaces": {"svm": {"C": [8.0]}}}, {"features": {"f": Ta273()}}, {"inner": "3"}, {"seed": 1}),
+        *({"objective": "smallest"}, {"trials": 1}),  # one drawn of a grid
+    ]
+    search, *searches = [Search(**usual | other) for other in ({}, *others)]
+    names = {identity.study_name(each.study_key(), corpus, corpus.gestures) for each in (search, *searches)}
+    names.add(identity.study_name(search.study_key(), corpus[1:], corpus.gestures[1:]))
+    names.add(identity.study_name(search.study_key(), corpus, corpus.gestures[::-1]))
+    names.add(identity.study_name(search.study_key(), corpus.changed(digest="other"), corpus.gestures))
+    assert len(names) == 14
+    monkeypatch.setattr(identity, "source_digest", lambda part: "changed")
+    assert identity.study_name(search.study_key(), corpus, corpus.gestures) not in names
