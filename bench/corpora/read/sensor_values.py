@@ -54,13 +54,10 @@ def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.n
         InputError: a value that is not within 0 and the full scale, or a whole number that float32 would change.
     """
     flat = values.reshape(len(values), -1)
-    kinds = [np.dtype(np.uint16)]
     step = max(1, _AT_ONCE // flat.shape[1])
     for at in range(0, len(flat), step):
-        block = flat[at : at + step]
-        check(block, full_scale, f"{name}, {unit}", at + 1)
-        kinds.append(smallest(block))
-    return values.astype(np.result_type(*kinds))
+        check(flat[at : at + step], full_scale, f"{name}, {unit}", at + 1)
+    return values.astype(smallest(values))
 
 
 def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, names: Sequence[str] = ()) -> None:
