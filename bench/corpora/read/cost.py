@@ -14,7 +14,7 @@ import pyarrow.csv as pacsv
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.csv_text import FrameFile
 from bench.corpora.read.frame_rows import capture_starts
-from bench.corpora.read.limits import SYNTHETIC, called, check_labels, deviations, plain, quoted
+from bench.corpora.read.limits import SYNTHETIC, called, check_columns, check_labels, deviations, plain, quoted
 from bench.errors import InputError
 from bench.scratch import replacing
 
@@ -61,7 +61,7 @@ def read(path: Path) -> Corpus:
     path = Path(path)
     name = called(path)
     file = FrameFile(path, name)
-    file.require(LABELS + CHANNELS)
+    check_columns(file.columns, LABELS + CHANNELS, file.header)
     made = [SYNTHETIC] if SYNTHETIC in file.columns else []
     if extra := set(file.columns) - {*LABELS, *made, *CHANNELS}:
         raise InputError(
@@ -185,10 +185,10 @@ def training_subjects(captures: pd.DataFrame, lengths: np.ndarray) -> set[str]:
     frames = used.pivot_table(index="subject", columns="gesture", values="frames", aggfunc="sum")
     if captures["subject"].nunique() != PUBLISHED_SUBJECTS or not set(CHALLENGE_FRAMES) <= set(frames):
         return set()
-    known = [frames[gesture].isin(sums) for gesture, sums in CHALLENGE_FRAMES.items()]
-    found = frames[np.logical_and.reduce(known)]
-    exact = all(sorted(found[gesture]) == sorted(sums) for gesture, sums in CHALLENGE_FRAMES.items())
-    return set(found.index) if exact else set()
+    matches = [frames[gesture].isin(sums) for gesture, sums in CHALLENGE_FRAMES.items()]
+    training = frames[np.logical_and.reduce(matches)]
+    exact = all(sorted(training[gesture]) == sorted(sums) for gesture, sums in CHALLENGE_FRAMES.items())
+    return set(training.index) if exact else set()
 
 
 def _md5(path: Path) -> str:

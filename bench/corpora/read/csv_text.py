@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from bench.corpora.read.frame_rows import labels_and_values
-from bench.corpora.read.limits import check_columns, check_conditions, check_file, check_names, plain, quoted, short
+from bench.corpora.read.limits import check_conditions, check_file, check_names, plain, quoted, short
 from bench.errors import InputError
 
 BLOCK = 8 << 20  # bytes that are read at once
@@ -66,17 +66,13 @@ class FrameFile:
         except OSError as e:
             raise InputError(f"{self.label}: cannot be read ({e.strerror}); check the path") from e
 
-    def require(self, names: list[str]) -> None:
-        """Raise an `InputError` that names the columns that are missing."""
-        check_columns(self.columns, names, self.header)
-
     def read(
-        self, whole: list[str], channels: list[str], full_scale: float, fractions: bool = False
+        self, counts: list[str], channels: list[str], full_scale: float, fractions: bool = False
     ) -> tuple[pd.DataFrame, np.ndarray]:
         """Labels and sensor values of every row.
 
         Args:
-            whole: label columns that hold whole numbers; the other label columns are text.
+            counts: label columns that hold whole numbers; the other label columns are text.
             channels: columns of sensor values, 0..full_scale.
             full_scale: largest value allowed.
             fractions: whether values may have decimals.
@@ -89,7 +85,7 @@ class FrameFile:
             InputError: a cell that does not fit, with its line and column.
         """
         check_conditions(len(self.columns) - len(channels), self.header)
-        types = dict.fromkeys(self.columns, _TEXT) | dict.fromkeys(whole, _COUNT)
+        types = dict.fromkeys(self.columns, _TEXT) | dict.fromkeys(counts, _COUNT)
         types |= dict.fromkeys(channels, _NUMBER if fractions else _WHOLE)
         return labels_and_values(
             self._batches(types), self.columns, channels, full_scale, f"{self.label}, line", first=2

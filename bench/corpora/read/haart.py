@@ -11,7 +11,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.read.archive import by_macos, opened
 from bench.corpora.read.csv_text import FrameFile
 from bench.corpora.read.frame_rows import capture_starts
-from bench.corpora.read.limits import called, check_labels, deviations, plain
+from bench.corpora.read.limits import called, check_columns, check_labels, deviations, plain
 from bench.errors import InputError
 
 TRAINING = "training.csv"
@@ -107,7 +107,7 @@ def _part(source: Path | bytes, name: str, split: str) -> tuple[pd.DataFrame, np
     participant = "ParticipantNo" if split == "train" else "ParticipantID"
     numbered = [] if split == "train" else ["Sequence"]
     conditions = [participant, "Substrate", "Cover", "Gesture"]
-    file.require([*conditions, *numbered, *CELLS])
+    check_columns(file.columns, [*conditions, *numbered, *CELLS], file.header)
     labels, values = file.read(numbered, CELLS, FULL_SCALE)
     frame = labels["Sequence"].to_numpy() if numbered else np.arange(len(labels)) % FRAMES + 1
     starts = capture_starts(labels[conditions], frame, 1, where, 2)

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.corpora.read.frame_rows import check_types, is_text, labels_and_values
-from bench.corpora.read.limits import called, check_columns, check_conditions, check_names, check_unpacked, plain
+from bench.corpora.read.limits import called, check_conditions, check_names, check_unpacked, plain
 from bench.errors import InputError
 
 _AT_ONCE = 1 << 22  # values that are unpacked in one step
@@ -61,10 +61,6 @@ class ParquetFile:
             raise
         except Exception as e:  # pyarrow and the text within a file raise a dozen types for damaged bytes
             raise InputError(f"{self.header}: not a readable parquet file ({plain(e)}); save it again") from e
-
-    def require(self, names: list[str]) -> None:
-        """Raise an `InputError` that names the columns that are missing."""
-        check_columns(self.columns, names, self.header)
 
     def read(self, channels: list[str], full_scale: float) -> tuple[pd.DataFrame, np.ndarray]:
         """Labels and sensor values of every row.

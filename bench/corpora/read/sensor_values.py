@@ -37,8 +37,8 @@ def unfit(values: np.ndarray, highest: float) -> np.ndarray:
 
 def smallest(values: np.ndarray) -> np.dtype:
     """uint16 when all values, which are within 0 and the full scale, are whole and fit, else float32."""
-    whole = values.dtype.kind in "iu" or bool((values == np.floor(values)).all())
-    return np.dtype(np.uint16 if whole and float(values.max()) <= LARGEST else np.float32)
+    integers = values.dtype.kind in "iu" or bool((values == np.floor(values)).all())
+    return np.dtype(np.uint16 if integers and float(values.max()) <= LARGEST else np.float32)
 
 
 def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.ndarray:

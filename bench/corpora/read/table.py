@@ -148,7 +148,7 @@ def _file(
     if size is None:
         raise InputError(f"{called(path)}: give the grid of the sensor, such as grid=8x8")
     file = ParquetFile(path) if suffix == ".parquet" else FrameFile(path, called(path))
-    file.require(required)
+    check_columns(file.columns, required, file.header)
     channels = channels_of(file.columns, size, file.header)
     if len(file.columns) < len(channels) + len(required) or {*LABELS, *required} & set(channels):
         raise InputError(
@@ -238,7 +238,7 @@ def _rise(offsets: np.ndarray, total: int) -> bool:
 def _condition(array: np.ndarray, column: str, name: str) -> np.ndarray | pd.Categorical:
     """Labels or numbers of the captures in types that tables can hold."""
     kinds, wanted = ("USiu", "text or whole numbers") if column in LABELS else ("USiufb", "text or numbers")
-    if array.dtype.kind not in kinds or (array.dtype.kind == "f" and array.dtype.itemsize > 8):
+    if array.dtype.kind not in kinds:
         raise InputError(f"{name}: {short(column)} is of type {plain(array.dtype, 40)}; save it as {wanted}")
     if array.dtype.kind in "US":
         try:
@@ -248,4 +248,9 @@ def _condition(array: np.ndarray, column: str, name: str) -> np.ndarray | pd.Cat
         return words_of(words, column, f"{name}, capture")
     if array.dtype.kind == "b":
         return array.view(np.uint8) != 0  # a byte that is neither 0 nor 1 is no truth value
+    if array.dtype.itemsize > 8:  # long doubles
+        double = array.astype(np.float64)
+        if not np.array_equal(double, array, equal_nan=True):
+            raise InputError(f"{name}: {short(column)} holds numbers that float64 cannot hold; round them")
+        return double
     return array
