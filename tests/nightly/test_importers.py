@@ -10,7 +10,7 @@ import zipfile
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.read.cost import GESTURES, LABELS, VARIANTS
@@ -108,7 +108,6 @@ def same(stored, frames, lengths, columns):
     assert stored[2].to_dict("list") == {name: list(words) for name, words in columns.items()}
 
 
-@settings(max_examples=100)
 @given(
     captures(),
     st.sampled_from([0, 1]),
@@ -144,7 +143,6 @@ def plain_table(content, grid):
     return frames, lengths, {name: [words[i] for i in starts] for name, words in cells.items() if name != "synthetic"}
 
 
-@settings(max_examples=400)
 @given(captures(), st.data())
 def test_a_damaged_text_is_refused_or_what_it_says(tmp_path, made, data):
     lines = [line.split(",") for line in text_of(long_table(*made)).split("\n")]
@@ -200,7 +198,6 @@ def damaged(data, content):
     return bytes(raw)
 
 
-@settings(max_examples=400)
 @given(captures(), st.sampled_from(["csv", "parquet", "npz"]), st.data())
 def test_damaged_bytes_are_refused_or_what_they_say(tmp_path, made, suffix, data):
     table = long_table(*made)
@@ -243,7 +240,6 @@ ODD = [
 ]
 
 
-@settings(max_examples=300)
 @given(captures(), st.booleans(), st.data())
 def test_odd_values_types_and_shapes_are_refused_or_kept(tmp_path, made, as_arrays, data):
     frames, lengths, columns = made
@@ -284,7 +280,6 @@ def test_odd_values_types_and_shapes_are_refused_or_kept(tmp_path, made, as_arra
     assert isinstance(stored, str) or value not in (-1, "", " ", "a\0b", "\u2028", "x" * 300, b"\xff", None)
 
 
-@settings(max_examples=200)
 @given(
     st.lists(st.tuples(st.integers(0, 99), st.integers(0, 2), st.integers(0, 13), st.integers(1, 4)), min_size=1),
     st.data(),
