@@ -105,12 +105,16 @@ def test_a_file_that_is_no_table_is_refused(tmp_path, content, facts):
     refused("table", tmp_path / "my.csv", "my.csv", *facts)
 
 
-def test_blank_lines_between_blocks_are_found(tmp_path, monkeypatch):
+def test_lines_are_counted_across_blocks(tmp_path, monkeypatch):
     monkeypatch.setattr("bench.corpora.read.csv_text.BLOCK", 20)
     for count in (1, 3, 60):
         refused("table", csv(tmp_path, GOOD[0], *[""] * count, GOOD[1]), "line 3")
         assert read(csv(tmp_path, *GOOD, *[""] * count)).lengths.tolist() == [2]
-    refused("table", csv(tmp_path, *GOOD, "ann,pat,0,arm,x,2"), "line 4", "a")
+    monkeypatch.setattr("bench.corpora.read.parquet._AT_ONCE", 1)
+    for cell in ("x", "-1"):
+        refused("table", csv(tmp_path, *GOOD, f"ann,pat,0,arm,{cell},2"), "line 4", "a")
+    refused("table", parquet(tmp_path, a=[1, -1]), "row 2", "a")
+    refused("table", csv(tmp_path, GOOD[0], "ann,pat,0,leg,1,2", "ann,pat,1,arm,1,2"), "line 4", "frame 1")
 
 
 @pytest.mark.parametrize(
