@@ -17,8 +17,7 @@ import pandas as pd
 from sklearn.base import BaseEstimator
 
 from bench.corpora.corpus import Corpus, origin
-from bench.corpora.files import Damaged, clear, stamp
-from bench.corpora.folder import open_folder
+from bench.corpora.folder import Damaged, open_folder, stamp
 from bench.scratch import home, owner
 from bench.source import source_digest
 from features.signals import blocks
@@ -143,7 +142,6 @@ def _keep(table: pd.DataFrame, path: Path, about: tuple[str, ...]) -> None:
     """Write beside the final name and rename; where that cannot be done the values are merely computed again."""
     beside = None
     try:
-        clear(path.parent)
         handle, beside = tempfile.mkstemp(prefix=f".{owner()}", dir=path.parent)
         os.close(handle)
         said = table.copy(deep=False)

@@ -44,10 +44,10 @@ def _digest(frames: np.ndarray, full_scale: float) -> bytes:
 
 def _groups(positions: Sequence[int], key: Callable[[int], Hashable]) -> list[list[int]]:
     """Positions of equal keys, without those that are alone."""
-    found: dict[Hashable, list[int]] = {}
+    groups: dict[Hashable, list[int]] = {}
     for i in positions:
-        found.setdefault(key(i), []).append(i)
-    return [group for group in found.values() if len(group) > 1]
+        groups.setdefault(key(i), []).append(i)
+    return [group for group in groups.values() if len(group) > 1]
 
 
 def quiet(frames: np.ndarray) -> bool:
@@ -68,19 +68,19 @@ def repeated(corpus: Corpus) -> list[list[int]]:
     return [group for group in identical(corpus) if not quiet(corpus[group[0]])]
 
 
-def shared(own: Corpus, source: Corpus) -> list[tuple[int, int]]:
+def shared(target: Corpus, source: Corpus) -> list[tuple[int, int]]:
     """Captures that stand in two corpora, without `quiet` ones: equal in their readings or in shares of full scale.
 
     Returns:
-        Pairs of positions, in ``own`` and in ``source``; one for each such capture of ``own``.
+        Pairs of positions, in ``target`` and in ``source``; one for each such capture of ``target``.
     """
-    captures = [*own, *source]
-    shares = [own.full_scale] * len(own) + [source.full_scale] * len(source)
+    captures, count = [*target, *source], len(target)
+    scales = [target.full_scale] * count + [source.full_scale] * len(source)
     pairs: dict[int, int] = {}
-    for group in [*identical(captures), *identical(captures, shares)]:
-        theirs = [i - len(own) for i in group if i >= len(own)]
+    for group in [*identical(captures), *identical(captures, scales)]:
+        theirs = [i - count for i in group if i >= count]
         if theirs and not quiet(captures[group[0]]):
-            pairs |= {i: theirs[0] for i in group if i < len(own)}
+            pairs |= {i: theirs[0] for i in group if i < count}
     return sorted(pairs.items())
 
 
@@ -112,19 +112,18 @@ def seen_before(
 
 def named(corpus: Corpus, position: int) -> str:
     """A capture in words, with its number in the whole corpus."""
-    about = corpus.captures.iloc[position]
-    return f"capture {corpus.index[position]} (subject {about['subject']}, gesture {about['gesture']})"
+    row = corpus.captures.iloc[position]
+    return f"capture {corpus.index[position]} (subject {row['subject']}, gesture {row['gesture']})"
 
 
 def without(corpus: Corpus, position: int) -> str:
     """A condition (``where=``) that leaves a capture out, and as few others as its columns can tell apart."""
-    like = np.ones(len(corpus), bool)
-    parts = []
-    for column in corpus.captures:
+    like, parts = np.ones(len(corpus), bool), []
+    for column in filter(str.isidentifier, map(str, corpus.captures)):
         values = corpus.captures[column].tolist()
         value = values[position]
         fewer = like & [other == value for other in values]
-        if isinstance(value, str | int) and str(column).isidentifier() and fewer.sum() < like.sum():
+        if isinstance(value, str | int) and fewer.sum() < like.sum():
             parts.append(f"{column} != {value!r}")
             like = fewer
     return " or ".join(parts)

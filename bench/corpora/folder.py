@@ -1,8 +1,8 @@
 """Stored corpora: a folder each in the user's data folder, checked and mapped when it is opened.
 
 ``frames.npy``, ``lengths.npy`` and ``captures.parquet`` hold the corpus. ``corpus.json`` holds the rest, and under
-``info.stored`` size and SHA-256 of each file and a checksum of itself; it never
-changes. ``seal.json`` says what ``frames.npy`` looked like (size, times, inode) when its SHA-256 was last found right.
+``info.stored`` size and SHA-256 of each file and a checksum of itself; it never changes. ``seal.json`` holds size,
+times and inode of ``frames.npy`` when its SHA-256 was last verified.
 
 Small files are hashed at each opening, frames only when they look different. This finds damage and changes by
 accident; who can write into the folder can also write a corpus of their own there.
@@ -12,12 +12,9 @@ from __future__ import annotations
 
 import copyreg
 import hashlib
-import io
 import json
-import math
 import os
-import re
-import shutil
+import stat
 import tempfile
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,15 +24,18 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus, unblinded
-from bench.corpora.files import Damaged, clear, compare, sha256_of, short, small_file, stamp, write_text
+from bench.corpora.read.limits import plain
 from bench.errors import InputError
 from bench.scratch import home, owner
 
 SMALL = ("lengths.npy", "captures.parquet")
 FILES = ("frames.npy", *SMALL)
-ABOUT = ("name", "digest", "rate_hz", "full_scale", "info")  # in corpus.json
-HASH = "[0-9a-f]{64}"
-_seen: set[tuple] = set()  # what was verified in folders that cannot be written, so that no seal can tell
+FIELDS = ("name", "digest", "rate_hz", "full_scale", "info")  # in corpus.json
+_seen: set[tuple] = set()  # frames verified in folders that cannot be written, and so have no seal
+
+
+class Damaged(Exception):
+    """What is wrong with a stored corpus, in a few words."""
 
 
 @dataclass(frozen=True)
@@ -58,19 +58,19 @@ class Address:
         Raises:
             InputError: it is in none of them, or damaged.
         """
-        refused = None
+        problems = []
         for folder in dict.fromkeys((self.path, home() / (self.within or self.path))):
             try:
                 corpus = open_folder(folder)
             except InputError as e:
-                refused = refused or e
+                problems.append(e)
                 continue
             if corpus.digest == self.digest:
                 return corpus
-            refused = refused or InputError(
-                f"{short(folder)} was replaced by another corpus while it was in use; start the command again"
+            problems.append(
+                InputError(f"{plain(folder, 150)} was replaced by another corpus while it was in use; start again")
             )
-        raise refused or InputError(f"{short(self.path)} is not there; import it again")
+        raise problems[0]
 
 
 def address(corpus: Corpus) -> Address:
@@ -93,10 +93,10 @@ def reopen(where: Address, index: np.ndarray, target: str, visible: tuple[str, .
 
 def _reduced(corpus: Corpus) -> str | tuple:
     """How a corpus travels to another process: a stored one by its address, so that frames never do."""
-    whole, visible = unblinded(corpus)
-    if whole.path is None or whole.steps:
+    seeing, visible = unblinded(corpus)
+    if seeing.path is None or seeing.steps:
         return object.__reduce_ex__(corpus, 2)
-    return reopen, (address(whole), whole.index, whole.target, visible)
+    return reopen, (address(seeing), seeing.index, seeing.target, visible)
 
 
 copyreg.pickle(Corpus, _reduced)
@@ -128,35 +128,28 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
     """
     digest = digest or content_digest(corpus)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    clear(folder.parent)
     if _holds(folder, digest):
         return
-    beside, aside = (Path(tempfile.mkdtemp(prefix=f".{owner()}", dir=folder.parent)) for _ in range(2))
-    try:
-        np.save(beside / "frames.npy", np.ascontiguousarray(corpus.frames))
-        np.save(beside / "lengths.npy", np.asarray(corpus.lengths, dtype=np.int64))
-        corpus.captures.to_parquet(beside / "captures.parquet", index=False)
-        about = {n: getattr(corpus, n) for n in ABOUT} | {"digest": digest}
-        _seal_all(beside, about, folder.name, {n: sha256_of(beside / n) for n in FILES})
-        if os.path.lexists(folder) and not _holds(folder, digest):
-            folder.rename(aside / "old")
-        if not os.path.lexists(folder):
-            beside.rename(folder)
-    except OSError:
-        if not _holds(folder, digest):  # else another process was faster by a moment
-            raise
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
-        shutil.rmtree(aside, ignore_errors=True)
-
-
-def _holds(folder: Path, digest: str) -> bool:
-    """Whether a corpus is there already, unharmed."""
-    try:
-        about, _ = _about(folder)
-    except Damaged:
-        return False
-    return about["digest"] == digest and not any(verified(folder, folder.name).values())
+    with tempfile.TemporaryDirectory(prefix=f".{owner()}", dir=folder.parent, ignore_cleanup_errors=True) as beside:
+        new = Path(beside) / "new"
+        new.mkdir()
+        np.save(new / "frames.npy", np.ascontiguousarray(corpus.frames))
+        np.save(new / "lengths.npy", np.asarray(corpus.lengths, dtype=np.int64))
+        corpus.captures.to_parquet(new / "captures.parquet", index=False)
+        fields = {name: getattr(corpus, name) for name in FIELDS} | {"digest": digest}
+        stored = {"folder": folder.name, "files": {name: _size_and_hash(new / name) for name in FILES}}
+        fields, stored = json.loads(json.dumps([fields, stored], default=np.generic.item))
+        fields["info"]["stored"] = stored | {"sum": _sum(fields, stored)}
+        (new / "corpus.json").write_text(json.dumps(fields, indent=1))
+        _seal(new, stored["files"]["frames.npy"][1])
+        try:
+            if os.path.lexists(folder) and not _holds(folder, digest):
+                folder.rename(Path(beside) / "old")
+            if not os.path.lexists(folder):
+                new.rename(folder)
+        except OSError:
+            if not _holds(folder, digest):  # else another process was faster by a moment
+                raise
 
 
 def open_folder(folder: Path, key: str = "") -> Corpus:
@@ -170,14 +163,16 @@ def open_folder(folder: Path, key: str = "") -> Corpus:
         InputError: the folder does not hold a complete corpus, unchanged.
     """
     try:
-        about, stored = _about(folder)
-        if key and stored["folder"] != key:
-            raise Damaged(f"it was written for {stored['folder'][:40]}")
-        contents = {name: small_file(folder / name, stored["files"][name]) for name in SMALL}
+        fields, stored = _fields(folder, key)
+        for name in SMALL:
+            _compare(folder / name, *stored["files"][name])
         _check_frames(folder, *stored["files"]["frames.npy"])
-        return _corpus(folder, about, contents)
-    except Damaged as e:
-        raise InputError(f"{short(folder)} was changed or damaged ({e}); import it again") from e
+        frames = np.load(folder / "frames.npy", mmap_mode="r", allow_pickle=False).view(np.ndarray)
+        lengths = np.load(folder / "lengths.npy", allow_pickle=False)
+        captures = pd.read_parquet(folder / "captures.parquet")
+    except (Damaged, OSError, ValueError) as e:
+        raise InputError(f"{plain(folder, 150)} was changed or damaged ({plain(e)}); import it again") from e
+    return Corpus(frames, np.cumsum(lengths) - lengths, lengths, captures, path=folder, **fields)
 
 
 def verified(folder: Path, key: str = "") -> dict[str, str]:
@@ -188,101 +183,114 @@ def verified(folder: Path, key: str = "") -> dict[str, str]:
         key: the name of the folder that it was written for, if that matters.
     """
     try:
-        _, stored = _about(folder)
+        _, stored = _fields(folder, key)
     except Damaged as e:
         return {"corpus.json": str(e)} | dict.fromkeys(FILES, "cannot be checked without corpus.json")
-    found = dict.fromkeys(("corpus.json", *FILES), "")
+    wrong = dict.fromkeys(("corpus.json", *FILES), "")
     for name, (size, sha256) in stored["files"].items():
         try:
-            compare(folder / name, size, sha256)
+            _compare(folder / name, size, sha256)
         except Damaged as e:
-            found[name] = str(e)
-    if found["frames.npy"]:  # however it looks, it is not to be opened again
+            wrong[name] = str(e)
+    if wrong["frames.npy"]:  # however it looks, it is not to be opened again
         with suppress(OSError):
             (folder / "seal.json").unlink()
-    if not any(found.values()):
-        try:
-            open_folder(folder, key)
-        except InputError as e:
-            found["corpus.json"] = str(e)
-    return found
+    return wrong
 
 
-def _about(folder: Path) -> tuple[dict, dict]:
-    """What ``corpus.json`` says, and what was stored beside it."""
+def _holds(folder: Path, digest: str) -> bool:
+    """Whether a corpus is there already, unharmed."""
     try:
-        about = json.loads(small_file(folder / "corpus.json"))
-    except (ValueError, RecursionError) as e:
+        fields, _ = _fields(folder, folder.name)
+    except Damaged:
+        return False
+    return fields["digest"] == digest and not any(verified(folder).values())
+
+
+def _fields(folder: Path, key: str = "") -> tuple[dict, dict]:
+    """The contents of ``corpus.json``, and under ``info.stored`` what was stored beside it."""
+    try:
+        fields = json.loads(small_file(folder / "corpus.json"))
+        stored = fields["info"].pop("stored")
+        unchanged = stored.pop("sum") == _sum(fields, stored)
+    except (ValueError, RecursionError, TypeError, KeyError, AttributeError) as e:
         raise Damaged("corpus.json cannot be read") from e
-    if not isinstance(about, dict) or set(about) != set(ABOUT) or not isinstance(about["info"], dict):
-        raise Damaged("corpus.json does not say what a corpus is")
-    stored = about["info"].pop("stored", None)
-    if stored is None:
-        raise Damaged("corpus.json does not say what was stored")
-    if not isinstance(stored, dict) or stored.pop("sum", None) != _sum(about, stored):
+    if not unchanged:
         raise Damaged("corpus.json differs from what was stored")
-    numbers = [about["rate_hz"], about["full_scale"]]
-    if not (
-        all(isinstance(n, int | float) and not isinstance(n, bool) and 0 < n < math.inf for n in numbers)
-        and isinstance(about["name"], str)
-        and isinstance(about["digest"], str)
-        and re.fullmatch(HASH, about["digest"])
-    ):
-        raise Damaged("corpus.json holds impossible values")
-    return about, stored
+    if key and stored["folder"] != key:
+        raise Damaged(f"corpus.json was written for {stored['folder'][:40]}")
+    return fields, stored
 
 
-def _sum(about: dict, stored: dict) -> str:
-    return hashlib.sha256(json.dumps([about, stored], sort_keys=True).encode()).hexdigest()
+def _sum(fields: dict, stored: dict) -> str:
+    return hashlib.sha256(json.dumps([fields, stored], sort_keys=True).encode()).hexdigest()
 
 
 def _check_frames(folder: Path, size: int, sha256: str) -> None:
     """Compare the frames with what was stored, if they have changed since that was last done."""
     path = folder / "frames.npy"
-    now = (sha256, *stamp(path))
+    look = [sha256, *stamp(path)]
     with suppress(Damaged, ValueError, RecursionError):
-        if json.loads(small_file(folder / "seal.json")) == list(now):
+        if json.loads(small_file(folder / "seal.json")) == look:
             return
-    if (path, *now) in _seen:
+    if (path, *look) in _seen:
         return
-    compare(path, size, sha256)
+    _compare(path, size, sha256)
     try:
-        clear(folder)
-        write_text(folder / "seal.json", json.dumps(now))
+        _seal(folder, sha256)
     except OSError:
-        _seen.add((path, *now))
+        _seen.add((path, *look))
 
 
-def _seal_all(folder: Path, about: dict, key: str, files: dict[str, tuple[int, str]]) -> None:
-    """Write ``corpus.json`` and ``seal.json`` beside files of these sizes and hashes."""
-    about, stored = json.loads(json.dumps([about, {"folder": key, "files": files}], default=np.generic.item))
-    about["info"]["stored"] = stored | {"sum": _sum(about, stored)}
-    write_text(folder / "corpus.json", json.dumps(about, indent=1))
-    write_text(folder / "seal.json", json.dumps([files["frames.npy"][1], *stamp(folder / "frames.npy")]))
+def _seal(folder: Path, sha256: str) -> None:
+    """Write what the frames look like now; half a seal, after a kill, is none."""
+    (folder / "seal.json").write_text(json.dumps([sha256, *stamp(folder / "frames.npy")]))
 
 
-def _corpus(folder: Path, about: dict, contents: dict[str, bytes]) -> Corpus:
-    """The corpus itself, its parts checked against each other."""
-    size = stamp(folder / "frames.npy")[0]
+# Files: read within bounds, as they may be anything
+
+
+def small_file(path: Path, most: int = 1 << 24) -> bytes:
+    """The bytes of a file of at most so many.
+
+    Raises:
+        Damaged: there is no such file.
+    """
+    if (size := stamp(path)[0]) > most:
+        raise Damaged(f"{path.name} has {size} bytes")
     try:
-        frames = np.load(folder / "frames.npy", mmap_mode="r", allow_pickle=False)
-        lengths = np.load(io.BytesIO(contents["lengths.npy"]), allow_pickle=False)
-        captures = pd.read_parquet(io.BytesIO(contents["captures.parquet"]))
-    except Exception as e:  # numpy and pyarrow raise a dozen types where bytes mean nothing
-        raise Damaged(f"a file cannot be read: {' '.join(str(e).split())[:60]}") from e
-    if not (
-        isinstance(frames, np.memmap)
-        and frames.ndim == 3
-        and frames.offset + frames.nbytes == size
-        and frames.size
-        and frames.dtype.kind in "uif"
-        and isinstance(lengths, np.ndarray)
-        and lengths.dtype == np.int64
-        and lengths.shape == (len(captures),)
-        and lengths.min(initial=1) > 0
-        and lengths.sum() == len(frames)
-        and {"subject", "gesture"} <= set(captures)
-    ):
-        raise Damaged("frames, lengths and captures do not fit together")
-    starts = np.cumsum(lengths) - lengths
-    return Corpus(frames.view(np.ndarray), starts, lengths, captures, path=folder, **about)
+        return path.read_bytes()
+    except OSError as e:
+        raise Damaged(f"{path.name} cannot be read") from e
+
+
+def stamp(path: Path) -> tuple[int, ...]:
+    """What changes when a file does: size, times (that of its entry cannot be set back) and inode.
+
+    Raises:
+        Damaged: there is no such file.
+    """
+    try:
+        status = path.stat()
+    except OSError as e:
+        raise Damaged(f"{path.name} is not there") from e
+    if not stat.S_ISREG(status.st_mode):  # a pipe would wait for ever
+        raise Damaged(f"{path.name} is no file")
+    return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino
+
+
+def _size_and_hash(path: Path) -> tuple[int, str]:
+    with path.open("rb") as file:
+        return stamp(path)[0], hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _compare(path: Path, size: int, sha256: str) -> None:
+    """Read a file of any size to see whether it has this size and hash; another size tells without reading."""
+    if (actual := stamp(path)[0]) != size:
+        raise Damaged(f"{path.name} has {actual} bytes")
+    try:
+        if _size_and_hash(path)[1] == sha256:
+            return
+    except OSError as e:
+        raise Damaged(f"{path.name} cannot be read") from e
+    raise Damaged(f"{path.name} differs from what was stored")

@@ -11,7 +11,6 @@ import inspect
 import json
 import os
 import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,12 +19,11 @@ from filelock import FileLock, Timeout
 
 from bench.corpora import duplicates
 from bench.corpora.corpus import Corpus
-from bench.corpora.files import Damaged, short, small_file, write_text
-from bench.corpora.folder import content_digest, open_folder, verified, write_folder
+from bench.corpora.folder import Damaged, content_digest, open_folder, small_file, verified, write_folder
 from bench.corpora.read.limits import plain
 from bench.errors import InputError, nearest
 from bench.registry import load
-from bench.scratch import home
+from bench.scratch import home, remove, replacing
 
 NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 
@@ -60,24 +58,26 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
             stored = folder / digest[:16]
             write_folder(corpus, stored, digest)
             pointer = folder / "current"
-            if pointer.is_dir() and not pointer.is_symlink():
-                shutil.rmtree(pointer)
-            write_text(pointer, stored.name)
+            if os.path.lexists(pointer) and (pointer.is_symlink() or not pointer.is_file()):
+                remove(pointer)
+            with replacing(pointer) as beside:
+                beside.write_text(stored.name)
             for old in folder.iterdir():  # nobody else writes here, the lock is ours
-                if old.is_dir() and old != stored:
-                    shutil.rmtree(old, ignore_errors=True)
-                elif old.name.startswith("."):
-                    old.unlink(missing_ok=True)
+                if old not in (pointer, stored):
+                    remove(old)
     except Timeout as e:
         raise InputError(f"another import of name={name} is under way; wait for it or choose another name=") from e
     except OSError as e:
-        raise InputError(
-            f"{short(folder)} cannot be written ({e.strerror or e}); set TOUCHBENCH_HOME to a folder that can"
-        ) from e
+        raise _unwritable(folder, e) from e
     finally:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
     return open_folder(stored)
+
+
+def _unwritable(folder: Path, error: OSError) -> InputError:
+    reason = plain(error.strerror or error)
+    return InputError(f"{plain(folder, 150)} cannot be written ({reason}); set TOUCHBENCH_HOME to a folder that can")
 
 
 def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
@@ -88,32 +88,31 @@ def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
     """
     if name == "synth":
         return _synthetic(parameters)
-    folder = _pointed(name)
-    corpus = open_folder(folder, folder.name)
-    if corpus.name != name:
-        raise InputError(f"{short(folder)} was changed or damaged (it is {corpus.name[:40]}); import it again")
+    try:
+        folder = _folder(name)
+        corpus = open_folder(folder, folder.name)
+        if corpus.name != name:
+            raise Damaged(f"it is {corpus.name[:40]}")
+    except Damaged as e:
+        folder = home() / "corpora" / name
+        raise InputError(f"{plain(folder, 150)} was changed or damaged ({e}); import it again") from e
     return corpus
 
 
-def _pointer(name: str) -> Path:
-    """The file that says which folder is meant; it may be damaged."""
+def _folder(name: str) -> Path:
+    """The folder of an imported corpus, which its file ``current`` names.
+
+    Raises:
+        InputError: nothing was imported under this name.
+        Damaged: the file names none.
+    """
     pointer = home() / "corpora" / name / "current"
     if not re.fullmatch(NAME, name) or not os.path.lexists(pointer):
-        known = nearest(name[:60], ["synth", *imported()])
-        known = known if len(known) <= 150 else f"{known[:147]}..."
-        raise InputError(f"data={name[:60]}: not imported; {known}. Import it with: bench data import ...")
-    return pointer
-
-
-def _pointed(name: str) -> Path:
-    """The folder of an imported corpus."""
-    pointer = _pointer(name)
-    try:
-        digest = small_file(pointer, most=100).decode(errors="replace").strip()
-        if not re.fullmatch("[0-9a-f]{16}", digest):
-            raise Damaged("current names no corpus")
-    except Damaged as e:
-        raise InputError(f"{short(pointer.parent)} was changed or damaged ({e}); import it again") from e
+        names = plain(nearest(name[:60], ["synth", *imported()]), 150)
+        raise InputError(f"data={name[:60]}: not imported; {names}. Import it with: bench data import ...")
+    digest = small_file(pointer, most=100).decode(errors="replace").strip()
+    if not re.fullmatch("[0-9a-f]{16}", digest):
+        raise Damaged("current names no corpus")
     return pointer.parent / digest
 
 
@@ -129,18 +128,17 @@ def verify(name: str) -> dict[str, str]:
     if name == "synth":
         folders = sorted(f for f in (home() / "corpora" / "synth").glob("[0-9a-f]*") if f.is_dir())
         return {f"{f.name}/{file}": wrong for f in folders for file, wrong in verified(f, f.name).items()}
-    _pointer(name)
     try:
-        folder = _pointed(name)
-    except InputError as e:
+        folder = _folder(name)
+    except Damaged as e:
         return {"current": str(e)}
-    found = {"current": "", **verified(folder, folder.name)}
-    if not any(found.values()):
+    wrong = {"current": "", **verified(folder, folder.name)}
+    if not any(wrong.values()):
         try:
             open_corpus(name, {})
         except InputError as e:
-            found["corpus.json"] = str(e)
-    return found
+            wrong["corpus.json"] = str(e)
+    return wrong
 
 
 def imported() -> list[str]:
@@ -177,7 +175,7 @@ def overview() -> list[dict[str, object]]:
 
 
 def _read(reader: Callable, source: Path, arguments: dict[str, object]) -> Corpus:
-    """What a reader makes of a file, whose own errors are none of the data folder's."""
+    """The corpus of a file; its own errors are none of the data folder's."""
     try:
         return reader(source, **arguments)
     except OSError as e:
@@ -214,13 +212,13 @@ def _synthetic(parameters: dict[str, Any]) -> Corpus:
     return _made(home() / "corpora" / "synth" / key, lambda: synth.generate(**parameters))
 
 
-def open_joined(own: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
+def open_joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     """Captures of two skins as `bench.corpora.skins.joined` makes them, stored under all that they depend on.
 
     Args:
-        own: captures of a stored corpus, or some of them.
+        target: captures of a stored corpus, or some of them.
         source: another stored corpus.
-        names: what classes of ``source`` are called in ``own``.
+        names: what classes of ``source`` are called in ``target``.
 
     Raises:
         InputError: as of `joined`, or the data folder cannot be written.
@@ -228,17 +226,9 @@ def open_joined(own: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     from bench.corpora import skins
 
     code = Path(skins.__file__).read_bytes()
-    same = [
-        own.digest,
-        own.name,
-        own.index.tolist(),
-        source.digest,
-        source.name,
-        source.index.tolist(),
-        sorted(names.items()),
-    ]
-    key = hashlib.sha256(json.dumps(same).encode() + code).hexdigest()[:16]
-    return _made(home() / "corpora" / ".transfer" / key, lambda: skins.joined(own, source, names))
+    captures = [part for c in (target, source) for part in (c.digest, c.name, c.index.tolist())]
+    key = hashlib.sha256(json.dumps([*captures, sorted(names.items())]).encode() + code).hexdigest()[:16]
+    return _made(home() / "corpora" / ".transfer" / key, lambda: skins.joined(target, source, names))
 
 
 def _made(folder: Path, make: Callable[[], Corpus]) -> Corpus:
@@ -254,7 +244,5 @@ def _made(folder: Path, make: Callable[[], Corpus]) -> Corpus:
     try:
         write_folder(corpus, folder)
     except OSError as e:
-        raise InputError(
-            f"{short(folder)} cannot be written ({e.strerror or e}); set TOUCHBENCH_HOME to a folder that can"
-        ) from e
+        raise _unwritable(folder, e) from e
     return open_folder(folder, folder.name)

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import time
 
 import numpy as np
 import pandas as pd
@@ -51,19 +50,9 @@ def rewritten(path, change):
     pq.write_table(changed.replace_schema_metadata(whole.schema.metadata), path)
 
 
-def doubled(frame):
-    frame["f01_mean_pressure"] *= 2
-    return frame
-
-
-def swapped(frame):
-    frame.iloc[[0, 1]] = frame.iloc[[1, 0]].to_numpy()
-    return frame
-
-
 CHANGES = {
-    "values doubled": doubled,
-    "rows swapped": swapped,
+    "a value doubled": lambda frame: frame.assign(f01_mean_pressure=2 * frame["f01_mean_pressure"]),
+    "rows swapped": lambda frame: frame.iloc[[1, 0, *range(2, len(frame))]],
     "a row less": lambda frame: frame.iloc[:-1],
     "a row more": lambda frame: pd.concat([frame, frame.iloc[:1]]),
     "columns swapped": lambda frame: frame[[*frame.columns[::-1]]],
@@ -145,13 +134,3 @@ def test_frames_that_are_changed_under_an_open_corpus_fill_no_cache(stored, corp
     with pytest.raises(InputError, match="import it again"):
         Jung28().transform(stored)
     assert not list((home() / "features").iterdir())
-
-
-def test_reading_a_good_table_takes_milliseconds(table, stored, extracted):
-    took = []
-    for _ in range(10):
-        kept._read.cache_clear()
-        started = time.perf_counter()
-        Jung28().transform(stored)
-        took.append(time.perf_counter() - started)
-    assert min(took) < 0.1 and not extracted

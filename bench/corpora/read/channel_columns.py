@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from bench.corpora.read.limits import short
+from bench.corpora.read.limits import listed, short
 from bench.errors import InputError
 
 OURS = "ch"  # what saved systems call their channels: ch1, ch2, ...
@@ -39,11 +39,11 @@ def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[s
         else:
             by_number[number] = name
     missing = [f"{stem}{number}" for number in range(first, first + count) if number not in by_number]
-    if missing or extra:
+    wrong = [f"{what}: {listed(names)}" for what, names in (("missing", missing), ("extra", extra)) if names]
+    if wrong:
         raise InputError(
             f"{where}: a grid of {grid[0]}x{grid[1]} has {count} channels, {short(stem)}{first} to "
-            f"{short(stem)}{first + count - 1}: {_listed(missing, 'missing')}{', ' if missing and extra else ''}"
-            f"{_listed(extra, 'extra')}; correct the columns or the grid"
+            f"{short(stem)}{first + count - 1}; {', '.join(wrong)}; correct the columns or the grid"
         )
     return [by_number[number] for number in sorted(by_number)]
 
@@ -64,11 +64,3 @@ def _parts(name: str) -> tuple[str, int | None, str]:
     """Text and number of a name such as ch12, and the name."""
     match = re.fullmatch(r"(.*?)([0-9]{1,9})", name, re.DOTALL)
     return (match[1], int(match[2]), name) if match else (name, None, name)
-
-
-def _listed(names: list[str], what: str) -> str:
-    """Up to three names and what they are, such as ``ch1, ch2 are missing``."""
-    if not names:
-        return ""
-    said = ", ".join(short(name, 30) for name in names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-    return f"{said} {'is' if len(names) == 1 else 'are'} {what}"

@@ -12,8 +12,9 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.csv_text import FrameFile, capture_starts
-from bench.corpora.read.limits import SYNTHETIC, called, plain, quoted
+from bench.corpora.read.csv_text import FrameFile
+from bench.corpora.read.frame_rows import capture_starts
+from bench.corpora.read.limits import SYNTHETIC, called, check_columns, check_labels, deviations, plain, quoted
 from bench.errors import InputError
 from bench.scratch import replacing
 
@@ -35,27 +36,13 @@ PUBLISHED_LENGTHS = (10, 1747)
 
 # Which subjects the challenge trained on was not published, but the lengths of their captures identify them: frames of
 # a subject's 12 gentle and normal captures of a gesture, for the 21 training subjects.
-CHALLENGE_FRAMES = {
-    gesture: tuple(map(int, sums.split()))
-    for gesture, sums in (
-        (
-            "grab",
-            "957 5247 1518 2679 2409 1260 2217 2745 2340 1194 2127 1422 2250 1722 1572 2445 1107 1665 3126 3180 1809",
-        ),
-        (
-            "press",
-            "663 3777 1197 2565 1548 1224 3105 1758 2610 1155 1707 1524 2310 1008 1170 2226 1035 1536 3726 2391 2040",
-        ),
-        (
-            "rub",
-            "1494 4512 3918 3942 3390 2316 4293 5388 5541 1599 3480 2097 5724 3231 2226 4095 1995 2082 5646 2853 3120",
-        ),
-        (
-            "scratch",
-            "1410 3594 4977 4398 3366 2082 3198 3087 4179 1158 3165 1749 5622 3960 2751 3225 1836 2604 3906 3132 2445",
-        ),
-    )
-}
+SUMS = """
+grab 957 5247 1518 2679 2409 1260 2217 2745 2340 1194 2127 1422 2250 1722 1572 2445 1107 1665 3126 3180 1809
+press 663 3777 1197 2565 1548 1224 3105 1758 2610 1155 1707 1524 2310 1008 1170 2226 1035 1536 3726 2391 2040
+rub 1494 4512 3918 3942 3390 2316 4293 5388 5541 1599 3480 2097 5724 3231 2226 4095 1995 2082 5646 2853 3120
+scratch 1410 3594 4977 4398 3366 2082 3198 3087 4179 1158 3165 1749 5622 3960 2751 3225 1836 2604 3906 3132 2445
+"""
+CHALLENGE_FRAMES = {gesture: tuple(map(int, sums)) for gesture, *sums in map(str.split, SUMS.strip().splitlines())}
 
 
 def read(path: Path) -> Corpus:
@@ -74,21 +61,21 @@ def read(path: Path) -> Corpus:
     path = Path(path)
     name = called(path)
     file = FrameFile(path, name)
-    file.require(LABELS + CHANNELS)
+    check_columns(file.columns, LABELS + CHANNELS, file.header)
     made = [SYNTHETIC] if SYNTHETIC in file.columns else []
     if extra := set(file.columns) - {*LABELS, *made, *CHANNELS}:
         raise InputError(
             f"{name}, line 1: column {quoted(min(extra))} is not one of CoST's; import it as a table instead"
         )
     labels, values = file.read(LABELS + made, CHANNELS, FULL_SCALE)
-    if made and (wrong := np.flatnonzero(labels[SYNTHETIC].to_numpy() != 1)).size:
-        raise InputError(
-            f"{name}, line {wrong[0] + 2}: {SYNTHETIC} is not 1; this format marks all captures or none, so take the "
-            "column out or import it as a table"
+    if made:
+        check_labels(
+            labels[SYNTHETIC], labels[SYNTHETIC] == 1, "1, as this format marks all or none", f"{name}, line", 2
         )
-    _check_codes(labels, "variant", len(VARIANTS), name)
-    _check_codes(labels, "gesture", len(GESTURES), name)
-    starts = capture_starts(labels[LABELS[:3]], labels["frame"].to_numpy(), 1, name)
+    for column, codes in (("variant", len(VARIANTS)), ("gesture", len(GESTURES))):
+        good = labels[column].between(1, codes)
+        check_labels(labels[column], good, f"one of 1 to {codes}", f"{name}, line", 2)
+    starts = capture_starts(labels[LABELS[:3]], labels["frame"].to_numpy(), 1, f"{name}, line", 2)
     first = labels.iloc[starts]
     captures = pd.DataFrame(
         {
@@ -130,9 +117,6 @@ def write(corpus: Corpus, path: Path) -> None:
         InputError: the corpus does not fit the format, or the file cannot be written.
     """
     path, captures = Path(path), corpus.captures
-    if not path.name or (path.exists() and not path.is_file()):  # a device would be replaced
-        what = "a folder" if path.is_dir() else "not a plain file"
-        raise InputError(f"{path} cannot be written (it is {what}); name a file")
     if corpus.grid != (8, 8) or corpus.frames.dtype != np.uint16:
         rows, cols = corpus.grid
         raise InputError(
@@ -177,22 +161,18 @@ def write(corpus: Corpus, path: Path) -> None:
 
 def differences(captures: pd.DataFrame, lengths: np.ndarray, md5: str) -> list[str]:
     """What differs from the published corpus, one sentence per figure."""
-    found = []
-
-    def check(what: str, here: object, published: object) -> None:
-        if here != published:
-            found.append(f"{what}: {here} here, {published} published")
-
-    check("captures", len(captures), PUBLISHED_CAPTURES)
-    check("subjects", captures["subject"].nunique(), PUBLISHED_SUBJECTS)
-    for variant, published in PUBLISHED_VARIANTS.items():
-        check(f"captures of variant {variant}", int((captures["variant"] == variant).sum()), published)
-    for gesture, published in PUBLISHED_GESTURES.items():
-        check(f"captures of gesture {gesture}", int((captures["gesture"] == gesture).sum()), published)
-    check("frames of the shortest capture", int(lengths.min()), PUBLISHED_LENGTHS[0])
-    check("frames of the longest capture", int(lengths.max()), PUBLISHED_LENGTHS[1])
-    check("MD5 of the file", md5, PUBLISHED_MD5)
-    return found
+    counts = captures["variant"].value_counts(), captures["gesture"].value_counts()
+    return deviations(
+        [
+            ("captures", len(captures), PUBLISHED_CAPTURES),
+            ("subjects", captures["subject"].nunique(), PUBLISHED_SUBJECTS),
+            *((f"captures of variant {v}", counts[0].get(v, 0), n) for v, n in PUBLISHED_VARIANTS.items()),
+            *((f"captures of gesture {g}", counts[1].get(g, 0), n) for g, n in PUBLISHED_GESTURES.items()),
+            ("frames of the shortest capture", lengths.min(), PUBLISHED_LENGTHS[0]),
+            ("frames of the longest capture", lengths.max(), PUBLISHED_LENGTHS[1]),
+            ("MD5 of the file", md5, PUBLISHED_MD5),
+        ]
+    )
 
 
 def training_subjects(captures: pd.DataFrame, lengths: np.ndarray) -> set[str]:
@@ -205,19 +185,10 @@ def training_subjects(captures: pd.DataFrame, lengths: np.ndarray) -> set[str]:
     frames = used.pivot_table(index="subject", columns="gesture", values="frames", aggfunc="sum")
     if captures["subject"].nunique() != PUBLISHED_SUBJECTS or not set(CHALLENGE_FRAMES) <= set(frames):
         return set()
-    known = [frames[gesture].isin(sums) for gesture, sums in CHALLENGE_FRAMES.items()]
-    found = frames[np.logical_and.reduce(known)]
-    exact = all(sorted(found[gesture]) == sorted(sums) for gesture, sums in CHALLENGE_FRAMES.items())
-    return set(found.index) if exact else set()
-
-
-def _check_codes(labels: pd.DataFrame, column: str, highest: int, name: str) -> None:
-    codes = labels[column].to_numpy()
-    wrong = np.flatnonzero((codes < 1) | (codes > highest))
-    if len(wrong):
-        raise InputError(
-            f"{name}, line {wrong[0] + 2}: {column} {codes[wrong[0]]} is not one of 1 to {highest}; correct it"
-        )
+    matches = [frames[gesture].isin(sums) for gesture, sums in CHALLENGE_FRAMES.items()]
+    training = frames[np.logical_and.reduce(matches)]
+    exact = all(sorted(training[gesture]) == sorted(sums) for gesture, sums in CHALLENGE_FRAMES.items())
+    return set(training.index) if exact else set()
 
 
 def _md5(path: Path) -> str:

@@ -13,8 +13,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as pacsv
 
-from bench.corpora.read.frame_rows import Rows
-from bench.corpora.read.limits import check_conditions, check_names, quoted, short
+from bench.corpora.read.frame_rows import labels_and_values
+from bench.corpora.read.limits import check_conditions, check_file, check_names, plain, quoted, short
 from bench.errors import InputError
 
 BLOCK = 8 << 20  # bytes that are read at once
@@ -32,61 +32,47 @@ class FrameFile:
 
     Args:
         source: path or content.
-        label: what messages call it.
+        label: name of the file in messages.
 
     Attributes:
         columns: header names without spaces and quotes.
+        header: name of the file and number of its first line, for messages.
 
     Raises:
         InputError: the file is missing, empty or not text.
     """
 
     def __init__(self, source: Path | bytes, label: str) -> None:
-        self.source, self.label = source, label
-        where = f"{label}, line 1"
+        self.source, self.label, self.header = source, label, f"{label}, line 1"
         with self._opened() as file:
             line = file.readline(MOST_LINE)
-        if not line:
-            raise InputError(f"{label}: the file is empty; give a file with a header line and one line per frame")
         try:
-            header = line.decode("utf-8-sig").rstrip("\r\n")
-            cells = next(csv.reader([header], skipinitialspace=True), [])
-        except UnicodeDecodeError as e:
-            raise InputError(f"{label}: not a text file in UTF-8; give the CSV file itself") from e
-        except csv.Error as e:
-            raise InputError(f"{where}: not a header; give a CSV file whose lines end with line feeds") from e
-        if not header.strip():
-            raise InputError(f"{where}: blank; begin the file with its header")
+            cells = next(csv.reader([line.decode("utf-8-sig").rstrip("\r\n")], skipinitialspace=True), [])
+        except (UnicodeDecodeError, csv.Error) as e:
+            raise InputError(
+                f"{self.header}: not the header of a CSV file in UTF-8 ({plain(e)}); give the CSV file itself"
+            ) from e
         self.columns = [name.strip().strip('"').strip() for name in cells]
-        check_names(self.columns, where)
+        if not any(self.columns):
+            raise InputError(f"{self.header}: empty; begin the file with its header")
+        check_names(self.columns, self.header)
 
     def _opened(self) -> BinaryIO:
         if isinstance(self.source, bytes):
             return io.BytesIO(self.source)
+        check_file(self.source)
         try:
-            if self.source.exists() and not (self.source.is_file() or self.source.is_dir()):
-                raise OSError(0, "a device or a pipe")  # which may have no end
             return open(self.source, "rb")
         except OSError as e:
             raise InputError(f"{self.label}: cannot be read ({e.strerror}); check the path") from e
 
-    def require(self, names: list[str]) -> None:
-        """Raise an `InputError` that names the columns that are missing."""
-        here = set(self.columns)
-        if missing := [n for n in names if n not in here]:
-            more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
-            begin = quoted(", ".join(self.columns[:20])[:60], 70)
-            raise InputError(
-                f"{self.label}, line 1: no column {', '.join(missing[:3])}{more}; the line begins with {begin}"
-            )
-
     def read(
-        self, whole: list[str], channels: list[str], full_scale: float, fractions: bool = False
+        self, counts: list[str], channels: list[str], full_scale: float, fractions: bool = False
     ) -> tuple[pd.DataFrame, np.ndarray]:
         """Labels and sensor values of every row.
 
         Args:
-            whole: label columns that hold whole numbers; the other label columns are text.
+            counts: label columns that hold whole numbers; the other label columns are text.
             channels: columns of sensor values, 0..full_scale.
             full_scale: largest value allowed.
             fractions: whether values may have decimals.
@@ -98,25 +84,26 @@ class FrameFile:
         Raises:
             InputError: a cell that does not fit, with its line and column.
         """
-        check_conditions(len(self.columns) - len(channels), f"{self.label}, line 1")
-        types = dict.fromkeys(self.columns, _TEXT) | dict.fromkeys(whole, _COUNT)
+        check_conditions(len(self.columns) - len(channels), self.header)
+        types = dict.fromkeys(self.columns, _TEXT) | dict.fromkeys(counts, _COUNT)
         types |= dict.fromkeys(channels, _NUMBER if fractions else _WHOLE)
-        rows = Rows(f"{self.label}, line", 2, channels, full_scale)
+        return labels_and_values(
+            self._batches(types), self.columns, channels, full_scale, f"{self.label}, line", first=2
+        )
+
+    def _batches(self, types: dict[str, pa.DataType]) -> Iterator[pa.RecordBatch]:
         for first, content in self._blocks():
             try:
-                batch = _parsed(content, types)
+                yield _parsed(content, types)
             except pa.ArrowException:
                 self._explain(content.split(b"\n"), first, types)
-            rows.add(self.columns, batch)
-        return rows.result()
 
     def _blocks(self) -> Iterator[tuple[int, bytes]]:
         """Whole lines behind the header, with the number of the first, without blank lines at the end of the file."""
         first, blank = 2, 0
         with self._opened() as file:
-            file.readline()
-            while content := file.read(BLOCK):
-                content += file.readline(MOST_LINE)
+            file.readline(MOST_LINE)
+            while content := file.read(BLOCK) + file.readline(MOST_LINE):
                 lines, content = content.count(b"\n"), content.rstrip(_BLANK)
                 used = content.count(b"\n") + 1 if content else 0
                 if content and blank:
@@ -138,14 +125,10 @@ class FrameFile:
             except pa.ArrowException:
                 high = middle
         where = f"{self.label}, line {first + low}"
-        if not lines[low].strip(_BLANK):
-            raise InputError(f"{where}: blank, but not at the end; delete the line")
         try:
             cells = next(csv.reader([lines[low].decode().rstrip("\r")]), [])
-        except UnicodeDecodeError as e:
-            raise InputError(f"{where}: not text in UTF-8; get the file again") from e
-        except csv.Error as e:
-            raise InputError(f"{where}: not a line of a table ({e}); correct it") from e
+        except (UnicodeDecodeError, csv.Error) as e:
+            raise InputError(f"{where}: not a line of a CSV file in UTF-8 ({plain(e)}); correct it") from e
         if len(cells) != len(types):
             raise InputError(
                 f"{where}: {len(cells)} fields instead of {len(types)}; the file is cut off or damaged here, get it "
@@ -155,8 +138,8 @@ class FrameFile:
             try:
                 pa.scalar(cell.strip(" \t")).cast(kind)
             except pa.ArrowException:
-                what = f"is {quoted(cell)}, not {_KINDS.get(kind, 'text')}; correct the cell"
-                raise InputError(f"{where}: {short(name)} {what}") from None
+                reason = f"{quoted(cell)}, not {_KINDS.get(kind, 'text')}"
+                raise InputError(f"{where}: {short(name)} is {reason}; correct the cell") from None
         raise InputError(f"{where}: cannot be read as CSV; check quotes and line ends")
 
 
@@ -169,35 +152,3 @@ def _parsed(content: bytes, types: dict[str, pa.DataType]) -> pa.RecordBatch:
     if len(table) != content.count(b"\n") + 1:
         raise pa.ArrowInvalid("a blank line, or a line break within a cell")
     return table.combine_chunks().to_batches()[0]
-
-
-def capture_starts(labels: pd.DataFrame, frame: np.ndarray, origin: int, label: str, unit: str = "line") -> np.ndarray:
-    """Rows at which captures begin: where the frame number is ``origin``; elsewhere it must go up by one.
-
-    Args:
-        labels: columns that stay the same within a capture.
-        frame: frame number of each row.
-        origin: frame number of the first frame of a capture.
-        label: what messages call the file.
-        unit: what they call a row: ``line`` where the header is line 1, else ``row``.
-
-    Raises:
-        InputError: a capture that starts at another frame, a duplicate or a missing frame.
-    """
-    changed = np.zeros(len(frame), dtype=bool)
-    changed[0] = True
-    for name in labels:
-        codes = pd.factorize(labels[name])[0]
-        changed[1:] |= codes[1:] != codes[:-1]
-    starts = frame == origin
-    step = np.diff(frame, prepend=origin - 1)
-    wrong = np.flatnonzero(~starts & (changed | (step != 1)))
-    if len(wrong):
-        row = wrong[0]
-        where, now = f"{label}, {unit} {row + (2 if unit == 'line' else 1)}", frame[row]
-        if changed[row]:
-            raise InputError(f"{where}: a capture starts at frame {now} instead of {origin}; restore its first frames")
-        if step[row] == 0:
-            raise InputError(f"{where}: frame {now} stands twice; delete one of the two lines")
-        raise InputError(f"{where}: frame {now} follows frame {frame[row - 1]}; restore the frames or renumber them")
-    return np.flatnonzero(starts)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.archive import by_macos, opened
-from bench.corpora.read.csv_text import FrameFile, capture_starts
-from bench.corpora.read.limits import called, plain, quoted
+from bench.corpora.read.csv_text import FrameFile
+from bench.corpora.read.frame_rows import capture_starts
+from bench.corpora.read.limits import called, check_columns, check_labels, deviations, plain
 from bench.errors import InputError
 
-T = TypeVar("T")
 TRAINING = "training.csv"
 TEST = "testWITHLABELS.csv"
 CELLS = [f"cell{i}" for i in range(1, 65)]
@@ -43,8 +41,8 @@ def read(path: Path) -> Corpus:
         InputError: a file is missing or broken; the message names the line.
     """
     path = Path(path)
-    sources = _members(path) if path.is_file() else _files(path)
-    parts = [_part(sources[TRAINING], TRAINING, "train"), _part(sources[TEST], TEST, "test")]
+    training, test = _members(path) if path.is_file() else _files(path)
+    parts = [_part(training, TRAINING, "train"), _part(test, TEST, "test")]
     frames = np.concatenate([values for _, values in parts]).reshape(-1, 8, 8)
     captures = pd.concat([rows for rows, _ in parts], ignore_index=True)
     info = {
@@ -60,111 +58,74 @@ def read(path: Path) -> Corpus:
 
 def differences(captures: pd.DataFrame) -> list[str]:
     """What differs from the published release, one sentence per figure."""
-    found = []
-
-    def check(what: str, here: int, published: int) -> None:
-        if here != published:
-            found.append(f"{what}: {here} here, {published} published")
-
+    figures = []
     for split, published in PUBLISHED.items():
-        part = captures[captures["split"] == split]
-        check(f"{split} captures", len(part), published)
+        counts = captures.loc[captures["split"] == split, "gesture"].value_counts()
+        figures.append((f"{split} captures", counts.sum(), published))
         for gesture in GESTURES:
-            here = int((part["gesture"] == gesture).sum())
-            check(f"{split} captures of gesture {gesture}", here, PUBLISHED_GESTURES[split][gesture])
-    check("subjects", captures["subject"].nunique(), PUBLISHED_SUBJECTS)
-    return found
+            here = counts.get(gesture, 0)
+            figures.append((f"{split} captures of gesture {gesture}", here, PUBLISHED_GESTURES[split][gesture]))
+    return deviations([*figures, ("subjects", captures["subject"].nunique(), PUBLISHED_SUBJECTS)])
 
 
-def _files(folder: Path) -> dict[str, Path]:
+def _files(folder: Path) -> list[Path]:
+    """The two files of a folder, or of the folders in it."""
     if not folder.is_dir():
         raise InputError(
             f"{plain(folder, 160)}: there is no such file or folder; give the zip file or the folder of the release"
         )
     files = [file for pattern in ("*", "*/*") for file in folder.glob(pattern) if file.is_file()]
-    return _chosen({file.relative_to(folder).as_posix(): file for file in files}.items(), called(folder))
+    names = [file.relative_to(folder).as_posix() for file in files]
+    return [folder / _nearest(names, wanted, called(folder)) for wanted in (TRAINING, TEST)]
 
 
-def _members(path: Path) -> dict[str, bytes]:
+def _members(path: Path) -> list[bytes]:
+    """The contents of the two files of an archive."""
     with opened(path, _BROKEN) as (archive, members):
-        chosen = _chosen(((member.filename, member) for member in members), called(path))
-        if max(member.file_size for member in chosen.values()) > LARGEST_MEMBER:
+        names = [member.filename for member in members]
+        chosen = [_nearest(names, wanted, called(path)) for wanted in (TRAINING, TEST)]
+        if max(archive.getinfo(name).file_size for name in chosen) > LARGEST_MEMBER:
             raise InputError(f"{called(path)}: a file in it is larger than {LARGEST_MEMBER >> 20} MiB; get it again")
-        return {name: archive.read(member) for name, member in chosen.items()}
+        return [archive.read(name) for name in chosen]
 
 
-def _chosen(everything: Iterable[tuple[str, T]], where: str) -> dict[str, T]:
-    """The two files among all by their paths, the ones that lie least deep."""
-    found: dict[str, list[tuple[int, T]]] = {}
-    for path, file in everything:
-        if not by_macos(path):
-            *folders, name = path.split("/")
-            found.setdefault(name.lower(), []).append((len(folders), file))
-    chosen = {}
-    for name in (TRAINING, TEST):
-        if name.lower() not in found:
-            raise InputError(f"{where}: {name} is missing; give the release with its {TRAINING} and {TEST}")
-        least = min(depth for depth, _ in found[name.lower()])
-        first, *others = (file for depth, file in found[name.lower()] if depth == least)
-        if others:
-            raise InputError(f"{where}: {name} is in it twice; leave only the one that is meant")
-        chosen[name] = first
-    return chosen
+def _nearest(paths: list[str], wanted: str, where: str) -> str:
+    """The file of this name, in any case, that lies least deep."""
+    named = [path for path in paths if path.lower().split("/")[-1] == wanted.lower() and not by_macos(path)]
+    if not named:
+        raise InputError(f"{where}: {wanted} is missing; give the release with its {TRAINING} and {TEST}")
+    least = min(path.count("/") for path in named)
+    first, *others = (path for path in named if path.count("/") == least)
+    if others:
+        raise InputError(f"{where}: {wanted} is in it twice; leave only the one that is meant")
+    return first
 
 
 def _part(source: Path | bytes, name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
-    file = FrameFile(source, name)
+    """Captures and frames of one file; frames of the training file have no number, but 432 make a capture."""
+    file, where = FrameFile(source, name), f"{name}, line"
     participant = "ParticipantNo" if split == "train" else "ParticipantID"
     numbered = [] if split == "train" else ["Sequence"]
     conditions = [participant, "Substrate", "Cover", "Gesture"]
-    file.require([*conditions, *numbered, *CELLS])
+    check_columns(file.columns, [*conditions, *numbered, *CELLS], file.header)
     labels, values = file.read(numbered, CELLS, FULL_SCALE)
-    if split == "test":
-        starts = capture_starts(labels[conditions], labels["Sequence"].to_numpy(), 1, name)
-    else:
-        starts = _blocks(labels[conditions], name)
+    frame = labels["Sequence"].to_numpy() if numbered else np.arange(len(labels)) % FRAMES + 1
+    starts = capture_starts(labels[conditions], frame, 1, where, 2)
     lengths = np.diff(starts, append=len(labels))
     if len(wrong := np.flatnonzero(lengths != FRAMES)):
-        line = starts[wrong[0]] + 2
         raise InputError(
-            f"{name}, line {line}: the capture that starts here has {lengths[wrong[0]]} frames instead of {FRAMES}; "
-            "get the file again"
-        )
-    first = labels.iloc[starts].reset_index(drop=True).astype(dict.fromkeys(conditions, str))
-    _check_labels(first[participant], "[PT]?[1-9][0-9]{0,8}", "a participant such as P4", starts, name)
-    _check_labels(first["Gesture"], "|".join(GESTURES), f"one of {', '.join(GESTURES)}", starts, name)
-    captures = pd.DataFrame(
-        {
-            "subject": first[participant].str.lstrip("PT"),
-            "gesture": first["Gesture"],
-            "substrate": first["Substrate"],
-            "cover": first["Cover"],
-            "split": split,
-        }
-    )
-    return captures, values
-
-
-def _check_labels(labels: pd.Series, pattern: str, wanted: str, starts: np.ndarray, name: str) -> None:
-    wrong = np.flatnonzero(~labels.str.fullmatch(pattern).to_numpy(dtype=bool))
-    if len(wrong):
-        i = wrong[0]
-        raise InputError(
-            f"{name}, line {starts[i] + 2}: {labels.name} is {quoted(labels.iloc[i])}, not {wanted}; correct it"
-        )
-
-
-def _blocks(labels: pd.DataFrame, name: str) -> np.ndarray:
-    """Starts of the training captures, which have no frame number: 432 rows each, unless the labels change earlier."""
-    codes = labels.groupby(list(labels.columns), sort=False).ngroup().to_numpy()
-    starts = np.arange(0, len(labels), FRAMES)
-    change = np.flatnonzero(np.diff(codes)) + 1
-    early = change[change % FRAMES != 0]
-    if len(early):
-        row = int(early[0])
-        begin = row // FRAMES * FRAMES
-        raise InputError(
-            f"{name}, line {row + 2}: the capture that starts in line {begin + 2} has {row - begin} frames instead of "
+            f"{where} {starts[wrong[0]] + 2}: the capture that starts here has {lengths[wrong[0]]} frames instead of "
             f"{FRAMES}; get the file again"
         )
-    return starts
+    first = labels.iloc[starts].astype(dict.fromkeys(conditions, str))
+    who, gesture = first[participant], first["Gesture"]
+    check_labels(who, who.str.fullmatch("[PT]?[1-9][0-9]{0,8}"), "a participant such as P4", where, 2)
+    check_labels(gesture, gesture.isin(GESTURES), f"one of {', '.join(GESTURES)}", where, 2)
+    captures = {
+        "subject": who.str.lstrip("PT"),
+        "gesture": gesture,
+        "substrate": first["Substrate"],
+        "cover": first["Cover"],
+        "split": split,
+    }
+    return pd.DataFrame(captures).reset_index(drop=True), values

@@ -1,10 +1,14 @@
-"""What importers take from files that nobody has looked at, and how they speak of them: in one line of known length."""
+"""Limits on files that nobody has checked, and how messages quote them: in one line of bounded length."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
+
+import numpy as np
+import pandas as pd
 
 from bench.errors import InputError
 
@@ -31,15 +35,21 @@ def quoted(text: str, most: int = 40) -> str:
     return short(repr(short(text, 4 * most)), most)
 
 
-def plain(text: object, most: int = 80) -> str:
-    """What a path or another's error says, in one line."""
-    said = short(str(text) or type(text).__name__, 4 * most)
-    return short("".join(c if c.isprintable() else " " for c in said), most)
+def plain(value: object, most: int = 80) -> str:
+    """A path or the message of another library, in one line."""
+    text = short(str(value) or type(value).__name__, 4 * most)
+    return short("".join(c if c.isprintable() else " " for c in text), most)
 
 
 def called(path: Path) -> str:
-    """What messages call a file."""
+    """The name of a file in messages."""
     return plain(path.name, 60)
+
+
+def listed(names: list[str]) -> str:
+    """The first three names and the number of the others."""
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return ", ".join(short(name, 30) for name in names[:3]) + more
 
 
 def briefly(warnings: list[str], rest: str) -> str:
@@ -49,12 +59,12 @@ def briefly(warnings: list[str], rest: str) -> str:
         warnings: at least one.
         rest: the command that prints all.
     """
-    said = "; ".join(warnings[:3])
-    return said if len(warnings) <= 3 else f"{len(warnings)} of them: {said}; for all: {rest}"
+    text = "; ".join(warnings[:3])
+    return text if len(warnings) <= 3 else f"{len(warnings)} of them: {text}; for all: {rest}"
 
 
 def flaw(word: str) -> str:
-    """What is wrong with a label, as the end of a message, or nothing."""
+    """Why a label is refused, as the end of a message, or nothing."""
     if not word:
         return "is empty; fill it"
     if len(word) > MOST_LABEL:
@@ -65,19 +75,52 @@ def flaw(word: str) -> str:
 
 
 def check_names(names: list[str], where: str) -> None:
-    """Refuse names of columns that are missing, unreadable or there twice.
+    """Refuse column names that are missing, unreadable or doubled.
 
     Raises:
         InputError: the message begins with ``where``.
     """
     for i, name in enumerate(names, start=1):
-        if not name:
-            raise InputError(f"{where}: column {i} has no name; name it")
         if wrong := flaw(name):
-            raise InputError(f"{where}: column {i} {wrong}")
-    twice = [name for name, times in Counter(names).items() if times > 1]
-    if twice:
+            raise InputError(f"{where}: the name of column {i} {wrong}")
+    if twice := [name for name, times in Counter(names).items() if times > 1]:
         raise InputError(f"{where}: column {quoted(min(twice))} stands twice; rename one")
+
+
+def check_columns(columns: list[str], required: list[str], where: str) -> None:
+    """Refuse a table without all required columns.
+
+    Raises:
+        InputError: the message begins with ``where``.
+    """
+    present = set(columns)
+    if missing := [name for name in required if name not in present]:
+        first = short(repr(", ".join(columns[:20])), 70)
+        raise InputError(f"{where}: no column {listed(missing)}; the columns begin with {first}")
+
+
+def check_labels(labels: pd.Series, good: pd.Series, wanted: str, where: str, first: int) -> None:
+    """Refuse labels that the format does not have.
+
+    Args:
+        labels: a column.
+        good: whether each is right.
+        wanted: which are, for the message.
+        where: the file and the word for a row in messages: ``my.csv, line``.
+        first: number of the row with index 0.
+
+    Raises:
+        InputError: the first label that is not good.
+    """
+    if len(wrong := np.flatnonzero(~good.to_numpy(dtype=bool))):
+        i = wrong[0]
+        value = quoted(str(labels.iloc[i]))
+        raise InputError(f"{where} {labels.index[i] + first}: {labels.name} is {value}, not {wanted}; correct it")
+
+
+def deviations(figures: Iterable[tuple[str, object, object]]) -> list[str]:
+    """A sentence on every figure of a corpus that differs from the published one, given as (name, here, published)."""
+    return [f"{name}: {here} here, {published} published" for name, here, published in figures if here != published]
 
 
 def check_conditions(count: int, where: str) -> None:
@@ -88,29 +131,29 @@ def check_conditions(count: int, where: str) -> None:
     """
     if count > MOST_CONDITIONS:
         raise InputError(
-            f"{where}: {count} columns before the channels, at most {MOST_CONDITIONS} are read; check grid= or delete "
+            f"{where}: {count} columns beside the channels, at most {MOST_CONDITIONS} are read; check grid= or delete "
             "some"
         )
 
 
-def size(count: int) -> str:
-    """A number of bytes in words."""
-    for unit in ("bytes", "KiB", "MiB", "GiB", "TiB"):
-        if count < 1000:
-            return (
-                f"{count} {unit}" if unit == "bytes" else f"{count:.2g} {unit}" if count < 10 else f"{count:.0f} {unit}"
-            )
-        count = count / 1024 if count < 1 << 100 else 1 << 100  # larger whole numbers fit no float
-    return "more than 1000 TiB"
+def check_file(path: Path) -> None:
+    """Refuse a path that is no plain file.
+
+    Raises:
+        InputError: it is a folder, a device, a pipe or nothing.
+    """
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "not a plain file" if path.exists() else "there is no such file"
+        raise InputError(f"{plain(path, 160)}: {kind}; give the path of a file")
 
 
 def check_unpacked(unpacked: int, path: Path, instead: str) -> None:
-    """Refuse a file that unpacks to so much more than it is that it cannot be sensor values.
+    """Refuse a file that unpacks to so much more than its own size that it cannot hold sensor values.
 
     Args:
-        unpacked: bytes that the file says it holds.
+        unpacked: bytes that the file claims to hold.
         path: the file.
-        instead: what to do if it is right after all.
+        instead: how to import it anyway.
 
     Raises:
         InputError: it is too much.
@@ -118,6 +161,6 @@ def check_unpacked(unpacked: int, path: Path, instead: str) -> None:
     most = max(ALWAYS, MOST_TIMES * path.stat().st_size)
     if unpacked > most:
         raise InputError(
-            f"{called(path)}: unpacks to {size(unpacked)}, a file of this size to at most {size(most)}; if it is "
-            f"right, {instead}"
+            f"{called(path)}: unpacks to {unpacked >> 20:.4g} MiB, a file of this size to at most {most >> 20} MiB; if "
+            f"it is right, {instead}"
         )

@@ -37,8 +37,8 @@ def unfit(values: np.ndarray, highest: float) -> np.ndarray:
 
 def smallest(values: np.ndarray) -> np.dtype:
     """uint16 when all values, which are within 0 and the full scale, are whole and fit, else float32."""
-    whole = values.dtype.kind in "iu" or bool((values == np.floor(values)).all())
-    return np.dtype(np.uint16 if whole and float(values.max()) <= LARGEST else np.float32)
+    integers = values.dtype.kind in "iu" or bool((values == np.floor(values)).all())
+    return np.dtype(np.uint16 if integers and float(values.max()) <= LARGEST else np.float32)
 
 
 def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.ndarray:
@@ -54,13 +54,10 @@ def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.n
         InputError: a value that is not within 0 and the full scale, or a whole number that float32 would change.
     """
     flat = values.reshape(len(values), -1)
-    kinds = [np.dtype(np.uint16)]
     step = max(1, _AT_ONCE // flat.shape[1])
     for at in range(0, len(flat), step):
-        block = flat[at : at + step]
-        check(block, full_scale, f"{name}, {unit}", at + 1)
-        kinds.append(smallest(block))
-    return values.astype(np.result_type(*kinds))
+        check(flat[at : at + step], full_scale, f"{name}, {unit}", at + 1)
+    return values.astype(smallest(values))
 
 
 def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, names: Sequence[str] = ()) -> None:

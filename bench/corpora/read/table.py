@@ -11,12 +11,12 @@ import pyarrow as pa
 
 from bench.corpora.corpus import RESERVED, Corpus
 from bench.corpora.read.channel_columns import channels_of
-from bench.corpora.read.csv_text import FrameFile, capture_starts
-from bench.corpora.read.frame_rows import words_of
-from bench.corpora.read.limits import SYNTHETIC, called, check_conditions, plain, short
+from bench.corpora.read.csv_text import FrameFile
+from bench.corpora.read.frame_rows import capture_starts, check_types, labels_and_values, words_of
+from bench.corpora.read.limits import SYNTHETIC, called, check_columns, check_conditions, check_file, plain, short
 from bench.corpora.read.npz import read_arrays
 from bench.corpora.read.parquet import ParquetFile
-from bench.corpora.read.sensor_values import check, checked, smallest
+from bench.corpora.read.sensor_values import checked
 from bench.errors import InputError
 
 LABELS = ["subject", "gesture", "frame"]
@@ -49,35 +49,33 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
         InputError: the file does not fit; the message names the line, or the array.
     """
     path = Path(path)
-    if not (0 < rate_hz < np.inf and 0 < full_scale < np.inf):
-        raise InputError(f"rate_hz={rate_hz:g} full_scale={full_scale:g}: give numbers above 0")
+    if not (0 < rate_hz < np.inf):
+        raise InputError(f"rate_hz={rate_hz:g}: give a number above 0")
     least, most = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
     if not least <= full_scale <= most:
         raise InputError(f"full_scale={full_scale:g}: frames hold numbers from {least:.2g} to {most:.2g}; scale yours")
     size = _size(grid) if grid else None
-    if size is None and path.suffix.lower() != ".npz" and path.is_file():
-        raise InputError(f"{called(path)}: give the grid of the sensor, such as grid=8x8")
-    frames, starts, lengths, captures, warnings = _file(path, size, full_scale, LABELS)
-    if taken := [n for n in captures if n in RESERVED or n.startswith("p_")]:
+    corpus, warnings = _file(path, size, rate_hz, full_scale, LABELS)
+    captures = corpus.captures
+    if taken := [name for name in captures if name in RESERVED or name.startswith("p_")]:
         name = short(taken[0])
         raise InputError(f"{called(path)}: a condition cannot be called {name}, which predictions need; rename it")
     for label in ("subject", "gesture"):
-        if captures[label].dtype != "str":
-            captures[label] = captures[label].astype(str)
-    made = _generated(captures, called(path))
-    info = {"source": plain(path.name, 200), "licence": "the user's own", "synthetic": made, "warnings": warnings}
-    return Corpus(frames, starts, lengths, captures, float(rate_hz), float(full_scale), "table", info=info)
+        captures[label] = captures[label].astype(str)
+    synthetic = _synthetic(captures, called(path))
+    info = {"source": plain(path.name, 200), "licence": "the user's own", "synthetic": synthetic, "warnings": warnings}
+    return corpus.changed(captures=captures, name="table", info=info)
 
 
-def _generated(captures: pd.DataFrame, name: str) -> bool:
+def _synthetic(captures: pd.DataFrame, name: str) -> bool:
     """Whether any capture is marked as generated; a mark that is the same for all is taken out of the columns."""
     if SYNTHETIC not in captures:
         return False
     marks = captures[SYNTHETIC].astype(str).str.lower().replace({"1": "true", "0": "false"})
     if len(wrong := np.flatnonzero(~marks.isin(["true", "false"]))):
-        given = plain(captures[SYNTHETIC].iloc[wrong[0]], 40)
+        mark = plain(captures[SYNTHETIC].iloc[wrong[0]], 40)
         raise InputError(
-            f"{name}: {SYNTHETIC} is {given} in capture {wrong[0] + 1}; give true for generated captures, else false"
+            f"{name}: {SYNTHETIC} is {mark} in capture {wrong[0] + 1}; give true for generated captures, else false"
         )
     if marks.nunique() == 1:
         del captures[SYNTHETIC]
@@ -94,8 +92,7 @@ def read_unlabelled(path: Path, rate_hz: float, grid: tuple[int, int], full_scal
     Raises:
         InputError: the file does not fit; the message names the line, or the array.
     """
-    *parts, _ = _file(Path(path), grid, full_scale, ["frame"])
-    return _unlabelled(*parts, rate_hz, full_scale)
+    return _unlabelled(_file(Path(path), grid, rate_hz, full_scale, ["frame"])[0])
 
 
 def from_frame(
@@ -114,60 +111,60 @@ def from_frame(
     names = [n for n in ("capture", "frame") if n in table]
     if not names:
         raise InputError(f"{label}: no column capture or frame; add one, so that captures can be told apart")
-    if not len(table):
-        raise InputError(f"{label}: there are no frames in it")
     channels_of([str(column) for column in table], grid, label)  # refuses channels that are missing or extra
-    if missing := [name for name in channels if name not in table]:
-        raise InputError(f"{label}: no column {missing[0]}; channels are {channels[0]} to {channels[-1]}, row by row")
+    check_columns([str(column) for column in table], channels, label)
     if "frame" not in table:
         run = (table["capture"] != table["capture"].shift()).cumsum()
         table = table.assign(frame=table.groupby(run).cumcount())
-    table = table[[*names, *({"frame"} - set(names)), *channels]]
-    labels, values = _of_table(table, len(channels), full_scale, label)
-    return _unlabelled(*_cut(labels, values, grid, label, "row"), rate_hz, full_scale)
+    names = [*names, *({"frame"} - set(names)), *channels]
+    try:
+        rows = pa.RecordBatch.from_pandas(table[names], preserve_index=False)
+    except (pa.ArrowException, TypeError, ValueError) as e:
+        raise InputError(f"{label}: a column holds mixed or unknown values ({plain(e)}); correct it") from e
+    check_types(rows.schema, names, {*channels, "frame"}, label)
+    batches = [rows] if len(rows) else []
+    labels, values = labels_and_values(batches, names, channels, full_scale, f"{label}, row", first=1)
+    return _unlabelled(_cut(labels, values, grid, rate_hz, full_scale, f"{label}, row", 1))
 
 
-def _unlabelled(
-    frames: np.ndarray,
-    starts: np.ndarray,
-    lengths: np.ndarray,
-    captures: pd.DataFrame,
-    rate_hz: float,
-    full_scale: float,
-) -> Corpus:
-    names = captures["capture"] if "capture" in captures else np.arange(1, len(starts) + 1)
-    about = pd.DataFrame({"capture": np.asarray(names).astype(str)})
+def _unlabelled(corpus: Corpus) -> Corpus:
+    captures = corpus.captures
+    names = captures["capture"] if "capture" in captures else np.arange(1, len(corpus) + 1)
+    kept = pd.DataFrame({"capture": np.asarray(names).astype(str)})
     for name in ("subject", "gesture"):
         if name in captures:
-            about[name] = captures[name].astype(str).to_numpy()
-    return Corpus(frames, starts, lengths, about, rate_hz, full_scale, "unlabelled")
+            kept[name] = captures[name].astype(str).to_numpy()
+    return corpus.changed(captures=kept, name="unlabelled")
 
 
 def _file(
-    path: Path, size: tuple[int, int] | None, full_scale: float, required: list[str]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, pd.DataFrame, list[str]]:
-    """Frames, starts, lengths and columns of the captures of a file, which must have the required columns; warnings."""
-    if not path.is_file():
-        what = "a folder" if path.is_dir() else "not a plain file" if path.exists() else "there is no such file"
-        raise InputError(f"{plain(path, 160)}: {what}; give the path of a file")
-    if path.suffix.lower() == ".npz":
-        return *_arrays(path, size, full_scale, required), []
-    name = called(path)
-    parquet = path.suffix.lower() == ".parquet"
-    file = ParquetFile(path) if parquet else FrameFile(path, name)
-    file.require(required)
-    where = name if parquet else f"{name}, line 1"
-    channels = channels_of(file.columns, size, where)
-    _check_layout(file.columns, channels, where, required)
+    path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale: float, required: list[str]
+) -> tuple[Corpus, list[str]]:
+    """Captures of a file, which must have the required columns, and warnings."""
+    check_file(path)
+    suffix = path.suffix.lower()
+    if suffix == ".npz":
+        return _arrays(path, size, rate_hz, full_scale, [name for name in required if name != "frame"]), []
+    if size is None:
+        raise InputError(f"{called(path)}: give the grid of the sensor, such as grid=8x8")
+    file = ParquetFile(path) if suffix == ".parquet" else FrameFile(path, called(path))
+    check_columns(file.columns, required, file.header)
+    channels = channels_of(file.columns, size, file.header)
+    if len(file.columns) < len(channels) + len(required) or {*LABELS, *required} & set(channels):
+        raise InputError(
+            f"{file.header}: {len(file.columns)} columns cannot hold {', '.join(required)} and then {len(channels)} "
+            "channels; check grid= and put the channels last"
+        )
     if isinstance(file, ParquetFile):
+        where, first = f"{called(path)}, row", 1
         labels, values = file.read(channels, full_scale)
-        labels = _with_frames(labels, name)
     else:
+        where, first = f"{called(path)}, line", 2
         labels, values = file.read(["frame"], channels, full_scale, fractions=True)
     chosen = set(channels)
     moved = [column for column in file.columns if column in chosen] != channels
     warnings = [f"channels are read in the order of their numbers, {channels[0]} to {channels[-1]}"] if moved else []
-    return *_cut(labels, values, size, name, "row" if parquet else "line"), warnings
+    return _cut(labels, values, size, rate_hz, full_scale, where, first), warnings
 
 
 def _size(grid: str) -> tuple[int, int]:
@@ -177,16 +174,28 @@ def _size(grid: str) -> tuple[int, int]:
 
 
 def _cut(
-    labels: pd.DataFrame, values: np.ndarray, size: tuple[int, int], name: str, unit: str
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, pd.DataFrame]:
-    """Rows as captures, which begin where the frame number starts again."""
-    frame = labels.pop("frame").to_numpy()
+    labels: pd.DataFrame,
+    values: np.ndarray,
+    size: tuple[int, int],
+    rate_hz: float,
+    full_scale: float,
+    where: str,
+    first: int,
+) -> Corpus:
+    """Rows as captures, which begin where the frame number starts again; ``where`` and ``first`` name the first row."""
+    if labels.isna().any(axis=None):
+        row, column = np.argwhere(labels.isna().to_numpy())[0]
+        raise InputError(f"{where} {first + row}: {short(str(labels.columns[column]))} is empty; fill the cell")
+    numbers = labels.pop("frame").to_numpy()
+    if len(wrong := np.flatnonzero(~(np.abs(numbers.astype(float)) < 2**53) | (numbers != np.round(numbers)))):
+        raise InputError(f"{where} {first + wrong[0]}: frame is {numbers[wrong[0]]}, not a whole number; correct it")
+    frame = numbers.astype(np.int64)
     if (origin := int(frame[0])) not in (0, 1):
-        first = "line 2" if unit == "line" else "row 1"
-        raise InputError(f"{name}, {first}: a capture starts at frame {origin} instead of 0 or 1; restore its frames")
-    starts = capture_starts(labels, frame, origin, name, unit)
+        raise InputError(f"{where} {first}: a capture starts at frame {origin} instead of 0 or 1; restore its frames")
+    starts = capture_starts(labels, frame, origin, where, first)
     captures = _plain(labels.iloc[starts].reset_index(drop=True))
-    return values.reshape(-1, *size), starts, np.diff(starts, append=len(frame)), captures
+    lengths = np.diff(starts, append=len(frame))
+    return Corpus(values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
 
 
 def _plain(captures: pd.DataFrame) -> pd.DataFrame:
@@ -197,75 +206,33 @@ def _plain(captures: pd.DataFrame) -> pd.DataFrame:
     return captures
 
 
-def _check_layout(columns: list[str], channels: list[str], where: str, required: list[str]) -> None:
-    if len(columns) < len(channels) + len(required) or {*LABELS, *required} & set(channels):
-        raise InputError(
-            f"{where}: {len(columns)} columns cannot hold {', '.join(required)} and then {len(channels)} channels; "
-            "check grid= and put the channels last"
-        )
-
-
-def _with_frames(labels: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Labels without gaps, and with whole numbers for frames."""
-    if labels.isna().any(axis=None):
-        row, column = np.argwhere(labels.isna().to_numpy())[0]
-        raise InputError(f"{name}, row {row + 1}: {short(str(labels.columns[column]))} is empty; fill the cell")
-    frame = labels["frame"].to_numpy(dtype=np.float64)
-    if len(wrong := np.flatnonzero(~(np.abs(frame) < 2**53) | (frame != np.round(frame)))):
-        raise InputError(f"{name}, row {wrong[0] + 1}: frame is {frame[wrong[0]]}, not a whole number; correct it")
-    return labels.assign(frame=frame.astype(np.int64))
-
-
-def _of_table(table: pd.DataFrame, channels: int, full_scale: float, name: str) -> tuple[pd.DataFrame, np.ndarray]:
-    """Labels and values of a table with the channels last."""
-    labels = table.iloc[:, :-channels]
-    if taken := [n for n in labels if not pd.api.types.is_scalar(labels[n].iloc[0])]:
-        raise InputError(f"{name}: {taken[0]} holds lists or arrays; give one value per frame")
-    columns = []
-    for i, (column, series) in enumerate(table.items()):
-        if column != "frame" and i < labels.shape[1]:
-            continue
-        kind = pd.api.types
-        if not kind.is_numeric_dtype(series) or kind.is_bool_dtype(series) or kind.is_complex_dtype(series):
-            raise InputError(f"{name}: {plain(column, 60)} is not a column of numbers; correct the column")
-        if i >= labels.shape[1]:
-            values = (
-                series.to_numpy() if isinstance(series.dtype, np.dtype) else series.to_numpy(float, na_value=np.nan)
-            )
-            check(values[:, None], full_scale, f"{name}, row", 1, [str(column)])
-            columns.append(values)
-    block = np.stack(columns, axis=1)
-    return _with_frames(labels, name), block.astype(smallest(block))
-
-
-def _arrays(
-    path: Path, size: tuple[int, int] | None, full_scale: float, required: list[str]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, pd.DataFrame]:
+def _arrays(path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale: float, required: list[str]) -> Corpus:
     name = called(path)
     arrays = read_arrays(path)
-    if missing := [n for n in ("frames", "offsets", *(r for r in required if r != "frame")) if n not in arrays]:
+    if missing := [n for n in ("frames", "offsets", *required) if n not in arrays]:
         raise InputError(f"{name}: no array {', '.join(missing)}; save it with np.savez")
     frames, offsets = arrays.pop("frames"), arrays.pop("offsets")
-    if frames.ndim != 3 or 0 in frames.shape:
-        raise InputError(f"{name}: frames has shape {plain(frames.shape)} instead of [total, rows, cols]")
+    if frames.ndim != 3 or 0 in frames.shape or frames.dtype.kind not in "iuf":
+        raise InputError(
+            f"{name}: frames has shape {plain(frames.shape)} and type {plain(frames.dtype, 40)}; save numbers [total, "
+            "rows, cols]"
+        )
     if size is not None and frames.shape[1:] != size:
         raise InputError(f"{name}: frames are {frames.shape[1]}x{frames.shape[2]}, grid= says {size[0]}x{size[1]}")
-    whole = offsets.ndim == 1 and len(offsets) > 1 and offsets.dtype.kind in "iu"
-    if whole:
-        within = ((offsets >= 0) & (offsets <= len(frames))).all()  # else differences could wrap
-        offsets = offsets.astype(np.int64)
-        whole = within and offsets[0] == 0 and offsets[-1] == len(frames) and (np.diff(offsets) > 0).all()
-    if not whole:
+    if offsets.ndim != 1 or len(offsets) < 2 or offsets.dtype.kind not in "iu" or not _rise(offsets, len(frames)):
         raise InputError(f"{name}: offsets must rise from 0 to {len(frames)}, one more of them than captures")
     if wrong := [n for n, a in arrays.items() if a.shape != (len(offsets) - 1,)]:
         shape = plain(arrays[wrong[0]].shape)
         raise InputError(f"{name}: {short(wrong[0])} has shape {shape}, captures are {len(offsets) - 1}")
     check_conditions(len(arrays), name)
-    about = _plain(pd.DataFrame({n: _condition(array, n, name) for n, array in arrays.items()}))
-    if frames.dtype.kind not in "iuf":
-        raise InputError(f"{name}: frames are of type {plain(frames.dtype, 40)}; save them as numbers")
-    values = checked(frames, full_scale, name, "frame")
-    return values, offsets[:-1], np.diff(offsets), about
+    captures = _plain(pd.DataFrame({n: _condition(array, n, name) for n, array in arrays.items()}))
+    values, starts = checked(frames, full_scale, name, "frame"), offsets.astype(np.int64)
+    return Corpus(values, starts[:-1], np.diff(starts), captures, rate_hz, full_scale)
+
+
+def _rise(offsets: np.ndarray, total: int) -> bool:
+    """Whether offsets rise from 0 to the number of all frames, each compared with the next, as differences may wrap."""
+    return offsets[0] == 0 and offsets[-1] == total and bool((offsets[1:] > offsets[:-1]).all())
 
 
 def _condition(array: np.ndarray, column: str, name: str) -> np.ndarray | pd.Categorical:
@@ -274,24 +241,16 @@ def _condition(array: np.ndarray, column: str, name: str) -> np.ndarray | pd.Cat
     if array.dtype.kind not in kinds:
         raise InputError(f"{name}: {short(column)} is of type {plain(array.dtype, 40)}; save it as {wanted}")
     if array.dtype.kind in "US":
-        return _words(array, column, name)
+        try:
+            words = pa.array(array.tolist())  # not NumPy's own conversion, which ends a text at its first zero
+        except (ValueError, SystemError) as e:  # numbers of no character
+            raise InputError(f"{name}: {short(column)} is not text; save it again") from e
+        return words_of(words, column, f"{name}, capture")
     if array.dtype.kind == "b":
         return array.view(np.uint8) != 0  # a byte that is neither 0 nor 1 is no truth value
     if array.dtype.itemsize > 8:  # long doubles
         double = array.astype(np.float64)
-        changed = np.flatnonzero((double != array) & ~np.isnan(array))
-        if len(changed):
-            where = f"{name}, capture {changed[0] + 1}"
-            raise InputError(f"{where}: {short(column)} is {array[changed[0]]}, which float64 cannot hold; round it")
+        if not np.array_equal(double, array, equal_nan=True):
+            raise InputError(f"{name}: {short(column)} holds numbers that float64 cannot hold; round them")
         return double
     return array
-
-
-def _words(array: np.ndarray, column: str, name: str) -> pd.Categorical:
-    width, most = (np.uint32, 0x10FFFF) if array.dtype.kind == "U" else (np.uint8, 255)
-    codes = np.ascontiguousarray(array).view(width).reshape(len(array), -1)
-    ended = (codes[:, :-1] == 0) & (codes[:, 1:] != 0)  # NumPy ends a text where only zeros follow, others at the first
-    strange = (codes > most) | ((codes >= 0xD800) & (codes < 0xE000))  # numbers of no character
-    if len(wrong := np.flatnonzero(ended.any(axis=1) | strange.any(axis=1))):
-        raise InputError(f"{name}, capture {wrong[0] + 1}: {short(column)} is not text; save it again")
-    return words_of(pa.array(array), column, f"{name}, capture")

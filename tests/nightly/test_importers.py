@@ -1,0 +1,303 @@
+"""Random files of every format that is imported, whole and damaged: stored as they are, or refused in a line.
+
+A whole file must be stored as it was made. What a damaged one may hold is told by readers of Python, NumPy and pandas.
+"""
+
+import csv
+import io
+import zipfile
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.corpora.read.cost import GESTURES, LABELS, VARIANTS
+from tests.corpora.made import TESTING, TRAINING
+from tests.nightly.bounded import bounded, imported
+
+pytestmark = pytest.mark.nightly
+CHANNELS = [f"ch{i}" for i in range(1, 65)]
+WORDS = [
+    "ann",
+    "bob",
+    "ünïcode",
+    "a b",
+    "007",
+    "null",
+    "nan",
+    "0x1f",
+    "=1+1",
+    "😀",
+    "-",
+    "TRUE",
+    "x" * 200,
+    'say "hi"',
+    "x,y",
+]
+CELLS = """0 -1 -0 +1 1.5 1e3 1e39 1e400 nan inf -inf 0x10 0X1F 1_0 1,0 ٣ ½ 16777217 33554432 65536 1023 1024 00001 1.
+.5 1e --1 0b1 9007199254740993 18446744073709551616 NaN TRUE null None '' " "" "a"b" "a subject frame""".split()
+CELLS += ["", " ", "\t", "1 0", "a\0b", "\x1b[31m", "\u2028", "\ufeff", "\x85", "\u3000", '"a\nb"', "a\rb", "x" * 201]
+CELLS += ["9" * 400, "0" * 5000, "x" * 200_000, "\udcff"]
+NAMES = ["", " ", "a\0b", "x" * 201, '"a,b"', '"a', "capture", "fold", "p_pat", "index", "ch0", *LABELS, "synthetic"]
+ENDS = ["\r", "\x0b", "\x85", ";\n", ",\n", "\0\n", ""]
+OPTIONS = {"rate_hz": "54", "full_scale": "65535"}
+
+
+@st.composite
+def captures(draw):
+    """Frames [total, rows, cols], lengths, and columns of the captures."""
+    lengths = draw(st.lists(st.integers(1, 5), min_size=1, max_size=5))
+    grid = draw(st.tuples(st.integers(1, 3), st.integers(1, 3)))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    frames = rng.integers(0, 65536, (sum(lengths), *grid))
+    if draw(st.booleans()):
+        frames = frames / draw(st.sampled_from([7, 1e3, 1e9]))
+    names = ["subject", "gesture", *draw(st.lists(st.sampled_from(["place", "the room", "x.y"]), unique=True))]
+    words = st.lists(st.sampled_from(WORDS), min_size=len(lengths), max_size=len(lengths))
+    return frames, lengths, {name: draw(words) for name in names}
+
+
+def long_table(frames, lengths, columns, origin=0):
+    table = pd.DataFrame({name: np.repeat(np.array(words, object), lengths) for name, words in columns.items()})
+    table["frame"] = np.concatenate([np.arange(origin, origin + n) for n in lengths])
+    channels = frames.reshape(len(frames), -1)
+    return pd.concat([table, pd.DataFrame(channels, columns=CHANNELS[: channels.shape[1]])], axis=1)
+
+
+def text_of(table, end="\n"):
+    return table.to_csv(index=False, lineterminator=end, quoting=csv.QUOTE_MINIMAL)
+
+
+def packed(arrays, packing=zipfile.ZIP_DEFLATED):
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", packing) as archive:
+        for name, array in arrays.items():
+            content = io.BytesIO()
+            np.save(content, array, allow_pickle=True)
+            archive.writestr(f"{name}.npy", content.getvalue())
+    return buffer.getvalue()
+
+
+def npz_of(frames, lengths, columns, kind="<f8"):
+    return packed({"frames": frames.astype(kind), "offsets": np.cumsum([0, *lengths]), **columns})
+
+
+def parquet_of(table, **options):
+    buffer = io.BytesIO()
+    table.to_parquet(buffer, index=False, **options)
+    return buffer.getvalue()
+
+
+def grid_of(frames):
+    return OPTIONS | {"grid": f"{frames.shape[1]}x{frames.shape[2]}"}
+
+
+def outcome(tmp_path, content, suffix, options, kind="table"):
+    path = tmp_path / f"a.{suffix}"
+    path.write_bytes(content)
+    return bounded(imported, kind, path, options, seconds=20)
+
+
+def same(stored, frames, lengths, columns):
+    assert not isinstance(stored, str), stored
+    whole = bool((frames == np.floor(frames)).all()) and frames.max() <= 65535
+    assert stored[0].dtype == (np.uint16 if whole else np.float32)
+    assert np.array_equal(stored[0], frames.astype(stored[0].dtype)) and stored[1] == list(lengths)
+    assert stored[2].to_dict("list") == {name: list(words) for name, words in columns.items()}
+
+
+@given(
+    captures(),
+    st.sampled_from([0, 1]),
+    st.sampled_from(["\n", "\r\n"]),
+    st.sampled_from([b"", b"\xef\xbb\xbf"]),
+    st.sampled_from(["snappy", "gzip", "zstd", "brotli", None]),
+    st.sampled_from(["<f8", ">f8", "longdouble"]),
+)
+def test_whole_files_are_stored_as_they_are(tmp_path, made, origin, end, mark, compression, kind):
+    frames, lengths, columns = made
+    table = long_table(frames, lengths, columns, origin)
+    options = grid_of(frames)
+    same(outcome(tmp_path, mark + text_of(table, end).encode() + b"\n \n", "csv", options), *made)
+    same(outcome(tmp_path, parquet_of(table, compression=compression), "parquet", options), *made)
+    same(outcome(tmp_path, npz_of(*made, kind), "npz", OPTIONS), *made)
+
+
+def plain_table(content, grid):
+    """Captures of a CSV file by Python's own reader, as strict as the format is: any error means that it is none."""
+    header, *rows = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
+    header, count = [name.strip().strip('"') for name in header], grid[0] * grid[1]
+    while rows and not "".join(rows[-1]).strip():
+        rows.pop()
+    assert all(len(row) == len(header) for row in rows)
+    cells = {name: [row[i].strip() for row in rows] for i, name in enumerate(header)}
+    channels = [name for name in CHANNELS[:count] if name in cells]
+    channels = channels if len(channels) == count else header[-count:]
+    whole = lambda cell: int(cell, 16) if cell[:2] in ("0x", "0X") else int(cell)  # noqa: E731 - as pyarrow reads it
+    frame = [whole(cell) for cell in cells.pop("frame")]
+    frames = np.array([[float(cell) for cell in cells.pop(name)] for name in channels]).T.reshape(-1, *grid)
+    starts = [i for i, number in enumerate(frame) if number == frame[0]]
+    lengths = np.diff([*starts, len(frame)]).tolist()
+    return frames, lengths, {name: [words[i] for i in starts] for name, words in cells.items() if name != "synthetic"}
+
+
+@given(captures(), st.data())
+def test_a_damaged_text_is_refused_or_what_it_says(tmp_path, made, data):
+    lines = [line.split(",") for line in text_of(long_table(*made)).split("\n")]
+    end = "\n"
+    for _ in range(data.draw(st.integers(1, 3))):
+        i = data.draw(st.integers(0, len(lines) - 1))
+        j = data.draw(st.integers(0, max(0, len(lines[i]) - 1)))
+        how = data.draw(
+            st.sampled_from(["cell", "cell", "cell", "cut", "twice", "swap", "gone", "blank", "name", "ends"])
+        )
+        if how == "cell" and lines[i]:
+            lines[i][j] = data.draw(st.sampled_from(CELLS))
+        elif how == "cut":
+            del lines[i][j:]
+        elif how == "twice":
+            lines.insert(i, list(lines[i]))
+        elif how == "swap":
+            lines[i], lines[-2] = lines[-2], lines[i]
+        elif how == "gone" and len(lines) > 1:
+            del lines[i]
+        elif how == "blank":
+            lines[i:i] = [[""]] * data.draw(st.sampled_from([1, 2, 1000]))
+        elif how == "name" and lines[0]:
+            lines[0][min(j, len(lines[0]) - 1)] = data.draw(st.sampled_from(NAMES))
+        elif how == "ends":
+            end = data.draw(st.sampled_from(ENDS))
+    content = end.join(",".join(cells) for cells in lines).encode("utf-8", "surrogatepass")
+    stored = outcome(tmp_path, content, "csv", grid_of(made[0]))
+    if not isinstance(stored, str):
+        same(
+            (stored[0], stored[1], stored[2].drop(columns="synthetic", errors="ignore")),
+            *plain_table(content, made[0].shape[1:]),
+        )
+
+
+def damaged(data, content):
+    """Bytes flipped, put in, cut or doubled; the end is harmed as often as all before it."""
+    raw = bytearray(content)
+    for _ in range(data.draw(st.sampled_from([1, 1, 2, 8]))):
+        if not raw:
+            break
+        end = data.draw(st.integers(1, min(len(raw), 400)))
+        at = data.draw(st.sampled_from([data.draw(st.integers(0, len(raw) - 1)), len(raw) - end]))
+        how, size = data.draw(st.integers(0, 5)), data.draw(st.sampled_from([1, 4, 100]))
+        if how < 3:
+            raw[at] ^= 1 << data.draw(st.integers(0, 7))
+        elif how == 3:
+            raw[at : at + size] = data.draw(st.binary(min_size=0, max_size=size))
+        elif how == 4:
+            raw[at:at] = raw[at : at + size]
+        else:
+            del raw[at:]
+    return bytes(raw)
+
+
+@given(captures(), st.sampled_from(["csv", "parquet", "npz"]), st.data())
+def test_damaged_bytes_are_refused_or_what_they_say(tmp_path, made, suffix, data):
+    table = long_table(*made)
+    whole = {"csv": text_of(table).encode(), "npz": npz_of(*made), "parquet": parquet_of(table)}[suffix]
+    content = damaged(data, whole)
+    options = OPTIONS if suffix == "npz" else grid_of(made[0])
+    stored = outcome(tmp_path, content, suffix, options)
+    if isinstance(stored, str):
+        assert content != whole, stored
+    elif suffix == "csv":
+        same(stored, *plain_table(content, made[0].shape[1:]))
+    elif suffix == "npz":
+        arrays = dict(np.load(io.BytesIO(content)))
+        assert np.array_equal(stored[0], arrays["frames"].astype(stored[0].dtype))
+        assert stored[1] == np.diff(arrays["offsets"]).tolist()
+    else:
+        again = pd.read_parquet(io.BytesIO(content))
+        channels = again[CHANNELS[: made[0][0].size]].to_numpy()
+        assert np.array_equal(stored[0].reshape(len(channels), -1), channels.astype(stored[0].dtype))
+
+
+ODD = [
+    np.nan,
+    np.inf,
+    -1,
+    1e39,
+    16777217,
+    2**53 + 1,
+    2**63,
+    2**64 - 1,
+    "",
+    " ",
+    "a\0b",
+    "\u2028",
+    "x" * 300,
+    b"\xff",
+    None,
+    True,
+    [1],
+]
+
+
+@given(captures(), st.booleans(), st.data())
+def test_odd_values_types_and_shapes_are_refused_or_kept(tmp_path, made, as_arrays, data):
+    frames, lengths, columns = made
+    value = data.draw(st.sampled_from(ODD))
+    if as_arrays:
+        arrays = {"frames": frames, "offsets": np.cumsum([0, *lengths]), **{n: np.array(w) for n, w in columns.items()}}
+        name = data.draw(st.sampled_from([*arrays]))
+        change = data.draw(st.sampled_from(["type", "shape", "value", "gone", "name"]))
+        array = arrays[name]
+        if change == "type":
+            kind = data.draw(st.sampled_from("? c16 m8[s] M8[D] S3 U3 f2 i1 V4 u8 >f4 O".split()))
+            try:
+                arrays[name] = array.astype(kind)
+            except (TypeError, ValueError):
+                return
+        elif change == "shape":
+            others = [array.ravel(), array[..., None], array[:-1], array[:0], np.repeat(array, 2, axis=0), array[0]]
+            arrays[name] = np.asarray(data.draw(st.sampled_from(others)))
+        elif change == "value":
+            array = array.astype(object)
+            array.flat[data.draw(st.integers(0, array.size - 1))] = value
+            arrays[name] = np.array(array.tolist()) if not isinstance(value, list) else array
+        elif change == "gone":
+            del arrays[name]
+        else:
+            arrays[data.draw(st.sampled_from(["p_x", "fold", "capture", "n" * 250, "é", "x\ny", "a/b"]))] = array
+        outcome(tmp_path, packed(arrays), "npz", OPTIONS)
+        return
+    table = long_table(*made)
+    name = data.draw(st.sampled_from([*table]))
+    column = table[name].astype(object)
+    column[data.draw(st.integers(0, len(table) - 1))] = value
+    try:
+        content = parquet_of(table.assign(**{name: column}))
+    except Exception:  # pyarrow cannot store such a mixture
+        content = parquet_of(table.assign(**{name: [value] * len(table)}))
+    stored = outcome(tmp_path, content, "parquet", grid_of(frames))
+    assert isinstance(stored, str) or value not in (-1, "", " ", "a\0b", "\u2028", "x" * 300, b"\xff", None)
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 99), st.integers(0, 2), st.integers(0, 13), st.integers(1, 4)), min_size=1),
+    st.data(),
+)
+def test_cost_and_haart_whole_and_damaged(tmp_path, rows, data):
+    lines = [", ".join([*LABELS, *CHANNELS])]
+    for subject, variant, gesture, frames in rows:
+        lines += [f"{subject},{variant + 1},{gesture + 1},{n + 1}" + f",{n}" * 64 for n in range(frames)]
+    whole = "\n".join(lines).encode()
+    stored = outcome(tmp_path, whole, "csv", {}, "cost")
+    assert stored[2]["subject"].tolist() == [str(row[0]) for row in rows] and stored[1] == [row[3] for row in rows]
+    assert stored[2]["variant"].tolist() == [VARIANTS[row[1]] for row in rows]
+    assert stored[2]["gesture"].tolist() == [GESTURES[row[2]] for row in rows]
+    outcome(tmp_path, damaged(data, whole), "csv", {}, "cost")
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(
+        buffer, "w", data.draw(st.sampled_from([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED]))
+    ) as archive:
+        archive.writestr("a/training.csv", TRAINING)
+        archive.writestr("a/testWITHLABELS.csv", TESTING)
+    outcome(tmp_path, damaged(data, buffer.getvalue()), "zip", {}, "haart")
