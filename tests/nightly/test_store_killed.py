@@ -1,4 +1,4 @@
-"""The store when its creation is killed, while another program has its file, and when the disk is full in the middle of a run."""
+"""The store when its creation is killed, while another program has its file, and when the disk is full."""
 
 import contextlib
 import resource
