@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 from bench.arguments import BACKEND, Values, convert, items, parse, typed
 from bench.arguments import KEYS as RUN_KEYS
@@ -18,7 +17,7 @@ from bench.commands.help import SMALL
 from bench.commands.printing import grid, one_label, output, say, show, then
 from bench.costs import BUDGETS, COSTS, quantity
 from bench.errors import InputError, nearest
-from bench.outcomes.choice import KINDS, Choice, amount, candidates, decide, points, sentences
+from bench.outcomes.choice import KINDS, Candidates, Choice, amount, candidates, decide, points, sentences
 from bench.outcomes.comparable import MARK, MARKED
 from bench.outcomes.runs import of_kinds, without_runs
 from bench.outcomes.store import connect
@@ -36,23 +35,19 @@ class Chosen:
 
     Attributes:
         choice: as `bench.outcomes.choice.decide` made it.
-        context: data, subset and protocol, in words.
+        among: the candidates.
         by: the cost that is to be low.
         budgets: the most of each cost.
         margin: points that do not matter, or None.
-        subjects: number of them.
-        mixed: whether training and test captures come from the same subjects.
-        notes: what the time until a decision is, and which runs are left out.
+        clock: of the target in MHz, or None.
     """
 
     choice: Choice
-    context: str
+    among: Candidates
     by: str
     budgets: dict[str, float]
     margin: float | None
-    subjects: int
-    mixed: bool = False
-    notes: list[str] = field(default_factory=list)
+    clock: float | None = None
 
     @property
     def system(self) -> str | None:
@@ -61,13 +56,22 @@ class Chosen:
         return None if chosen is None else str(self.choice.table.loc[chosen, "system"])
 
     def __str__(self) -> str:
-        return "\n".join([f"{self.context}:", *self.lines()])
+        return "\n".join([f"{self.among.context}:", *self.lines()])
 
     def lines(self) -> list[str]:
         """The choice and its reason, or what binds and what to do."""
-        lines = [*sentences(self.choice, self.by, self.margin, self.subjects, self.mixed), *self.notes]
-        small = f"A small system that is accurate on real touch: bench run {SMALL}"
-        return lines + ([small] if self.choice.chosen is None else [])
+        subjects, table = self.among.subjects.shape[1], self.among.table
+        lines = sentences(self.choice, self.by, self.margin, subjects, self.among.mixed)
+        if self.clock is not None:
+            timed = f"for {table['cycles'].notna().sum()} of {len(table)} candidates, plus the measured cycles at"
+            lines.append(f"The time until a decision is the touch that it needs; {timed} {self.clock:g} MHz.")
+        elif "decision" in {self.by, *self.budgets}:
+            left_out = "computing time on this machine is not part of it"
+            lines.append(f"The time until a decision is the touch that it needs; {left_out}.")
+        lines += self.among.notes
+        if self.choice.chosen is None:
+            lines.append(f"A small system that is accurate on real touch: bench run {SMALL}")
+        return lines
 
     __repr__ = __str__
 
@@ -116,14 +120,10 @@ def chosen(values: Values) -> Chosen:
         warn(f"warning: {lacking}: no run of it is tracked")
     most = budgets.get("decision", np.inf if by == "decision" else None)
     among = candidates(store, asked, most, windows=unit == "window", clock=clock, batch=batch, runs_of=runs_of)
-    costs, table = {by, *budgets}, among.table
-    if "predict" in costs and table["cpu"].nunique() > 1:
-        warn(f"warning: times are of several processors: {'; '.join(sorted(set(table['cpu'])))}")
-    notes = among.notes
-    if clock is not None or "decision" in costs:
-        notes = [_decision_time(table, clock), *notes]
-    choice = decide(table, among.subjects, by, budgets, margin)
-    return Chosen(choice, among.context, by, budgets, margin, among.subjects.shape[1], among.mixed, notes)
+    processors = sorted(set(among.table["cpu"]))
+    if "predict" in {by, *budgets} and len(processors) > 1:
+        warn(f"warning: times are of several processors: {'; '.join(processors)}")
+    return Chosen(decide(among.table, among.subjects, by, budgets, margin), among, by, budgets, margin, clock)
 
 
 def _one_of(key: str, values: Values, names: Collection[str]) -> str:
@@ -134,15 +134,6 @@ def _one_of(key: str, values: Values, names: Collection[str]) -> str:
     if name not in names:
         raise InputError(f"{key}={name}: {nearest(name, names)}")
     return name
-
-
-def _decision_time(table: pd.DataFrame, clock: float | None) -> str:
-    """What the time until a decision consists of."""
-    touch = "The time until a decision is the touch that it needs"
-    if clock is None:
-        return f"{touch}; computing time on this machine is not part of it."
-    timed = int(table["cycles"].notna().sum())
-    return f"{touch}; for {timed} of {len(table)} candidates, plus the measured cycles at {clock:g} MHz."
 
 
 def _print(result: Chosen) -> None:
@@ -156,7 +147,7 @@ def _print(result: Chosen) -> None:
         rows.append(cells | {"below best": loss} | costs | {"verdict": row["verdict"]})
     spare = [k for k in ("cycles", "predict", "ram", "decision", "flash") if k != by and k not in result.budgets]
     bold = np.flatnonzero(table.index == result.choice.chosen).tolist()
-    title = f"{result.context}; {within}; cheapest by {by} first; accuracy is the mean over subjects"
+    title = f"{result.among.context}; {within}; cheapest by {by} first; accuracy is the mean over subjects"
     grid(output(), title, rows, ("system", "labels", "verdict"), spare, bold)
     if 0 < table["linked"].sum() < len(rows):
         output().print("* as linked in C, code included; the other sizes are counted without code", style="dim")

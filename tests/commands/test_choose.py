@@ -12,7 +12,7 @@ from bench.commands.choose import Chosen, _print, chosen
 from bench.commands.help import SMALL
 from bench.commands.smallest import smallest
 from bench.errors import InputError
-from bench.outcomes.choice import decide
+from bench.outcomes.choice import Candidates, decide
 from bench.outcomes.comparable import MARKED
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
@@ -67,8 +67,8 @@ def test_sizes_as_linked_are_marked_beside_those_without_code(capsys):
     rows, subjects = table([[80] * 4, [70] * 4], flash=[20.0, 5.0])
     rows = rows.assign(kind="cell", command="run", arguments="", cycles=1.0)
     for linked, marked in (([True, False], True), ([True, True], False)):
-        choice = decide(rows.assign(linked=linked), subjects, "flash", {}, None)
-        _print(Chosen(choice, "synth", "flash", {}, None, 4))
+        among = Candidates(rows.assign(linked=linked), "synth", subjects, False, [])
+        _print(Chosen(decide(among.table, subjects, "flash", {}, None), among, "flash", {}, None))
         out = capsys.readouterr().out
         assert "20 kB*" in out and ("* as linked" in out) == marked and ("5 kB*" in out) != marked
 
