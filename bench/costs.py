@@ -6,14 +6,19 @@ from bench.errors import InputError
 
 COSTS = {"flash": "kB", "ram": "kB", "predict": "ms", "decision": "ms", "cycles": "k"}  # of a system, and the unit
 BUDGETS = {f"max_{name}": name for name in COSTS}
-UNITS = {"": 1, "B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576, "ms": 1, "s": 1e3, "k": 1, "M": 1e3}
+UNITS = {  # of a unit of a cost, and of the clock, what a typed unit is
+    "k": {"k": 1, "M": 1e3},
+    "kB": {"B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576},
+    "ms": {"ms": 1, "s": 1e3},
+    "MHz": {"kHz": 1e-3, "MHz": 1, "GHz": 1e3},
+}
 
 
 def quantity(key: str, given: object, prefix: str = "") -> float:
-    """A number with a unit, in milliseconds, kilobytes (1000 bytes; KiB are 1024) or thousands, or a margin in points.
+    """A number with a unit, in milliseconds, kilobytes (1000 bytes; KiB are 1024), thousands or MHz, or in points.
 
     Args:
-        key: one of `BUDGETS`, or another name, for a number without unit.
+        key: one of `BUDGETS`, ``clock``, or another name, for a number without unit.
         given: as it was typed.
         prefix: of the key, where it was typed with one.
 
@@ -21,16 +26,15 @@ def quantity(key: str, given: object, prefix: str = "") -> float:
         InputError: it is none, or not above 0.
     """
     text = str(given)
-    number = text.rstrip("BkKiMms ")
-    unit = text[len(number) :].strip()
-    known = {"kB": ["B", "kB", "KiB", "MB", "MiB"], "ms": ["ms", "s"], "k": ["k", "M"]}
-    allowed = known[COSTS[BUDGETS[key]]] if key in BUDGETS else []
+    number = text.rstrip("BkKiMmsGHz ")
+    units = {"": 1.0}
+    if key in BUDGETS or key == "clock":
+        units = UNITS["MHz" if key == "clock" else COSTS[BUDGETS[key]]]
     try:
-        value = float(number)
-        if not 0 < value < float("inf") or (unit not in allowed and allowed) or (unit and not allowed):
+        value = float(number) * units[text[len(number) :].strip()]
+        if not 0 < value < float("inf"):
             raise ValueError(text)
-    except ValueError as e:
-        raise InputError(
-            f"{prefix}{key}={text}: give a number above 0" + (f" and {' or '.join(allowed)}" if allowed else "")
-        ) from e
-    return value * UNITS[unit]
+    except (ValueError, KeyError) as e:
+        words = f" and {' or '.join(units)}" if "" not in units else ""
+        raise InputError(f"{prefix}{key}={text}: give a number above 0{words}") from e
+    return value

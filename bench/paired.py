@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 TOLERANCE = 1e-9  # relative and absolute: accuracies are shares of captures, so that smaller gaps are rounding
+FEW_SUBJECTS = 6  # with five, no two-sided sign or Wilcoxon test can reach p < 0.05
 
 
 def mean_and_error(differences: np.ndarray) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from bench.arguments import typed
 from bench.costs import COSTS
 from bench.errors import InputError
 from bench.outcomes import statistics
-from bench.outcomes.choice import SAID, Choice, candidates, decide, sentences
+from bench.outcomes.choice import Choice, candidates, decide, named, sentences
 from bench.outcomes.comparable import COMPARABLE, Row
 from bench.outcomes.store import Store
 from reports.layout import Answer
@@ -117,12 +117,6 @@ def _command(on: Mapping[str, str], first: Row, runs: pd.DataFrame, budgets: Map
         asked["target"] = first["target"]
     most = {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in budgets.items()}
     return typed("choose", asked | protocol | most)
-
-
-def named(row: pd.Series | Mapping[str, object]) -> str:
-    """A candidate: the system, and what it labels unless that is whole captures."""
-    unit = str(row["unit"])
-    return str(row["system"]) + ("" if unit == "capture" else f" ({SAID.get(unit, unit)})")
 
 
 def chart_data(found: list[Considered], models: Mapping[str, str], papers: pd.DataFrame) -> dict[str, object]:

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import shlex
-import tempfile
 from pathlib import Path
 
 import pandas as pd
-from rich.console import Console
 
 from bench.arguments import BACKEND, Backend, backend_of, convert, parse
 from bench.arguments import KEYS as RUN_KEYS
-from bench.commands.printing import failures
+from bench.commands.printing import failures, say
 from bench.commands.run import evaluated
 from bench.errors import InputError
 from bench.outcomes import gate
-from bench.outcomes.baseline import NAMES, Measured, read, text
-from bench.outcomes.gate import Verdict
+from bench.outcomes.baseline import Measured, read, text
 from bench.outcomes.runs import needed, rows_of, tracked
 from bench.outcomes.store import Store, connect
 from bench.plan.cells import Cell, cells
+from bench.scratch import replacing
 
 OPTIONS = {"baseline": "reports/baseline.json", "update": False, "run": True, "junit": ""}
 KEYS = RUN_KEYS | OPTIONS.keys() | gate.LIMITS.keys()
@@ -34,9 +32,9 @@ def check(arguments: list[str]) -> int:
     values = parse(arguments, KEYS)
     how = {k: convert(k, values[k], usual) if k in values else usual for k, usual in OPTIONS.items()}
     limits = {k: convert(k, values[k], usual) if k in values else usual for k, usual in gate.LIMITS.items()}
-    if not 0 < limits["error"] < 100 or not 0 <= limits["changes"] <= 100 or not limits["slower"] > 0:
-        raise InputError("error= and changes= are in percent, slower= is a factor above 0; write for example slower=2")
-    added = [f"{k}={v}" for k, v in values.items() if k not in BACKEND and k not in OPTIONS and k not in gate.LIMITS]
+    if not 0 < limits["error"] < 100 or not limits["slower"] > 0:
+        raise InputError("error= is in percent, slower= is a factor above 0; write for example slower=2")
+    added = [f"{k}={v}" for k, v in values.items() if k not in BACKEND | OPTIONS.keys() | limits.keys()]
     path, report = Path(str(how["baseline"])), str(how["junit"])
     if how["update"]:
         if not how["run"]:
@@ -46,17 +44,16 @@ def check(arguments: list[str]) -> int:
         raise InputError(f"{added[0]} adds to a baseline with update=true; without it, the baseline says what is run")
     baseline = read(path, understood)
     if how["run"]:
-        runs = list(dict.fromkeys(then.run for then in baseline))
-        current = _run(runs, backend_of(values))[0]
+        current, _ = _run([then.run for then in baseline], backend_of(values))
     else:
         current = _tracked(connect(), baseline)
     verdicts = gate.compare(baseline, current, **limits)
-    _say(verdicts)
+    say(*(verdict.line for verdict in verdicts))
     if report:
         _write(Path(report), gate.junit(verdicts), "junit")
     alarms = [v for v in verdicts if v.wrong]
     accept = f"; if that is meant: bench check baseline={path} update=true" if alarms else ""
-    _print(
+    say(
         f"{len(verdicts) - len(alarms)} of {len(verdicts)} systems are what {path} says (error rate of accuracy and "
         f"labels {limits['error']:g} %, all together){accept}"
     )
@@ -74,81 +71,56 @@ def understood(run: str) -> list[Cell]:
 
 def _run(runs: list[str], backend: Backend) -> tuple[list[Measured], int]:
     """Run what is not tracked yet; complete runs of the code, versions and threads as they are, and the exit code."""
-    asked: dict[str, tuple[Cell, str]] = {}
-    for run in runs:
+    planned: dict[str, tuple[Cell, str]] = {}
+    for run in dict.fromkeys(runs):
         for cell in understood(run):
-            asked.setdefault(repr(cell), (cell, run))
-    outcomes = evaluated([cell for cell, _ in asked.values()], backend)
+            planned.setdefault(repr(cell), (cell, run))
+    outcomes = evaluated([cell for cell, _ in planned.values()], backend)
     code = failures(outcomes)
     store = connect()
-    found: dict[tuple[str, ...], Measured] = {}
-    for outcome, (_, run) in zip(outcomes, asked.values(), strict=True):
+    complete: dict[tuple[str, ...], Measured] = {}
+    for outcome, (_, run) in zip(outcomes, planned.values(), strict=True):
         if outcome.findings and len(outcome.results) == len(outcome.plan.folds):
             data = store.run(outcome.run_id).data
             table = outcome.findings.tables["predictions.parquet"]
             measured = gate.measured(data.params | data.tags | data.metrics, table, run)
-            found.setdefault(tuple(measured.names.values()), measured)
-    return list(found.values()), code
+            complete.setdefault(tuple(measured.names.values()), measured)
+    return list(complete.values()), code
 
 
 def _tracked(store: Store, baseline: list[Measured]) -> list[Measured]:
     """The newest complete runs of the store that may be held against the baseline, whatever code made them."""
-    rows = tracked(store)
-    rest = [k for k in NAMES if k not in ("corpus_digest", "seed")]
-    asked = {tuple(then.names[k] for k in rest) for then in baseline}
-    complete = rows_of(rows[rows["status"] == "FINISHED"])
-    fitting = [row for row in complete if tuple(row[k] for k in rest) in asked]
-    return [gate.measured(row, pd.read_parquet(needed(store, row, "predictions.parquet")), "") for row in fitting]
+    runs = tracked(store)
+    same = {tuple(then.names[k] for k in gate.SAME) for then in baseline}
+    complete = [run for run in rows_of(runs[runs["status"] == "FINISHED"]) if tuple(run[k] for k in gate.SAME) in same]
+    return [gate.measured(run, pd.read_parquet(needed(store, run, "predictions.parquet")), "") for run in complete]
 
 
 def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, float]) -> int:
     """Run again what the baseline names, and what is added; write it if every run is complete."""
     before = read(path, understood) if path.exists() or not added else []
-    runs = list(dict.fromkeys([then.run for then in before] + ([shlex.join(added)] if added else [])))
-    after, code = _run(runs, backend)
+    after, code = _run([then.run for then in before] + ([shlex.join(added)] if added else []), backend)
     if code:
-        _print(f"a run failed; {path} stays as it was")
+        say(f"a run failed; {path} stays as it was")
         return code
     kept = [then for then in before if gate.counterpart(then, after)]
-    _say(gate.compare(kept, after, **limits))
+    say(*(verdict.line for verdict in gate.compare(kept, after, **limits)))
     for now in after:
         if not any(gate.counterpart(then, [now]) for then in before):
             hits = (now.labels["true"] == now.labels["predicted"]).mean()
-            _print(f"{'new':8} {gate.named(now)}: {100 * hits:.1f} %")
+            say(f"{'new':8} {gate.named(now)}: {100 * hits:.1f} %")
     for then in before:
         if then not in kept:
-            _print(f"{'gone':8} {gate.named(then)}: bench run {then.run} no longer makes it")
+            say(f"{'gone':8} {gate.named(then)}: bench run {then.run} no longer makes it")
     _write(path, text(after), "baseline")
-    _print(f"{path}: {len(after)} systems")
+    say(f"{path}: {len(after)} systems")
     return 0
 
 
 def _write(path: Path, content: str, key: str) -> None:
-    """Beside the final name, then renamed.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    beside = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False
-        ) as f:
-            beside = Path(f.name)
-            f.write(content)
-        beside.chmod(0o644)
-        beside.replace(path)
+        with replacing(path) as beside:
+            beside.write_text(content, encoding="utf-8")
     except OSError as e:
-        if beside:
-            beside.unlink(missing_ok=True)
         raise InputError(f"{key}={path} cannot be written ({e.strerror}); choose another place") from e
-
-
-def _say(verdicts: list[Verdict]) -> None:
-    for verdict in verdicts:
-        _print(verdict.line)
-
-
-def _print(line: str) -> None:
-    Console().print(line, markup=False, highlight=False, soft_wrap=True)

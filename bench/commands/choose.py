@@ -6,10 +6,10 @@ It reads tracked runs; with ``over=`` it makes runs, see `bench.commands.smalles
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 from bench.arguments import BACKEND, Values, convert, items, parse, typed
 from bench.arguments import KEYS as RUN_KEYS
@@ -17,7 +17,7 @@ from bench.commands.help import SMALL
 from bench.commands.printing import grid, one_label, output, say, show, then
 from bench.costs import BUDGETS, COSTS, quantity
 from bench.errors import InputError, nearest
-from bench.outcomes.choice import Choice, amount, candidates, decide, points, sentences
+from bench.outcomes.choice import KINDS, Candidates, Choice, amount, candidates, decide, points, sentences
 from bench.outcomes.comparable import MARK, MARKED
 from bench.outcomes.runs import of_kinds, without_runs
 from bench.outcomes.store import connect
@@ -25,13 +25,8 @@ from bench.progress import warn
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", "unit", "clock", "batch", *BUDGETS}
-UNITS = ("capture", "window")
+RUNNING = {*BACKEND, "inner", "seed"}  # keys that are of use with over= alone
 FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
-HINTS = {  # by cost, the kind of run that makes it known or lower, and what to type
-    "decision": ("stream", "bench stream replays systems, which can then decide early."),
-    "cycles": ("chip", "bench chip exports systems to C and counts their cycles."),
-}
-MEGAHERTZ = {"kHz": 1e-3, "MHz": 1.0, "GHz": 1e3}
 
 
 @dataclass(frozen=True)
@@ -40,23 +35,19 @@ class Chosen:
 
     Attributes:
         choice: as `bench.outcomes.choice.decide` made it.
-        about: data, subset and protocol, in words.
+        among: the candidates.
         by: the cost that is to be low.
         budgets: the most of each cost.
         margin: points that do not matter, or None.
-        subjects: number of them.
-        mixed: whether training and test captures come from the same subjects.
-        advice: which runs are left out, and which commands may find more.
+        clock: of the target in MHz, or None.
     """
 
     choice: Choice
-    about: str
+    among: Candidates
     by: str
     budgets: dict[str, float]
     margin: float | None
-    subjects: int
-    mixed: bool = False
-    advice: list[str] = field(default_factory=list)
+    clock: float | None = None
 
     @property
     def system(self) -> str | None:
@@ -65,11 +56,22 @@ class Chosen:
         return None if chosen is None else str(self.choice.table.loc[chosen, "system"])
 
     def __str__(self) -> str:
-        return "\n".join([f"{self.about}:", *self.lines()])
+        return "\n".join([f"{self.among.context}:", *self.lines()])
 
     def lines(self) -> list[str]:
         """The choice and its reason, or what binds and what to do."""
-        return [*sentences(self.choice, self.by, self.margin, self.subjects, self.mixed), *self.advice]
+        subjects, table = self.among.subjects.shape[1], self.among.table
+        lines = sentences(self.choice, self.by, self.margin, subjects, self.among.mixed)
+        if self.clock is not None:
+            timed = f"for {table['cycles'].notna().sum()} of {len(table)} candidates, plus the measured cycles at"
+            lines.append(f"The time until a decision is the touch that it needs; {timed} {self.clock:g} MHz.")
+        elif "decision" in {self.by, *self.budgets}:
+            left_out = "computing time on this machine is not part of it"
+            lines.append(f"The time until a decision is the touch that it needs; {left_out}.")
+        lines += self.among.notes
+        if self.choice.chosen is None:
+            lines.append(f"A small system that is accurate on real touch: bench run {SMALL}")
+        return lines
 
     __repr__ = __str__
 
@@ -89,9 +91,9 @@ def choose(arguments: list[str]) -> int:
         one_label(outcomes)
         then("bench choose")
         return code
-    found = chosen(values)
-    _print(found)
-    return 0 if found.system else 1
+    result = chosen(values)
+    _print(result)
+    return 0 if result.system else 1
 
 
 def chosen(values: Values) -> Chosen:
@@ -100,99 +102,59 @@ def chosen(values: Values) -> Chosen:
     Raises:
         InputError: something in the values cannot be used, or no run is tracked for them.
     """
-    if given := [k for k in values if k in {*BACKEND, "inner", "seed"} or ("." in k and not k.startswith("protocol."))]:
-        raise InputError(f"{given[0]}= is for over=; without it, nothing is run")
-    by = str(values.get("by", "flash"))
-    if by not in COSTS:
-        raise InputError(f"by={by}: {nearest(by, COSTS)}")
-    unit = str(values.get("unit", "capture"))
-    if unit not in UNITS:
-        raise InputError(f"unit={unit}: {nearest(unit, UNITS)}")
+    if running := [k for k in values if k in RUNNING or ("." in k and not k.startswith("protocol."))]:
+        raise InputError(f"{running[0]}= is for over=; without it, nothing is run")
+    by, unit = _one_of("by", values, COSTS), _one_of("unit", values, ("capture", "window"))
+    batch = _one_of("batch", values, ("no", "yes")) == "yes"
     budgets = {BUDGETS[k]: quantity(k, values[k]) for k in BUDGETS if k in values}
-    margin = quantity("margin", values["margin"]) if "margin" in values else None
-    clock = _clock(str(values["clock"])) if "clock" in values else None
-    text = str(values.get("batch", "no")).lower()
-    batch = {"true": "yes", "false": "no"}.get(text, text)
-    if batch not in ("yes", "no"):
-        raise InputError(f"batch={batch}: give yes or no")
-    asked = {k: items(k, values[k]) for k in AMONG if k in values}
+    margin, clock = (quantity(k, values[k]) if k in values else None for k in ("margin", "clock"))
+    asked = {k: items(k, v) for k, v in values.items() if k in AMONG or k.startswith("protocol.")}
     if "shots" in values:
         shots = convert("shots", values["shots"], 0)
         if shots < 0:
             raise InputError(f"shots={shots}: give 0 or more")
-        asked |= {"shots": [str(shots)], "protocol": asked.get("protocol", ["personal"])}
-    asked |= {k: items(k, v) for k, v in values.items() if k.startswith("protocol.")}
+        asked = {"protocol": ["personal"], **asked, "shots": [str(shots)]}
     store = connect()
-    runs_of = of_kinds(store, ("cell", "chip", "stream"))
+    runs_of = of_kinds(store, KINDS)
     for lacking in without_runs(list(runs_of.values()), asked):
         warn(f"warning: {lacking}: no run of it is tracked")
-    found = candidates(
-        store, asked, budgets.get("decision"), by == "decision", runs_of, unit == "window", clock, batch == "yes"
-    )
-    if (by == "predict" or "predict" in budgets) and found.table["cpu"].nunique() > 1:
-        warn(f"warning: times are of several processors: {'; '.join(sorted(set(found.table['cpu'])))}")
-    choice = decide(found.table, found.subjects, by, budgets, margin)
-    made = {"stream", "chip"} if unit == "window" else set(found.table["kind"])
-    hints = [hint for cost, (kind, hint) in HINTS.items() if cost in {by, *budgets} and kind not in made]
-    advice = [*found.notes, *hints]
-    if choice.chosen is None:
-        advice.append(f"A small system that is accurate on real touch: bench run {SMALL}")
-    if clock is not None or "decision" in {by, *budgets}:
-        advice.insert(0, _decision_time(found.table, clock))
-    chosen = "" if choice.chosen is None else str(choice.table["unit"][choice.chosen])
-    if "decision" in budgets and chosen.startswith("first"):
-        advice.append(
-            "That is the last replayed moment within the budget; bench stream with a smaller hop_ms= has more."
-        )
-    if unit == "capture" and "decision" in {by, *budgets} and choice.table["windows"].any():
-        advice.append("One window alone is labelled sooner, and is scored in percent of windows: see unit=window.")
-    return Chosen(choice, found.about, by, budgets, margin, len(found.subjects.columns), found.mixed, advice)
+    most = budgets.get("decision", np.inf if by == "decision" else None)
+    among = candidates(store, asked, most, windows=unit == "window", clock=clock, batch=batch, runs_of=runs_of)
+    processors = sorted(set(among.table["cpu"]))
+    if "predict" in {by, *budgets} and len(processors) > 1:
+        warn(f"warning: times are of several processors: {'; '.join(processors)}")
+    return Chosen(decide(among.table, among.subjects, by, budgets, margin), among, by, budgets, margin, clock)
 
 
-def _clock(text: str) -> float:
-    """A clock in MHz.
-
-    Raises:
-        InputError: it is no number above 0 with a unit.
-    """
-    number, unit = text[:-3].strip(), text[-3:]
-    try:
-        value = float(number) * MEGAHERTZ[unit]
-        if not 0 < value < float("inf"):
-            raise ValueError(text)
-    except (ValueError, KeyError) as e:
-        raise InputError(f"clock={text}: give a number above 0 and kHz, MHz or GHz, such as 64MHz") from e
-    return value
+def _one_of(key: str, values: Values, names: Collection[str]) -> str:
+    """The value of a key that takes some names, the first of them where it is not there."""
+    first, *_ = names
+    name = str(values.get(key, first))
+    name = {"true": "yes", "false": "no"}.get(name.lower(), name)  # also from Python
+    if name not in names:
+        raise InputError(f"{key}={name}: {nearest(name, names)}")
+    return name
 
 
-def _decision_time(table: pd.DataFrame, clock: float | None) -> str:
-    """What the time until a decision consists of."""
-    touch = "The time until a decision is the touch that it needs"
-    if clock is None:
-        return f"{touch}; computing time on this machine is not part of it."
-    timed = int(table["cycles"].notna().sum())
-    return f"{touch}; for {timed} of {len(table)} candidates, plus the measured cycles at {clock:g} MHz."
-
-
-def _print(found: Chosen) -> None:
-    within = ", ".join(f"{k} at most {amount(k, v)}" for k, v in found.budgets.items()) or "no budget"
+def _print(result: Chosen) -> None:
+    table, by = result.choice.table, result.by
+    within = ", ".join(f"{k} at most {amount(k, v)}" for k, v in result.budgets.items()) or "no budget"
     rows = []
-    for row in found.choice.table.to_dict("records"):
+    for row in table.to_dict("records"):
         loss = "-" if np.isnan(row["loss"]) else points(row["loss"], row["error"])
-        row_of = {"system": row["system"], "labels": row["unit"], "accuracy %": f"{row['accuracy']:.1f}"}
+        cells = {"system": row["system"], "labels": row["unit"], "accuracy %": f"{row['accuracy']:.1f}"}
         costs = {k: amount(k, row[k]) + "*" * (row["linked"] and k in ("flash", "ram")) for k in COSTS}
-        row_of |= {"below best": loss} | costs | {"verdict": row["verdict"]}
-        rows.append(row_of)
-    spare = [k for k in ("cycles", "predict", "ram", "decision", "flash") if k != found.by and k not in found.budgets]
-    bold = [i for i, index in enumerate(found.choice.table.index) if index == found.choice.chosen]
-    title = f"{found.about}; {within}; cheapest by {found.by} first; accuracy is the mean over subjects"
+        rows.append(cells | {"below best": loss} | costs | {"verdict": row["verdict"]})
+    spare = [k for k in ("cycles", "predict", "ram", "decision", "flash") if k != by and k not in result.budgets]
+    bold = np.flatnonzero(table.index == result.choice.chosen).tolist()
+    title = f"{result.among.context}; {within}; cheapest by {by} first; accuracy is the mean over subjects"
     grid(output(), title, rows, ("system", "labels", "verdict"), spare, bold)
-    if 0 < found.choice.table["linked"].sum() < len(rows):
+    if 0 < table["linked"].sum() < len(rows):
         output().print("* as linked in C, code included; the other sizes are counted without code", style="dim")
-    say(*found.lines(), *([f"{MARKED}."] if any(MARK in row["system"] for row in rows) else []))
-    if found.choice.chosen is not None:
-        one = found.choice.table.loc[found.choice.chosen]
+    say(*result.lines(), *([f"{MARKED}."] if table["system"].str.contains(MARK).any() else []))
+    if result.choice.chosen is not None:
+        one = table.loc[result.choice.chosen]
         trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in FIT}
         # a search is not trained again, and a system that needs conditions is not saved
-        once = trained and one["command"] in ("run", "stream", "chip") and not one.get("conditions")
+        once = trained and one["command"] in ("run", "stream", "chip") and not one["conditions"]
         then(typed("fit", trained | {"out": "chosen"}) if once else "bench report")

@@ -17,47 +17,46 @@ from bench.work.loop import Outcome
 if TYPE_CHECKING:
     from models.search.space import How, Tuning
 
-SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are given
+SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are typed
 
 
 def smallest(values: Values) -> list[Outcome]:
-    """Run each system with the smallest value that suffices, chosen in every fold, beside the system as it is."""
-    if given := {"by", "margin", "shots", "unit", "clock", "batch", *BUDGETS} & set(values):
-        raise InputError(f"{given.pop()}= chooses among tracked runs; leave it out, or leave out over=")
+    """Run each system with the smallest value that suffices, chosen in every fold, beside the unchanged system.
+
+    Raises:
+        InputError: a key is for choosing among tracked runs, or a value cannot be used.
+    """
+    if wrong := {"by", "margin", "shots", "unit", "clock", "batch", *BUDGETS} & set(values):
+        raise InputError(f"{wrong.pop()}= chooses among tracked runs; leave it out, or leave out over=")
     over, inner = str(values["over"]), str(values.get("inner", "3"))
-    listed = values.get(f"model.{over}")
     rest = {k: v for k, v in values.items() if k not in ("over", "inner", f"model.{over}")}
-    whole = cells(rest)
-    searches = [replace(cell, tuning=_tuning(cell, over, listed, inner)) for cell in whole]
-    return evaluated([c for pair in zip(searches, whole, strict=True) for c in pair], backend_of(values))
+    pairs = [
+        (replace(cell, tuning=_tuning(cell, over, values.get(f"model.{over}"), inner)), cell) for cell in cells(rest)
+    ]
+    return evaluated([cell for pair in pairs for cell in pair], backend_of(values))
 
 
 def _tuning(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
-    """How a search picks the smallest value; all parameters but that one stay as they are.
-
-    Raises:
-        InputError: the model has no such parameter, or it has no sizes.
-    """
+    """How a search picks the smallest value; all parameters but that one stay as they are."""
+    model, usual = cell.model.short, parameters(cell.model.factory)
+    if contract.searches(cell.estimator()):
+        raise InputError(f"model={model} searches by itself; choose over= of a model that does not")
+    space = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
     seed = cell.seed if "seed" in cell.model.parameters else 0
     how: How = {"inner": inner, "objective": "smallest", "over": over, "seed": seed}
-    usual = parameters(cell.model.factory)
-    fixed = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
-    if contract.searches(cell.estimator()):
-        raise InputError(f"model={cell.model.short} searches by itself; choose over= of a model that does not")
     if over == "features":
         if not cell.features:
-            raise InputError(f"over=features: model={cell.model.short} takes none; choose over= one of its parameters")
-        return {"space": {**fixed}, **how}
-    if over not in usual or over == "seed":
+            raise InputError(f"over=features: model={model} takes none; choose over= one of its parameters")
+        return {"space": {**space}, **how}
+    default = usual.get(over)
+    if over == "seed" or over not in usual:
         raise InputError(f"over={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}")
-    default = usual[over]
     if isinstance(default, bool) or not isinstance(default, int | float):
         raise InputError(f"over={over}: it has no sizes to choose from; choose over= a parameter that is a number")
-    kind = type(default)
     if listed is None:
-        chosen = {kind(default * share) for share in SHARES} - {0}
+        sizes = {type(default)(default * share) for share in SHARES} - {0}
     else:
-        chosen = {convert(f"model.{over}", text, default) for text in items(f"model.{over}", listed)}
-    if not chosen:
+        sizes = {convert(f"model.{over}", text, default) for text in items(f"model.{over}", listed)}
+    if not sizes:
         raise InputError(f"over={over}: its default is {default}; give values, such as model.{over}=1,2")
-    return {"space": {**fixed, over: sorted(chosen)}, **how}
+    return {"space": {**space, over: sorted(sizes)}, **how}

@@ -52,7 +52,7 @@ def read(path: Path, check: Callable[[str], object] = str) -> list[Measured]:
         stored = json.loads(path.read_text(encoding="utf-8"))
         if stored["format"] != FORMAT:
             raise ValueError(f"format {stored['format']}, not {FORMAT}")
-        found = [_loaded(dict(entry)) for entry in stored["systems"]]
+        baseline = [_loaded(dict(entry)) for entry in stored["systems"]]
     except FileNotFoundError as e:
         raise InputError(
             f"baseline={path}: there is no such file; write one, for example: bench check baseline={path} update=true "
@@ -63,11 +63,11 @@ def read(path: Path, check: Callable[[str], object] = str) -> list[Measured]:
             f"baseline={path} is damaged or no baseline ({type(e).__name__}: {e}); restore it, or move it away and "
             "write a new one with update=true"
         ) from e
-    for measured in found:
+    for measured in baseline:
         check(measured.run)
-    if not found:
+    if not baseline:
         raise InputError(f"baseline={path} holds no system; add some with update=true")
-    return found
+    return baseline
 
 
 def _loaded(entry: dict) -> Measured:

@@ -22,63 +22,56 @@ from bench.outcomes.baseline import NAMES, Measured
 if TYPE_CHECKING:
     from bench.outcomes.comparable import Row
 
-LIMITS = {"error": 1.0, "changes": 0.2, "slower": 2.0}
+LIMITS = {"error": 1.0, "slower": 2.0}
+CHANGES = 0.002  # share of labels that may change where code is unchanged, such as by rounding
 LARGER = 1.1  # times the learnt numbers of the baseline
 COSTS = {"relative": "predict_relative", "flash": "flash_bytes"}  # what is compared, and what it is tracked as
+SAME = tuple(name for name in NAMES if name not in ("corpus_digest", "seed"))  # of a run and its counterpart, at least
 SPARED = 2  # subjects that may be no worse where a loss on all the others is to be an alarm
-NEGLIGIBLE = 1e-18  # probability at the ends of a distribution
+NEGLIGIBLE = 1e-30  # probability at the ends of a distribution
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is said of one system; ``wrong`` is empty where nothing is, and ``current`` tells whether it has a run."""
+    """The line on one system; ``wrong`` is empty if it is as before, ``current`` tells whether it has a run."""
 
     name: str
     wrong: tuple[str, ...]
-    told: str
+    details: str
     current: bool = True
 
     @property
     def line(self) -> str:
         """All of it."""
-        return f"{', '.join(self.wrong) or 'same':8} {self.name}: {self.told}"
+        return f"{', '.join(self.wrong) or 'same':8} {self.name}: {self.details}"
 
 
-def compare(
-    baseline: list[Measured], current: list[Measured], error: float, changes: float, slower: float
-) -> list[Verdict]:
+def compare(baseline: list[Measured], current: list[Measured], error: float, slower: float) -> list[Verdict]:
     """Judge every system of a baseline.
 
     Args:
         baseline: as stored.
         current: the runs to hold against it; of several that fit, one with the same seed and else the last one counts.
         error: chance, in percent, of an alarm about labels or accuracy when all systems are unchanged.
-        changes: percent of labels that an unchanged system may change, such as by rounding.
         slower: factor of computing time that is an alarm.
     """
     pairs = [(then, counterpart(then, current)) for then in baseline]
     questions = sum(1 + held(then, now) for then, now in pairs if now)
-    found = []
-    for then, now in pairs:
-        if now is None:
-            found.append(_missing(then, current))
-        else:
-            found.append(judge(then, now, error / 100 / questions, changes / 100, slower))
-    return found
+    return [
+        judge(then, now, error / 100 / questions, slower) if now else _missing(then, current) for then, now in pairs
+    ]
 
 
-def judge(then: Measured, now: Measured, level: float, changes: float, slower: float) -> Verdict:
+def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict:
     """Hold one run against that of the baseline.
 
     Args:
         then: of the baseline.
         now: the current run.
         level: error rate of each test.
-        changes: share of labels that may change where they are `held`.
         slower: factor of computing time that is an alarm.
     """
-    keys = ["fold", "capture"]
-    both = then.labels.merge(now.labels, on=keys, how="outer", suffixes=("", "_now"), indicator="side")
+    both = then.labels.merge(now.labels, on=["fold", "capture"], how="outer", suffixes=("", "_now"), indicator="side")
     if (both["side"] != "both").any() or (both["true"] != both["true_now"]).any():
         return Verdict(named(then), ("other captures",), "the run tests other captures; update the baseline")
     hit_then, hit_now = (both[label] == both["true"] for label in ("predicted", "predicted_now"))
@@ -89,25 +82,23 @@ def judge(then: Measured, now: Measured, level: float, changes: float, slower: f
     if p < level:
         wrong.append("worse" if difference.sum() < 0 else "better")
     changed = int((both["predicted"] != both["predicted_now"]).sum())
-    if not wrong and held(then, now) and binom.sf(changed - 1, len(both), changes) < level:
+    if not wrong and held(then, now) and binom.sf(changed - 1, len(both), CHANGES) < level:
         wrong.append("changed")
-    ratios = {k: now.costs[k] / then.costs[k] for k in COSTS if then.costs.get(k) and k in now.costs}
-    wrong += [
-        word
-        for word, k, most in (("slower", "relative", slower), ("larger", "flash", LARGER))
-        if ratios.get(k, 0) > most
-    ]
+    details = []
+    for cost, label, alarm, most in (("relative", "time", "slower", slower), ("flash", "flash", "larger", LARGER)):
+        if then.costs.get(cost) and cost in now.costs:
+            ratio = now.costs[cost] / then.costs[cost]
+            details.append(f"{label} x{ratio:.2f}")
+            wrong += [alarm] if ratio > most else []
+        else:
+            details.append(f"{label} not known")
     percent = 100 / len(both)
-    told = (
+    line = (
         f"{100 * hit_then.mean():.1f} -> {100 * hit_now.mean():.1f} %, {percent * difference.sum():+.1f} "
         f"[{percent * low:+.1f}, {percent * high:+.1f}], p {p:.2g} ({len(units)} {kind}), "
-        f"{changed} of {len(both)} labels changed{_free(then, now)}, "
-        + ", ".join(
-            f"{word} x{ratios[k]:.2f}" if k in ratios else f"{word} not known"
-            for word, k in (("time", "relative"), ("flash", "flash"))
-        )
+        f"{changed} of {len(both)} labels changed{_free(then, now)}, {', '.join(details)}"
     )
-    return Verdict(named(then), tuple(wrong), told)
+    return Verdict(named(then), tuple(wrong), line)
 
 
 def held(then: Measured, now: Measured) -> bool:
@@ -163,21 +154,15 @@ def interval(differences: np.ndarray) -> tuple[int, int]:
 
 def drawn(values: np.ndarray, draws: int) -> tuple[np.ndarray, np.ndarray]:
     """Every sum of values drawn with replacement, int [sums], and its probability; the limit of endless resampling."""
-    first, power = int(values.min()), draws
-    base = np.bincount(values - first) / len(values)
-    start, chance = 0, np.ones(1)
-    while power:  # by repeated squaring
-        if power & 1:
-            start, chance = _trimmed(start + first, np.convolve(chance, base))
-        power >>= 1
-        if power:
-            first, base = _trimmed(2 * first, np.convolve(base, base))
+    least = int(values.min())
+    one = np.bincount(values - least) / len(values)
+    start = 0
+    chance: np.ndarray = np.ones(1)
+    for _ in range(draws):
+        chance = np.convolve(chance, one)
+        kept = np.flatnonzero(chance > NEGLIGIBLE)
+        start, chance = start + least + int(kept[0]), chance[kept[0] : kept[-1] + 1]
     return np.arange(start, start + len(chance)), chance
-
-
-def _trimmed(start: int, chance: np.ndarray) -> tuple[int, np.ndarray]:
-    kept = np.flatnonzero(chance > NEGLIGIBLE)
-    return start + int(kept[0]), chance[kept[0] : kept[-1] + 1]
 
 
 def counterpart(then: Measured, current: list[Measured]) -> Measured | None:
@@ -189,15 +174,10 @@ def counterpart(then: Measured, current: list[Measured]) -> Measured | None:
 
 
 def _missing(then: Measured, current: list[Measured]) -> Verdict:
-    rest = [k for k in NAMES if k not in ("corpus_digest", "seed")]
-    if any(all(now.names[k] == then.names[k] for k in rest) for now in current):
-        digest = then.names["corpus_digest"][:16]
-        return Verdict(
-            named(then), ("not run",), f"the captures are others than the baseline's (digest {digest})", current=False
-        )
-    return Verdict(
-        named(then), ("not run",), f"no complete current run; it is made by: bench run {then.run}", current=False
-    )
+    details = f"no complete current run; it is made by: bench run {then.run}"
+    if any(all(now.names[k] == then.names[k] for k in SAME) for now in current):
+        details = f"the captures are others than the baseline's (digest {then.names['corpus_digest'][:16]})"
+    return Verdict(named(then), ("not run",), details, current=False)
 
 
 def named(measured: Measured) -> str:

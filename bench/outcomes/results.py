@@ -82,10 +82,10 @@ def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float
     ``decision_ms`` is the touch that one decision of the system sees (a window, or the whole capture) plus its
     computing time, ``capture_decision_ms`` the same for the label of a whole capture; both are medians.
     """
-    found = scores.summary(predictions, rate_hz) | costs(results)
-    found["decision_ms"] = found["observed_ms"] + found["decide_ms_p50"]
-    found["capture_decision_ms"] = found["capture_ms"] + found["predict_ms_p50"]
-    return found
+    numbers = scores.summary(predictions, rate_hz) | costs(results)
+    numbers["decision_ms"] = numbers["observed_ms"] + numbers["decide_ms_p50"]
+    numbers["capture_decision_ms"] = numbers["capture_ms"] + numbers["predict_ms_p50"]
+    return numbers
 
 
 def costs(results: list[FoldResult]) -> dict[str, float]:
@@ -97,9 +97,9 @@ def costs(results: list[FoldResult]) -> dict[str, float]:
     metrics = {k: [r.metrics[k] for r in results if k in r.metrics] for k in names}
     kinds: dict[str, Callable[[list[float]], SupportsFloat]]
     kinds = {"seconds": np.mean, "reference_ms": np.median, "predict_relative": np.median}
-    found = {k: float(next((f for end, f in kinds.items() if k.endswith(end)), max)(v)) for k, v in metrics.items()}
+    numbers = {k: float(next((f for end, f in kinds.items() if k.endswith(end)), max)(v)) for k, v in metrics.items()}
     for name in ("predict_ms", "decide_ms"):
         spent = np.concatenate([getattr(r, name) for r in results])
         if len(spent):
-            found |= {f"{name}_p{p}": float(np.quantile(spent, p / 100)) for p in (50, 95, 99)}
-    return found
+            numbers |= {f"{name}_p{p}": float(np.quantile(spent, p / 100)) for p in (50, 95, 99)}
+    return numbers

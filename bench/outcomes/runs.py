@@ -12,15 +12,9 @@ import pandas as pd
 
 from bench.arguments import PARTS
 from bench.errors import InputError
-from bench.outcomes.comparable import (
-    COMPARABLE,
-    SAME_SYSTEM,
-    Row,
-    context_of,
-    depends_on_batch,
-    system_of,
-)
+from bench.outcomes.comparable import COMPARABLE, SAME_SYSTEM, Row, context_of, depends_on_batch, system_of
 from bench.outcomes.store import Store
+from bench.registry import names
 
 COLUMNS = {"where": "subset", "shots": "protocol.shots"}  # of a table of runs, where it is not called as it is asked
 COLUMNS |= {part: f"{part}_name" for part in PARTS}
@@ -48,20 +42,20 @@ def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
     ]
     if not rows:
         raise NothingTracked("no scored run is tracked here; make one first, for example: bench run model=svm")
-    found = pd.DataFrame(rows)
-    found = found.assign(complete=found["status"] == "FINISHED").sort_values(["complete", "started"])
-    options = [c for c in found.columns if c.startswith(("stream.", f"{kind}.")) or c in ("faults", "train_subjects")]
+    runs = pd.DataFrame(rows)
+    runs = runs.assign(complete=runs["status"] == "FINISHED").sort_values(["complete", "started"])
+    options = [c for c in runs.columns if c.startswith(("stream.", f"{kind}.")) or c in ("faults", "train_subjects")]
     same = [*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name", *options]
-    return found.drop(columns="complete").drop_duplicates(same, keep="last").sort_values("started")
+    return runs.drop(columns="complete").drop_duplicates(same, keep="last").sort_values("started")
 
 
 def of_kinds(store: Store, kinds: Iterable[str]) -> dict[str, pd.DataFrame]:
     """`tracked` of each kind that there is a run of."""
-    found = {}
+    runs = {}
     for kind in kinds:
         with suppress(NothingTracked):
-            found[kind] = tracked(store, kind)
-    return found
+            runs[kind] = tracked(store, kind)
+    return runs
 
 
 def selected(runs: pd.DataFrame, asked: Mapping[str, Iterable[object]]) -> pd.DataFrame:
@@ -74,34 +68,33 @@ def selected(runs: pd.DataFrame, asked: Mapping[str, Iterable[object]]) -> pd.Da
         asked: values of ``data``, ``where``, ``target``, ``protocol``, ``features``, ``model``, or of a column.
     """
     for key, values in asked.items():
-        found = runs[COLUMNS.get(key, key)]
+        column = runs[COLUMNS.get(key, key)]
         if key in PARTS:
-            wanted = {goes_by for value in values for goes_by in (str(value), _whole_path(str(value)))}
-            runs = runs[np.array([bool(_names(PARTS[key], name) & wanted) for name in found], dtype=bool)]
+            wanted = {goes_by for value in values for goes_by in (str(value), _absolute(str(value)))}
+            runs = runs[np.array([bool(_names(PARTS[key], name) & wanted) for name in column], dtype=bool)]
         else:
-            runs = runs[found.isin([str(v) for v in values])]
+            runs = runs[column.isin([str(v) for v in values])]
     return runs
 
 
 def without_runs(tables: Iterable[pd.DataFrame], asked: Mapping[str, Iterable[object]]) -> list[str]:
     """Of the models and feature sets that are asked for, those that no run of any table has, as ``key=value``."""
-    given = [(key, value) for key in ("features", "model") for value in asked.get(key, ())]
-    return [f"{key}={v}" for key, v in given if not any(len(selected(runs, {key: [v]})) for runs in tables)]
+    parts = [(key, value) for key in ("features", "model") for value in asked.get(key, ())]
+    return [f"{key}={v}" for key, v in parts if not any(len(selected(runs, {key: [v]})) for runs in tables)]
 
 
 def _names(room: str, name: str) -> set[str]:
     """What a part goes by: as it was tracked, as tables show it, and its file without the folder."""
-    file, _, own = name.rpartition(":")
+    file, _, factory = name.rpartition(":")
     if not file.endswith(".py"):
         return {name}
-    from bench.plan.cells import Part  # heavy
+    short = f"{Path(file).stem}.{factory}" if factory in names(room) else factory
+    return {name, short, f"{Path(file).name}:{factory}"}
 
-    return {name, Part(room, name).short, f"{Path(file).name}:{own}"}
 
-
-def _whole_path(name: str) -> str:
-    file, _, own = name.rpartition(":")
-    return f"{Path(file).resolve()}:{own}" if file.endswith(".py") else name
+def _absolute(name: str) -> str:
+    file, _, factory = name.rpartition(":")
+    return f"{Path(file).resolve()}:{factory}" if file.endswith(".py") else name
 
 
 def rows_of(runs: pd.DataFrame) -> list[Row]:
@@ -117,8 +110,8 @@ def with_groups(runs: pd.DataFrame) -> pd.DataFrame:
     """
     if "group" in runs:
         return runs
-    known = rows_of(runs[["data", "synthetic", "subset", "target", "protocol_label"]])
-    words = pd.Series([", ".join(context_of(tags)) for tags in known], runs.index)
+    tags = rows_of(runs[["data", "synthetic", "subset", "target", "protocol_label"]])
+    words = pd.Series([", ".join(context_of(run)) for run in tags], runs.index)
     digests = runs.groupby(words)["corpus_digest"].transform("nunique")
     runs = runs.assign(system=[system_of(run) for run in rows_of(runs)])
     return runs.assign(group=words + np.where(digests > 1, ", corpus " + runs["corpus_digest"].str[:8], ""))

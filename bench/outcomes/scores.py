@@ -54,8 +54,9 @@ def per_class(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
     """Precision, recall, F1 and support of each class; a class never predicted has precision 0."""
     from sklearn.metrics import precision_recall_fscore_support
 
-    found = precision_recall_fscore_support(labelled["true"], labelled["predicted"], labels=classes, zero_division=0)
-    return pd.DataFrame({"gesture": classes} | dict(zip(["precision", "recall", "f1", "support"], found, strict=True)))
+    columns = precision_recall_fscore_support(labelled["true"], labelled["predicted"], labels=classes, zero_division=0)
+    names = ("precision", "recall", "f1", "support")
+    return pd.DataFrame({"gesture": classes} | dict(zip(names, columns, strict=True)))
 
 
 def confusion(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
@@ -83,11 +84,11 @@ def subject_interval(labelled: pd.DataFrame, draws: int = 2000, seed: int = 0) -
 def accuracies(predictions: pd.DataFrame) -> dict[str, float]:
     """Accuracy of captures, and of windows where there are more decisions than captures; quick, for one fold."""
     labelled = captures(predictions)
-    found = {"accuracy": float((labelled["true"] == labelled["predicted"]).mean())}
+    shares = {"accuracy": float((labelled["true"] == labelled["predicted"]).mean())}
     if len(predictions) > len(labelled):
         decided = windows(predictions)
-        found["window_accuracy"] = float((decided["true"] == decided["predicted"]).mean())
-    return found
+        shares["window_accuracy"] = float((decided["true"] == decided["predicted"]).mean())
+    return shares
 
 
 def summary(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
@@ -101,18 +102,14 @@ def summary(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
     capture = captures(predictions)
     scores = _prefixed("", capture, classes)
     low, high = subject_interval(capture)
+    ends = (predictions["start"] + predictions["frames"]).groupby([predictions["fold"], predictions["capture"]])
     scores |= {
         "accuracy_low": low,
         "accuracy_high": high,
         "captures": len(capture),
         "subjects": capture["subject"].nunique(),
         "observed_ms": 1000 / rate_hz * predictions["frames"].median(),
-        "capture_ms": 1000
-        / rate_hz
-        * (predictions["start"] + predictions["frames"])
-        .groupby([predictions["fold"], predictions["capture"]])
-        .max()
-        .median(),
+        "capture_ms": 1000 / rate_hz * ends.max().median(),
     }
     if len(predictions) > len(capture):
         scores |= _prefixed("vote_", captures(predictions, vote=True), classes)

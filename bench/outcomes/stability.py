@@ -57,7 +57,7 @@ def analyse(tags: dict[str, str], table: pd.DataFrame) -> Analysis:
     table["subject"] = table["subject"].astype(str)
     units = unharmed(table)
     clean, chance = float(units["hit"].mean()), float(units["true"].value_counts(normalize=True).max())
-    found = curves(table)
+    by_fault = curves(table)
     return Analysis(
         tags["system"],
         tags["seed"],
@@ -66,8 +66,8 @@ def analyse(tags: dict[str, str], table: pd.DataFrame) -> Analysis:
         units,
         clean,
         chance,
-        found,
-        half_margins(found, clean, chance),
+        by_fault,
+        half_margins(by_fault, clean, chance),
         conditions(units, tags["target"]),
         learning(table),
         slices(table, tags["target"]),
@@ -76,17 +76,16 @@ def analyse(tags: dict[str, str], table: pd.DataFrame) -> Analysis:
 
 def metrics(one: Analysis) -> dict[str, float]:
     """What is tracked of a run besides its tables; ``half_margin.<fault>`` is left out where it is never reached."""
-    found = {"accuracy": one.clean, "chance": one.chance, "failing_slices": int(one.slices["failing"].sum())}
-    found |= {"tested_slices": int(one.slices["tested"].sum())}
-    faulty = one.curves[["fault", "severity", "accuracy"]].itertuples(index=False)
-    found |= {f"accuracy.{fault}.{severity}": accuracy for fault, severity, accuracy in faulty}
-    margins = list(one.margins[["fault", "loss", "half_margin"]].itertuples(index=False))
-    found |= {f"loss.{fault}": loss for fault, loss, _ in margins}
-    found |= {f"half_margin.{fault}": half for fault, _, half in margins if np.isfinite(half)}
-    learnt = one.learning[["train_subjects", "accuracy"]].itertuples(index=False)
-    found |= {f"accuracy.train_subjects.{count:g}": accuracy for count, accuracy in learnt}
+    numbers = {"accuracy": one.clean, "chance": one.chance}
+    numbers |= {f"{name}_slices": int(one.slices[name].sum()) for name in ("failing", "tested")}
+    for fault, severity, accuracy in one.curves[["fault", "severity", "accuracy"]].itertuples(index=False):
+        numbers[f"accuracy.{fault}.{severity}"] = accuracy
+    for fault, loss, half_margin in one.margins[["fault", "loss", "half_margin"]].itertuples(index=False):
+        numbers |= {f"loss.{fault}": loss} | ({f"half_margin.{fault}": half_margin} if np.isfinite(half_margin) else {})
+    for count, accuracy in one.learning[["train_subjects", "accuracy"]].itertuples(index=False):
+        numbers[f"accuracy.train_subjects.{count:g}"] = accuracy
     worst = one.conditions.groupby("factor", sort=False)["accuracy"].min()
-    return found | {f"worst.{_plain(str(factor))}": accuracy for factor, accuracy in worst.items()}
+    return numbers | {f"worst.{_plain(str(factor))}": accuracy for factor, accuracy in worst.items()}
 
 
 def _plain(name: str) -> str:
@@ -113,33 +112,21 @@ def curves(table: pd.DataFrame) -> pd.DataFrame:
     for (fault, severity), part in table[table["fault"] != CLEAN].groupby(["fault", "severity"], sort=False):
         before = units.loc[pd.MultiIndex.from_frame(part[keys])].to_numpy()
         now = part["hit"].to_numpy()
-        low, high = scores.subject_interval(part)
-        rows.append(
-            [
-                fault,
-                severity,
-                part["amount"].iloc[0],
-                len(part),
-                now.mean(),
-                low,
-                high,
-                before.mean() - now.mean(),
-                int((before & ~now).sum()),
-                int((~before & now).sum()),
-            ]
-        )
+        changed = before.mean() - now.mean(), int((before & ~now).sum()), int((~before & now).sum())
+        amount, interval = part["amount"].iloc[0], scores.subject_interval(part)
+        rows.append([fault, severity, amount, len(part), now.mean(), *interval, *changed])
     names = ["fault", "severity", "amount", "captures", "accuracy", "low", "high", "loss", "broken", "mended"]
     return pd.DataFrame(rows, columns=names)
 
 
-def half_margins(found: pd.DataFrame, clean: float, chance: float) -> pd.DataFrame:
+def half_margins(by_fault: pd.DataFrame, clean: float, chance: float) -> pd.DataFrame:
     """One row per fault: mean ``loss`` over severities, and where half of the margin over chance is lost.
 
     ``half_margin`` is the first severity, linear between two, at which accuracy is halfway from clean to chance: inf
     where it stays above, NaN for a method that is no better than chance. ``where`` says it in amounts.
     """
     rows = []
-    for fault, part in found.groupby("fault", sort=False):
+    for fault, part in by_fault.groupby("fault", sort=False):
         part = part.sort_values("severity")
         level = np.append(0, part["severity"])
         accuracy = np.append(clean, part["accuracy"])
@@ -159,13 +146,13 @@ def half_margins(found: pd.DataFrame, clean: float, chance: float) -> pd.DataFra
 
 def factors(units: pd.DataFrame, target: str) -> dict[str, pd.Series]:
     """By what units are told apart, each with the value of every unit: subject, class, every condition, length."""
-    found = {"subject": units["subject"], target: units["true"]}
-    found |= {c: units[c] for c in units.columns if c not in NOT_CONDITIONS and c not in found}
+    values_of = {"subject": units["subject"], target: units["true"]}
+    values_of |= {c: units[c] for c in units.columns if c not in NOT_CONDITIONS and c not in values_of}
     if units["length"].nunique() > 1:
         bins = pd.qcut(units["length"], LENGTH_BINS, duplicates="drop")
         ends = units["length"].groupby(bins, observed=True).agg(["min", "max"])
-        found["frames"] = bins.map({b: f"{r['min']} to {r['max']}" for b, r in ends.iterrows()})
-    named = {name: values.astype(str).where(values.notna(), "unknown") for name, values in found.items()}
+        values_of["frames"] = bins.map({b: f"{r['min']} to {r['max']}" for b, r in ends.iterrows()})
+    named = {name: values.astype(str).where(values.notna(), "unknown") for name, values in values_of.items()}
     return {name: values for name, values in named.items() if values.nunique() > 1}
 
 
@@ -174,8 +161,8 @@ def conditions(units: pd.DataFrame, target: str) -> pd.DataFrame:
     rows = []
     for factor, values in factors(units, target).items():
         for value, part in units.groupby(values, sort=False):
-            low, high = scores.subject_interval(part)
-            rows.append([factor, value, len(part), part["subject"].nunique(), part["hit"].mean(), low, high])
+            interval = scores.subject_interval(part)
+            rows.append([factor, value, len(part), part["subject"].nunique(), part["hit"].mean(), *interval])
     names = ["factor", "value", "captures", "subjects", "accuracy", "low", "high"]
     return pd.DataFrame(rows, columns=names)
 
@@ -187,10 +174,8 @@ def learning(table: pd.DataFrame) -> pd.DataFrame:
     count = clean["train_subjects"].where(clean["train_subjects"] < most, float(np.round(most.mean(), 1)))
     rows = []
     for number, part in clean.groupby(count):
-        low, high = scores.subject_interval(part)
-        rows.append(
-            [number, len(part), part["hit"].mean(), low, high, scores.per_subject(part)["accuracy"].std(ddof=1)]
-        )
+        sd = scores.per_subject(part)["accuracy"].std(ddof=1)
+        rows.append([number, len(part), part["hit"].mean(), *scores.subject_interval(part), sd])
     return pd.DataFrame(rows, columns=["train_subjects", "captures", "accuracy", "low", "high", "subject_sd"])
 
 
@@ -212,42 +197,38 @@ def slices(table: pd.DataFrame, target: str) -> pd.DataFrame:
     """
     keys = ["fold", "capture"]
     units = unharmed(table)
-    under = table[table["fault"] != CLEAN]
-    right_when = [units["hit"].to_numpy(float)]
+    right_under = [units["hit"].to_numpy(float)]
     faults: list[tuple[str, int, str]] = [("", 0, "")]
     order = pd.MultiIndex.from_frame(units[keys])
-    for (fault, _), part in under.groupby(["fault", "severity"], sort=False):
-        right_when.append(part.set_index(keys)["hit"].reindex(order).to_numpy(float))
+    for (fault, _), part in table[table["fault"] != CLEAN].groupby(["fault", "severity"], sort=False):
+        right_under.append(part.set_index(keys)["hit"].reindex(order).to_numpy(float))
         faults.append((str(fault), int(part["severity"].iloc[0]), part["amount"].iloc[0]))
-    hits = np.column_stack(right_when)
+    hits = np.column_stack(right_under)  # [units, faults]
     codes, _ = pd.factorize(units["subject"])
     member = np.eye(codes.max() + 1)[codes].T  # [subjects, units]
-    about, counts, right = [], [], []
-    for part_names, chosen, alone in _parts(factors(units, target)):
-        of_subject = member[:, chosen].sum(axis=1)
-        met = range(len(faults)) if alone else range(1)
-        sums = member[:, chosen] @ hits[chosen][:, met]
-        for j in met:
-            if part_names or j:
-                about.append((*_named(part_names, faults[j]), *faults[j]))
-                counts.append(of_subject)
-                right.append(sums[:, j])
-    names = ["kind", "slice", "fault", "severity", "amount"]
-    found = pd.DataFrame(about, columns=names)
-    if found.empty:
-        columns = ["captures", "subjects", "right", "accuracy", "gap", "p", "floor", "tested", "p_corrected", "failing"]
-        return found.reindex(columns=[*names, *columns]).astype({"tested": bool, "failing": bool})
-    return _tested(found, np.array(counts), np.array(right), member.sum(axis=1), member @ hits[:, 0])
+    rows, counts, right = [], [], []
+    for names, inside, alone in _parts(factors(units, target)):
+        subjects = member[:, inside]
+        sums = subjects @ hits[inside][:, : len(faults) if alone else 1]
+        for fault, of_subject in zip(faults, sums.T, strict=False):
+            if names or fault[0]:
+                rows.append((*_named(names, fault), *fault))
+                counts.append(subjects.sum(axis=1))
+                right.append(of_subject)
+    tests = pd.DataFrame(rows, columns=["kind", "slice", "fault", "severity", "amount"])
+    shape = len(rows), len(member)
+    counted = np.reshape(counts, shape), np.reshape(right, shape)
+    return _tested(tests, *counted, member.sum(axis=1), member @ hits[:, 0])
 
 
-def _parts(found: dict[str, pd.Series]) -> Iterator[tuple[tuple[tuple[str, str], ...], np.ndarray, bool]]:
-    """All units, each value of each factor, and pairs of values; whether it meets the faults too."""
-    first = next(iter(found.values()), None)
+def _parts(values_of: dict[str, pd.Series]) -> Iterator[tuple[tuple[tuple[str, str], ...], np.ndarray, bool]]:
+    """All units, each value of each factor, and pairs of values; whether they are tested under faults, too."""
+    first = next(iter(values_of.values()), None)
     if first is None:
         return
     yield (), np.ones(len(first), dtype=bool), True
     single = {}
-    for factor, values in found.items():
+    for factor, values in values_of.items():
         counted = values.value_counts(sort=False)
         for value, count in zip(counted.index, counted, strict=True):
             if count >= FEWEST:
@@ -268,33 +249,33 @@ def _named(names: tuple[tuple[str, str], ...], fault: tuple[str, int, str]) -> t
 
 
 def _tested(
-    found: pd.DataFrame, counts: np.ndarray, right: np.ndarray, units: np.ndarray, clean: np.ndarray
+    tests: pd.DataFrame, counts: np.ndarray, right: np.ndarray, units: np.ndarray, clean: np.ndarray
 ) -> pd.DataFrame:
     """Accuracies and p-values; ``counts`` and ``right`` [slices, subjects], ``units`` and ``clean`` [subjects]."""
     total, sums = counts.sum(axis=1), right.sum(axis=1)
-    own, usual = clean.sum() / units.sum(), clean / units
+    overall, usual = clean.sum() / units.sum(), clean / units
     there = counts > 0
     single = there.sum(axis=1) == 1
-    expected = np.where(single, own, counts @ usual / total)
+    expected = np.where(single, overall, counts @ usual / total)
     by_count = binom.cdf(sums, total, expected)
     difference = np.where(there, right / np.where(there, counts, 1) - usual, 0)
     # A subject who is only inside the slice, or only outside, says nothing on the difference.
-    compared = (there & ((counts < units) | (found["fault"] != "").to_numpy()[:, None])).sum(axis=1)
+    compared = (there & ((counts < units) | (tests["fault"] != "").to_numpy()[:, None])).sum(axis=1)
     lowest = np.maximum(binom.cdf(0, total, expected), 1 / FLIPS)
-    floor = np.where(single, binom.cdf(0, total, own), np.maximum(0.5**compared, lowest))
+    floor = np.where(single, binom.cdf(0, total, overall), np.maximum(0.5**compared, lowest))
     p = np.where(single, by_count, np.maximum(by_count, flipped(difference)))
     tested = (total >= FEWEST) & (floor <= ALPHA)
     corrected = np.full(len(p), np.nan)
-    family = families(found)
+    family = families(tests)
     for name in FAMILIES:
         if (group := tested & (family == name).to_numpy()).any():
             corrected[group] = np.minimum(len(FAMILIES) * false_discovery_control(p[group]), 1)
-    return found.assign(
+    return tests.assign(
         captures=total.astype(int),
         subjects=there.sum(axis=1),
         right=sums.astype(int),
         accuracy=sums / total,
-        gap=own - sums / total,
+        gap=overall - sums / total,
         p=p,
         floor=floor,
         tested=tested,
@@ -303,10 +284,10 @@ def _tested(
     )
 
 
-def families(found: pd.DataFrame) -> pd.Series:
+def families(tests: pd.DataFrame) -> pd.Series:
     """Which slices are corrected together: single ones and pairs, of clean captures and under faults."""
-    pair = found["kind"].str.contains(" x ").map({True: "pairs", False: "single slices"})
-    return pair.where(found["fault"] == "", pair + " under faults")
+    pair = tests["kind"].astype(str).str.contains(" x ").map({True: "pairs", False: "single slices"})
+    return pair.where(tests["fault"] == "", pair + " under faults")
 
 
 def flipped(difference: np.ndarray) -> np.ndarray:
@@ -339,19 +320,8 @@ def seeds(analyses: list[Analysis]) -> pd.DataFrame:
         both = pd.concat(labels, axis=1, join="inner")
         changed = int((both.nunique(axis=1) > 1).sum())
         accuracy = np.array([a.clean for a in same])
-        rows.append(
-            [
-                system,
-                ", ".join(a.seed for a in same),
-                accuracy.mean(),
-                accuracy.std(ddof=1),
-                accuracy.min(),
-                accuracy.max(),
-                len(both),
-                changed,
-                changed / len(both),
-            ]
-        )
+        spread = accuracy.mean(), accuracy.std(ddof=1), accuracy.min(), accuracy.max()
+        rows.append([system, ", ".join(a.seed for a in same), *spread, len(both), changed, changed / len(both)])
     names = ["system", "seeds", "accuracy", "sd", "lowest", "highest", "captures", "changed", "share_changed"]
     return pd.DataFrame(rows, columns=names)
 
@@ -359,10 +329,8 @@ def seeds(analyses: list[Analysis]) -> pd.DataFrame:
 def ranks(analyses: list[Analysis]) -> pd.DataFrame:
     """Rank of each system (1 is best, ties share) when clean and under each fault, by mean accuracy over severities.
 
-    Seeds of a system are averaged.
-
-    ``kendall_tau`` compares the order with the clean one: 1 is the same, -1 the reverse, NaN for a
-    single system or where all are equal.
+    Seeds of a system are averaged. ``kendall_tau`` compares the order with the clean one: 1 is the same, -1 the
+    reverse, NaN for a single system or where all are equal.
     """
     rows = []
     for a in analyses:
@@ -372,7 +340,7 @@ def ranks(analyses: list[Analysis]) -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=["system", "fault", "accuracy"])
     means = table.groupby(["fault", "system"], sort=False)["accuracy"].mean().unstack()
     means = means.reindex(index=table["fault"].unique(), columns=table["system"].unique())
-    found = means.rank(axis=1, ascending=False)
+    order = means.rank(axis=1, ascending=False)
     alone = len(means.columns) < 2
     tau = [np.nan if alone else kendalltau(means.loc[CLEAN], means.loc[fault]).statistic for fault in means.index]
-    return found.assign(kendall_tau=tau).rename_axis("fault").reset_index()
+    return order.assign(kendall_tau=tau).rename_axis("fault").reset_index()

@@ -18,7 +18,8 @@ import numpy as np
 import pandas as pd
 from scipy import special, stats
 
-FEW_SUBJECTS = 6  # with five, no two-sided sign or Wilcoxon test can reach p < 0.05
+from bench.paired import FEW_SUBJECTS as FEW_SUBJECTS
+
 RANKED = 30  # systems that are compared in one table and diagram
 PAIRED = 12  # systems whose pairs stand in one matrix
 
@@ -58,14 +59,9 @@ def friedman(subjects: pd.DataFrame) -> Ranks:
     ranks = subjects.rank(axis=0, ascending=False)
     k, n = subjects.shape
     with np.errstate(invalid="ignore", divide="ignore"):  # NaN where all systems are equal on every subject
-        found = stats.friedmanchisquare(*subjects.to_numpy())
-    return Ranks(
-        ranks.mean(axis=1).sort_values(kind="stable"),
-        float(found.statistic),
-        float(found.pvalue),
-        critical_difference(k, n),
-        n,
-    )
+        chi2, p = stats.friedmanchisquare(*subjects.to_numpy())
+    mean = ranks.mean(axis=1).sort_values(kind="stable")
+    return Ranks(mean, float(chi2), float(p), critical_difference(k, n), n)
 
 
 def critical_difference(systems: int, subjects: int, level: float = 0.05) -> float:
@@ -105,22 +101,8 @@ def against_best(
             row |= dict(zip(("dz", "dz_low", "dz_high"), cohen_dz(lost), strict=True))
             row |= {"rank_biserial": rank_biserial(lost)}
         rows.append(row)
-    columns = [
-        "system",
-        "accuracy",
-        "difference",
-        "low",
-        "high",
-        "nb_low",
-        "nb_high",
-        "nb_p",
-        "p",
-        "dz",
-        "dz_low",
-        "dz_high",
-        "rank_biserial",
-    ]
-    table = pd.DataFrame(rows, columns=columns)
+    columns = "system accuracy difference low high nb_low nb_high nb_p p dz dz_low dz_high rank_biserial"
+    table = pd.DataFrame(rows, columns=columns.split())
     return table.assign(p_holm=holm(table["p"].to_numpy()))
 
 
@@ -199,19 +181,17 @@ def wilcoxon(differences: np.ndarray) -> float:
     if len(moved) > 13:
         return float(stats.wilcoxon(moved).pvalue)
     signed = stats.rankdata(np.abs(moved)) * np.sign(moved)
-    found = stats.permutation_test(
-        (signed,), lambda x, axis: x.sum(axis=axis), permutation_type="samples", n_resamples=np.inf, vectorized=True
+    return float(  # as stats.wilcoxon with a PermutationMethod, which takes a second for 13 differences
+        stats.permutation_test((signed,), np.sum, permutation_type="samples", n_resamples=np.inf).pvalue
     )
-    return float(found.pvalue)
 
 
 def holm(p: np.ndarray) -> np.ndarray:
     """Holm's correction of p-values; NaN are not tests and stay."""
-    found = np.full(len(p), np.nan)
+    corrected = np.full(len(p), np.nan)
     order = np.argsort(p)[: int(np.isfinite(p).sum())]
-    corrected = np.minimum(1, p[order] * np.arange(len(order), 0, -1))
-    found[order] = np.maximum.accumulate(corrected)
-    return found
+    corrected[order] = np.maximum.accumulate(np.minimum(1, p[order] * np.arange(len(order), 0, -1)))
+    return corrected
 
 
 def cohen_dz(differences: np.ndarray) -> tuple[float, float, float]:
@@ -236,22 +216,22 @@ def rank_biserial(differences: np.ndarray) -> float:
 
 def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
     """What limits the conclusions, in sentences; empty where nothing does."""
-    said = []
+    lines = []
     if subjects < FEW_SUBJECTS:
-        said.append(
+        lines.append(
             f"{subjects} subject{'s are' if subjects != 1 else ' is'} too few to conclude anything: below "
             f"{FEW_SUBJECTS}, no signed rank test can reach p < 0.05, and an interval over them says little about the "
             "next person."
         )
     elif (least := 2.0 ** (1 - subjects)) * (systems - 1) > 0.05:
-        said.append(
+        lines.append(
             f"The smallest p that {subjects} subjects can give is {least:.2g}; corrected for {systems - 1} comparisons "
             "nothing can reach 0.05."
         )
     if folds < 2:
-        said.append("One split: how results vary with the training subjects is not known.")
+        lines.append("One split: how results vary with the training subjects is not known.")
     if mixed:
-        said.append("Captures of one subject are on both sides: nothing here holds for a new person.")
+        lines.append("Captures of one subject are on both sides: nothing here holds for a new person.")
     if systems > 1:
-        said.append("The best system was picked by these very results, which flatters it.")
-    return said
+        lines.append("The best system was picked by these very results, which flatters it.")
+    return lines

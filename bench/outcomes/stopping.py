@@ -53,20 +53,20 @@ def learn_stopping(table: pd.DataFrame, rate_hz: float) -> tuple[float, pd.DataF
         The threshold with the smallest mean observed time whose accuracy, as a mean over subjects, is not below that of
         whole captures by more than one standard error of the difference; and what each threshold of the series gives.
     """
-    whole = _hits(stopped(table, np.inf))
+    at_the_end = _hits(stopped(table, np.inf))
     rows = []
     for threshold in THRESHOLDS:
-        rowed = stopped(table, threshold)
-        losses = (whole - _hits(rowed)).to_numpy()
+        labelled = stopped(table, threshold)
+        losses = (at_the_end - _hits(labelled)).to_numpy()
         lost, error = mean_and_error(losses)
         rows.append(
             {
                 "threshold": threshold,
-                "accuracy": (rowed["true"] == rowed["predicted"]).mean(),
+                "accuracy": (labelled["true"] == labelled["predicted"]).mean(),
                 "lost": lost,
                 "error": error,
                 "allowed": within_one_standard_error(losses),
-                "mean_ms": 1000 / rate_hz * rowed["frames"].mean(),
+                "mean_ms": 1000 / rate_hz * labelled["frames"].mean(),
             }
         )
     series = pd.DataFrame(rows)
@@ -119,10 +119,10 @@ def _scored(labelled: pd.DataFrame, rate_hz: float) -> dict[str, float]:
 
 def shown(table: pd.DataFrame, rate_hz: float) -> dict[int, float]:
     """Accuracy of the decisions that stand after a few round times, of those at which there are any."""
-    found = {}
+    accuracy = {}
     for ms in SHOWN_MS:
         frames = int(ms * rate_hz / 1000 + 1e-6)
         if table["instant"].min() <= frames <= table["instant"].max():
             labelled = standing(table, frames)
-            found[ms] = float((labelled["true"] == labelled["predicted"]).mean())
-    return found
+            accuracy[ms] = float((labelled["true"] == labelled["predicted"]).mean())
+    return accuracy

@@ -104,34 +104,33 @@ class Store:
         self.client = client
         self.experiment_id = experiment_id
         self._warned = False  # of runs of another format
-        self._places: dict[str, str] = {}  # by id of a run that was made here and goes on, the address of its artifacts
+        self._artifacts: dict[
+            str, str
+        ] = {}  # by id of a run that was made here and goes on, the address of its artifacts
 
     @patient
-    def runs(self, asked: str) -> list[Run]:
+    def runs(self, condition: str) -> list[Run]:
         """Every run that MLflow's filter lets through, newest first; what another version has stored is left out."""
-        found: list[Run] = []
-        token = None
-        while True:  # MLflow gives them in pages
-            page = self.client.search_runs([self.experiment_id], asked, max_results=1000, page_token=token)
-            found += page
-            if not (token := page.token):
-                break
-        kept = [run for run in found if run.data.tags.get("touchbench.format") == FORMAT]
-        if len(kept) < len(found) and not self._warned:
+        stored: list[Run] = []
+        page = None
+        while page is None or page.token:
+            token = page.token if page else None
+            page = self.client.search_runs([self.experiment_id], condition, max_results=1000, page_token=token)
+            stored += page
+        kept = [run for run in stored if run.data.tags.get("touchbench.format") == FORMAT]
+        if len(kept) < len(stored) and not self._warned:
             self._warned = True
             warn("runs that another version of touchbench has stored are left out; run their commands again")
         return kept
 
     def of_kind(self, kind: str, finished: bool = False) -> list[Run]:
         """Parent runs of a kind, newest first; only the complete ones if they are to be ``finished``."""
-        return self.runs(
-            f"tags.`touchbench.kind` = '{kind}'" + (" and attributes.status = 'FINISHED'" if finished else "")
-        )
+        complete = " and attributes.status = 'FINISHED'" if finished else ""
+        return self.runs(f"tags.`touchbench.kind` = '{kind}'{complete}")
 
     def find(self, key: str, kind: str = "cell") -> Run | None:
         """The parent run of a key, None where there is none."""
-        found = self.runs(f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'")
-        return found[0] if found else None
+        return next(iter(self.runs(f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'")), None)
 
     @patient
     def run(self, run_id: str) -> Run:
@@ -161,18 +160,18 @@ class Store:
         return np.array(sorted((m.step, m.value) for m in points if m.step > 0), dtype=float).reshape(-1, 2)
 
     @patient
-    def path(self, run_id: str, place: str, name: str) -> Path | None:
+    def path(self, run_id: str, artifacts: str, name: str) -> Path | None:
         """A run's artifact as a local file: where it lies if the store is on this machine, else fetched.
 
         Args:
             run_id: of the run.
-            place: the address of its artifacts.
+            artifacts: their address.
             name: of the artifact.
 
         Returns:
             None where the run has none of that name.
         """
-        if (folder := _local(place)) is not None:
+        if (folder := _local(artifacts)) is not None:
             return folder / name if (folder / name).is_file() else None
         from mlflow.exceptions import MlflowException
         from requests.exceptions import ConnectionError as Unreachable
@@ -199,7 +198,7 @@ class Store:
         """A new run; its id."""
         tags = tags | {"mlflow.runName": name, "touchbench.format": FORMAT}
         info = self.client.create_run(self.experiment_id, run_name=name, tags=tags).info
-        self._places[info.run_id] = info.artifact_uri
+        self._artifacts[info.run_id] = info.artifact_uri
         return info.run_id
 
     @patient
@@ -217,8 +216,12 @@ class Store:
         now = int(time.time() * 1000)
         points = [Metric(k, float(v), now, 0) for k, v in (metrics or {}).items()]
         points += [Metric(k, float(v), now, step) for step, row in enumerate(history or [], 1) for k, v in row.items()]
-        said = [Param(k, str(v)) for k, v in (params or {}).items()]
-        self.client.log_batch(run_id, points[:1000], said, [RunTag(k, v) for k, v in (tags or {}).items()])
+        self.client.log_batch(
+            run_id,
+            points[:1000],
+            [Param(k, str(v)) for k, v in (params or {}).items()],
+            [RunTag(k, v) for k, v in (tags or {}).items()],
+        )
         for i in range(1000, len(points), 1000):
             self.client.log_batch(run_id, points[i : i + 1000])
 
@@ -248,7 +251,9 @@ class Store:
         from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
 
         # MLflow's client would ask its database each time where they belong.
-        artifacts = get_artifact_repository(self._places.get(run_id) or self.client.get_run(run_id).info.artifact_uri)
+        artifacts = get_artifact_repository(
+            self._artifacts.get(run_id) or self.client.get_run(run_id).info.artifact_uri
+        )
         (artifacts.log_artifacts if path.is_dir() else artifacts.log_artifact)(str(path), where or None)
 
     @patient
@@ -270,7 +275,7 @@ class Store:
     @patient
     def end(self, run_id: str, status: str) -> None:
         """End a run: FINISHED, FAILED or KILLED."""
-        self._places.pop(run_id, None)
+        self._artifacts.pop(run_id, None)
         self.client.set_terminated(run_id, status)
 
     @patient
@@ -279,12 +284,12 @@ class Store:
         self.client.delete_run(run_id)
 
 
-def _local(place: str) -> Path | None:
+def _local(address: str) -> Path | None:
     """The folder of an address of artifacts, None if it is not on this machine."""
-    uri = urlparse(place)
+    uri = urlparse(address)
     if uri.scheme == "file":
         return Path(unquote(uri.path))
-    return Path(place) if len(uri.scheme) <= 1 else None  # a drive letter is no scheme
+    return Path(address) if len(uri.scheme) <= 1 else None  # a drive letter is no scheme
 
 
 def connect() -> Store:
@@ -296,8 +301,8 @@ def connect() -> Store:
     uri = store_uri()
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
-    asked = os.environ.get("MLFLOW_HTTP_REQUEST_MAX_RETRIES")
-    os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = asked or "2"  # a wrong address is no reason to wait long
+    retries = os.environ.get("MLFLOW_HTTP_REQUEST_MAX_RETRIES")
+    os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or "2"  # a wrong address is no reason to wait long
     path = Path(urlparse(uri).path.removeprefix("/")) if uri.startswith("sqlite:///") else None
     if path is not None:
         _check_writable(path)
@@ -319,42 +324,40 @@ def connect() -> Store:
         except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:  # a driver, a name
             raise InputError(f"MLflow store {_shown(uri)} cannot be used: {_first_line(e.__cause__ or e)}") from e
         finally:
-            os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = asked or RETRIES
+            os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or RETRIES
     return Store(client, experiment_id)
 
 
 @patient
 def _experiment(client: MlflowClient) -> str:
-    found = client.get_experiment_by_name(EXPERIMENT)
-    return found.experiment_id if found else client.create_experiment(EXPERIMENT)
+    experiment = client.get_experiment_by_name(EXPERIMENT)
+    return experiment.experiment_id if experiment else client.create_experiment(EXPERIMENT)
 
 
 def create(path: Path) -> None:
     """Make MLflow's SQLite file with its tables, beside its name and renamed: a kill leaves none or a good one."""
-    from mlflow.store.db.utils import _initialize_tables, create_sqlalchemy_engine
+    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
     with tempfile.TemporaryDirectory(prefix=f".{path.name}.{owner()}", dir=path.parent) as folder:
         beside = Path(folder) / path.name
-        engine = create_sqlalchemy_engine(f"sqlite:///{beside}")
-        _initialize_tables(engine)
-        engine.dispose()
+        SqlAlchemyStore(f"sqlite:///{beside}", "./mlruns").engine.dispose()
         beside.replace(path)
 
 
 def _check_writable(path: Path) -> None:
     """SQLite would be tried for minutes before it gave up."""
     try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            head = b""
         if path.exists():
             with path.open("r+b") as f:
                 head = f.read(16)
-            if head and head != b"SQLite format 3\0":
-                raise InputError(f"{path} is not an MLflow store; move it away or set MLFLOW_TRACKING_URI")
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
     except OSError as e:
         raise InputError(
             f"the MLflow store {path} cannot be written ({e}); change the folder or set MLFLOW_TRACKING_URI"
         ) from e
+    if head and head != b"SQLite format 3\0":
+        raise InputError(f"{path} is not an MLflow store; move it away or set MLFLOW_TRACKING_URI")
 
 
 @contextmanager

@@ -1,132 +1,311 @@
-"""Which runs of a store are candidates, which are left out and why, on made-up runs."""
+"""The choice among candidates against hand-made ones, and which runs become candidates, on hand-made tables of runs."""
 
-import re
-
+import numpy as np
+import pandas as pd
 import pytest
+from scipy.stats import ttest_rel
 
-from bench.cli import main
+from bench.costs import quantity
 from bench.errors import InputError
-from bench.outcomes.choice import candidates
-from bench.outcomes.comparable import MARKED
-from bench.outcomes.store import connect
-from tests.reports.store import made_up, tracked_run
+from bench.outcomes.choice import apart, candidates, decide, eligible, sentences
+from bench.outcomes.runs import NothingTracked, selected, without_runs
+from tests.reports.store import made_up
 
 
-def systems(store, asked=None, **how):
-    return sorted(candidates(store, asked or {}, **how).table["system"])
+def table(accuracies, **costs):
+    subjects = pd.DataFrame(accuracies).rename(columns=lambda i: "abcd"[i]).astype(float)
+    rows = pd.DataFrame({"system": [f"s{i}" for i in range(len(subjects))], "unit": "capture"})
+    usual = {name: [1.0] * len(rows) for name in ("flash", "ram", "predict", "decision")}
+    return rows.assign(accuracy=subjects.mean(axis=1), **usual | costs), subjects
 
 
-def test_runs_of_c_do_not_hide_parameters_of_a_protocol(store, capsys):
-    for shots in ("0", "3"):
-        label = {"protocol": f"personal[shots={shots}]", "protocol_label": f"a new person, {shots} shots"}
-        tracked_run(
-            store, f"lda {shots}", made_up(), **label, **{"protocol.shots": shots, "protocol.unlabelled": False}
+def words(choice, margin=None, subjects=4, **how):
+    return " ".join(sentences(choice, "flash", margin, subjects, **how))
+
+
+def test_the_cheapest_within_one_standard_error_is_chosen():
+    # s1 loses 1, 3, 0, 0 points: mean 1, SD sqrt(2), SE 0.707: worse.
+    # s2 loses 3, -1, 2, -2: mean 0.5, SE 1.19: as good.
+    rows, subjects = table([[80, 70, 60, 90], [79, 67, 60, 90], [77, 71, 58, 92]], flash=[50.0, 1.0, 9.0])
+    choice = decide(rows, subjects, "flash", {}, None)
+    assert (choice.chosen, choice.best, choice.costlier) == (2, 0, 0)
+    assert list(choice.table.index) == [1, 2, 0]  # cheapest first
+    assert list(choice.table["verdict"]) == ["below the best", "chosen", "as good, costlier"]
+    assert choice.table.loc[1, ["loss", "error"]].tolist() == pytest.approx([1, np.sqrt(2) / 2])
+    assert choice.table.loc[2, ["loss", "error"]].tolist() == pytest.approx([0.5, np.sqrt(17 / 3) / 2])
+    for fact in ("s2: 74.5 %", "9 kB", "(s0, 75.0 %)", "0.5 ± 1.2", "gains 0.5 points", "50 kB", "Only 4 subjects"):
+        assert fact in words(choice)
+    assert "come from the same subjects" in words(choice, mixed=True) and "same subjects" not in words(choice)
+
+
+def test_budgets_rule_out_what_is_over_them_or_not_known():
+    rows, subjects = table([[90] * 4, [80] * 4, [70] * 4, [60] * 4], ram=[40.0, np.nan, 32.0, 1.0])
+    choice = decide(rows, subjects, "flash", {"ram": 32.0}, None)
+    assert (choice.chosen, choice.best) == (2, 2)
+    assert choice.table["verdict"][:2].to_dict() == {0: "ruled out: ram 40 kB > 32 kB", 1: "ruled out: ram not known"}
+    assert decide(rows, subjects, "flash", {"ram": 32.0 * (1 - 1e-12)}, None).chosen == 2  # rounding is no excess
+    nothing = decide(rows, subjects, "flash", {"ram": 0.5}, None)
+    assert nothing.chosen is None and words(nothing).startswith("Nothing fits")
+
+
+def test_a_margin_asks_for_proof_of_equivalence():
+    best = np.random.default_rng(0).uniform(60, 90, 4)
+    noise = np.array([0.5, -0.4, 0.1, -0.1])
+    rows, subjects = table([best, best - 1 + noise, best - 1 + 8 * noise], flash=[9.0, 2.0, 1.0])
+    for i, expected in ((1, True), (2, False)):
+        p = ttest_rel(subjects.loc[0] - 3, subjects.loc[i], alternative="less").pvalue
+        assert (p < 0.05) == expected
+    assert [decide(rows, subjects, "flash", {}, margin).chosen for margin in (3.0, 0.5)] == [1, 0]
+    even, subjects = table([[90] * 4, [88] * 4], flash=[9.0, 1.0])  # no spread
+    assert [decide(even, subjects, "flash", {}, margin).chosen for margin in (3.0, 2.0)] == [1, 0]
+    one, subjects = table([[90], [89.5]], flash=[9.0, 1.0])
+    assert decide(one, subjects, "flash", {}, 3.0).chosen == 0  # one subject proves nothing
+
+
+def test_each_budget_has_its_price_and_what_binds():
+    # Without ram: s0, whose subjects are 10, 14, 10 and 6 points better than those of s2: mean 10, SD sqrt(32 / 3).
+    accuracies = [[90, 84, 70, 76], [80] * 4, [80, 70, 60, 70]]
+    rows, subjects = table(accuracies, ram=[40.0, 32.0, 8.0], flash=[9.0, 20.0, 3.0], predict=[1.0, np.nan, 2.0])
+    choice = decide(rows, subjects, "flash", {"ram": 32.0, "flash": 10.0}, None)
+    ram, flash = choice.budgets
+    assert (choice.chosen, ram.over, ram.unknown, ram.least, ram.without) == (2, 1, 0, 2, 0)
+    assert (ram.gain, ram.error) == pytest.approx((10, np.sqrt(32 / 3) / 2))
+    assert (flash.without, flash.gain) == (1, 10)
+    assert "ram at most 32 kB costs 10.0 ± 1.6 points: without it the best that fits is s0" in words(choice)
+    loose = decide(rows, subjects, "flash", {"ram": 50.0}, None)
+    assert (loose.budgets[0].without, loose.budgets[0].gain) == (loose.best, 0) and "costs nothing" in words(loose)
+    nothing = decide(rows, subjects, "flash", {"ram": 4.0, "predict": 1.5}, None)
+    ram, predict = nothing.budgets
+    assert (ram.over, ram.least, ram.without) == (3, 2, 0) and np.isnan(ram.gain)
+    assert (predict.over, predict.unknown, predict.least, predict.without) == (1, 1, 0, None)
+    for fact in ("rules out 3 of 3 candidates; the least that any needs is 8 kB, s2", "2 of 3 candidates (1 with"):
+        assert fact in words(nothing)
+
+
+def test_what_has_no_known_cost_is_compared_and_never_chosen():
+    rows, subjects = table([[90] * 4, [80] * 4, [70] * 4], flash=[np.nan, 5.0, 1.0])
+    choice = decide(rows, subjects, "flash", {}, None)
+    assert (choice.chosen, choice.best, choice.unranked) == (1, 1, [0])
+    assert list(choice.table.index) == [2, 1, 0] and choice.table["loss"][0] == -10
+    assert choice.table["verdict"][0] == "as good, flash not known"
+    assert "1 candidate cannot be chosen" in words(choice) and "s0, 90.0 %" in words(choice)
+    none, subjects = table([[90] * 4], flash=[np.nan])
+    nothing = decide(none, subjects, "flash", {}, None)
+    assert nothing.chosen is None and "Nothing can be chosen" in words(nothing)
+
+
+def test_ties_and_one_subject():
+    rows, subjects = table([[80, 70, 60, 90], [79, 71, 60, 89.9], [60] * 4], flash=[5.0, 5.0, 5.0])
+    verdicts = decide(rows, subjects, "flash", {}, None).table["verdict"].to_dict()
+    assert verdicts == {0: "chosen", 1: "as good, equally cheap", 2: "below the best"}
+    tied, subjects = table([[0.1, 0.2, 0.3, 0.0], [0.3, 0.2, 0.1, 0.0]], flash=[9.0, 1.0])  # sums differ by 1e-17
+    choice = decide(tied, subjects, "flash", {}, None)
+    assert (choice.chosen, choice.best, choice.costlier) == (1, 1, None)
+    rows, subjects = table([[90.0], [90.0], [80.0]], flash=[9.0, 5.0, 1.0])
+    choice = decide(rows, subjects, "flash", {"ram": 2.0}, None)
+    assert choice.chosen == 1 and "Only 1 subject" in words(choice, subjects=1)
+    assert "within" not in words(choice, subjects=1) and "nan" not in words(choice, subjects=1)
+
+
+def test_amounts_that_differ_are_printed_with_digits_that_do():
+    assert apart("flash", 64.02, 64.0) == ("64.02 kB", "64 kB") and apart("flash", 64.0, 64.0) == ("64 kB", "64 kB")
+    assert apart("decision", 352.4, 352.0) == ("352.4 ms", "352 ms")
+    rows, subjects = table([[90] * 4, [80] * 4], flash=[64.02, 64.0])
+    choice = decide(rows, subjects, "flash", {"flash": 64.0}, None)
+    assert choice.table["verdict"][0] == "ruled out: flash 64.02 kB > 64 kB"
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "expected"),
+    [("max_flash", "256kB", 256), ("max_flash", "1MB", 1000), ("max_ram", "32KiB", 32.768), ("max_ram", "500B", 0.5)]
+    + [("max_decision", "0.7s", 700), ("max_predict", "2ms", 2), ("max_cycles", "2M", 2000), ("margin", "1.5", 1.5)]
+    + [("clock", "64MHz", 64), ("clock", "500kHz", 0.5), ("clock", "1GHz", 1000), ("margin", 2, 2)]
+    + [("max_flash", "3ms", None), ("max_predict", "2kB", None), ("margin", "2ms", None), ("max_ram", "0kB", None)]
+    + [("max_ram", "32", None), ("max_ram", "much", None), ("max_ram", "-1kB", None), ("max_ram", "nankB", None)]
+    + [("clock", "64", None), ("clock", "MHz", None), ("clock", "-1MHz", None), ("clock", "nanMHz", None)],
+)
+def test_amounts_as_they_are_typed(key, text, expected):
+    if expected is None:
+        with pytest.raises(InputError, match=f"{key}={text}: give a number above 0"):
+            quantity(key, text)
+    else:
+        assert quantity(key, text) == pytest.approx(expected)
+
+
+# Which runs are candidates
+
+
+class Folder:
+    """Tables of runs without MLflow: files of a folder."""
+
+    def __init__(self, folder):
+        self.folder, self.count = folder, 0
+
+    def path(self, run_id, artifacts, name):
+        path = self.folder / f"{run_id}.{name}"
+        return path if path.is_file() else None
+
+    def run(self, system, predictions=None, instants=None, **columns):
+        """A row as `bench.outcomes.runs.tracked` makes it."""
+        self.count += 1
+        (made_up(per_class=1) if predictions is None else predictions).to_parquet(
+            self.folder / f"{self.count}.predictions.parquet"
         )
-    on_chip = {"touchbench.kind": "chip", "chip.bits": "32"}
-    tracked_run(store, "lda 0", made_up(), **on_chip)
-    asked = {"shots": ["3"], "protocol": ["personal"]}
-    assert systems(store, asked) == ["lda 3"]
-    assert systems(store, {"protocol.shots": ["0"]}) == ["lda 0"]
-    with pytest.raises(InputError, match=r"protocol\.draws: no run of a protocol that has it is tracked"):
-        candidates(store, {"protocol.draws": ["2"]})
+        if instants is not None:
+            pd.DataFrame({"ms": instants}).to_csv(self.folder / f"{self.count}.instants.csv")
+        row = {"touchbench.kind": "cell", "status": "FINISHED", "run_id": str(self.count), "started": self.count}
+        row |= {"data": "synth", "synthetic": "true", "corpus_digest": "d" * 64, "subset": "all", "target": "gesture"}
+        row |= {"protocol": "loso", "protocol_name": "loso", "protocol_label": "LOSO", "cpu": "one", "artifacts": ""}
+        row |= {"mixes_subjects": "false", "test_over_train": "", "official_split": "", "flash_bytes": 4000.0}
+        row |= {"ram_bytes": 500.0, "predict_ms_p50": 2.0, "decide_ms_p50": 0.5, "capture_ms": 300.0, "system": system}
+        return row | {"observed_ms": 100.0, "touchbench.depends_on_batch": "false"} | columns
 
 
-def test_a_budget_of_a_second_takes_windows_of_a_second(store, capsys):
-    predictions = made_up(windows=3).assign(start=[0, 10, 20] * 48, frames=50)  # at 50 Hz
-    tracked_run(store, "lda", predictions)
-    tracked_run(store, "rf", predictions.assign(frames=51))
-    assert main(["choose", "unit=window", "max_decision=1s"]) == 0
-    out = re.sub(r"[│\s]+", " ", capsys.readouterr().out)
-    assert "Choose lda (one window): " in out and "ruled out: decision 1020 ms > 1000 ms" in out
-    assert (
-        "The time until a decision is the touch that it needs; computing time on this machine is not part of it." in out
-    )
+@pytest.fixture
+def folder(tmp_path):
+    return Folder(tmp_path)
 
 
-def test_runs_on_the_newest_corpus_of_a_name_win(store):
-    tracked_run(store, "svm", made_up(), corpus_digest="a" * 64)
-    tracked_run(store, "rf", made_up(), corpus_digest="a" * 64)
-    tracked_run(store, "lda", made_up(5), corpus_digest="b" * 64)
-    found = candidates(store, {"data": ["synth"]})
-    assert list(found.table["system"]) == ["lda"]
-    assert found.notes == ["Left out: 2 older runs on another version of synth (corpus aaaaaaaa)."]
-    assert systems(store, {"corpus_digest": ["a" * 64]}) == ["rf", "svm"]  # as the page asks
+def systems(rows, asked=None, **how):
+    return sorted(eligible([pd.DataFrame(rows)], asked or {}, **how)[0]["system"])
 
 
-def test_runs_of_another_version_are_left_out_in_one_line(store, capsys):
-    tracked_run(store, "svm", made_up())
-    old = tracked_run(store, "rf", made_up())
-    store.client.delete_tag(old, "touchbench.format")
-    assert systems(connect()) == ["svm"]
-    store.client.set_tag(old, "touchbench.format", "0")
-    assert main(["choose"]) == 0
-    (line,) = capsys.readouterr().err.splitlines()[-1:]
-    assert line == "runs that another version of touchbench has stored are left out; run their commands again"
-    store.client.delete_tag(store.of_kind("cell")[0].info.run_id, "touchbench.format")
-    assert main(["choose"]) == 2 and "no scored run is tracked here; make one first" in capsys.readouterr().err
+def percents(labelled):
+    """Accuracy of each subject by a loop."""
+    hits = {}
+    for row in labelled.to_dict("records"):
+        p = {name[2:]: value for name, value in row.items() if name.startswith("p_")}
+        hits.setdefault(row["subject"], []).append(max(p, key=p.get) == row["true"])
+    return {subject: 100 * np.mean(each) for subject, each in hits.items()}
 
 
-def test_a_message_names_arguments_that_tell_protocols_apart(store):
-    for seed in ("0", "1"):
-        name = "personal" + f"[seed={seed}]" * (seed != "0")
-        label = {"protocol": name, "protocol_label": f"a new person, seed {seed}"}
-        tracked_run(store, f"lda {seed}", made_up(), **label, **{"protocol.seed": seed, "protocol.shots": "3"})
-    tracked_run(store, "svm", made_up())
-    with pytest.raises(InputError) as wrong:
-        candidates(store, {"data": ["synth"]})
-    assert "runs on different captures or protocols cannot be compared" in str(wrong.value)
-    options = str(wrong.value).partition("name one of: ")[2].split("; ")
-    assert options == [
-        "data=synth where=all protocol=personal protocol.seed=0",
-        "data=synth where=all protocol=personal protocol.seed=1",
-        "data=synth where=all protocol=loso",
+def test_seeds_are_averaged_and_a_mixed_protocol_is_mixed(folder):
+    tables = [made_up(per_class=2, seed=seed) for seed in (0, 1)]
+    rows = [folder.run("rf", table, flash_bytes=b) for table, b in zip(tables, (4000.0, 6000.0), strict=True)]
+    rows.append(folder.run("lda", mixes_subjects="true", **{"touchbench.conditions": "cover", "cpu": "two"}))
+    among = candidates(folder, {}, runs_of={"cell": pd.DataFrame(rows)})
+    assert among.table[["system", "unit", "flash", "conditions", "cpu"]].to_numpy().tolist() == [
+        ["lda (uses cover)", "capture", 4.0, "cover", "two"],
+        ["rf", "capture", 5.0, "", "one"],
     ]
+    assert among.table["decision"].tolist() == [300, 300] and among.table["predict"].tolist() == [2, 2]
+    one, other = (percents(table) for table in tables)
+    assert among.subjects.loc[1].to_dict() == pytest.approx({s: (one[s] + other[s]) / 2 for s in one})
+    assert among.mixed and among.context == "synth (synthetic), all, LOSO"
+    assert not candidates(folder, {}, runs_of={"cell": pd.DataFrame(rows[:2])}).mixed
+
+
+def test_windows_alone_are_scored_in_percent_of_windows(folder):
+    predictions = made_up(per_class=1, windows=3)
+    rows = [folder.run("lda", predictions, windows=36.0), folder.run("svm", windows=np.nan)]
+    among = candidates(folder, {}, windows=True, runs_of={"cell": pd.DataFrame(rows), "chip": None})
+    assert among.table[["system", "unit", "decision", "predict"]].to_numpy().tolist() == [["lda", "window", 100, 0.5]]
+    assert among.subjects.loc[0].to_dict() == pytest.approx(percents(predictions))
+    with pytest.raises(NothingTracked):
+        systems(rows[1:], windows=True)
+
+
+def test_a_replayed_system_decides_as_late_as_the_budget_allows(folder):
+    early, late = made_up(per_class=1, seed=1).assign(instant=10), made_up(per_class=1, seed=2).assign(instant=20)
+    replay = pd.concat([early, late], ignore_index=True)
+    row = folder.run("lda", replay, [100.0, 200.0], **{"touchbench.kind": "stream", "stream.start": "onset"})
+    other = folder.run("lda", replay, [150.0, 200.0], **{"touchbench.kind": "stream", "stream.start": "middle"})
+    runs_of = {"cell": pd.DataFrame([folder.run("lda")]), "stream": pd.DataFrame([row, other])}
+    for most, units in {
+        None: ["capture"],
+        np.inf: ["capture", "first 100 ms", "first 200 ms"],
+        200.0: ["capture", "first 200 ms"],
+        199.9: ["capture", "first 100 ms"],
+        1.0: ["capture", "first 100 ms"],  # which says how far it is from that
+    }.items():
+        among = candidates(folder, {}, most, runs_of=runs_of)
+        assert list(among.table["unit"]) == units, most
+    assert candidates(folder, {}, 200 * (1 - 1e-12), runs_of=runs_of).table["unit"][1] == "first 200 ms"  # rounding
+    among = candidates(folder, {}, np.inf, runs_of=runs_of)
+    assert among.table["decision"].tolist() == [300, 100, 200] and among.table["predict"].tolist() == [2, 0.5, 0.5]
+    for place, seen in ((1, early), (2, late)):
+        assert among.subjects.loc[place].to_dict() == pytest.approx(percents(seen))
+
+
+def test_c_is_a_candidate_with_its_own_size_and_cycles(folder):
+    chip = {"touchbench.kind": "chip", "chip_flash_bytes": 9000.0, "chip_ram_bytes": 1000.0}
+    rows = [folder.run("lda", **chip, **{"chip_most_instructions": 6e4, "chip.bits": b}) for b in ("32", "8")]
+    runs_of = {"cell": pd.DataFrame([folder.run("lda"), folder.run("svm")]), "chip": pd.DataFrame(rows)}
+    table = candidates(folder, {}, clock=0.5, runs_of=runs_of).table
+    assert table[["unit", "flash", "linked", "decision"]].to_numpy().tolist() == [
+        ["capture", 9, True, 300],  # of Python what is linked, which the count leaves code out of
+        ["in C, 32 bits", 9, True, 420],  # 60,000 cycles at 0.5 MHz
+        ["in C, 8 bits", 9, True, 420],
+        ["capture", 4, False, 300],
+    ]
+    assert table["cycles"].tolist()[1:3] == [60, 60] and table["cycles"].isna().tolist() == [True, False, False, True]
+
+
+def test_a_table_that_is_gone_is_named(folder):
+    row = folder.run("lda")
+    folder.path("1", "", "predictions.parquet").unlink()
+    with pytest.raises(InputError, match=r"predictions\.parquet of lda"):
+        candidates(folder, {}, runs_of={"cell": pd.DataFrame([row])})
+
+
+def test_runs_on_the_newest_corpus_of_a_name_win(folder):
+    rows = [
+        folder.run(system, corpus_digest=digest * 64) for system, digest in (("svm", "a"), ("rf", "a"), ("lda", "b"))
+    ]
+    kept, (note,) = eligible([pd.DataFrame(rows)], {})
+    assert list(kept["system"]) == ["lda"] and "2 older runs" in note and "aaaaaaaa" in note
+    asked = {name: [rows[0][name]] for name in ("corpus_digest", "protocol_label")}  # as the page asks
+    assert systems(rows, asked) == ["rf", "svm"]
+
+
+def test_arguments_tell_protocols_apart(folder):
+    rows = []
+    for seed in ("0", "1"):
+        name = {"protocol": "personal" + f"[seed={seed}]" * (seed == "1"), "protocol_name": "personal"}
+        parameters = {"protocol.seed": seed, "protocol.shots": "3", "protocol.unlabelled": "False"}
+        rows.append(folder.run(f"lda {seed}", protocol_label=f"seed {seed}", **name, **parameters))
+    rows += [folder.run("svm"), folder.run("rf", target="hand")]
+    with pytest.raises(InputError) as error:
+        systems(rows)
+    options = str(error.value).partition("name one of: ")[2].split("; ")
+    assert len(options) == 3 and len(str(error.value).splitlines()) == 1
     for option, system in zip(options, ("lda 0", "lda 1", "svm"), strict=True):
-        asked = {key: [value] for key, _, value in (word.partition("=") for word in option.split())}
-        assert systems(store, asked) == [system]
+        assert systems(rows, {key: [value] for key, _, value in (word.partition("=") for word in option.split())}) == [
+            system
+        ]
+    assert systems(rows, {"shots": ["3"], "protocol.seed": ["1"]}) == ["lda 1"]
+    assert systems(rows, {"target": ["hand"]}) == ["rf"]
+    with pytest.raises(NothingTracked):
+        systems([rows[1] | {"protocol.unlabelled": "True"}], {"shots": ["3"]})
+    with pytest.raises(InputError, match=r"protocol\.draws"):
+        systems(rows, {"protocol.draws": ["2"]})
+    with pytest.raises(NothingTracked):
+        systems(rows, {"shots": ["9"]})
 
 
-def test_a_run_with_a_failed_fold_is_named(store, capsys):
-    label = {"protocol_label": "LOSO (4 subjects)"}
-    for system in ("svm", "lda"):
-        tracked_run(store, system, made_up())
-    tracked_run(store, "svm", made_up(3), failed=1, **label)  # complete elsewhere
-    tracked_run(store, "rf", made_up(3), failed=1, **label)
-    found = candidates(store, {})
-    assert sorted(found.table["system"]) == ["lda", "svm"]
-    assert found.notes == ["Left out, because folds failed: rf. Repeat the command to run them again."]
-    with pytest.raises(InputError, match="no complete run is tracked.*folds failed: rf"):
-        candidates(store, {"system": ["rf"]})
-    assert main(["choose"]) == 0
-    assert "Left out, because folds failed: rf." in capsys.readouterr().out
+def test_a_run_with_a_failed_fold_is_named(folder):
+    failed = {"status": "FAILED"}
+    rows = [folder.run("svm"), folder.run("lda"), folder.run("svm", **failed), folder.run("rf", **failed)]
+    rows.append(folder.run("xgb", **failed, corpus_digest="e" * 64))  # elsewhere
+    kept, (note,) = eligible([pd.DataFrame(rows)], {})
+    assert sorted(kept["system"]) == ["lda", "svm"] and "folds failed: rf." in note
+    with pytest.raises(NothingTracked, match="folds failed: rf"):
+        systems(rows, {"system": ["rf"]})
 
 
-def test_a_system_whose_labels_depend_on_the_batch_is_chosen_only_if_asked_for(store, capsys):
-    tracked_run(store, "svm", made_up(skill=0.6))
-    tracked_run(store, "centred", made_up(skill=0.99), cost=0.1, **{"touchbench.depends_on_batch": "true"})
-    tracked_run(store, "lda", made_up(skill=0.5), **{"touchbench.depends_on_batch": "false"})
-    assert systems(store) == ["lda", "svm"]
-    assert systems(store, batch=True) == ["centred †", "lda", "svm"]
-    assert main(["choose"]) == 0
-    out = capsys.readouterr().out
-    assert "Choose centred" not in out
-    assert (
-        "Left out, because predictions depend on the captures that are predicted together: centred. "
-        "Give batch=yes to choose among them, too." in out
-    )
-    assert main(["choose", "batch=yes"]) == 0
-    out = capsys.readouterr().out
-    assert "Choose centred †" in out and "Left out" not in out and MARKED in out
-    assert main(["choose", "batch=maybe"]) == 2
-    assert "batch=maybe: give yes or no" in capsys.readouterr().err
+def test_a_system_whose_labels_depend_on_the_batch_is_a_candidate_only_if_asked_for(folder):
+    rows = [folder.run("svm"), folder.run("centred", **{"touchbench.depends_on_batch": "true"})]
+    kept, (note,) = eligible([pd.DataFrame(rows)], {})
+    assert list(kept["system"]) == ["svm"] and "centred" in note and "batch=yes" in note
+    kept, notes = eligible([pd.DataFrame(rows)], {}, batch=True)
+    assert sorted(kept["system"]) == ["centred", "svm"] and not notes
+    assert set(candidates(folder, {}, batch=True, runs_of={"cell": kept}).table["system"]) == {"centred †", "svm"}
 
 
-def test_a_protocol_that_mixes_subjects_is_said_so(store, capsys):
-    tracked_run(store, "svm", made_up(), mixes_subjects="true", protocol="kfold", protocol_label="5-fold")
-    assert main(["choose"]) == 0
-    assert "Training and test captures come from the same subjects: this does not hold" in capsys.readouterr().out
-
-
-def test_a_candidate_names_the_conditions_that_it_uses(store):
-    tracked_run(store, "lda", made_up(skill=0.5), **{"touchbench.conditions": "cover"})
-    assert candidates(store, {}).table[["system", "conditions"]].to_numpy().tolist() == [["lda (uses cover)", "cover"]]
+def test_a_model_of_a_file_goes_by_its_file_and_by_its_name(tmp_path):
+    names = [str(tmp_path / "mine.py:near"), "svm", str(tmp_path / "svm.py:svm")]
+    runs = pd.DataFrame({"model_name": names, "features_name": "touch"})
+    for name, row in {"mine.py:near": 0, "near": 0, names[0]: 0, "svm": 1, "svm.svm": 2, "svm.py:svm": 2}.items():
+        assert list(selected(runs, {"model": [name]}).index) == [row], name
+    asked = {"model": ["other.py:near", "near", "rf"], "features": ["touch", "balli"]}
+    assert without_runs([runs], asked) == ["features=balli", "model=other.py:near", "model=rf"]

@@ -21,7 +21,7 @@ from models.classic.svm import svm
 from models.nets.cnn85 import CNN85
 from models.nets.training import Windows
 from protocols.subjects import LOSO
-from tests.commands.test_check import HERE, NAMES
+from tests.outcomes.test_gate import HERE, NAMES
 
 
 @cache
