@@ -18,7 +18,7 @@ from models.adapters import FromTorch
 from models.classic.svm import svm
 from models.nets.cnn85 import CNN85
 from models.nets.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
-from models.person import PRIOR, SPREAD_PRIOR, WEIGHT, Own, relearnt
+from models.person import PRIOR, SPREAD_PRIOR, WEIGHT, PersonScaler, relearnt
 from models.recipe import Recipe
 from tests.conftest import random_corpus
 
@@ -32,7 +32,7 @@ def rows(n, features=3, seed=0, classes="ab"):
 
 def test_nothing_changes_before_a_person_is_met():
     X, y = rows(20)
-    assert Own(("centre", "scale")).fit(X, y).transform(X) is X
+    assert PersonScaler(("centre", "scale")).fit(X, y).transform(X) is X
     corpus = random_corpus()
     plain = svm(Jung28()).fit(corpus, corpus.gestures)
     model = Recipe(svm(Jung28()), person=("centre", "scale", "pool")).fit(corpus, corpus.gestures)
@@ -42,7 +42,7 @@ def test_nothing_changes_before_a_person_is_met():
 @given(st.integers(1, 30), st.booleans())
 def test_the_mean_of_a_person_by_hand(count, labelled):
     X, y = rows(40)
-    own = Own(("centre",)).fit(X, y)
+    own = PersonScaler(("centre",)).fit(X, y)
     Z, known = rows(count, seed=1)
     Z = Z + [10, 0, -4]
     found = own.adapt(Z, known if labelled else None)
@@ -61,7 +61,7 @@ def test_the_mean_of_a_person_by_hand(count, labelled):
 
 def test_the_spread_of_a_person_by_hand():
     X, y = rows(40)
-    own = Own(("scale",)).fit(X, y)
+    own = PersonScaler(("scale",)).fit(X, y)
     Z, known = rows(10, seed=1)
     Z = 2 * Z
     centres = {c: X.to_numpy()[y == c].mean(axis=0) for c in "ab"}
@@ -74,14 +74,14 @@ def test_the_spread_of_a_person_by_hand():
 
 def test_what_never_varies_stays_and_windows_of_a_capture_are_one():
     X, y = rows(40)
-    own = Own().fit(X.assign(z=5.0), y)
+    own = PersonScaler().fit(X.assign(z=5.0), y)
     Z, _ = rows(6, seed=1)
     moved = own.adapt(Z.assign(z=9.0), None).transform(Z.assign(z=9.0))
     assert (moved["z"] == 9.0).all()
     windows = Z.set_axis(labels(np.repeat([0, 1], 3), np.zeros(6, dtype=int)))
     share = 2 / (2 + PRIOR)  # two captures, not six
     np.testing.assert_allclose(
-        Own(("centre",)).fit(X, y).adapt(windows, None).transform(windows).mean(),
+        PersonScaler(("centre",)).fit(X, y).adapt(windows, None).transform(windows).mean(),
         Z.mean() - share * (Z.mean() - X.mean()),
     )
 
@@ -90,7 +90,7 @@ def test_damaged_copies_say_nothing_of_what_is_usual():
     X, y = rows(20)
     copies = np.repeat([0, 1], 20)
     both = pd.concat([X, X * 100]).set_axis(labels(np.tile(np.arange(20), 2), copies))
-    one, other = Own().fit(X, y), Own().fit(both, np.tile(y, 2))
+    one, other = PersonScaler().fit(X, y), PersonScaler().fit(both, np.tile(y, 2))
     for name in ("mean_", "sd_", "within_", "centres_"):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name))
 
@@ -209,7 +209,7 @@ def test_a_pipeline_keeps_its_steps():
     own = model.adapt(corpus[:3], None)
     assert isinstance(own.system_, Pipeline) and [n for n, _ in own.system_.steps] == [
         "features",
-        "own",
+        "person",
         "scaler",
         "classifier",
     ]
