@@ -5,8 +5,9 @@ It is made by a *factory*, a class or a function whose keyword arguments are its
 default is handed the feature set. A factory that gives a plain scikit-learn, XGBoost, LightGBM or CatBoost estimator is
 put behind the feature set.
 
-What a system may tell besides, each by an attribute or method of the name that stands here; what it does not tell has
-the default of the function. Nowhere else is anything looked up by name.
+A system may have more, under the names that stand here: plain attributes, each a `Hook` with the value that the harness
+assumes where a system has none, and methods, each with a function that calls it. Nowhere else is anything looked up by
+name.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable, Iterator
-from copy import deepcopy
+from copy import copy, deepcopy
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from types import FunctionType
-from typing import Any, Protocol, TypeGuard, TypeVar
+from typing import Any, Generic, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -31,7 +33,8 @@ from features.base import FeatureSet
 from models.search.space import Space
 
 TABLES = {"sklearn", "xgboost", "lightgbm", "catboost", "imblearn"}  # packages whose estimators learn from tables
-Given = TypeVar("Given")
+Value = TypeVar("Value")
+Part = TypeVar("Part")
 
 
 class System(Protocol):
@@ -59,22 +62,70 @@ class Features(Protocol):
         """Both, of the same captures."""
 
 
-def _told(part: object, name: str, default: object = None) -> Any:
-    """What stands under a name; that it is of the type that this page says is up to the author of the part."""
-    return getattr(part, name, default)
+@dataclass(frozen=True)
+class Hook(Generic[Value]):
+    """An attribute that a system or another part may have; that it is of the declared type is up to the part's author.
+
+    Args:
+        name: of the attribute.
+        default: what the harness assumes where a part has none.
+    """
+
+    name: str
+    default: Value
+
+    def __call__(self, part: object) -> Value:
+        """Its value for a part."""
+        return getattr(part, self.name, copy(self.default))
 
 
-# Of a factory, before anything is made
+# Attributes of a factory
 
+packages: Hook[tuple[str, ...]] = Hook("packages", ())
+"""Distributions that this system alone depends on; their versions are part of a run's identity."""
 
-def packages(factory: Callable) -> tuple[str, ...]:
-    """``packages``: distributions that this system alone depends on; their versions are part of a run's identity."""
-    return _told(factory, "packages", ())
+space: Hook[Space | None] = Hook("space", None)
+"""Values to search for each parameter, by `bench tune` without lists."""
 
+# Attributes of a system
 
-def space(factory: Callable) -> Space | None:
-    """``space``: values to search for each parameter, by `bench tune` without lists; none by default."""
-    return _told(factory, "space")
+searches: Hook[bool] = Hook("searches", False)
+"""Whether it chooses its parameters itself, so that nothing else should."""
+
+trained_faults: Hook[tuple[str, ...]] = Hook("trained_faults", ())
+"""Names of the faults that copies of its training captures go through."""
+
+# Attributes of a fitted system
+
+search_seconds: Hook[float | None] = Hook("search_seconds_", None)
+"""Seconds that its search took, also where part of it was stored before."""
+
+history: Hook[list[dict[str, float]]] = Hook("history_", [])
+"""Numbers by epoch, tracked as metrics with steps."""
+
+chosen: Hook[dict[str, object]] = Hook("chosen_", {})
+"""What it chose on its training part, by name."""
+
+trials: Hook[pd.DataFrame | None] = Hook("trials_", None)
+"""What it chose among, a row each."""
+
+members: Hook[list[System]] = Hook("members", [])
+"""Fitted systems that decide together."""
+
+learnt_numbers: Hook[int | None] = Hook("parameters_", None)
+"""Numbers that it has learnt, of a system or a feature set; `models.sizes` counts those of a system without."""
+
+constants: Hook[int] = Hook("constants_", 0)
+"""Numbers that it must keep besides what it has learnt."""
+
+bytes_saved: Hook[int] = Hook("bytes_saved_", 0)
+"""Bytes fewer than four for each number, of a part that decides with weights of fewer bits."""
+
+numbers_in_memory: Hook[int | None] = Hook("activations_", None)
+"""Numbers in memory during one decision; of a classifier on features, besides features and scores."""
+
+learns: Hook[bool] = Hook("learns", True)
+"""Of a feature set: whether its values depend on training captures."""
 
 
 # Before a run
@@ -82,50 +133,40 @@ def space(factory: Callable) -> Space | None:
 
 def check(part: object) -> None:
     """``check()``: raises an `InputError` for parameters that cannot be, of a system or a feature set."""
-    _told(part, "check", lambda: None)()
+    getattr(part, "check", lambda: None)()
 
 
 def check_training(estimator: System, X: Corpus, y: np.ndarray) -> None:
     """``check_training(X, y)``: raises an `InputError` for a training part that it cannot learn from."""
-    _told(estimator, "check_training", lambda X, y: None)(X, y)
+    getattr(estimator, "check_training", lambda X, y: None)(X, y)
 
 
 def window(estimator: System, rate_hz: float) -> int | None:
     """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows."""
-    if callable(own := _told(estimator, "length")):
-        return own(rate_hz)
+    if callable(length := getattr(estimator, "length", None)):
+        return length(rate_hz)
     frames = estimator.get_params(deep=False).get("frames") if isinstance(estimator, BaseEstimator) else None
     return frames if isinstance(frames, int) else None
 
 
 def frames_at_once(estimator: System, frames: int) -> int:
     """``window_``: frames of a capture of so many that a fitted system decides on at once; by default all."""
-    return min(frames, _told(estimator, "window_") or frames)
+    return min(frames, getattr(estimator, "window_", None) or frames)
 
 
 def features(estimator: System) -> dict[str, Features]:
     """The feature sets inside: a pipeline's step ``features`` or first built-in set, a search's ``features``."""
     if isinstance(estimator, Pipeline):
         first = estimator.steps[0][1]
-        own = estimator.named_steps.get("features", first if isinstance(first, FeatureSet) else None)
-        return {type(own).__name__.lower(): own} if isinstance(own, BaseEstimator) else {}
-    found = _told(estimator, "features")
-    return dict(found) if isinstance(found, dict) else {}
+        step = estimator.named_steps.get("features", first if isinstance(first, FeatureSet) else None)
+        return {type(step).__name__.lower(): step} if isinstance(step, BaseEstimator) else {}
+    sets = getattr(estimator, "features", None)
+    return dict(sets) if isinstance(sets, dict) else {}
 
 
 def seen_by_features(estimator: System, X: Corpus) -> list[Corpus]:
     """``seen(X)``: what its feature sets are given of captures, in training and when it decides; by default these."""
-    return _told(estimator, "seen", lambda X: [X])(X)
-
-
-def searches(estimator: System) -> bool:
-    """``searches``: whether it chooses its parameters itself, so that nothing else should; no by default."""
-    return bool(_told(estimator, "searches", False))
-
-
-def trained_faults(estimator: System) -> tuple[str, ...]:
-    """``trained_faults``: names of the faults that copies of its training captures go through; none by default."""
-    return _told(estimator, "trained_faults", ())
+    return getattr(estimator, "seen", lambda X: [X])(X)
 
 
 def conditions(estimator: System) -> tuple[str, ...]:
@@ -135,7 +176,7 @@ def conditions(estimator: System) -> tuple[str, ...]:
     """
     names = set()
     for part in _nested(estimator):
-        if isinstance(declared := _told(part, "conditions", ()), str):
+        if isinstance(declared := getattr(part, "conditions", ()), str):
             raise InputError(f"conditions = {declared!r}: give a tuple of names, such as ({declared!r},)")
         names |= {*declared}
     return tuple(sorted(names))
@@ -162,7 +203,7 @@ def check_conditions(estimator: System, corpus: Corpus) -> None:
                 )
 
 
-def blinded(estimator: System, X: Given) -> Given:
+def blinded(estimator: System, X: Part) -> Part:
     """What a system gets of some captures when it predicts: no labels, no subjects, no origin (`Corpus.blind`).
 
     A table of features stays as it is.
@@ -175,9 +216,8 @@ def blinded(estimator: System, X: Given) -> Given:
 
 def adapts(estimator: System) -> bool:
     """Whether it has ``adapt``, or is a pipeline whose last part has."""
-    if isinstance(estimator, Pipeline):
-        return _told(estimator.steps[-1][1], "adapt") is not None
-    return _told(estimator, "adapt") is not None
+    part = estimator.steps[-1][1] if isinstance(estimator, Pipeline) else estimator
+    return getattr(part, "adapt", None) is not None
 
 
 def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
@@ -203,7 +243,7 @@ def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
 
 def decides_often(estimator: System) -> bool:
     """Whether it has ``decide``, and so may decide more than once per capture."""
-    return _told(estimator, "decide") is not None
+    return getattr(estimator, "decide", None) is not None
 
 
 def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
@@ -214,21 +254,21 @@ def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         probabilities [decisions, classes].
     """
     X = blinded(estimator, X)
-    if (own := _told(estimator, "decide")) is not None:
-        return own(X)
+    if decides_often(estimator):
+        return estimator.decide(X)  # type: ignore[attr-defined]
     return pd.DataFrame({"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}), probabilities(estimator, X)
 
 
 def has_probabilities(estimator: System) -> bool:
     """Whether it has ``predict_proba``."""
-    return _told(estimator, "predict_proba") is not None
+    return getattr(estimator, "predict_proba", None) is not None
 
 
 def probabilities(estimator: System, X: Corpus) -> np.ndarray:
     """``predict_proba(X)`` [captures, classes]; a system without gets 1 for its label."""
     X = blinded(estimator, X)
-    if (own := _told(estimator, "predict_proba")) is not None:
-        return own(X)
+    if has_probabilities(estimator):
+        return estimator.predict_proba(X)  # type: ignore[attr-defined]
     return np.asarray(estimator.predict(X))[:, None] == estimator.classes_
 
 
@@ -237,76 +277,22 @@ def probabilities(estimator: System, X: Corpus) -> np.ndarray:
 
 def fit_seconds(estimator: System, wall: float, cpu: float) -> tuple[float, float]:
     """``fit_seconds_``: (wall, CPU) seconds of the last fit, where ``fit`` does more; else what was measured."""
-    own = _told(estimator, "fit_seconds_", (wall, cpu))
-    return (own, cpu) if isinstance(own, int | float) else own
-
-
-def search_seconds(estimator: System) -> float | None:
-    """``search_seconds_``: seconds that its search took, also where part of it was stored before."""
-    return _told(estimator, "search_seconds_")
-
-
-def history(estimator: System) -> list[dict[str, float]]:
-    """``history_``: numbers by epoch, tracked as metrics with steps."""
-    return _told(estimator, "history_", [])
-
-
-def chosen(estimator: System) -> dict[str, object]:
-    """``chosen_``: what it chose on its training part, by name."""
-    return _told(estimator, "chosen_", {})
-
-
-def trials(estimator: System) -> pd.DataFrame | None:
-    """``trials_``: what it chose among, a row each."""
-    return _told(estimator, "trials_")
-
-
-# What a fitted system weighs; `models.sizes` counts what is not told
+    return getattr(estimator, "fit_seconds_", (wall, cpu))
 
 
 def inside(estimator: System) -> System:
     """``best_``: what decides in place of a fitted search."""
-    return _told(estimator, "best_", estimator)
-
-
-def members(estimator: System) -> list[System]:
-    """``members``: fitted systems that decide together; none by default."""
-    return _told(estimator, "members", [])
-
-
-def learnt_numbers(part: System | Features) -> int | None:
-    """``parameters_``: numbers that it has learnt, of a system or a feature set."""
-    return _told(part, "parameters_")
-
-
-def constants(part: System | Features) -> int:
-    """``constants_``: numbers that it must keep besides what it has learnt; none by default."""
-    return _told(part, "constants_", 0)
-
-
-def bytes_saved(part: System) -> int:
-    """``bytes_saved_``: bytes fewer than four for each number, of a part that decides with weights of fewer bits."""
-    return _told(part, "bytes_saved_", 0)
-
-
-def numbers_in_memory(part: System) -> int | None:
-    """``activations_``: numbers in memory during one decision; of a classifier, besides features and scores."""
-    return _told(part, "activations_")
+    return getattr(estimator, "best_", estimator)
 
 
 def kept_before(estimator: System, taxels: int) -> int:
     """``keeps_before(taxels)``: numbers in memory for what captures go through first; none by default."""
-    return _told(estimator, "keeps_before", lambda taxels: 0)(taxels)
+    return getattr(estimator, "keeps_before", lambda taxels: 0)(taxels)
 
 
 def kept(feature_set: Features, frames: int, taxels: int) -> int:
     """``keeps(frames, taxels)`` of a feature set: numbers in memory while it is computed; by default the capture."""
-    return _told(feature_set, "keeps", lambda frames, taxels: frames * taxels)(frames, taxels)
-
-
-def learns(feature_set: Features) -> bool:
-    """``learns`` of a feature set: whether its values depend on training captures; yes where it does not say."""
-    return bool(_told(feature_set, "learns", True))
+    return getattr(feature_set, "keeps", lambda frames, taxels: frames * taxels)(frames, taxels)
 
 
 # From a factory or an object to a system
@@ -320,9 +306,9 @@ def build(factory: Callable, feature_set: Features | None, **parameters: object)
         feature_set: a transformer of captures to a table; None for a system that reads captures.
         parameters: keyword arguments.
     """
-    asked = required(factory)
-    if asked and feature_set is not None:
-        return factory(**{asked[0]: feature_set}, **parameters)
+    names = required(factory)
+    if names and feature_set is not None:
+        return factory(**{names[0]: feature_set}, **parameters)
     return behind(factory(**parameters), feature_set)
 
 
@@ -356,10 +342,9 @@ def reads_tables(system: object) -> bool:
         return reads_tables(system.steps[0][1])
     if not _of_tables(type(system)) or not isinstance(system, BaseEstimator):
         return _of_tables(type(system))
-    own = system.get_params(deep=False)
-    members = [part[1] for key in ("transformer_list", "estimators", "transformers") for part in own.get(key) or []]
-    inside = [part for part in (*members, own.get("estimator")) if isinstance(part, BaseEstimator)]
-    return all(reads_tables(part) for part in inside)
+    values = system.get_params(deep=False)
+    parts = [part[1] for key in ("transformer_list", "estimators", "transformers") for part in values.get(key) or []]
+    return all(reads_tables(part) for part in (*parts, values.get("estimator")) if isinstance(part, BaseEstimator))
 
 
 def _of_tables(kind: type) -> bool:
@@ -372,16 +357,16 @@ def _of_tables(kind: type) -> bool:
     )
 
 
-def copied(part: Given) -> Given:
+def copied(part: Part) -> Part:
     """An untrained copy of an estimator that was handed over; a splitter as it is."""
     return clone(part) if isinstance(part, BaseEstimator) else part
 
 
 def settings(part: object) -> str:
     """Parameters of an object in full, those of estimators inside it included; a splitter's attributes."""
-    found = part.get_params() if isinstance(part, BaseEstimator) else vars(part)
+    values = part.get_params() if isinstance(part, BaseEstimator) else vars(part)
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
-        return repr({k: f"{v.__module__}.{v.__qualname__}" if _code(v) else v for k, v in found.items()})
+        return repr({k: f"{v.__module__}.{v.__qualname__}" if _code(v) else v for k, v in values.items()})
 
 
 def shown(part: object) -> str:
@@ -393,15 +378,18 @@ def shown(part: object) -> str:
 
 def classes(part: object) -> list[Callable]:
     """Classes of an object and of what is inside it, and functions, that are not of an installed library."""
-    found = {each if _code(each) else type(each) for each in _nested(part)}
-    own = (c for c in found if _library(c) is None and c.__module__.split(".")[0] not in sys.stdlib_module_names)
-    return sorted(own, key=lambda c: (c.__module__, c.__qualname__))
+    mine = (c for c in _kinds(part) if not _library(c) and c.__module__.split(".")[0] not in sys.stdlib_module_names)
+    return sorted(mine, key=lambda c: (c.__module__, c.__qualname__))
 
 
 def libraries(part: object) -> tuple[str, ...]:
     """Distributions that the classes of an object come from."""
-    kinds = {each if _code(each) else type(each) for each in _nested(part)}
-    return tuple(sorted({name for kind in kinds if (name := _library(kind))}))
+    return tuple(sorted({name for kind in _kinds(part) if (name := _library(kind))}))
+
+
+def _kinds(part: object) -> set[Callable]:
+    """Functions and classes among an object and what is inside it, and the classes of the others."""
+    return {each if _code(each) else type(each) for each in _nested(part)}
 
 
 def _nested(part: object) -> Iterator[object]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from torch import nn
 
 
+@dataclass(eq=False, repr=False)
 class FromSeries(ClassifierMixin, BaseEstimator):
     """A classifier of equally long series [captures, channels, frames], such as those of aeon and sktime.
 
@@ -27,10 +29,9 @@ class FromSeries(ClassifierMixin, BaseEstimator):
         length: as of `Series`.
     """
 
-    def __init__(self, classifier: BaseEstimator, channels: str = "signals", length: int | None = None) -> None:
-        self.classifier = classifier
-        self.channels = channels
-        self.length = length
+    classifier: BaseEstimator
+    channels: str = "signals"
+    length: int | None = None
 
     def fit(self, X: Corpus, y: np.ndarray) -> FromSeries:
         """Learn from captures and their class names."""

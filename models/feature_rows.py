@@ -1,4 +1,4 @@
-"""Rows of features that tell which capture, and which copy of it, they are of (`features.base.labels`)."""
+"""Rows of features, labelled by their capture and by which copy of it they are of (`features.base.labels`)."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import pandas as pd
 
 
 def captures_of(X: pd.DataFrame | np.ndarray) -> np.ndarray:
-    """Of which capture each row is, numbered from 0; each of its own where the rows do not tell."""
-    return np.unique(X.index.get_level_values("capture"), return_inverse=True)[1] if told(X) else np.arange(len(X))
+    """Of which capture each row is, numbered from 0; each of its own where rows are not labelled."""
+    return np.unique(X.index.get_level_values("capture"), return_inverse=True)[1] if labelled(X) else np.arange(len(X))
 
 
 def undamaged(X: pd.DataFrame | np.ndarray) -> np.ndarray:
     """Which rows are not of a damaged copy, bool [rows]."""
-    return np.asarray(X.index.get_level_values("copy") == 0) if told(X) else np.ones(len(X), dtype=bool)
+    return np.asarray(X.index.get_level_values("copy") == 0) if labelled(X) else np.ones(len(X), dtype=bool)
 
 
-def told(X: pd.DataFrame | np.ndarray) -> TypeGuard[pd.DataFrame]:
-    """Whether rows are told apart by capture and copy."""
+def labelled(X: pd.DataFrame | np.ndarray) -> TypeGuard[pd.DataFrame]:
+    """Whether the index of the rows is their capture and copy."""
     return isinstance(X, pd.DataFrame) and X.index.names == ["capture", "copy"]

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from sklearn.base import BaseEstimator, ClassifierMixin
 
 from features.base import constant
 from models.classic.lda import Discriminants
 from models.classic.perceptron import Perceptron
 from models.feature_rows import undamaged
+from models.most_probable import MostProbable
 
 UNUSUAL = 2.5  # SDs of undamaged training rows
 
 
-class Guarded(ClassifierMixin, BaseEstimator):
+@dataclass(eq=False, repr=False)
+class Guarded(MostProbable):
     """Linear discriminants that have met no damage, and a small network that has, mixed row by row.
 
     The more features of a row lie further than 2.5 SDs from the mean of the undamaged training rows, the more the
@@ -35,21 +37,20 @@ class Guarded(ClassifierMixin, BaseEstimator):
         mean_, sd_: of undamaged rows, float32 [features].
     """
 
-    def __init__(self, windows: float = 2.0, units: int = 18, doubt: float = 0.03, seed: int = 0) -> None:
-        self.windows = windows
-        self.units = units
-        self.doubt = doubt
-        self.seed = seed
+    windows: float = 2.0
+    units: int = 18
+    doubt: float = 0.03
+    seed: int = 0
 
     def fit(self, X: pd.DataFrame, y: np.ndarray) -> Guarded:
         """Learn from features [rows, n_features], labelled by capture and copy, and class names [rows]."""
-        whole = undamaged(X)
-        usual = X[whole]
+        sound = undamaged(X)
+        usual = X[sound]
         values = usual.to_numpy(dtype=np.float32)
         self.n_features_in_ = values.shape[1]
         self.mean_, self.sd_ = values.mean(axis=0), values.std(axis=0)
         self.sd_[constant(values) | (self.sd_ == 0)] = np.inf
-        self.linear_ = Discriminants(windows=self.windows).fit(usual, y[whole])
+        self.linear_ = Discriminants(windows=self.windows).fit(usual, y[sound])
         self.robust_ = Perceptron(self.units, seed=self.seed).fit(X, y)
         self.classes_ = self.linear_.classes_
         return self
@@ -59,14 +60,14 @@ class Guarded(ClassifierMixin, BaseEstimator):
 
         The network measures from that mean, too, and its last layer learns what has labels.
         """
-        found = copy(self)
-        found.linear_ = self.linear_.adapt(X, y)
-        moved = (found.linear_.learnt_.mean - self.linear_.learnt_.mean).astype(np.float32)
-        found.mean_ = self.mean_ + moved
-        found.robust_ = copy(self.robust_)
-        found.robust_.mean_ = self.robust_.mean_ + moved
-        found.robust_ = found.robust_.adapt(X, y)
-        return found
+        adapted = copy(self)
+        adapted.linear_ = self.linear_.adapt(X, y)
+        moved = (adapted.linear_.learnt_.mean - self.linear_.learnt_.mean).astype(np.float32)
+        adapted.mean_ = self.mean_ + moved
+        network = copy(self.robust_)
+        network.mean_ = network.mean_ + moved
+        adapted.robust_ = network.adapt(X, y)
+        return adapted
 
     def doubts(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """How much the network counts, 0 to 1 [rows]; what is not a number is unusual."""
@@ -80,10 +81,6 @@ class Guarded(ClassifierMixin, BaseEstimator):
         linear = np.where(doubt < 1, self.linear_.predict_proba(values), 0)  # of an endless feature, no number
         return (1 - doubt) * linear + doubt * self.robust_.predict_proba(values)
 
-    def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
-        """Class names [rows]."""
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
-
     @property
     def activations_(self) -> int:
         """Features as the network sees them, and its units."""
@@ -92,5 +89,5 @@ class Guarded(ClassifierMixin, BaseEstimator):
     @property
     def parameters_(self) -> int:
         """What both have learnt, and what a row is compared with."""
-        own = self.mean_.size + self.sd_.size
-        return own + self.linear_.coef_.size + self.linear_.intercept_.size + self.robust_.parameters_
+        usual = self.mean_.size + self.sd_.size
+        return usual + self.linear_.coef_.size + self.linear_.intercept_.size + self.robust_.parameters_

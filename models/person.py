@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -53,7 +54,7 @@ def codes_of(y: np.ndarray, classes: np.ndarray) -> np.ndarray:
     return np.searchsorted(classes, y)
 
 
-def relearnt(old: np.ndarray, given: np.ndarray, codes: np.ndarray, captures: np.ndarray) -> np.ndarray:
+def relearnt(old: np.ndarray, inputs: np.ndarray, codes: np.ndarray, captures: np.ndarray) -> np.ndarray:
     """The last layer of a network after it has learnt some captures of a person, too.
 
     It minimises the cross-entropy of their captures, a mean over the rows of each, while its weights stay near those
@@ -61,27 +62,28 @@ def relearnt(old: np.ndarray, given: np.ndarray, codes: np.ndarray, captures: np
 
     Args:
         old: weights, and the intercept as the last column [classes, inputs + 1].
-        given: what the layer is given [rows, inputs].
+        inputs: of the layer [rows, inputs].
         codes: class of each row.
         captures: of which capture each row is.
     """
-    given = np.column_stack([given, np.ones(len(given))]).astype(np.float64)
+    inputs = np.column_stack([inputs, np.ones(len(inputs))]).astype(np.float64)
     share = (1 / np.bincount(captures)[captures])[:, None]
     wanted = np.eye(len(old))[codes]
-    price = STIFF * np.mean((given**2).sum(axis=1))
+    price = STIFF * np.mean((inputs**2).sum(axis=1))
 
     def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
         away = flat.reshape(old.shape) - old
-        logits = given @ (away + old).T
+        logits = inputs @ (away + old).T
         wrong = (softmax(logits, axis=1) - wanted) * share
         cost = -(wanted * log_softmax(logits, axis=1) * share).sum() + price / 2 * (away**2).sum()
-        return cost, (wrong.T @ given + price * away).ravel()
+        return cost, (wrong.T @ inputs + price * away).ravel()
 
     begin = old.astype(np.float64)
     return minimize(loss, begin.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": ROUNDS}).x.reshape(old.shape)
 
 
-class Own(TransformerMixin, BaseEstimator):
+@dataclass(eq=False, repr=False)
+class PersonScaler(TransformerMixin, BaseEstimator):
     """Features of a person as they would be of the average person; the identity until it is adapted.
 
     - ``centre``: features are measured from the person's own mean, as far as `share` goes;
@@ -99,14 +101,13 @@ class Own(TransformerMixin, BaseEstimator):
         shift_, scale_: what is taken away, and divided by then [features].
     """
 
-    def __init__(self, ways: tuple[str, ...] = WAYS[:2]) -> None:
-        self.ways = ways
+    ways: tuple[str, ...] = WAYS[:2]
 
-    def fit(self, X: pd.DataFrame, y: np.ndarray) -> Own:
+    def fit(self, X: pd.DataFrame, y: np.ndarray) -> PersonScaler:
         """Learn what is usual of features [rows, n_features] and class names [rows]."""
-        whole = undamaged(X)
-        values = np.asarray(X, dtype=np.float64)[whole]
-        self.classes_, codes = np.unique(np.asarray(y)[whole], return_inverse=True)
+        rows = undamaged(X)
+        values = np.asarray(X, dtype=np.float64)[rows]
+        self.classes_, codes = np.unique(np.asarray(y)[rows], return_inverse=True)
         self.n_features_in_ = values.shape[1]
         self.mean_ = values.mean(axis=0)
         self.centres_ = np.stack([values[codes == c].mean(axis=0) for c in range(len(self.classes_))]) - self.mean_
@@ -116,28 +117,28 @@ class Own(TransformerMixin, BaseEstimator):
         self.shift_, self.scale_ = np.zeros(len(self.mean_)), np.ones(len(self.mean_))
         return self
 
-    def adapt(self, X: pd.DataFrame, y: np.ndarray | None) -> Own:
+    def adapt(self, X: pd.DataFrame, y: np.ndarray | None) -> PersonScaler:
         """The same for one person.
 
         Args:
             X: features [rows, n_features] of some of their captures.
             y: class names [rows], each one that is known; None where they are not.
         """
-        found = copy(self)
+        adapted = copy(self)
         captures = captures_of(X)
         codes = None if y is None else codes_of(y, self.classes_)
         values = np.asarray(X, dtype=np.float64) - self.mean_
         within = values if codes is None else values - self.centres_[codes]
         if "centre" in self.ways:
             believed, apart = share(captures, codes, len(self.classes_))
-            found.shift_ = np.where(self.sd_ > 0, believed * (within if apart else values).mean(axis=0), 0)
+            adapted.shift_ = np.where(self.sd_ > 0, believed * (within if apart else values).mean(axis=0), 0)
         if "scale" in self.ways:
             count = captures.max() + 1
-            own, usual = within.std(axis=0), self.sd_ if codes is None else self.within_
-            both = (own > 0) & (usual > 0)
-            ratio = np.log(np.where(both, own, 1)) - np.log(np.where(both, usual, 1))
-            found.scale_ = np.exp(count / (count + SPREAD_PRIOR) * ratio)
-        return found
+            spread, usual = within.std(axis=0), self.sd_ if codes is None else self.within_
+            both = (spread > 0) & (usual > 0)
+            ratio = np.log(np.where(both, spread, 1)) - np.log(np.where(both, usual, 1))
+            adapted.scale_ = np.exp(count / (count + SPREAD_PRIOR) * ratio)
+        return adapted
 
     def transform(self, X: pd.DataFrame) -> pd.DataFrame:
         """Features [rows, n_features], the same object where nothing was adapted."""
@@ -147,14 +148,14 @@ class Own(TransformerMixin, BaseEstimator):
 
 
 def pooled(
-    classifier: Pipeline, known: tuple[pd.DataFrame, np.ndarray], own: tuple[pd.DataFrame, np.ndarray]
+    classifier: Pipeline, training: tuple[pd.DataFrame, np.ndarray], person: tuple[pd.DataFrame, np.ndarray]
 ) -> Pipeline:
     """A classifier fitted anew to rows of training and those of a person, each of which counts `WEIGHT` times.
 
     Args:
         classifier: fitted or not; it stays as it is.
-        known: rows and class names of training.
-        own: those of the person.
+        training: rows and class names.
+        person: those of the person.
     """
-    tables, labels = zip(known, *[own] * WEIGHT, strict=True)
+    tables, labels = zip(training, *[person] * WEIGHT, strict=True)
     return clone(classifier).fit(pd.concat(tables), np.concatenate(labels))

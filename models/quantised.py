@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import Any
 
 import numpy as np
 from sklearn.linear_model import LogisticRegression
@@ -46,43 +45,31 @@ def in_bits(system: Pipeline, bits: int) -> Pipeline:
         InputError: its classifier is another one.
     """
     *before, (name, classifier) = system.steps
-    return Pipeline([*before, (name, _classifier(classifier, bits))])
-
-
-def _classifier(classifier: Any, bits: int) -> Any:
-    found = copy(classifier)
-    if isinstance(found, Guarded):
-        found.robust_ = copy(classifier.robust_)
-        found.linear_ = _about(classifier.linear_, classifier.mean_.astype(float), classifier.sd_.astype(float), bits)
-        found.robust_.coefs_ = [back(w.T.astype(float), bits).T.astype(np.float32) for w in classifier.robust_.coefs_]
-    elif isinstance(found, Discriminants):
-        found = _about(classifier, classifier.learnt_.mean, classifier.learnt_.sd, bits)
-    elif isinstance(found, LogisticRegression):
-        found.coef_ = back(classifier.coef_, bits)
-    elif isinstance(found, GaussianBayes):
+    few, weights = copy(classifier), np.size(getattr(classifier, "coef_", ()))
+    if isinstance(classifier, Guarded):
+        few.linear_ = _about(classifier.linear_, classifier.mean_.astype(float), classifier.sd_.astype(float), bits)
+        few.robust_ = copy(classifier.robust_)
+        few.robust_.coefs_ = [back(w.T.astype(float), bits).T.astype(np.float32) for w in classifier.robust_.coefs_]
+        weights = few.linear_.coef_.size + sum(w.size for w in few.robust_.coefs_)
+    elif isinstance(classifier, Discriminants):
+        few = _about(classifier, classifier.learnt_.mean, classifier.learnt_.sd, bits)
+    elif isinstance(classifier, LogisticRegression):
+        few.coef_ = back(classifier.coef_, bits)
+    elif isinstance(classifier, GaussianBayes):
         triangles, diagonals = zip(*map(lower, classifier.factors_), strict=True)
         rows = back(np.stack(triangles), bits)
-        found.factors_ = [_whole(row, diagonal) for row, diagonal in zip(rows, diagonals, strict=True)]
+        few.factors_ = [_filled(row, diagonal) for row, diagonal in zip(rows, diagonals, strict=True)]
+        weights = rows.size
     else:
         raise InputError(f"model.bits={bits}: {type(classifier).__name__} is not measured in few bits; leave it out")
-    found.bytes_saved_ = (4 - bits // 8) * _weights(classifier)
-    return found
-
-
-def _weights(classifier: Any) -> int:
-    """How many weights are had in few bits."""
-    if isinstance(classifier, Guarded):
-        return classifier.linear_.coef_.size + sum(w.size for w in classifier.robust_.coefs_)
-    if isinstance(classifier, GaussianBayes):
-        classes, width = classifier.means_.shape
-        return classes * (width * (width - 1) // 2)
-    return classifier.coef_.size
+    few.bytes_saved_ = (4 - bits // 8) * weights
+    return Pipeline([*before, (name, few)])
 
 
 def back(weights: np.ndarray, bits: int) -> np.ndarray:
     """Weights as what is stored of them says."""
-    whole, step = rounded(weights, bits)
-    return whole * step[:, None].astype(float)
+    numbers, step = rounded(weights, bits)
+    return numbers * step[:, None].astype(float)
 
 
 def _about(linear: Discriminants, mean: np.ndarray, sd: np.ndarray, bits: int) -> Discriminants:
@@ -90,14 +77,15 @@ def _about(linear: Discriminants, mean: np.ndarray, sd: np.ndarray, bits: int) -
 
     They weigh what lies between a feature and its mean, so that at the mean nothing is rounded.
     """
-    found = copy(linear)
+    few = copy(linear)
     finite = np.where(np.isfinite(sd), sd, 0)
-    found.coef_ = back(linear.coef_ * finite, bits) / np.where(finite > 0, finite, 1)
-    found.intercept_ = linear.intercept_ + (linear.coef_ - found.coef_) @ mean
-    return found
+    few.coef_ = back(linear.coef_ * finite, bits) / np.where(finite > 0, finite, 1)
+    few.intercept_ = linear.intercept_ + (linear.coef_ - few.coef_) @ mean
+    return few
 
 
-def _whole(row: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
+def _filled(row: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
+    """The triangle of which `lower` makes these."""
     factor = np.eye(len(diagonal))
     factor[np.tril_indices(len(diagonal), -1)] = row
     return factor * diagonal[:, None]

@@ -5,30 +5,38 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from copy import copy
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from sklearn.base import BaseEstimator, ClassifierMixin, clone
+from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils.metaestimators import available_if
 
 from bench import contract
 from bench.corpora.corpus import COPY, Corpus, origin, storage
-from bench.corpora.faults import known
+from bench.corpora.faults import known as fault_names
 from bench.corpora.steps import Faulted, Repair, Scale, Step, Turned, Windows
 from bench.errors import InputError
 from bench.memory import ensure
-from bench.registry import parameters as known_parameters
+from bench.registry import parameters as defaults_of
 from features.base import FeatureSet, labels
 from features.cache import PIECES, after
-from models.person import WAYS, Own, pooled
+from models.most_probable import MostProbable
+from models.person import WAYS, PersonScaler, pooled
 from models.quantised import BITS, can_be, in_bits
 
 LONGEST_S = 3600.0  # of a window
 
 
-class Recipe(ClassifierMixin, BaseEstimator):
+def _inside(hook: Callable, attribute: str) -> property:
+    """What a recipe answers as its system does, which it keeps as ``system``, untrained, or ``system_``, fitted."""
+    return property(lambda recipe: hook(getattr(recipe, attribute)), doc=f"As of ``{attribute}``.")
+
+
+@dataclass(eq=False, repr=False)
+class Recipe(MostProbable):
     """A system behind steps (`bench.corpora.steps`) that its captures go through, in training and when it decides.
 
     On windows, a system that decides once per capture decides once per window, and a capture's probabilities are the
@@ -49,31 +57,16 @@ class Recipe(ClassifierMixin, BaseEstimator):
         bits: of a learnt weight when it decides: 32, or 8 as `bench export` stores them.
     """
 
-    rows_: tuple[pd.DataFrame, np.ndarray] | None = None  # of training, where a person's are pooled with them
-
-    def __init__(
-        self,
-        system: contract.System,
-        window: float = 0.0,
-        hop: float = 0.0,
-        repair: tuple[str, ...] = (),
-        scale: str = "none",
-        faults: tuple[str, ...] = (),
-        copies: int = 3,
-        person: tuple[str, ...] = (),
-        bits: int = 32,
-        turns: int = 0,
-    ) -> None:
-        self.system = system
-        self.window = window
-        self.hop = hop
-        self.repair = repair
-        self.scale = scale
-        self.faults = faults
-        self.copies = copies
-        self.person = person
-        self.bits = bits
-        self.turns = turns
+    system: contract.System
+    window: float = 0.0
+    hop: float = 0.0
+    repair: tuple[str, ...] = ()
+    scale: str = "none"
+    faults: tuple[str, ...] = ()
+    copies: int = 3
+    person: tuple[str, ...] = ()
+    bits: int = 32
+    turns: int = 0
 
     def check(self) -> None:
         """Refuse parameters that cannot be.
@@ -82,8 +75,9 @@ class Recipe(ClassifierMixin, BaseEstimator):
             InputError: one of them.
         """
         if not (0 <= self.window <= LONGEST_S and 0 <= self.hop <= LONGEST_S):
-            said = f"model.window={self.window:g}, model.hop={self.hop:g}"
-            raise InputError(f"{said}: give seconds from 0 to {LONGEST_S:g}")
+            raise InputError(
+                f"model.window={self.window:g}, model.hop={self.hop:g}: give seconds from 0 to {LONGEST_S:g}"
+            )
         if self.hop and not self.window:
             raise InputError(f"model.hop={self.hop:g} needs model.window=")
         if self.window and (contract.decides_often(self.system) or contract.window(self.system, 1.0)):
@@ -101,15 +95,15 @@ class Recipe(ClassifierMixin, BaseEstimator):
     def _check_person(self) -> None:
         if not self.person:
             return
-        said = f"model.person={'+'.join(self.person)}"
+        option = f"model.person={'+'.join(self.person)}"
         if len(set(self.person)) < len(self.person):
-            raise InputError(f"{said}: name each way once")
+            raise InputError(f"{option}: name each way once")
         if wrong := set(self.person) - set(WAYS):
-            raise InputError(f"{said}: {min(wrong)!r} is none of {', '.join(WAYS)}; join some of them by +")
+            raise InputError(f"{option}: {min(wrong)!r} is none of {', '.join(WAYS)}; join some of them by +")
         if contract.adapts(self.system):
-            raise InputError(f"{said}: the system adapts by itself; leave it out")
+            raise InputError(f"{option}: the system adapts by itself; leave it out")
         if _behind_features(self.system) is None:
-            raise InputError(f"{said}: the system has no classifier on features; leave it out")
+            raise InputError(f"{option}: the system has no classifier on features; leave it out")
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """As of the system inside; refuses copies that need more memory than there is."""
@@ -142,7 +136,7 @@ class Recipe(ClassifierMixin, BaseEstimator):
     @property
     def trained_faults(self) -> tuple[str, ...]:
         """Names of the faults that copies of the training captures go through."""
-        return tuple(known()) if self.faults == ("all",) else self.faults
+        return tuple(fault_names()) if self.faults == ("all",) else self.faults
 
     def seen(self, X: Corpus) -> list[Corpus]:
         """Captures after the steps of training, and after those of deciding."""
@@ -158,8 +152,8 @@ class Recipe(ClassifierMixin, BaseEstimator):
         self.system_, self.classes_ = system, system.classes_
         if self.window:
             self.window_ = Windows(self.window, self.hop).lengths(X.rate_hz)[0]
-        elif (inside := contract.frames_at_once(self.system_, sys.maxsize)) < sys.maxsize:
-            self.window_ = inside
+        elif (frames := contract.frames_at_once(self.system_, sys.maxsize)) < sys.maxsize:
+            self.window_ = frames
         return self
 
     @available_if(lambda self: self.bits == 32 and (bool(self.person) or contract.adapts(self.system)))
@@ -167,17 +161,17 @@ class Recipe(ClassifierMixin, BaseEstimator):
         """The same for one person, some of whose captures the system inside adapts to (`bench.contract.adapted`)."""
         seen, row = taken(X, self.steps())
         labels = None if y is None else np.asarray(y)[row]
-        found = copy(self)
+        adapted = copy(self)
         if not self.person:
-            found.system_ = contract.adapted(self.system_, seen, labels)
-            return found
-        (name, features), (_, own), *rest = self.system_.steps
+            adapted.system_ = contract.adapted(self.system_, seen, labels)
+            return adapted
+        (name, features), (_, scaler), *rest = self.system_.steps
         table = features.transform(seen)
-        own, behind = own.adapt(table, labels), Pipeline(rest)
-        if self.rows_ is not None and labels is not None:
-            behind = pooled(behind, self.rows_, (own.transform(table), labels))
-        found.system_ = Pipeline([(name, features), ("own", own), *behind.steps])
-        return found
+        scaler, behind = scaler.adapt(table, labels), Pipeline(rest)
+        if "pool" in self.person and labels is not None:
+            behind = pooled(behind, self.rows_, (scaler.transform(table), labels))
+        adapted.system_ = Pipeline([(name, features), ("person", scaler), *behind.steps])
+        return adapted
 
     def _fitted(self, X: Corpus, y: np.ndarray) -> contract.System:
         """The system inside; one behind a feature set is given the kept features, where there are some."""
@@ -186,15 +180,16 @@ class Recipe(ClassifierMixin, BaseEstimator):
             seen, row = taken(X, steps)
             return system.fit(seen, y[row])
         name, first = system.steps[0]
-        if (found := after(first, X, tuple(steps)) if _plain(first) else None) is not None:
-            table, row = rows_of(found, X.index)
+        if (stored := after(first, X, tuple(steps)) if _plain(first) else None) is not None:
+            table, row = rows_of(stored, X.index)
             first.fit(X)
         else:
             seen, row = taken(X, steps)
             table = first.fit_transform(seen, y[row])
-        own = [("own", Own(self.person))] if self.person else []
-        self.rows_ = (table, y[row]) if "pool" in self.person else None
-        return Pipeline([(name, first), *Pipeline([*own, *behind]).fit(table, y[row]).steps])
+        scaler = [("person", PersonScaler(self.person))] if self.person else []
+        if "pool" in self.person:
+            self.rows_ = table, y[row]  # of training, with which a person's are pooled
+        return Pipeline([(name, first), *Pipeline([*scaler, *behind]).fit(table, y[row]).steps])
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """Every decision: one per window, or those of the system inside (`bench.contract.decide`)."""
@@ -212,52 +207,21 @@ class Recipe(ClassifierMixin, BaseEstimator):
         table, proba = self.decide(X)
         return mean_of(proba, table["capture"].to_numpy())
 
-    def predict(self, X: Corpus) -> np.ndarray:
-        """Class name of each capture."""
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+    def keeps_before(self, taxels: int) -> int:
+        """Numbers in memory for the steps."""
+        return sum(step.keeps(taxels) for step in self.steps())
 
     def length(self, rate_hz: float) -> int | None:
         """Frames of a window of the system inside, if it cuts its own."""
         return contract.window(self.system, rate_hz)
 
-    @property
-    def features(self) -> dict[str, contract.Features]:
-        """Feature sets of the system inside."""
-        return contract.features(self.system)
-
-    @property
-    def searches(self) -> bool:
-        """Whether the system inside chooses its parameters itself."""
-        return contract.searches(self.system)
-
-    def keeps_before(self, taxels: int) -> int:
-        """Numbers in memory for the steps."""
-        return sum(step.keeps(taxels) for step in self.steps())
-
-    @property
-    def best_(self) -> contract.System:
-        """What decides."""
-        return contract.inside(self.system_)
-
-    @property
-    def history_(self) -> list[dict[str, float]]:
-        """Of the system inside."""
-        return contract.history(self.system_)
-
-    @property
-    def search_seconds_(self) -> float | None:
-        """Of the system inside."""
-        return contract.search_seconds(self.system_)
-
-    @property
-    def chosen_(self) -> dict[str, object]:
-        """Of the system inside."""
-        return contract.chosen(self.system_)
-
-    @property
-    def trials_(self) -> pd.DataFrame | None:
-        """Of the system inside."""
-        return contract.trials(self.system_)
+    features = _inside(contract.features, "system")
+    searches = _inside(contract.searches, "system")
+    best_ = _inside(contract.inside, "system_")
+    chosen_ = _inside(contract.chosen, "system_")
+    history_ = _inside(contract.history, "system_")
+    search_seconds_ = _inside(contract.search_seconds, "system_")
+    trials_ = _inside(contract.trials, "system_")
 
 
 def build(factory: Callable, feature_set: contract.Features | None, **parameters: object) -> contract.System:
@@ -268,17 +232,15 @@ def build(factory: Callable, feature_set: contract.Features | None, **parameters
         feature_set: a transformer of captures to a table; None for a system that reads captures.
         parameters: keyword arguments, and any of `besides`; names joined by + stand for several.
     """
-    usual = besides(factory)
-    own = {k: v for k, v in parameters.items() if k not in usual}
-    asked: dict[str, Any] = {k: _typed(v, usual[k]) for k, v in parameters.items() if k in usual}
-    system = contract.build(factory, feature_set, **own)
-    return Recipe(system, **asked) if any(v != usual[k] for k, v in asked.items()) else system
+    defaults = besides(factory)
+    options: dict[str, Any] = {k: _typed(v, defaults[k]) for k, v in parameters.items() if k in defaults}
+    system = contract.build(factory, feature_set, **{k: v for k, v in parameters.items() if k not in defaults})
+    return Recipe(system, **options) if any(v != defaults[k] for k, v in options.items()) else system
 
 
 def besides(factory: Callable) -> dict[str, object]:
     """Parameters of a `Recipe` that a factory has no own ones for, and their defaults."""
-    own = known_parameters(factory)
-    return {k: v for k, v in known_parameters(Recipe).items() if k not in own}
+    return {k: v for k, v in defaults_of(Recipe).items() if k not in defaults_of(factory)}
 
 
 def _behind_features(system: contract.System) -> list | None:
@@ -296,26 +258,26 @@ def _plain(first: object) -> bool:
     return isinstance(first, FeatureSet) and (kind.fit, kind.transform) == (FeatureSet.fit, FeatureSet.transform)
 
 
-def rows_of(found: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
+def rows_of(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
     """Rows of some stored captures, labelled as `features.base.FeatureSet.transform` does, and which one each is of.
 
     No frame is touched, so no copy is damaged again.
 
     Args:
-        found: of all captures, those of one capture together, with `features.cache.PIECES`.
+        stored: of all captures, those of one capture together, with `features.cache.PIECES`.
         index: positions in the stored corpus.
     """
-    of, piece = (found[name].to_numpy() for name in PIECES)
+    of, piece = (stored[name].to_numpy() for name in PIECES)
     first = np.searchsorted(of, index)
     count = np.searchsorted(of, index, side="right") - first
     row = np.repeat(np.arange(len(index)), count)
-    place = first[row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    return found.iloc[place].drop(columns=[*PIECES]).set_axis(labels(of[place], piece[place] // COPY)), row
+    at = first[row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    return stored.iloc[at].drop(columns=[*PIECES]).set_axis(labels(of[at], piece[at] // COPY)), row
 
 
-def _typed(value: object, usual: object) -> object:
-    """Names joined by +, which a search draws, as a tuple where that is what is usual."""
-    return tuple(filter(None, value.split("+"))) if isinstance(usual, tuple) and isinstance(value, str) else value
+def _typed(value: object, default: object) -> object:
+    """Names joined by +, which a search draws, as a tuple where the default is one."""
+    return tuple(filter(None, value.split("+"))) if isinstance(default, tuple) and isinstance(value, str) else value
 
 
 def taken(X: Corpus, steps: list[Step]) -> tuple[Corpus, np.ndarray]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.pipeline import Pipeline
 from sklearn.utils.metaestimators import available_if
 
@@ -17,6 +17,7 @@ from bench.errors import InputError
 from features.base import FeatureSet
 from features.touch import TouchFeatures
 from models.classic.lda import lda
+from models.most_probable import MostProbable
 from models.out_of_distribution import Guarded
 from models.recipe import Recipe
 
@@ -24,7 +25,8 @@ EARLY_COPIES = 3  # for the discriminants of short windows
 EARLY_DAMAGED = 0.1  # how much each counts
 
 
-class Reflex(ClassifierMixin, BaseEstimator):
+@dataclass(eq=False, repr=False)
+class Reflex(MostProbable):
     """Linear discriminants on windows of a second, and a small network for windows that look like nothing in training.
 
     1. *Repair*: taxels that are stuck or dead are found in the capture's own past and filled from their neighbours.
@@ -55,39 +57,29 @@ class Reflex(ClassifierMixin, BaseEstimator):
         bits: of a learnt weight, as of `models.recipe.Recipe`.
     """
 
-    def __init__(
-        self,
-        window: float = 1.0,
-        early: float = 0.5,
-        units: int = 18,
-        doubt: float = 0.03,
-        repair: tuple[str, ...] = ("stuck", "dead"),
-        faults: tuple[str, ...] = ("all",),
-        copies: int = 8,
-        seed: int = 0,
-        bits: int = 32,
-    ) -> None:
-        self.window = window
-        self.early = early
-        self.units = units
-        self.doubt = doubt
-        self.repair = repair
-        self.faults = faults
-        self.copies = copies
-        self.seed = seed
-        self.bits = bits
+    window: float = 1.0
+    early: float = 0.5
+    units: int = 18
+    doubt: float = 0.03
+    repair: tuple[str, ...] = ("stuck", "dead")
+    faults: tuple[str, ...] = ("all",)
+    copies: int = 8
+    seed: int = 0
+    bits: int = 32
 
     def _recipes(self) -> tuple[Recipe, Recipe]:
         """For a whole window, and for less."""
-        kept: dict[str, Any] = {"bits": self.bits, "repair": () if self.repair == ("none",) else self.repair}
-        kept["faults"] = () if self.faults == ("none",) else self.faults
-        features = TouchFeatures()
+        options: dict[str, Any] = {
+            "bits": self.bits,
+            "repair": () if self.repair == ("none",) else self.repair,
+            "faults": () if self.faults == ("none",) else self.faults,
+        }
         judge = Guarded(units=self.units, doubt=self.doubt, seed=self.seed)
-        whole = Pipeline([("features", features), ("classifier", judge)])
-        early = lda(features, damaged=EARLY_DAMAGED)
+        usual = Pipeline([("features", TouchFeatures()), ("classifier", judge)])
+        early = lda(TouchFeatures(), damaged=EARLY_DAMAGED)
         return (
-            Recipe(whole, self.window, copies=self.copies, **kept),
-            Recipe(early, self.early, copies=min(self.copies, EARLY_COPIES), **kept),
+            Recipe(usual, self.window, copies=self.copies, **options),
+            Recipe(early, self.early, copies=min(self.copies, EARLY_COPIES), **options),
         )
 
     def check(self) -> None:
@@ -130,42 +122,39 @@ class Reflex(ClassifierMixin, BaseEstimator):
             X: some captures of the person.
             y: their class names; None where they are not known.
         """
-        found = copy(self)
-        found.whole_, found.early_ = self.whole_.adapt(X, y), self.early_.adapt(X, y)
-        return found
+        adapted = copy(self)
+        adapted.whole_, adapted.early_ = self.whole_.adapt(X, y), self.early_.adapt(X, y)
+        return adapted
 
-    def _short(self, X: Corpus) -> np.ndarray:
-        """Which captures are shorter than a window."""
-        return X.lengths < Windows(self.window).lengths(X.rate_hz)[0]
+    def _parts(self, X: Corpus) -> list[tuple[Recipe, np.ndarray]]:
+        """Who decides on which captures [n]: one on those of a window and more, one on shorter ones."""
+        short = X.lengths < Windows(self.window).lengths(X.rate_hz)[0]
+        parts = [(self.whole_, np.flatnonzero(~short)), (self.early_, np.flatnonzero(short))]
+        return [part for part in parts if len(part[1])]
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """One decision per window: frames seen, and probabilities [windows, classes]."""
-        short = self._short(X)
-        if short.all() or not short.any():
-            return (self.early_ if short.all() else self.whole_).decide(X)
+        parts = self._parts(X)
+        if len(parts) == 1:
+            return parts[0][0].decide(X)
         tables, probabilities = [], []
-        for recipe, part in ((self.whole_, np.flatnonzero(~short)), (self.early_, np.flatnonzero(short))):
-            if len(part):
-                table, proba = recipe.decide(X[part])
-                tables.append(table.assign(capture=part[table["capture"].to_numpy()]))
-                probabilities.append(proba)
+        for recipe, captures in parts:
+            table, proba = recipe.decide(X[captures])
+            tables.append(table.assign(capture=captures[table["capture"].to_numpy()]))
+            probabilities.append(proba)
         table = pd.concat(tables, ignore_index=True)
         order = np.argsort(table["capture"].to_numpy(), kind="stable")
         return table.iloc[order].reset_index(drop=True), np.concatenate(probabilities)[order]
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probabilities over the windows of each capture [captures, classes]."""
-        short = self._short(X)
-        if short.all() or not short.any():
-            return (self.early_ if short.all() else self.whole_).predict_proba(X)
-        found = np.empty((len(X), len(self.classes_)))
-        for recipe, part in ((self.whole_, ~short), (self.early_, short)):
-            found[part] = recipe.predict_proba(X[np.flatnonzero(part)])
-        return found
-
-    def predict(self, X: Corpus) -> np.ndarray:
-        """Class name of each capture."""
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+        parts = self._parts(X)
+        if len(parts) == 1:
+            return parts[0][0].predict_proba(X)
+        proba = np.empty((len(X), len(self.classes_)))
+        for recipe, captures in parts:
+            proba[captures] = recipe.predict_proba(X[captures])
+        return proba
 
     def seen(self, X: Corpus) -> list[Corpus]:
         """What the features are computed from."""

@@ -5,18 +5,20 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.util import find_spec
 
 import numpy as np
 from scipy.linalg import eigh
 from scipy.optimize import minimize_scalar
 from scipy.special import log_softmax, softmax
-from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.base import TransformerMixin
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from models.most_probable import MostProbable
 from models.search.inner_folds import inner_folds
 from models.series import CHANNELS, SHORTEST, Series
 
@@ -26,7 +28,8 @@ PENALTIES = np.logspace(0, 6, 13)
 COLUMNS = 1024  # of the feature matrix in double precision at a time
 
 
-class Rocket(ClassifierMixin, BaseEstimator):
+@dataclass(eq=False, repr=False)
+class Rocket(MostProbable):
     """MiniRocket (Dempster et al. 2021) or MultiRocket-Hydra (Dempster et al. 2023) on the signals of a touch.
 
     aeon's transforms know no captures of different lengths, so each is resampled, by lines between its frames, to the
@@ -60,13 +63,10 @@ class Rocket(ClassifierMixin, BaseEstimator):
 
     packages = ("aeon", "numba")
 
-    def __init__(
-        self, transform: str = "minirocket", channels: str = "signals", kernels: int | None = None, seed: int = 0
-    ) -> None:
-        self.transform = transform
-        self.channels = channels
-        self.kernels = kernels
-        self.seed = seed
+    transform: str = "minirocket"
+    channels: str = "signals"
+    kernels: int | None = None
+    seed: int = 0
 
     def check(self) -> None:
         """Refuse what cannot be, before anything is run.
@@ -74,9 +74,9 @@ class Rocket(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: another value than those above, or aeon is not installed.
         """
-        for name, known in (("transform", KERNELS), ("channels", CHANNELS)):
-            if getattr(self, name) not in known:
-                raise InputError(f"model.{name}={getattr(self, name)}: give {' or '.join(known)}")
+        for name, values in (("transform", KERNELS), ("channels", CHANNELS)):
+            if getattr(self, name) not in values:
+                raise InputError(f"model.{name}={getattr(self, name)}: give {' or '.join(values)}")
         if self.kernels is not None and self.kernels < 84:
             raise InputError(f"model.kernels={self.kernels}: give at least 84, one of each kind")
         if find_spec("aeon") is None:
@@ -119,9 +119,9 @@ class Rocket(ClassifierMixin, BaseEstimator):
         self._scale(features)
         targets = np.where(np.eye(len(self.classes_), dtype=bool)[codes], 1.0, -1.0)
         ridge = Ridge(features, targets)
-        found = [_tempered(ridge.left_out(penalty, left_out), codes) for penalty in PENALTIES]
-        best = int(np.argmin([loss for loss, _ in found]))
-        self.penalty_, self.temperature_ = float(PENALTIES[best]), found[best][1]
+        losses = [_tempered(ridge.left_out(penalty, left_out), codes) for penalty in PENALTIES]
+        best = int(np.argmin([loss for loss, _ in losses]))
+        self.penalty_, self.temperature_ = float(PENALTIES[best]), losses[best][1]
         self.coef_ = features.T @ ridge.dual(self.penalty_).astype(np.float32)
         self.intercept_ = targets.mean(axis=0).astype(np.float32)
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
@@ -135,10 +135,6 @@ class Rocket(ClassifierMixin, BaseEstimator):
         # row by row, as a product of matrices rounds differently with the number of rows
         scores = np.stack([row @ self.coef_ for row in features]) + self.intercept_
         return softmax(scores / self.temperature_, axis=1)
-
-    def predict(self, X: Corpus) -> np.ndarray:
-        """Class name of each capture."""
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
     def _transforms(self, kernels: int) -> list[TransformerMixin]:
         """Those of aeon, untrained, on one thread."""
@@ -242,8 +238,8 @@ def _tempered(scores: np.ndarray, codes: np.ndarray) -> tuple[float, float]:
     def loss(log: float) -> float:
         return float(-log_softmax(scores / np.exp(log), axis=1)[np.arange(len(codes)), codes].mean())
 
-    found = minimize_scalar(loss, bounds=(-5, 5), method="bounded")
-    return float(found.fun), float(np.exp(found.x))
+    lowest = minimize_scalar(loss, bounds=(-5, 5), method="bounded")
+    return float(lowest.fun), float(np.exp(lowest.x))
 
 
 def _drawn(transform: TransformerMixin) -> list:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin
@@ -16,6 +17,7 @@ CONTACT = 0.05  # of full scale, above which a taxel is touched
 SHORTEST = 10  # frames: the 9 of a kernel of MiniRocket, and one more for differences
 
 
+@dataclass(eq=False, repr=False)
 class Series(TransformerMixin, BaseEstimator):
     """Each capture resampled, by lines between its frames, to one length; channels standardised over training frames.
 
@@ -29,9 +31,8 @@ class Series(TransformerMixin, BaseEstimator):
         length_: frames of a series.
     """
 
-    def __init__(self, channels: str = "signals", length: int | None = None) -> None:
-        self.channels = channels
-        self.length = length
+    channels: str = "signals"
+    length: int | None = None
 
     def fit(self, X: Corpus, y: object = None) -> Series:
         """Learn level and length from training captures."""

@@ -25,10 +25,11 @@ def sizes(estimator: contract.System, taxels: int, frames: int) -> dict[str, int
         frames: of the longest capture that it must label.
     """
     learnt = parameter_count(estimator)
-    flash = BYTES * (learnt + constants(estimator)) - _saved(estimator)
+    constants = sum(map(_constants, _deciding(estimator)))
+    saved = sum(contract.bytes_saved(step) for part in _deciding(estimator) for step in _steps(part))
     return {
         "parameters": learnt,
-        "flash_bytes": flash,
+        "flash_bytes": BYTES * (learnt + constants) - saved,
         "ram_bytes": BYTES * working_numbers(estimator, taxels, frames),
     }
 
@@ -41,14 +42,13 @@ def working_numbers(estimator: contract.System, taxels: int, frames: int) -> int
     class; any other system the whole capture and a score per class. What a frame goes through first is added.
     """
     frames = contract.frames_at_once(estimator, frames)
-    before = sum(contract.kept_before(part, taxels) for part in _layers(estimator))
-    chosen = _layers(estimator)[-1]
+    *around, chosen = _layers(estimator)
+    before = sum(contract.kept_before(part, taxels) for part in (*around, chosen))
     if together := contract.members(chosen):  # one after the other
         return before + max(working_numbers(member, taxels, frames) for member in together)
-    if (told := contract.numbers_in_memory(chosen)) is not None:
-        return before + int(told)
-    classes = len(chosen.classes_)
-    steps = _steps(chosen)
+    if (numbers := contract.numbers_in_memory(chosen)) is not None:
+        return before + int(numbers)
+    classes, steps = len(chosen.classes_), _steps(chosen)
     width = getattr(steps[-1], "n_features_in_", None)
     if len(steps) > 1 and width:
         return int(before + contract.kept(steps[0], frames, taxels) + width + _beside(steps[-1]) + classes)
@@ -57,38 +57,31 @@ def working_numbers(estimator: contract.System, taxels: int, frames: int) -> int
 
 def _beside(classifier: BaseEstimator) -> int:
     """Numbers that a classifier works in besides features and scores: of an SVM, the kernel of each support vector."""
-    if (told := contract.numbers_in_memory(classifier)) is not None:
-        return told
-    own = _own(classifier)
-    return len(own["support_"]) if "support_" in own else 0
+    if (numbers := contract.numbers_in_memory(classifier)) is not None:
+        return numbers
+    return len(_attributes(classifier).get("support_", ()))
 
 
 def _layers(estimator: contract.System) -> list[contract.System]:
     """A search or what has steps before it, what decides in its place, and so on."""
-    found = [estimator]
-    while (inner := contract.inside(found[-1])) is not found[-1]:
-        found.append(inner)
-    return found
+    layers = [estimator]
+    while (inner := contract.inside(layers[-1])) is not layers[-1]:
+        layers.append(inner)
+    return layers
 
 
-def constants(estimator: contract.System) -> int:
+def _deciding(estimator: contract.System) -> list[contract.System]:
+    """What decides in the place of a system: itself, what a search has chosen, all who decide together."""
+    chosen = _layers(estimator)[-1]
+    return [part for member in contract.members(chosen) for part in _deciding(member)] or [chosen]
+
+
+def _constants(part: contract.System) -> int:
     """Numbers that must be kept besides the learnt ones: the scaling of features, what batch norms divide by."""
-    chosen = _layers(estimator)[-1]
-    if together := contract.members(chosen):
-        return sum(constants(member) for member in together)
-    modules = [value for value in _own(chosen).values() if _is_network(value)]
-    if modules:
+    if modules := [value for value in _attributes(part).values() if _is_network(value)]:
         return sum(b.numel() for module in modules for b in module.buffers() if b.is_floating_point())
-    *before, last = _steps(chosen)
+    *before, last = _steps(part)
     return contract.constants(last) + sum(2 * step.n_features_in_ for step in before[1:] if _scales(step))
-
-
-def _saved(estimator: contract.System) -> int:
-    """Bytes fewer than four for each number."""
-    chosen = _layers(estimator)[-1]
-    if together := contract.members(chosen):
-        return sum(_saved(member) for member in together)
-    return sum(contract.bytes_saved(step) for step in _steps(chosen))
 
 
 def parameter_count(estimator: contract.System) -> int:
@@ -101,55 +94,54 @@ def parameter_count(estimator: contract.System) -> int:
     a network its parameters; anything else every number that its fitted attributes hold. A search is as large as what
     it has chosen.
     """
-    chosen = _layers(estimator)[-1]
-    if together := contract.members(chosen):
-        return sum(parameter_count(member) for member in together)
-    steps = _steps(chosen)
-    between = sum(_learnt(step) for step in steps[1:-1] if not _scales(step))
-    features = contract.learnt_numbers(steps[0]) or 0 if len(steps) > 1 else 0
-    return int(features + between + _learnt(steps[-1]))
+    return sum(_count(part) for part in _deciding(estimator))
+
+
+def _count(part: contract.System) -> int:
+    *before, last = _steps(part)
+    features = contract.learnt_numbers(before[0]) or 0 if before else 0
+    return int(features + sum(_learnt(step) for step in before[1:] if not _scales(step)) + _learnt(last))
 
 
 def _steps(estimator: contract.System) -> list[BaseEstimator]:
     """Of a pipeline, pipelines inside it included; else the estimator alone."""
-    inner = _own(estimator).get("steps")
+    inner = _attributes(estimator).get("steps")
     return [step for _, part in inner for step in _steps(part)] if inner else [estimator]
 
 
-def _own(part: object) -> dict[str, Any]:
-    found = getattr(part, "__dict__", {})
-    return found if isinstance(found, dict) else {}
+def _attributes(part: object) -> dict[str, Any]:
+    values = getattr(part, "__dict__", {})
+    return values if isinstance(values, dict) else {}
 
 
 def _scales(step: object) -> bool:
-    return "scale_" in _own(step)
+    return "scale_" in _attributes(step)
 
 
 def _learnt(part: BaseEstimator) -> int:
-    told = contract.learnt_numbers(part)
-    if told is not None:
-        return int(told)
+    if (numbers := contract.learnt_numbers(part)) is not None:
+        return int(numbers)
     if _is_network(part):
         return sum(p.numel() for p in part.parameters())
-    own = _own(part)
-    if "support_" in own:  # support_vectors_ is a property of some versions
+    values = _attributes(part)
+    if "support_" in values:  # support_vectors_ is a property of some versions
         return int(part.support_vectors_.size + part.dual_coef_.size + part.intercept_.size)
-    if "coef_" in own:
-        return int(np.size(part.coef_) + np.size(own.get("intercept_", ())))
-    if "coefs_" in own:  # a perceptron, which keeps its optimiser as well
+    if "coef_" in values:
+        return int(np.size(part.coef_) + np.size(values.get("intercept_", ())))
+    if "coefs_" in values:  # a perceptron, which keeps its optimiser as well
         return sum(a.size for a in (*part.coefs_, *part.intercepts_))
-    if "tree_" in own:
+    if "tree_" in values:
         return _trees([part])
     if type(part).__module__.startswith("xgboost"):
         trees = part.get_booster().get_dump()  # a line per node; as a table it takes ten times as long
         return sum(2 * tree.count("\n") + tree.count("leaf=") + 2 for tree in trees)
-    if "estimators_" in own:  # the members of an ensemble are all there is
+    if "estimators_" in values:  # the members of an ensemble are all there is
         members: list = _flat(part.estimators_)
-        last = [own["final_estimator_"]] if "final_estimator_" in own else []
-        if not last and all("tree_" in _own(member) for member in members):
+        last = [values["final_estimator_"]] if "final_estimator_" in values else []
+        if not last and all("tree_" in _attributes(member) for member in members):
             return _trees(members)
         return sum(parameter_count(member) for member in [*members, *last])
-    return sum(_numbers(value) for name, value in own.items() if _is_fitted(name, part))
+    return sum(_numbers(value) for name, value in values.items() if _is_fitted(name, part))
 
 
 def _trees(members: list) -> int:

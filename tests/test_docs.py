@@ -42,5 +42,5 @@ def test_every_name_of_the_contract_is_in_the_table():
     from bench import contract
 
     source = Path(sys.modules[contract.__name__].__file__).read_text()
-    asked = set(re.findall(r'_told\(\w+, "(\w+)"', source)) - {"features", "frames"}
+    asked = set(re.findall(r'(?:getattr\(\w+, |Hook\()"(\w+)"', source)) - {"features", "__name__"}
     assert asked and all(f"`{name}" in PAGE for name in asked), asked

@@ -20,7 +20,7 @@ from models.classic.svm import RankedSVC
 from models.classic.tree import PrunedTree
 from models.classic.xgb import BoostedTrees
 from models.out_of_distribution import UNUSUAL, Guarded
-from models.person import Own
+from models.person import PersonScaler
 from models.quantised import lower, rounded
 
 SINGLE = np.float32
@@ -115,7 +115,7 @@ def _affine(steps: list, width: int) -> Affine:
     """
     found = np.zeros(width), np.ones(width), np.zeros(width)
     for step in steps:
-        if isinstance(step, Own):
+        if isinstance(step, PersonScaler):
             found = _then(found, step.mean_ + step.shift_, 1 / step.scale_, step.mean_)
         elif isinstance(step, RangeScaler):
             found = _then(found, step.data_min_, step.scale_, np.full(width, float(step.feature_range[0])))

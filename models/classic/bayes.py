@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.linalg import cho_factor, solve_triangular
 from scipy.special import softmax
@@ -13,6 +15,7 @@ from models.classic.scaling import ZScaler
 from models.search.space import Range
 
 
+@dataclass(eq=False, repr=False)
 class GaussianBayes(ClassifierMixin, BaseEstimator):
     """Maximum posterior under a multivariate normal per class, priors as in the training captures.
 
@@ -22,8 +25,7 @@ class GaussianBayes(ClassifierMixin, BaseEstimator):
         ridge: added to the diagonal of every class covariance; the features have variance 1.
     """
 
-    def __init__(self, ridge: float = 1e-2) -> None:
-        self.ridge = ridge
+    ridge: float = 1e-2
 
     def fit(self, X: np.ndarray, y: np.ndarray) -> GaussianBayes:
         """Estimate means, covariances and priors from features [captures, n_features] and class names [captures]."""

@@ -1,7 +1,8 @@
 """The five systems of Jung, Poel, Poppe and Heylen 2017 (J Multimodal User Interfaces 11:81-96), 54 features.
 
 Penalties, widths and pruning levels are the paper's grids. It chooses by leaving one of the 30 training subjects out,
-which is ``inner=loso`` here; three groups of subjects choose as well in a fraction of the time (docs/systems.md).
+which is ``inner=loso`` here; three groups of subjects choose as well in a fraction of the time (docs/systems.md), so
+``inner``, the number of groups of training subjects that choose, is 3 in each.
 """
 
 from sklearn.pipeline import Pipeline
@@ -22,30 +23,17 @@ def jung2017_bayes(ridge: float = 1e-2) -> Pipeline:
 
 
 def jung2017_tree(inner: str = "3", seed: int = 0) -> Search:
-    """Pruned decision tree, its pruning level searched.
-
-    Args:
-        inner: groups of training subjects that choose it, or ``loso``.
-        seed: of the order in which equal splits are tried.
-    """
+    """Pruned decision tree, its pruning level searched; ``seed`` is of the order in which equal splits are tried."""
     return Search({"tree": tree}, {"tree": tree.space}, {"jung54": Jung54()}, inner, seed=seed)
 
 
 def jung2017_svm_linear(inner: str = "3") -> Search:
-    """Linear SVM on features scaled to 0..1, its penalty searched.
-
-    Args:
-        inner: groups of training subjects that choose it, or ``loso``.
-    """
+    """Linear SVM on features scaled to 0..1, its penalty searched."""
     return Search({"svm": svm}, {"svm": {"kernel": ["linear"], "C": PENALTIES}}, {"jung54": Jung54()}, inner)
 
 
 def jung2017_svm_rbf(inner: str = "3") -> Search:
-    """SVM with an RBF kernel on features scaled to 0..1, penalty and width searched.
-
-    Args:
-        inner: groups of training subjects that choose them, or ``loso``.
-    """
+    """SVM with an RBF kernel on features scaled to 0..1, penalty and width searched."""
     return Search({"svm": svm}, {"svm": {"C": PENALTIES, "gamma": WIDTHS}}, {"jung54": Jung54()}, inner)
 
 

@@ -36,6 +36,7 @@ class Learnt:
     scatter: np.ndarray
 
 
+@dataclass(eq=False, repr=False)
 class Discriminants(ClassifierMixin, BaseEstimator):
     """Gaussian classes with one covariance, shrunk towards a multiple of the identity after standardisation.
 
@@ -45,7 +46,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
     these are the usual linear discriminants. Classes count alike, however many captures they have.
 
     Args:
-        shrinkage: 0 to 1.
+        shrinkage: of the covariance, 0 to 1.
         windows: that decide on a label together.
         damaged: how much a row of a damaged copy counts (``copy`` of the index is above 0); others count 1.
 
@@ -56,10 +57,9 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         learnt_: what they are made of.
     """
 
-    def __init__(self, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0) -> None:
-        self.shrinkage = shrinkage
-        self.windows = windows
-        self.damaged = damaged
+    shrinkage: float = 0.2
+    windows: float = 1.0
+    damaged: float = 1.0
 
     def fit(self, X: pd.DataFrame | np.ndarray, y: np.ndarray) -> Discriminants:
         """Learn from features [rows, n_features] and class names [rows]."""
@@ -79,8 +79,8 @@ class Discriminants(ClassifierMixin, BaseEstimator):
 
     def _scatter(self, Z: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Of rows about the centres of their classes, what is particular to a capture counting more by ``windows``."""
-        own, heavy = _means(Z, captures, weight)
-        return (Z.T * weight) @ Z + (self.windows - 1) * (own.T * heavy) @ own
+        means, heavy = _means(Z, captures, weight)
+        return (Z.T * weight) @ Z + (self.windows - 1) * (means.T * heavy) @ means
 
     def _solve(self, total: float) -> None:
         """Coefficients from what was learnt of rows with a total weight."""
@@ -106,9 +106,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
             y: class names [rows], each one that is known; None where they are not.
             weight: of a row with a label beside one of training.
         """
-        if not hasattr(self, "learnt_"):
-            raise InputError("the discriminants were saved by a touchbench that could not adapt; fit them again")
-        found = copy(self)
+        adapted = copy(self)
         old = self.learnt_
         Z = (np.asarray(X, dtype=np.float64) - old.mean) / old.sd
         captures = captures_of(X)
@@ -116,12 +114,12 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         believed, apart = share(captures, codes, len(self.classes_))
         shift = believed * (Z - old.centres[codes] if apart else Z).mean(axis=0)
         total = old.heavy.sum()
-        found.learnt_ = replace(old, mean=old.mean + np.where(np.isfinite(old.sd), old.sd, 0) * shift)
+        adapted.learnt_ = replace(old, mean=old.mean + np.where(np.isfinite(old.sd), old.sd, 0) * shift)
         if codes is not None:
-            found.learnt_ = found._joined(Z - shift, codes, captures, np.full(len(Z), weight))
+            adapted.learnt_ = adapted._joined(Z - shift, codes, captures, np.full(len(Z), weight))
             total += weight * len(Z)
-        found._solve(total)
-        return found
+        adapted._solve(total)
+        return adapted
 
     def _joined(self, Z: np.ndarray, codes: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> Learnt:
         """What was learnt, and more rows."""
@@ -163,13 +161,7 @@ def _means(values: np.ndarray, codes: np.ndarray, weight: np.ndarray) -> tuple[n
 
 
 def lda(features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0) -> Pipeline:
-    """Linear discriminants (`Discriminants`).
-
-    Args:
-        features: transformer from captures to a table.
-        shrinkage: of the covariance, 0 to 1.
-        windows: of a capture that decide on its label together, as far as they are independent.
-        damaged: how much a damaged copy counts beside its capture, where ``model.faults`` makes some.
+    """`Discriminants` on a feature set; the other parameters are those of the class.
 
     Raises:
         InputError: a shrinkage, a number of windows or a weight that cannot be.

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 
 import numpy as np
-from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.base import TransformerMixin
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
 from models.classic.scaling import RangeScaler, ZScaler
+from models.most_probable import MostProbable
 
 BATCH = 32
 
 
-class EarlyStoppedNet(ClassifierMixin, BaseEstimator):
+@dataclass(eq=False, repr=False)
+class EarlyStoppedNet(MostProbable):
     """Tanh layers and a softmax, trained by Adam until a part of the training captures stops getting better.
 
     The papers train with Levenberg-Marquardt (2017) or do not say how (2014); Adam stands in for both.
@@ -29,14 +32,11 @@ class EarlyStoppedNet(ClassifierMixin, BaseEstimator):
         seed: of weights, batches and draws.
     """
 
-    def __init__(
-        self, layers: tuple[int, ...] = (54, 27), held: float = 0.3, patience: int = 6, runs: int = 5, seed: int = 0
-    ) -> None:
-        self.layers = layers
-        self.held = held
-        self.patience = patience
-        self.runs = runs
-        self.seed = seed
+    layers: tuple[int, ...] = (54, 27)
+    held: float = 0.3
+    patience: int = 6
+    runs: int = 5
+    seed: int = 0
 
     def fit(self, X: np.ndarray, y: np.ndarray) -> EarlyStoppedNet:
         """Train on features [captures, n_features] and class names [captures]."""
@@ -64,10 +64,6 @@ class EarlyStoppedNet(ClassifierMixin, BaseEstimator):
     def predict_proba(self, X: np.ndarray) -> np.ndarray:
         """Class probabilities [captures, classes]."""
         return self.net_.predict_proba(X)
-
-    def predict(self, X: np.ndarray) -> np.ndarray:
-        """Class names [captures]."""
-        return self.net_.predict(X)
 
     @property
     def parameters_(self) -> int:

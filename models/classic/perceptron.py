@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from scipy.special import softmax
-from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
 from features.base import constant
 from models.feature_rows import captures_of, undamaged
+from models.most_probable import MostProbable
 from models.person import codes_of, relearnt
 from models.search.space import Range
 
@@ -22,15 +24,16 @@ DECAY = 0.1  # of the weights, decoupled (Loshchilov and Hutter 2019)
 DROPPED = 0.5  # of the hidden units, while it learns
 
 
-class Perceptron(ClassifierMixin, BaseEstimator):
+@dataclass(eq=False, repr=False)
+class Perceptron(MostProbable):
     """Features in SDs of the training rows, cut off at ``clip``; rectified units; a softmax.
 
     Rows are drawn at random as often as they count, so the updates that it learns in do not grow with the copies.
 
     Args:
         units: of the hidden layer.
-        updates: batches of 256 rows.
-        smoothing: share of a label that is spread over all classes.
+        updates: batches of 256 rows that it learns from.
+        smoothing: share of a label that is spread over all classes, 0 to below 1.
         clip: SDs beyond which a feature says no more: what a broken sensor makes of it stays bounded.
         damaged: how much a row of a damaged copy counts (``copy`` of the index is above 0); others count 1.
         seed: of weights, draws and dropped units.
@@ -42,21 +45,12 @@ class Perceptron(ClassifierMixin, BaseEstimator):
         mean_, scale_: of the features, float32 [features].
     """
 
-    def __init__(
-        self,
-        units: int = 20,
-        updates: int = 3000,
-        smoothing: float = 0.3,
-        clip: float = 2.5,
-        damaged: float = 1.0,
-        seed: int = 0,
-    ) -> None:
-        self.units = units
-        self.updates = updates
-        self.smoothing = smoothing
-        self.clip = clip
-        self.damaged = damaged
-        self.seed = seed
+    units: int = 20
+    updates: int = 3000
+    smoothing: float = 0.3
+    clip: float = 2.5
+    damaged: float = 1.0
+    seed: int = 0
 
     def fit(self, X: pd.DataFrame | np.ndarray, y: np.ndarray) -> Perceptron:
         """Learn from features [rows, n_features] and class names [rows]."""
@@ -69,13 +63,11 @@ class Perceptron(ClassifierMixin, BaseEstimator):
         if not np.isfinite(Z).all():
             raise ValueError(f"{int((~np.isfinite(Z)).sum())} values of training features are not finite")
         weight = np.where(undamaged(X), 1.0, self.damaged)
-        still = constant(Z)
         share = weight / weight.sum()
-        mean = share @ Z
-        self.mean_ = mean.astype(np.float32)
+        self.mean_ = (share @ Z).astype(np.float32)
         self.scale_ = np.sqrt(share @ (Z - self.mean_) ** 2).astype(np.float32)
-        self.scale_[still | (self.scale_ == 0)] = np.inf
-        given, target = torch.from_numpy(self._scaled(Z)), torch.from_numpy(codes)
+        self.scale_[constant(Z) | (self.scale_ == 0)] = np.inf
+        inputs, target = torch.from_numpy(self._scaled(Z)), torch.from_numpy(codes)
         until = np.cumsum(share)
         threads = torch.get_num_threads()
         torch.set_num_threads(1)  # so small a batch is slower with more, and sums in another order
@@ -96,7 +88,7 @@ class Perceptron(ClassifierMixin, BaseEstimator):
                     rows = np.searchsorted(until, until[-1] * drawn.random(BATCH), side="right")
                     rows = torch.from_numpy(np.minimum(rows, len(Z) - 1))
                     optimiser.zero_grad()
-                    loss(net(given[rows]), target[rows]).backward()
+                    loss(net(inputs[rows]), target[rows]).backward()
                     optimiser.step()
                     cycle.step()
         finally:
@@ -125,20 +117,17 @@ class Perceptron(ClassifierMixin, BaseEstimator):
         """
         if y is None:
             return self
-        found = copy(self)
+        adapted = copy(self)
         old = np.column_stack([self.coefs_[1].T, self.intercepts_[1]])
         new = relearnt(old, self._hidden(X), codes_of(y, self.classes_), captures_of(X)).astype(np.float32)
-        found.coefs_, found.intercepts_ = [self.coefs_[0], new[:, :-1].T.copy()], [self.intercepts_[0], new[:, -1]]
-        return found
+        adapted.coefs_ = [self.coefs_[0], new[:, :-1].T.copy()]
+        adapted.intercepts_ = [self.intercepts_[0], new[:, -1]]
+        return adapted
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
         logits = self._hidden(X) @ self.coefs_[1] + self.intercepts_[1]
         return softmax(logits, axis=1)
-
-    def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
-        """Class names [rows]."""
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
     @property
     def parameters_(self) -> int:
@@ -155,16 +144,7 @@ def perceptron(
     damaged: float = 1.0,
     seed: int = 0,
 ) -> Pipeline:
-    """`Perceptron` on a feature set.
-
-    Args:
-        features: transformer from captures to a table.
-        units: of the hidden layer.
-        updates: batches of 256 rows that it learns from.
-        smoothing: share of a label that is spread over all classes, 0 to below 1.
-        clip: SDs beyond which a feature says no more.
-        damaged: how much a damaged copy counts beside its capture, where ``model.faults`` makes some.
-        seed: of weights, draws and dropped units.
+    """`Perceptron` on a feature set; the other parameters are those of the class.
 
     Raises:
         InputError: a parameter that cannot be.

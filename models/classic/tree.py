@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
-from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 from sklearn.tree import DecisionTreeClassifier
 
 from bench.errors import InputError
+from models.most_probable import MostProbable
 
 
-class PrunedTree(ClassifierMixin, BaseEstimator):
+@dataclass(eq=False, repr=False)
+class PrunedTree(MostProbable):
     """CART with Gini impurity, grown in full and cut back some steps of its cost-complexity sequence.
 
     Args:
@@ -21,9 +25,8 @@ class PrunedTree(ClassifierMixin, BaseEstimator):
         seed: of the order in which equal splits are tried.
     """
 
-    def __init__(self, level: int = 10, seed: int = 0) -> None:
-        self.level = level
-        self.seed = seed
+    level: int = 10
+    seed: int = 0
 
     def fit(self, X: pd.DataFrame, y: np.ndarray) -> PrunedTree:
         """Grow and prune on features [captures, n_features] and class names [captures]."""
@@ -43,10 +46,6 @@ class PrunedTree(ClassifierMixin, BaseEstimator):
     def predict_proba(self, X: pd.DataFrame) -> np.ndarray:
         """Shares of the classes in the leaf [captures, classes]."""
         return self.tree_.predict_proba(np.asarray(X))
-
-    def predict(self, X: pd.DataFrame) -> np.ndarray:
-        """Class names [captures]."""
-        return self.tree_.predict(np.asarray(X))
 
 
 def tree(features: TransformerMixin, level: int = 10, seed: int = 0) -> Pipeline:

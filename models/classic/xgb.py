@@ -1,15 +1,21 @@
 """Boosted trees (XGBoost) on a feature set; no paper's system, the usual strong baseline on tables."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
-from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
+from models.most_probable import MostProbable
 from models.search.space import Range
 
 
-class BoostedTrees(ClassifierMixin, BaseEstimator):
+@dataclass(eq=False, repr=False)
+class BoostedTrees(MostProbable):
     """`xgboost.XGBClassifier` with class names, which it does not take itself.
 
     Args:
@@ -19,13 +25,12 @@ class BoostedTrees(ClassifierMixin, BaseEstimator):
         seed: of the row and column samples.
     """
 
-    def __init__(self, trees: int = 300, depth: int = 4, rate: float = 0.1, seed: int = 0) -> None:
-        self.trees = trees
-        self.depth = depth
-        self.rate = rate
-        self.seed = seed
+    trees: int = 300
+    depth: int = 4
+    rate: float = 0.1
+    seed: int = 0
 
-    def fit(self, X: pd.DataFrame, y: np.ndarray) -> "BoostedTrees":
+    def fit(self, X: pd.DataFrame, y: np.ndarray) -> BoostedTrees:
         """Boost on features [captures, n_features] and class names [captures]."""
         from xgboost import XGBClassifier
 
@@ -45,10 +50,6 @@ class BoostedTrees(ClassifierMixin, BaseEstimator):
     def predict_proba(self, X: pd.DataFrame) -> np.ndarray:
         """Class probabilities [captures, classes]."""
         return self.booster_.predict_proba(np.asarray(X))
-
-    def predict(self, X: pd.DataFrame) -> np.ndarray:
-        """Class names [captures]."""
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
 
 def xgb(features: TransformerMixin, trees: int = 300, depth: int = 4, rate: float = 0.1, seed: int = 0) -> Pipeline:

@@ -5,13 +5,10 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
 from bench import contract, source
-from bench.cli import main
 from bench.corpora.corpus import COPY, Corpus, origin
 from bench.corpora.faults import FAULTS, Fault
 from bench.corpora.folder import open_folder, write_folder
@@ -21,7 +18,6 @@ from bench.plan.cells import cells
 from bench.plan.plan import checked, planned
 from bench.registry import load, parameters
 from bench.work.evaluation import Evaluation
-from bench.work.fold import decisions
 from bench.work.workers import fill_cache
 from features import PARTS
 from features import cache as kept
@@ -29,26 +25,31 @@ from features.cache import cache_key
 from features.jung28 import Jung28
 from features.touch import TouchFeatures
 from models.classic.lda import lda
-from models.classic.rf import rf
 from models.classic.svm import svm
-from models.classic.xgb import xgb
 from models.nets.cnn85 import CNN85
-from models.nets.hughes2017 import Hughes2017CNN
-from models.recipe import Recipe, mean_of, rows_of, taken
+from models.recipe import Recipe, build, mean_of, rows_of, taken
 from models.rocket import Rocket
 from models.sizes import sizes
-from tests.conftest import random_corpus, with_other_values
+from tests.conftest import random_corpus
+from tests.models.test_systems import COMPOSED, HARSH
 
 SYSTEMS = {
     "svm": lambda: svm(Jung28()),
-    "rf": lambda: rf(Jung28(), trees=10),
-    "xgb": lambda: xgb(Jung28(), trees=5),
     "lda": lambda: lda(TouchFeatures()),
-    "rocket": lambda: Rocket(kernels=84),
+    "series": COMPOSED["series"],
+    "cnn85": lambda: CNN85(frames=10, epochs=1, batch=16),
 }
-NETWORK = lambda: CNN85(frames=10, epochs=1, batch=16)  # noqa: E731
-HARSH = {"repair": ("stuck", "dead", "offset"), "scale": "peak", "faults": ("all",), "copies": 1}
-OPTIONS = set(parameters(Recipe))
+
+
+@pytest.fixture(scope="module")
+def corpus():
+    return random_corpus()
+
+
+@pytest.fixture
+def stored(corpus, tmp_path):
+    write_folder(corpus, tmp_path / "c")
+    return open_folder(tmp_path / "c")
 
 
 def fitted(system, captures, **options):
@@ -58,73 +59,75 @@ def fitted(system, captures, **options):
 # Without options
 
 
-@pytest.mark.parametrize("name", ["svm", "rf", "lda", "rocket"])
+@pytest.mark.parametrize("name", SYSTEMS)
 def test_without_options_nothing_changes(name, corpus):
-    bare = SYSTEMS[name]().fit(corpus, corpus.gestures)
+    bare, model = SYSTEMS[name]().fit(corpus, corpus.gestures), fitted(SYSTEMS[name](), corpus)
     probe = random_corpus(seed=9)
-    model = fitted(SYSTEMS[name](), corpus)
     assert np.array_equal(model.predict_proba(probe), bare.predict_proba(probe))
-    assert np.array_equal(model.predict(probe), bare.predict(probe)) and list(model.classes_) == list(bare.classes_)
     table, proba = model.decide(probe)
-    assert table.equals(contract.decide(bare, probe)[0]) and np.array_equal(proba, bare.predict_proba(probe))
+    assert table.equals(contract.decide(bare, probe)[0]) and np.array_equal(proba, contract.decide(bare, probe)[1])
     assert sizes(model, 64, 40) == sizes(bare, 64, 40)
+    assert contract.window(model, 100) == contract.window(bare, 100)
+    assert contract.frames_at_once(model, 100) == contract.frames_at_once(bare, 100)
 
 
-def test_a_cell_without_options_is_what_it_was(corpus, monkeypatch):
-    asked = {"model": "svm", "features": "jung28"}
-    (bare,) = cells(asked)
-    assert bare.title() == "svm · jung28 | synth | loso" and not OPTIONS & set(bare.model.parameters)
-    assert bare.model.parameters == parameters(svm)
-    usual = {"window": 0.0, "hop": 0.0, "scale": "none", "copies": 3}
-    (same,) = cells(asked | {f"model.{k}": v for k, v in usual.items()})
+class Chooser(Pipeline):
+    """A system with answers to everything that a recipe asks the one inside."""
+
+    searches = True
+
+    def fit(self, X, y):
+        self.best_, self.chosen_, self.history_, self.search_seconds_ = "best", {"a": 1}, [{"loss": 1.0}], 2.0
+        self.trials_ = pd.DataFrame({"a": [1]})
+        return super().fit(X, y)
+
+
+def test_a_recipe_answers_as_the_system_inside(corpus):
+    model = fitted(Chooser(svm(Jung28()).steps), corpus, scale="peak")
+    assert contract.searches(model) and contract.inside(model) == "best" and contract.chosen(model) == {"a": 1}
+    assert contract.history(model) == [{"loss": 1.0}] and contract.search_seconds(model) == 2.0
+    assert len(contract.trials(model)) == 1 and list(contract.features(model)) == ["jung28"]
+    untrained = Recipe(svm(Jung28()), scale="peak")
+    assert contract.history(untrained) == [] and contract.inside(untrained) is untrained
+
+
+def test_a_cell_without_options_is_what_it_was(monkeypatch):
+    words = {"model": "svm", "features": "jung28"}
+    (bare,) = cells(words)
+    assert bare.model.parameters == parameters(svm) and type(checked(bare)) is Pipeline
+    defaults = {"model.window": 0.0, "model.hop": 0.0, "model.scale": "none", "model.copies": 3}
+    (same,) = cells(words | defaults)
     assert same == bare and same.identity() == bare.identity() and same.arguments() == bare.arguments()
-    system = checked(bare)
-    assert type(system) is type(svm(Jung28())) and system.get_params().keys() == svm(Jung28()).get_params().keys()
-    found = system.fit(corpus, corpus.gestures).predict_proba(corpus)
-    assert np.array_equal(found, svm(Jung28()).fit(corpus, corpus.gestures).predict_proba(corpus))
     # its run key is not that of one with options, which alone depends on the code of the steps
-    (cut,) = cells(asked | {"model.window": "0.5"})
+    (cut,) = cells(words | {"model.window": "0.5"})
     before = bare.identity(), cut.identity()
-    assert cut.title() == "svm[window=0.5] · jung28 | synth | loso" and before[0] != before[1]
+    assert before[0] != before[1]
     original = source.meaning
 
     def changed(path, at):
         code, imported = original(path, at)
         return code + path.endswith(("recipe.py", "steps.py", "faults.py")) * b"changed", imported
 
-    with monkeypatch.context() as patch:
-        patch.setattr(source, "meaning", changed)
-        assert bare.identity() == before[0] and cut.identity() != before[1]
+    monkeypatch.setattr(source, "meaning", changed)
+    assert bare.identity() == before[0] and cut.identity() != before[1]
 
 
-def test_options_are_for_every_model_and_told_as_they_are_typed():
-    found = cells({"model": "svm,cnn85", "model.repair": "stuck+dead", "model.copies": 3, "model.epochs": 2})
-    assert [c.title().split(" | ")[0] for c in found] == [
-        "svm[repair=stuck+dead] · jung54",
-        "cnn85[epochs=2, repair=stuck+dead]",
-    ]
-    assert found[0].arguments()["model.repair"] == "stuck+dead"
-    assert cells(found[0].arguments())[0].identity() == found[0].identity()
+def test_options_are_for_every_model_and_shown_as_they_are_typed():
+    options = {"model.repair": "stuck+dead", "model.scale": "peak", "model.faults": "noise", "model.copies": "1"}
+    for cell in cells({"model": "svm,cnn85", "model.epochs": 2, **options}):
+        model = checked(cell)
+        values = {k: v for k, v in model.get_params(deep=False).items() if k != "system"}
+        expected = {"repair": ("stuck", "dead"), "scale": "peak", "faults": ("noise",), "copies": 1}
+        assert isinstance(model, Recipe) and values == parameters(Recipe) | expected
+        assert "repair=stuck+dead" in cell.title() and cell.arguments()["model.repair"] == "stuck+dead"
+        assert cells(cell.arguments())[0].identity() == cell.identity()
+        assert model.steps() == [Repair(("stuck", "dead")), Scale("peak")]
+        assert model.training_steps() == [Faulted(("noise",), 1), *model.steps()]
     grid = cells({"model": "lda", "model.window": "0.5,1.0", "model.faults": "all,noise+shift"})
-    assert [(c.model.parameters["window"], c.model.parameters["faults"]) for c in grid] == [
-        (w, f) for w in (0.5, 1.0) for f in (("all",), ("noise", "shift"))
-    ]
-    own = cells({"model": "reflex", "model.window": "1.0"})[0]  # a parameter of its own
-    assert own.model.parameters == parameters(own.model.factory) and not isinstance(own.estimator(), Recipe)
-
-
-@pytest.mark.parametrize("name", ["svm", "cnn85", "rf"])
-def test_the_harness_builds_what_is_asked(name, corpus):
-    options = {"model.repair": "dead", "model.scale": "peak", "model.faults": "noise", "model.copies": "1"}
-    (cell,) = cells({"model": name, "features": "jung28", **options} if name != "cnn85" else {"model": name, **options})
-    model = checked(cell)
-    given = {k: v for k, v in model.get_params(deep=False).items() if k != "system"}
-    asked = {"repair": ("dead",), "scale": "peak", "faults": ("noise",), "copies": 1}
-    assert isinstance(model, Recipe) and given == parameters(Recipe) | asked
-    assert clone(model).get_params().keys() == model.get_params().keys()
-    assert (list(cell.feature_sets()) == ["jung28"]) == (name != "cnn85")
-    assert model.steps() == [Repair(("dead",)), Scale("peak")]
-    assert model.training_steps() == [Faulted(("noise",), 1), *model.steps()]
+    pairs = [(c.model.parameters["window"], c.model.parameters["faults"]) for c in grid]
+    assert pairs == [(w, f) for w in (0.5, 1.0) for f in (("all",), ("noise", "shift"))]
+    (reflex,) = cells({"model": "reflex", "model.window": "1.0"})  # a parameter of its own
+    assert reflex.model.parameters == parameters(reflex.model.factory) and not isinstance(reflex.estimator(), Recipe)
 
 
 # Windows
@@ -142,7 +145,7 @@ def naive_windows(corpus, frames, hop):
     return found
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", ["svm", "lda", "series"])
 def test_decisions_are_those_on_each_window_alone(name, corpus):
     train, test = corpus[corpus.subjects != "4"], corpus[corpus.subjects == "4"][::-1]
     model = fitted(SYSTEMS[name](), train, window=0.1, hop=0.07)
@@ -166,30 +169,7 @@ def test_decisions_are_those_on_each_window_alone(name, corpus):
     np.testing.assert_allclose(proba, again, rtol=1e-5, atol=1e-7)
 
 
-def test_predictions_of_a_run_have_a_row_per_window(corpus):
-    test = np.flatnonzero(corpus.subjects == "3")
-    model = fitted(svm(Jung28()), corpus[corpus.subjects != "3"], window=0.2)
-    table = decisions(model, corpus, "3", test)
-    assert table[["capture", "start", "frames"]].to_numpy().tolist() == [
-        [test[i], start, frames] for i, start, frames in naive_windows(corpus[test], 20, 10)
-    ]
-    assert (table["true"] == corpus.gestures[table["capture"]]).all()
-
-
-@given(st.lists(st.integers(1, 6), min_size=1, max_size=8), st.integers(0, 99))
-def test_mean_of_decisions(counts, seed):
-    capture = np.repeat(np.arange(len(counts)), counts)
-    proba = np.random.default_rng(seed).random((len(capture), 3))
-    expected = [sum(proba[capture == i]) / counts[i] for i in range(len(counts))]
-    np.testing.assert_allclose(mean_of(proba, capture), expected)
-
-
-def test_a_window_longer_than_all_captures_changes_nothing(corpus):
-    model, bare = fitted(svm(Jung28()), corpus, window=60.0), svm(Jung28()).fit(corpus, corpus.gestures)
-    np.testing.assert_allclose(model.predict_proba(corpus), bare.predict_proba(corpus), rtol=1e-9)
-
-
-@pytest.mark.parametrize("features", PARTS)
+@pytest.mark.parametrize("features", [pytest.param(p, marks=[pytest.mark.nightly] * (p == "hughes36")) for p in PARTS])
 def test_every_feature_set_works_on_windows_of_damaged_copies(features):
     corpus = random_corpus(subjects=2, per_class=2, longest=20)
     quick = {"features.states": 2, "features.iterations": 2, "features.epochs": 2} if features == "hughes36" else {}
@@ -225,64 +205,35 @@ def test_faults_are_for_training_alone(corpus):
     assert not np.array_equal(model.predict_proba(corpus), usual.predict_proba(corpus))
 
 
-@pytest.mark.parametrize("name", [*SYSTEMS, "cnn85"])
-def test_test_subjects_change_nothing_that_is_learned(name, corpus):
-    """Other values and other labels of the test captures, and the fitted system still decides the same way."""
-    make = SYSTEMS.get(name, NETWORK)
-    train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
-    other = with_other_values(corpus, test)
-    other.captures.loc[test, "gesture"] = "tap"
-    probe = random_corpus(seed=9)
-    model = Recipe(make(), **HARSH) if name == "cnn85" else Recipe(make(), window=0.1, **HARSH)
-
-    def learned(captures):
-        return clone(model).fit(captures[train], captures.gestures[train]).predict_proba(probe)
-
-    before = learned(corpus)
-    assert np.array_equal(learned(other), before)
-    assert not np.array_equal(learned(with_other_values(corpus, train[:9])), before)  # while training captures do
-
-
-@pytest.mark.parametrize("name", ["cnn85", "rocket"])
 @pytest.mark.parametrize("options", [{"repair": ("stuck", "dead")}, {"scale": "peak"}, {"faults": ("noise", "shift")}])
-def test_options_for_systems_that_read_frames(name, options, corpus):
-    make = SYSTEMS.get(name, NETWORK)
+def test_options_for_a_system_that_cuts_its_own_windows(options, corpus):
     train = corpus[corpus.subjects != "4"]
-    model = fitted(make(), train, **options)
-    bare = make().fit(train, train.gestures)
+    model, bare = fitted(SYSTEMS["cnn85"](), train, **options), SYSTEMS["cnn85"]().fit(train, train.gestures)
     table, proba = model.decide(corpus)
     assert table.equals(contract.decide(bare, corpus)[0]) and proba.shape == (len(table), 3)
     np.testing.assert_allclose(mean_of(proba, table["capture"].to_numpy()), model.predict_proba(corpus))
-    np.testing.assert_allclose(model.predict_proba(corpus).sum(axis=1), 1, rtol=1e-5)
-    expected = bare.predict_proba(corpus)
-    sound = options == {"repair": ("stuck", "dead")}  # random frames have nothing to repair
-    assert np.allclose(model.predict_proba(corpus), expected, rtol=1e-5) == sound
-    assert contract.window(model, 100.0) == contract.window(bare, 100.0)
-    repairs = 4 * 5 * 64 if {"stuck", "dead"} & set(options.get("repair", ())) else 0
+    sound = "repair" in options  # random frames have nothing to repair
+    assert np.allclose(model.predict_proba(corpus), bare.predict_proba(corpus), rtol=1e-5) == sound
+    repairs = 4 * 5 * 64 if sound else 0
     assert sizes(model, 64, 40)["ram_bytes"] == sizes(bare, 64, 40)["ram_bytes"] + repairs
+    assert contract.frames_at_once(model, 600) == 10
 
 
 # Kept tables
 
 
-@pytest.mark.parametrize("options", [{"window": 0.1}, {"window": 0.1, **HARSH}, HARSH, {"scale": "peak"}])
-def test_kept_tables_equal_computed_ones(options, corpus, tmp_path, monkeypatch):
-    write_folder(corpus, tmp_path / "c")
-    stored = open_folder(tmp_path / "c")
+@pytest.mark.parametrize("options", [{"window": 0.1, **HARSH}, {"scale": "peak"}])
+def test_kept_tables_equal_computed_ones(options, corpus, stored, tmp_path, monkeypatch):
+    model = Recipe(svm(Jung28()), **options)
     expected = fitted(svm(Jung28()), corpus, **options).predict_proba(corpus)
     assert np.array_equal(fitted(svm(Jung28()), stored, **options).predict_proba(stored), expected)
-    model = Recipe(svm(Jung28()), **options)
-    tables = len(list((tmp_path / "home" / "features").iterdir()))
-    assert tables == (2 if model.faults else 1)
-    monkeypatch.setattr(Jung28, "extract", lambda *_: pytest.fail("computed again"))
+    assert len(list((tmp_path / "home" / "features").iterdir())) == (2 if model.faults else 1)
     part = np.array([30, 4, 17, 5])
     for steps in (model.steps(), model.training_steps()):
-        found = Jung28().transform(taken(stored[part], steps)[0])
-        monkeypatch.undo()
-        monkeypatch.setenv("TOUCHBENCH_HOME", str(tmp_path / "home"))
         direct = Jung28().transform(taken(corpus[part], steps)[0])
-        assert np.array_equal(found, direct) and found.index.equals(direct.index)
-        monkeypatch.setattr(Jung28, "extract", lambda *_: pytest.fail("computed again"))
+        with monkeypatch.context() as patch:
+            patch.setattr(Jung28, "extract", lambda *_: pytest.fail("computed again"))
+            pd.testing.assert_frame_equal(Jung28().transform(taken(stored[part], steps)[0]), direct)
 
 
 def test_other_steps_never_meet_each_others_tables():
@@ -301,15 +252,13 @@ def test_other_steps_never_meet_each_others_tables():
     assert kept.cache_key(Jung28(), "a", ()) == kept.cache_key(Jung28(), "a")
 
 
-def test_a_table_of_steps_is_of_all_captures_whoever_asks_first(corpus, tmp_path, monkeypatch):
-    write_folder(corpus, tmp_path / "c")
-    stored = open_folder(tmp_path / "c")
+def test_a_table_of_steps_is_of_all_captures_whoever_asks_first(stored, monkeypatch):
     steps = [Faulted(("noise", "early_end"), 2), Windows(0.1)]
     chosen = stored.select("subject == '3'")
     first = Jung28().transform(taken(chosen, steps)[0])
     monkeypatch.setattr(Jung28, "extract", lambda *_: pytest.fail("computed again"))
-    whole = Jung28().transform(taken(stored, steps)[0])
-    assert first.equals(whole.loc[chosen.index]) and len(whole) > len(first)
+    every = Jung28().transform(taken(stored, steps)[0])
+    assert first.equals(every.loc[chosen.index]) and len(every) > len(first)
 
 
 # Costs
@@ -317,56 +266,57 @@ def test_a_table_of_steps_is_of_all_captures_whoever_asks_first(corpus, tmp_path
 
 def test_sizes_of_a_windowed_system_are_those_of_a_window(corpus):
     model = fitted(svm(Jung28()), corpus, window=0.1)
-    found = sizes(model, 64, 40)
-    machine = model.system_.named_steps["classifier"]
-    n = machine.support_vectors_.shape[0]
-    # summed pressure of a window, two frames, features, kernels, scores
-    assert found["ram_bytes"] == 4 * (10 + 2 * 64 + 28 + n + 3)
-    assert found["flash_bytes"] == 4 * (found["parameters"] + 2 * 28) > 4 * n * 28
-    assert sizes(model, 64, 7)["ram_bytes"] == 4 * (7 + 2 * 64 + 28 + n + 3)  # where no capture is as long
-    whole = fitted(svm(Jung28()), corpus, scale="peak")
-    n = len(whole.system_.named_steps["classifier"].support_)
-    assert sizes(whole, 64, 40)["ram_bytes"] == 4 * (40 + 2 * 64 + 28 + n + 3)
-    touch = fitted(lda(TouchFeatures()), corpus, window=0.2)
-    assert sizes(touch, 64, 40)["ram_bytes"] == 4 * (20 * (19 + 3) + 9 * 64 + 160 + 427 + 3)
-    assert sizes(touch, 64, 40)["flash_bytes"] == 4 * (427 * 3 + 3 + 2 * 427)  # mean and SD as well
-    series = fitted(Rocket(kernels=84), corpus, window=0.1)
-    inner = contract.inside(series)
-    assert sizes(series, 64, 40)["ram_bytes"] == 4 * inner.activations_
+    n = len(model.system_.named_steps["classifier"].support_)
+    for frames, seen in ((40, 10), (7, 7)):  # where no capture is as long as a window
+        # summed pressure, two frames, features, kernels, scores
+        assert sizes(model, 64, frames)["ram_bytes"] == 4 * (seen + 2 * 64 + 28 + n + 3)
+    touch = sizes(fitted(lda(TouchFeatures()), corpus, window=0.2), 64, 40)
+    assert touch["ram_bytes"] == 4 * (20 * (19 + 3) + 9 * 64 + 160 + 427 + 3)
+    assert touch["flash_bytes"] == 4 * (427 * 3 + 3 + 2 * 427)  # mean and SD as well
 
 
 # Commands
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("model", "options", "message"),
     [
-        (["model=cnn85", "model.window=1"], "model.window=1: the system cuts its own windows; leave it out"),
-        (["model=svm", "model.window=-1"], "model.window=-1, model.hop=0: give seconds from 0 to 3600"),
-        (["model=svm", "model.window=nan"], "model.window=nan, model.hop=0: give seconds"),
-        (["model=svm", "model.window=inf"], "model.window=inf, model.hop=0: give seconds from 0 to 3600"),
-        (["model=svm", "model.window=1", "model.hop=1e300"], "model.window=1, model.hop=1e+300: give seconds"),
-        (["model=svm", "model.hop=0.5"], "model.hop=0.5 needs model.window="),
-        (["model=svm", "model.repair=stuck+bent"], "model.repair=stuck+bent: give stuck or dead or offset"),
-        (["model=rocket", "model.scale=mean"], "model.scale=mean: give none or peak or log"),
-        (["model=cnn85", "model.faults=nois"], "model.faults=nois: 'nois' is no fault; did you mean noise?"),
-        (["model=rf", "model.faults=all", "model.copies=0"], "model.copies=0: give 1 to 1048575"),
-        (["model=rf", "model.turns=-1"], "model.turns=-1: give 1 to 7, or 0 for none"),
-        (["model=svm", "model.windw=1"], "model=svm has no parameter 'windw'; did you mean window?"),
+        ("cnn85", {"window": 1.0}, "model.window=1: the system cuts its own windows"),
+        ("reflex", {"scale": "peak", "hop": 0.1}, "model.hop=0.1 needs model.window="),
+        ("svm", {"window": -1.0}, "model.window=-1, model.hop=0: give seconds from 0 to 3600"),
+        ("svm", {"window": np.nan}, "model.window=nan, model.hop=0: give seconds"),
+        ("svm", {"window": np.inf}, "model.window=inf, model.hop=0: give seconds"),
+        ("svm", {"window": 1.0, "hop": 1e300}, "model.window=1, model.hop=1e+300: give seconds"),
+        ("svm", {"repair": "stuck+bent"}, "model.repair=stuck+bent: give stuck or dead or offset"),
+        ("svm", {"scale": "mean"}, "model.scale=mean: give none or peak or log"),
+        ("cnn85", {"faults": "nois"}, "model.faults=nois: 'nois' is no fault; did you mean noise?"),
+        ("rf", {"faults": "all", "copies": 0}, "model.copies=0: give 1 to 1048575"),
+        ("rf", {"turns": -1}, "model.turns=-1: give 1 to 7"),
+        ("cnn85", {"epochs": 0, "scale": "peak"}, "model.epochs=0"),
+        ("svm", {"person": "whole"}, "model.person=whole: 'whole' is none of centre, scale, pool"),
+        ("svm", {"person": "pool+pool"}, "model.person=pool+pool: name each way once"),
+        ("lda", {"person": "pool"}, "model.person=pool: the system adapts by itself"),
+        ("cnn85", {"person": "centre"}, "model.person=centre: the system adapts by itself"),
+        ("jung2014_svm", {"person": "centre"}, "model.person=centre"),
+        ("lda", {"bits": 4}, "model.bits=4: give 32 or 8"),
+        ("rf", {"bits": 8}, "model.bits=8"),
+        ("hughes2017_cnn", {"bits": 4}, "model.bits=4: give 32 or 8"),
+        ("hughes2017_cnn_rnn", {"bits": 8}, "model.bits=8"),
+        ("reflex", {"bits": 16}, "model.bits=16: give 32 or 8"),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(arguments, message, capsys):
-    assert main(["run", *arguments, "data.subjects=2", "data.repetitions=1"]) == 2
-    said = capsys.readouterr().err.strip()
-    assert re.search(re.escape(message), said) and "\n" not in said
+def test_what_cannot_be_is_refused_in_one_line(model, options, message):
+    with pytest.raises(InputError, match=f"^{re.escape(message)}[^\n]*$"):
+        contract.check(build(load("models", model), Jung28(), **options))
 
 
-def test_parameters_of_the_system_inside_are_checked():
-    with pytest.raises(InputError, match=r"model\.epochs=0"):
-        Recipe(CNN85(epochs=0), scale="peak").check()
+def test_training_parts_that_cannot_be_are_refused(corpus):
     one = random_corpus(subjects=1)
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="there is 1"):
         Recipe(Rocket(), window=0.1).check_training(one, one.gestures)
+    for options in ({"faults": ("noise",), "copies": 10**6}, {"turns": 10**9}):
+        with pytest.raises(InputError, match=f"model.{[*options][-1]}={[*options.values()][-1]}: needs"):
+            Recipe(svm(Jung28()), **options).check_training(corpus, corpus.gestures)
 
 
 def test_a_fold_of_a_run(monkeypatch):
@@ -410,28 +360,23 @@ def test_what_a_fault_of_another_package_does_is_part_of_a_run(monkeypatch, tmp_
     assert [a != b for a, b in zip(one, other, strict=True)] == [True, True, False, True]
 
 
-def test_kept_features_of_copies_are_those_of_copies_made_again(corpus, tmp_path, monkeypatch):
+def test_kept_features_of_copies_are_those_of_copies_made_again(stored, monkeypatch):
     """Of captures in another order, one of them twice, what is kept gives the same rows and the same system."""
-    write_folder(corpus, tmp_path / "c")
-    stored = open_folder(tmp_path / "c")
-    given = stored[np.array([7, 2, 2, 20, 11, 30, 25, 0, 33, 15])]
+    some = stored[np.array([7, 2, 2, 20, 11, 30, 25, 0, 33, 15])]
     options = {"window": 0.1, "repair": ("stuck",), "faults": ("noise", "dropped_frames"), "copies": 2}
     recipe = Recipe(lda(TouchFeatures()), **options)
     steps = tuple(recipe.training_steps())
-    assert kept.after(TouchFeatures(), given, steps) is None  # nothing is kept yet
-    made, row = taken(given, list(steps))
+    assert kept.after(TouchFeatures(), some, steps) is None  # nothing is kept yet
+    made, row = taken(some, list(steps))
     expected = TouchFeatures().transform(made)  # which keeps them
-    found, rows = rows_of(kept.after(TouchFeatures(), given, steps), given.index)
-    pd.testing.assert_frame_equal(found, expected)
+    table, rows = rows_of(kept.after(TouchFeatures(), some, steps), some.index)
+    pd.testing.assert_frame_equal(table, expected)
     assert np.array_equal(rows, row)
     monkeypatch.setattr(Faulted, "__call__", lambda *_: pytest.fail("a copy was damaged again"))
-    quick = clone(recipe).fit(given, given.gestures)
-    monkeypatch.undo()
-    slow = clone(recipe).fit(given.detached(), given.gestures)
-    assert quick.system_.named_steps["features"].names_.equals(expected.columns)
-    assert type(quick.system_) is type(slow.system_) and quick.system_.steps[0][0] == slow.system_.steps[0][0]
-    again = Pipeline(quick.system_.steps[1:]).fit(expected, given.gestures[row])
-    assert np.array_equal(quick.system_.named_steps["classifier"].coef_, again.named_steps["classifier"].coef_)
+    quick = clone(recipe).fit(some, some.gestures).system_
+    again = Pipeline(quick.steps[1:]).fit(expected, some.gestures[row])
+    assert np.array_equal(quick.named_steps["classifier"].coef_, again.named_steps["classifier"].coef_)
+    assert quick.named_steps["features"].names_.equals(expected.columns)
 
 
 class Halved(TouchFeatures):
@@ -449,22 +394,9 @@ class Own(Pipeline):
 
 
 @pytest.mark.parametrize("make", [lambda: lda(Halved()), lambda: Own(lda(TouchFeatures()).steps)])
-def test_what_is_kept_is_no_short_cut_around_parts_of_ones_own(make, corpus, tmp_path):
-    write_folder(corpus, tmp_path / "c")
-    stored = open_folder(tmp_path / "c")
+def test_what_is_kept_is_no_short_cut_around_parts_of_ones_own(make, stored):
     first, second = (fitted(make(), stored, window=0.1) for _ in range(2))  # the second finds features kept
     assert type(second.system_) is type(first.system_)
     np.testing.assert_allclose(first.predict_proba(stored), second.predict_proba(stored), atol=1e-9)
     expected = fitted(make(), stored.detached(), window=0.1)
     np.testing.assert_allclose(second.predict_proba(stored), expected.predict_proba(stored.detached()), atol=1e-6)
-
-
-def test_a_system_with_windows_of_its_own_keeps_them_behind_steps(corpus):
-    assert contract.frames_at_once(fitted(NETWORK(), corpus, repair=("stuck",)), 600) == 10
-    assert contract.frames_at_once(fitted(SYSTEMS["svm"](), corpus, repair=("stuck",)), 600) == 600
-
-
-def test_a_network_without_windows_decides_on_all_of_a_capture(corpus):
-    system = Hughes2017CNN(epochs=1, batch=8).fit(corpus, corpus.gestures)
-    assert contract.frames_at_once(system, 30) == 30
-    assert sizes(system, 64, 30)["ram_bytes"] > 0

@@ -1,0 +1,123 @@
+"""What every system of the registry must do, and adapters and compositions with them: one suite for all."""
+
+import pickle
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer
+from torch import nn
+
+from bench import contract
+from bench.corpora.corpus import Corpus
+from bench.registry import load, required
+from features.gaus import Gaus
+from features.hughes36 import Hughes36
+from features.jung28 import Jung28
+from features.ta273 import Ta273
+from models import PARTS, recipe
+from models.adapters import FromSeries, FromTorch
+from models.classic.perceptron import Perceptron
+from models.classic.rf import rf
+from models.classic.softmax import softmax
+from models.sizes import sizes
+from tests.conftest import random_corpus, with_other_values
+
+SEARCHES = {"auto", "jung2014_svm", "jung2017_tree", "jung2017_svm_linear", "jung2017_svm_rbf", "ta2015_svm"}
+SLOW = {
+    "hughes2015_softmax",
+    "gaus2015_rf",
+    "gaus2015_boost",
+    "ta2015_rf",
+} | SEARCHES  # their parts are here with less to learn
+QUICK = {
+    "rf": {"trees": 10},
+    "et": {"trees": 10},
+    "xgb": {"trees": 5},
+    "boost": {"rounds": 5, "depth": 3},
+    "mlp": {"layers": "4", "runs": 1},
+    "perceptron": {"updates": 50},
+    "balli2015_rf": {"selected": 3},
+    "reflex": {"copies": 1, "window": 0.2, "early": 0.1, "units": 4},
+    "cnn85": {"frames": 10, "batch": 16},
+    "rocket": {"kernels": 84},
+}
+HARSH = {"repair": ("stuck", "dead", "offset"), "scale": "peak", "faults": ("all",), "copies": 1}
+
+
+def flattened(series):
+    return series.reshape(len(series), -1)
+
+
+COMPOSED = {
+    "rf on gaus": lambda: rf(Gaus(), trees=10),
+    "rf on ta273": lambda: rf(Ta273(), trees=10),
+    "softmax on hughes36": lambda: softmax(Hughes36(states=2, iterations=2, epochs=1)),
+    "series": lambda: FromSeries(make_pipeline(FunctionTransformer(flattened), KNeighborsClassifier(3)), "both", 12),
+    "module": lambda: FromTorch(lambda *size: nn.Sequential(nn.Flatten(), nn.LazyLinear(size[-1])), 5, epochs=2),
+    "lda on windows": lambda: made("lda", window=0.1, **HARSH),
+    "svm for a person": lambda: made("svm", person=("centre", "scale", "pool"), turns=1),
+    "cnn85 on damaged copies": lambda: made("cnn85", **HARSH),
+    "reflex, scaled": lambda: made("reflex", scale="log"),
+}
+DAILY = [name for name in (*PARTS, *COMPOSED) if name not in SLOW and name != "rocket"]
+
+
+def made(name, **options):
+    """A system with little to learn."""
+    factory = load("models", name)
+    defaults = recipe.defaults_of(factory)
+    usual = {k: v for k, v in {"epochs": 1}.items() if k in defaults} | QUICK.get(name, {}) | options
+    return recipe.build(factory, Jung28() if required(factory) else None, **usual)
+
+
+@pytest.fixture(autouse=True)
+def few_updates(monkeypatch):
+    """The network inside reflex learns for a shorter time than it does for a user."""
+    few = lambda *args, **kwargs: Perceptron(*args, updates=50, **kwargs)  # noqa: E731
+    monkeypatch.setattr("models.out_of_distribution.Perceptron", few)
+
+
+@pytest.mark.parametrize("name", [*DAILY, *(pytest.param(n, marks=pytest.mark.nightly) for n in SLOW - {"auto"})])
+def test_contract(name):
+    check_contract(COMPOSED.get(name, lambda: made(name)))
+
+
+def check_contract(make):
+    """Untrained copies, probabilities, the same again, alone, stored, on another skin, and nothing of whom it tests."""
+    corpus = random_corpus(subjects=3, per_class=2, longest=40)
+    train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
+    bare = make()
+    contract.check(bare)
+    contract.check_training(bare, corpus[train], corpus.gestures[train])
+    model = clone(bare).fit(corpus[train], corpus.gestures[train])
+    assert not hasattr(bare, "classes_") and list(model.classes_) == ["pat", "rub", "tap"]
+    assert clone(model).get_params().keys() == bare.get_params().keys() and not hasattr(clone(model), "classes_")
+
+    probe = random_corpus(seed=9, subjects=2, per_class=2, longest=60)
+    proba = contract.probabilities(model, probe)
+    assert proba.shape == (12, 3)
+    np.testing.assert_allclose(proba.sum(axis=1), 1, rtol=1e-5)
+    assert np.array_equal(model.predict(probe), model.classes_[proba.argmax(axis=1)])
+    table, decisions = contract.decide(model, probe)
+    assert set(table["capture"]) == {*range(12)} and len(table) == len(decisions)
+    assert (table["start"] + table["frames"] <= probe.lengths[table["capture"]]).all() or "pad" in str(bare)
+
+    for alone in ([0], [7, 3]):
+        np.testing.assert_allclose(contract.probabilities(model, probe[alone].detached()), proba[alone], atol=1e-5)
+    assert np.array_equal(contract.probabilities(pickle.loads(pickle.dumps(model)), probe), proba)
+
+    other = with_other_values(corpus, test)  # other values and labels of whom it is tested on
+    other.captures.loc[test, "gesture"] = "tap"
+    again = clone(bare).fit(other[train], other.gestures[train])
+    assert np.array_equal(contract.probabilities(again, probe), proba)
+
+    costs = sizes(model, 64, 40)
+    assert costs["flash_bytes"] > 0 and costs["ram_bytes"] > 0 and costs["parameters"] > 0
+
+    skin = random_corpus(subjects=2, per_class=2, grid=(3, 5), longest=30)
+    real = Corpus.from_captures([f / np.float32(8) for f in skin], skin.captures, 27.0, full_scale=128.0)
+    found = contract.probabilities(make().fit(real, real.gestures), real[:2])
+    assert found.shape == (2, 3) and np.isfinite(found).all()
