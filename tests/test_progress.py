@@ -15,13 +15,13 @@ from rich.console import Console
 from bench import progress
 from bench.cli import main
 from bench.outcomes.results import FoldResult
-from bench.progress import Said, note, tell, telling, told
+from bench.progress import Message, messages, note, tell, telling
 from bench.work import loop, workers
 from models.nets.cnn85 import CNN85
 
 
 def words(folder):
-    return {said.name: said.words for said in told(folder)}
+    return {said.fold: said.words for said in messages(folder)}
 
 
 def test_what_is_told_is_seen_until_the_end(tmp_path, monkeypatch):
@@ -32,7 +32,7 @@ def test_what_is_told_is_seen_until_the_end(tmp_path, monkeypatch):
         tell("two")
         assert words(tmp_path) == {"a": "two"}
     tell("again nobody")
-    assert told(tmp_path) == []
+    assert messages(tmp_path) == []
     with telling(None):
         tell("nobody")
     assert list(tmp_path.iterdir()) == []
@@ -77,7 +77,7 @@ def test_a_folder_that_goes_stops_nobody(tmp_path, monkeypatch):
     with telling(tmp_path / "gone", "a"):
         shutil.rmtree(tmp_path / "gone")
         tell("nobody")
-    assert told(tmp_path / "gone") == []
+    assert messages(tmp_path / "gone") == []
 
 
 def test_the_bar_has_a_line_for_each_that_tells(tmp_path, monkeypatch):
@@ -97,8 +97,8 @@ def test_the_bar_has_a_line_for_each_that_tells(tmp_path, monkeypatch):
 
 def test_runs_of_one_title_are_told_apart(tmp_path):
     """Two seeds, say: of the first a fold needs 80 s still, of the second nobody knows anything."""
-    note(tmp_path, Said("seed 0", "bob", "half", 100.0, time.time() - 20, time.time() - 20))
-    note(tmp_path, Said("seed 1", "bob", "", None, time.time() - 20, time.time() - 20))
+    note(tmp_path, Message("seed 0", "bob", "half", 100.0, time.time() - 20, time.time() - 20))
+    note(tmp_path, Message("seed 1", "bob", "", None, time.time() - 20, time.time() - 20))
     with loop.progress(tmp_path) as bar:
         for key in ("seed 0", "seed 1"):
             bar.add_task("svm", total=1, key=key, left="")
@@ -124,9 +124,9 @@ def test_a_fold_tells_under_its_name(tmp_path, monkeypatch):
 
     class Telling:
         def fold(self, cell, corpus, fold, threads):
-            seen.extend(told(tmp_path))
+            seen.extend(messages(tmp_path))
             tell("half", 3.0)
-            seen.extend(told(tmp_path))
+            seen.extend(messages(tmp_path))
             time.sleep(0.05)
             return FoldResult(fold.name)
 
@@ -136,7 +136,7 @@ def test_a_fold_tells_under_its_name(tmp_path, monkeypatch):
     corpus, fold = SimpleNamespace(rate_hz=9.0), SimpleNamespace(name="anna")
     result = workers.do_fold(Telling(), None, corpus, fold, 1, "key of svm", tmp_path)
     assert [said[:4] for said in seen] == [("key of svm", "anna", "", None), ("key of svm", "anna", "half", 3.0)]
-    assert result.seconds >= 0.05 and result.scored == {"rate": 9.0} and told(tmp_path) == []
+    assert result.seconds >= 0.05 and result.scored == {"rate": 9.0} and messages(tmp_path) == []
 
 
 def test_time_left_by_hand():

@@ -42,7 +42,7 @@ def _tuning(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
     how: How = {"inner": inner, "objective": "smallest", "over": over, "seed": seed}
     usual = parameters(cell.model.factory)
     fixed = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
-    if contract.searches(cell.estimator()):
+    if contract.searches(cell.untrained):
         raise InputError(f"model={cell.model.short} searches by itself; choose over= of a model that does not")
     if over == "features":
         if not cell.features:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from bench.errors import ClusterError, InputError
 from bench.outcomes.results import FoldResult
 from bench.plan.plan import Plan
-from bench.progress import Said, forget, note
+from bench.progress import Message, forget, note
 from bench.work.cluster_worker import answer, check_of, packed
 from bench.work.workers import Done, Task, Todo
 
@@ -205,7 +205,7 @@ class Cluster:
         """Note what a fold of this command says, by the clock of this machine; called in a thread of dask's."""
         if any((task.key, task.fold.name) == (key, name) for task in list(self.running.values())):
             now = time.time()
-            note(self.folder, Said(key, name, words, left, now - elapsed, now - since))
+            note(self.folder, Message(key, name, words, left, now - elapsed, now - since))
 
     def _gone(self) -> ClusterError:
         return ClusterError(

@@ -216,7 +216,7 @@ def test_a_fold_that_fails_is_recorded_and_the_others_go_on(how, told, wayward, 
     def finished(self):
         done = first(self)
         over.append(done.task.fold.name)
-        assert not {said.name for said in progress.told(self.told)} & {*over}  # none of them is under way any longer
+        assert not {said.fold for said in progress.messages(self.folder)} & {*over}  # none of them is under way any longer
         return done
 
     monkeypatch.setattr(Processes, "finished", finished)
