@@ -10,13 +10,14 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
 from bench import contract
 from bench.arguments import PARTS, Values, convert, items, text_of
 from bench.corpora import faults
+from bench.corpora.synth import generate
 from bench.errors import InputError, nearest
 from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
@@ -223,7 +224,7 @@ class Cell:
     def arguments(self) -> dict[str, str]:
         """The arguments that make this cell, as they are typed; what has its default is left out."""
         values = {"data": self.data}
-        values |= {f"data.{k}": text_of(v) for k, v in self.data_parameters.items() if v != _usual_data()[k]}
+        values |= {f"data.{k}": text_of(v) for k, v in self.data_parameters.items() if v != parameters(generate)[k]}
         values |= {"where": self.where} if self.where else {}
         values |= {"target": self.target} if self.target != DEFAULTS["target"] else {}
         for key, part in (("protocol", self.protocol), ("model", self.model), ("features", self.features)):
@@ -251,12 +252,6 @@ def _brief(value: object) -> object:
         return value
     with np.printoptions(threshold=sys.maxsize):
         return hashlib.sha256(repr(value).encode()).hexdigest()[:8]
-
-
-def _usual_data() -> dict[str, object]:
-    from bench.corpora.synth import generate
-
-    return parameters(generate)
 
 
 def _described(tuning: Tuning) -> str:
@@ -335,13 +330,14 @@ def _variants(values: Values, key: str, part: object, siblings: list, seed: int 
     factory, module = load(PARTS[key], part), ""
     if (file := part.rpartition(":")[0]).endswith(".py"):  # from wherever a worker is started
         part, module = f"{Path(file).absolute()}:{part.rpartition(':')[2]}", factory.__module__
-    own, defaults = parameters(factory), _defaults(key, factory)
-    if seed is not None and "seed" in own:
-        own["seed"] = seed
-    variants: list[Part] = []
+    usual, defaults = parameters(factory), _defaults(key, factory)
+    if seed is not None and "seed" in usual:
+        usual["seed"] = seed
+    variants = []
     for chosen in _combinations(key, {p: text for p, text in dotted.items() if p in defaults}, defaults):
-        besides = {p: v for p, v in chosen.items() if p in own or v != defaults[p]}
-        variants.append(Part(PARTS[key], part, own | besides, module=module))
+        # A step that any model can have is a parameter of one that has it, and not of the others.
+        taken = {p: v for p, v in chosen.items() if p in usual or v != defaults[p]}
+        variants.append(Part[Any](PARTS[key], part, usual | taken, module=module))
     return variants
 
 
@@ -381,6 +377,6 @@ def corpus_variants(values: Values, data: str, siblings: list[str]) -> list[dict
         raise InputError("data= takes the name of a corpus, such as data='synth'; see bench data")
     if data != "synth":
         return [{}]
-    defaults = _usual_data()
+    defaults = parameters(generate)
     _refuse_unknown("data=synth", dotted, defaults)
     return [defaults | chosen for chosen in _combinations("data", dotted, defaults)]

@@ -59,17 +59,17 @@ def answer(command: str, threads: int, check: bytes, fold: bytes) -> tuple[str, 
         if _served and command not in _served:
             pool(1, threads).shutdown(wait=True, kill_workers=True)
         _served.add(command)
-        heard: set[Message] = set()
-        asked = pool(1, threads).submit(fold_here, check, fold, folder)
+        passed_on: set[Message] = set()
+        answered = pool(1, threads).submit(fold_here, check, fold, folder)
         while True:
             try:
-                return worker.address, *asked.result(timeout=OFTEN_S)
+                return worker.address, *answered.result(timeout=OFTEN_S)
             except BrokenProcessPool:
                 raise RuntimeError("The worker process died twice; out of memory?") from None
             except NotYet:
                 now = time.time()
-                for message in {*messages(Path(folder))} - heard:  # times that need no common clock
-                    heard.add(message)
+                for message in {*messages(Path(folder))} - passed_on:  # times that need no common clock
+                    passed_on.add(message)
                     worker.log_event(command, [*message[:4], now - message.began, now - message.at])
             # dask lets a task run on that was cancelled, or whose command is gone.
             task = worker.state.tasks.get(key)
@@ -143,12 +143,12 @@ def facts(cells: Sequence[Cell]) -> dict[str, str]:
     for package in ("bench", "features", "models", "protocols"):
         for path in sorted(place_of(package).rglob("*.py")):
             code.update(path.relative_to(place_of(package)).as_posix().encode() + path.read_bytes())
-    found = versions() | {"touchbench's code": code.hexdigest()[:12]}
+    values = versions() | {"touchbench's code": code.hexdigest()[:12]}
     for cell in cells:
-        found |= versions(cell.packages())
-        found[f"the captures of {cell.title()}"] = corpus_of(cell).digest[:12]
-        found |= {f"the code of {p.name}": _code_of(p) for p in cell.parts}
-    return found
+        values |= versions(cell.packages())
+        values[f"the captures of {cell.title()}"] = corpus_of(cell).digest[:12]
+        values |= {f"the code of {p.name}": _code_of(p) for p in cell.parts}
+    return values
 
 
 def _code_of(part: Part[Any]) -> str:

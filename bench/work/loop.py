@@ -135,13 +135,13 @@ class Begun(Generic[Shown]):
     """A run whose folds are under way.
 
     Attributes:
-        place: index of its plan in the command's list.
+        index: of its plan in the command's list.
         run: where it is tracked.
         waiting: folds that no worker has yet.
         lock: holds it against other processes.
     """
 
-    place: int
+    index: int
     run: TrackedRun[Shown]
     waiting: deque[Fold]
     lock: ExitStack
@@ -166,7 +166,7 @@ class Queue(Generic[Shown]):
         self.store, self.workers, self.bar, self.illustrate = store, workers, bar, illustrate
         self.plans = deque(enumerate(todo))
         self.under_way: dict[str, Begun[Shown]] = {}  # by key of the run
-        self.outcomes: dict[int, Outcome[Shown]] = {}  # by place of the plan
+        self.outcomes: dict[int, Outcome[Shown]] = {}  # by index of the plan
         self.refusal: InputError | None = None
 
     def __enter__(self) -> Queue[Shown]:
@@ -195,7 +195,7 @@ class Queue(Generic[Shown]):
             self.keep(self.workers.finished())
         if self.refusal:
             raise self.refusal
-        return [self.outcomes[place] for place in sorted(self.outcomes)]
+        return [self.outcomes[index] for index in sorted(self.outcomes)]
 
     def next(self) -> Task | None:
         """The next fold for the workers; None if they have no room, or must finish others first, or all are given."""
@@ -212,14 +212,14 @@ class Queue(Generic[Shown]):
         """Find or make the run of the next plan; whether that is done, or it has to wait for others."""
         if not self.plans or (self.under_way and not self.workers.overlap):
             return False
-        place, (plan, experiment) = self.plans[0]
+        index, (plan, experiment) = self.plans[0]
         if not self.workers.room(plan) or (key := key_of(plan, experiment)) in self.under_way:
             return False  # of two that are the same the second finds what the first one stores
         try:
             with ExitStack() as lock:
                 lock.enter_context(only_one(key))
                 run = TrackedRun(self.store, plan, experiment, key)
-                begun = self.under_way[key] = Begun(place, run, deque(run.missing), lock.pop_all())
+                begun = self.under_way[key] = Begun(index, run, deque(run.missing), lock.pop_all())
         except InputError as e:
             self.refusal = e
             self.plans.clear()
@@ -249,7 +249,7 @@ class Queue(Generic[Shown]):
         run, plan = begun.run, begun.run.plan
         findings, results = run.close(self.illustrate), run.results()
         outcome = Outcome(plan, run.experiment, run.run_id, run.tags, findings, results, run.errors)
-        self.outcomes[begun.place] = outcome
+        self.outcomes[begun.index] = outcome
         if affected := next((r for r in results if r.batch_effects), None):
             warn(f"warning: {plan.cell.system()}: fold {affected.name}: {affected.batch_effects[0]}")
         self.bar.end(key)
