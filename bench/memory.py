@@ -1,33 +1,26 @@
-"""Memory: what is there, and what asks for more than that."""
+"""Memory: how much is free, and a refusal of anything that needs more."""
 
 from __future__ import annotations
 
-import os
+from contextlib import suppress
 from pathlib import Path
+
+import psutil
 
 from bench.errors import InputError
 
 
 def available() -> float:
-    """Bytes that this process may still ask for; infinite where the system does not say."""
-    found = [float("inf")]
-    try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        found += [1024 * float(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
-    except (OSError, ValueError, IndexError):  # another system than Linux
-        pass
-    if len(found) == 1 and hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
-        found.append(float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
-    for name in ("memory.max", "memory/memory.limit_in_bytes"):  # of a container
-        try:
-            found.append(float(Path("/sys/fs/cgroup", name).read_text()))
-        except (OSError, ValueError):
-            continue
-    return min(found)
+    """Bytes that this process may still ask for: what the machine has free, or the limit of its container."""
+    limits = [float(psutil.virtual_memory().available)]
+    for name in ("memory.max", "memory/memory.limit_in_bytes"):  # of cgroups 2 and 1, which psutil does not read
+        with suppress(OSError, ValueError):
+            limits.append(float(Path("/sys/fs/cgroup", name).read_text()))
+    return min(limits)
 
 
 def ensure(asked: str, needed: float) -> None:
-    """Refuse what needs more memory than there is, before any is asked for.
+    """Refuse anything that needs more memory than is free, before it is asked for.
 
     Args:
         asked: what the user typed.
@@ -36,8 +29,8 @@ def ensure(asked: str, needed: float) -> None:
     Raises:
         InputError: there are fewer.
     """
-    if needed > (there := available()):
-        raise InputError(f"{asked}: needs at least {_size(needed)} of memory, {_size(there)} are free; ask for less")
+    if needed > (free := available()):
+        raise InputError(f"{asked}: needs at least {_size(needed)} of memory, {_size(free)} are free; ask for less")
 
 
 def _size(number: float) -> str:

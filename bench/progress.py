@@ -1,4 +1,4 @@
-"""How far a long fit is, told by whichever process fits to the command that waits for it, and how long that will be."""
+"""How far a long fit is: messages from whichever process fits to the command that waits, and the time left."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-OFTEN_S = 0.3
+OFTEN_S = 0.3  # between two messages of one fit
 console = Console(stderr=True)
 
 
@@ -23,84 +23,84 @@ def warn(line: str) -> None:
     console.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
-class Said(NamedTuple):
-    """What a fit says of itself.
+class Message(NamedTuple):
+    """The last words of a fold, or of another fit, that is under way.
 
     Attributes:
-        of: what it is a fold of, in words; empty for what is no fold.
-        name: of the fold.
+        run: key of the run that the fold is of; empty for a fit that is no fold.
+        fold: name of the fold.
         words: how far it is; empty before it has said anything.
         left: seconds that it expects to need still, None if it cannot know.
         began: when it began, of `time.time`.
         at: when it said so.
     """
 
-    of: str
-    name: str
+    run: str
+    fold: str
     words: str
     left: float | None
     began: float
     at: float
 
 
-_listener: list[tuple[Path, Said]] = []  # of this process: folder to write into, and who tells; the last is heard
-_at = [float("-inf")]  # when it was written
+_under_way: list[tuple[Path, Message]] = []  # of this process: folder to write into, and last message; innermost last
+_written = [float("-inf")]  # when, of `time.monotonic`
 
 
 @contextmanager
-def telling(folder: Path | None, name: str = "", of: str = "") -> Iterator[None]:
-    """What is told in between goes into a file of a folder under these names, gone at last; nowhere without one."""
+def telling(folder: Path | None, fold: str = "", run: str = "") -> Iterator[None]:
+    """Keep the last message of what is done in between in a folder, gone at last; nowhere without one."""
     if folder is None:
         yield
         return
     now = time.time()
-    said = Said(of, name, "", None, now, now)
-    note(folder, said)
-    _listener.append((folder, said))
-    _at[0] = float("-inf")
+    message = Message(run, fold, "", None, now, now)
+    note(folder, message)
+    _under_way.append((folder, message))
+    _written[0] = float("-inf")
     try:
         yield
     finally:
-        _listener.pop()
-        forget(folder, of, name)
+        _under_way.pop()
+        forget(folder, run, fold)
 
 
 def tell(words: str, left: float | None = None) -> None:
     """Say in a few words how far a fit is, and in seconds how long it takes still; too often costs nothing."""
     now = time.monotonic()
-    if _listener and now - _at[0] >= OFTEN_S:
-        _at[0] = now
-        folder, said = _listener[-1]
-        note(folder, said._replace(words=words, left=left, at=time.time()))
+    if _under_way and now - _written[0] >= OFTEN_S:
+        _written[0] = now
+        folder, message = _under_way[-1]
+        note(folder, message._replace(words=words, left=left, at=time.time()))
 
 
-def note(folder: Path, said: Said) -> None:
-    """Write into a folder what somebody says."""
-    path = _path(folder, said.of, said.name)
+def note(folder: Path, message: Message) -> None:
+    """Write a message into a folder; it takes the place of the last one of the same fold."""
+    path = _path(folder, message.run, message.fold)
     beside = path.with_name(f".{path.name}")
     with suppress(OSError):  # whoever waits may have gone
-        beside.write_text(json.dumps(said), encoding="utf-8")
+        beside.write_text(json.dumps(message), encoding="utf-8")
         os.replace(beside, path)
 
 
-def forget(folder: Path, of: str, name: str) -> None:
-    """Take away from a folder what somebody said."""
+def forget(folder: Path, run: str, fold: str) -> None:
+    """Remove the message of a fold that has ended."""
     with suppress(OSError):
-        _path(folder, of, name).unlink(missing_ok=True)
+        _path(folder, run, fold).unlink(missing_ok=True)
 
 
-def _path(folder: Path, of: str, name: str) -> Path:
-    """A name may be a path, or anything else."""
-    return folder / hashlib.sha256(json.dumps([of, name]).encode()).hexdigest()
-
-
-def told(folder: Path) -> list[Said]:
-    """What those that are fitting said last, in the order of their names."""
-    found = []
+def messages(folder: Path) -> list[Message]:
+    """The last message of each fold that is under way, in the order of runs and folds."""
+    spoken = []
     for path in folder.glob("[!.]*"):
         with suppress(OSError):
-            found.append(Said(*json.loads(path.read_text(encoding="utf-8"))))
-    return sorted(found, key=lambda said: (said.of, said.name))
+            spoken.append(Message(*json.loads(path.read_text(encoding="utf-8"))))
+    return sorted(spoken, key=lambda message: message[:2])
+
+
+def _path(folder: Path, run: str, fold: str) -> Path:
+    """A name may be a path, or anything else."""
+    return folder / hashlib.sha256(json.dumps([run, fold]).encode()).hexdigest()
 
 
 def seconds_left(
@@ -117,10 +117,10 @@ def seconds_left(
         waiting: number of folds that nobody has begun.
         workers: that do them, each one at a time.
     """
-    known = [*spent, *(elapsed + left for elapsed, left in running if left is not None)]
-    if not known:
+    durations = [*spent, *(elapsed + left for elapsed, left in running if left is not None)]
+    if not durations:
         return None
-    usual = sum(known) / len(known)
+    usual = sum(durations) / len(durations)
     busy = [max(usual - elapsed, usual / 10) if left is None else max(left, 0.0) for elapsed, left in running]
     free = [0.0] * max(workers - len(busy), 0) + busy
     heapq.heapify(free)
@@ -131,9 +131,7 @@ def seconds_left(
 
 def span(seconds: float) -> str:
     """Seconds as people say them: 8 s, 3 min 20 s, 2 h 5 min."""
-    whole = max(0, round(seconds))
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    return f"{whole // 3600} h {whole % 3600 // 60} min"
+    minutes, rest = divmod(max(0, round(seconds)), 60)
+    if not minutes:
+        return f"{rest} s"
+    return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"

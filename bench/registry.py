@@ -37,10 +37,10 @@ def check_rooms() -> None:
         spec = module.__spec__ if module else importlib.util.find_spec(name)
         if spec is None:  # a saved system carries its own code, and no reports
             continue
-        places = list(spec.submodule_search_locations or []) or [spec.origin or ""]
-        if place_of(name) not in [Path(place).resolve() for place in places] and place_of(name).is_dir():
+        folders = list(spec.submodule_search_locations or []) or [spec.origin or ""]
+        if place_of(name) not in [Path(folder).resolve() for folder in folders] and place_of(name).is_dir():
             raise InputError(
-                f"{places[0]} hides touchbench's own package {name!r}; rename it, or work in another folder"
+                f"{folders[0]} hides touchbench's own package {name!r}; rename it, or work in another folder"
             )
 
 
@@ -66,53 +66,53 @@ def load(room: str, name: str) -> Callable:
     Raises:
         InputError: no part has that name, or it cannot be imported.
     """
-    known = names(room)
+    registered = names(room)
     file, _, attribute = name.rpartition(":")
     if file.endswith(".py"):
         return _from_file(f"{KEYS[room]}={name}", Path(file), attribute)
-    if name not in known:
-        raise InputError(f"{KEYS[room]}={name}: not known; {nearest(name, known)}")
-    module, _, attribute = known[name].partition(":")
+    if name not in registered:
+        raise InputError(f"{KEYS[room]}={name}: not known; {nearest(name, registered)}")
+    module, _, attribute = registered[name].partition(":")
     try:
         return getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError) as e:
-        raise InputError(f"{KEYS[room]}={name} cannot be loaded from {known[name]}: {e}") from e
+        raise InputError(f"{KEYS[room]}={name} cannot be loaded from {registered[name]}: {e}") from e
 
 
-def _from_file(said: str, path: Path, attribute: str) -> Callable:
+def _from_file(argument: str, path: Path, attribute: str) -> Callable:
     """A class or function of a file, imported once for each state of the file."""
     path = path.resolve()
     try:
         content = path.read_bytes()
     except OSError as e:
-        raise InputError(f"{said}: {path} cannot be read ({e.strerror}); give file.py:Name") from e
+        raise InputError(f"{argument}: {path} cannot be read ({e.strerror}); give file.py:Name") from e
     module_name = f"{FILE_MODULE}{hashlib.sha256(str(path).encode() + content).hexdigest()[:16]}"
     if module_name not in sys.modules:
         spec = importlib.util.spec_from_file_location(module_name, path)
         if spec is None or spec.loader is None:  # a link to a file that is called otherwise
-            raise InputError(f"{said}: {path} is no Python file; give file.py:Name")
+            raise InputError(f"{argument}: {path} is no Python file; give file.py:Name")
         module = importlib.util.module_from_spec(spec)
         sys.modules[module_name] = module
         try:
             spec.loader.exec_module(module)
         except Exception as e:  # a file of the user's may raise anything
             del sys.modules[module_name]
-            raise InputError(f"{said}: {path.name} cannot be imported: {type(e).__name__}: {e}") from e
+            raise InputError(f"{argument}: {path.name} cannot be imported: {type(e).__name__}: {e}") from e
     module = sys.modules[module_name]
     if not callable(getattr(module, attribute, None)):
-        own = [n for n, v in vars(module).items() if callable(v) and getattr(v, "__module__", "") == module_name]
-        raise InputError(f"{said}: {path.name} has no {attribute!r}; {nearest(attribute, own)}")
+        here = [n for n, v in vars(module).items() if callable(v) and getattr(v, "__module__", "") == module_name]
+        raise InputError(f"{argument}: {path.name} has no {attribute!r}; {nearest(attribute, here)}")
     return getattr(module, attribute)
 
 
 def parameters(part: Callable) -> dict[str, object]:
     """Keyword parameters of a part and their defaults; one without a default is handed over by the harness."""
-    found = inspect.signature(part).parameters.values()
-    return {p.name: p.default for p in found if p.default is not inspect.Parameter.empty}
+    signature = inspect.signature(part).parameters.values()
+    return {p.name: p.default for p in signature if p.default is not inspect.Parameter.empty}
 
 
 def required(part: Callable) -> list[str]:
     """Parameters of a part that have no default: what the harness hands over, whatever they are called."""
     kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    found = inspect.signature(part).parameters.values()
-    return [p.name for p in found if p.default is inspect.Parameter.empty and p.kind not in kinds]
+    signature = inspect.signature(part).parameters.values()
+    return [p.name for p in signature if p.default is inspect.Parameter.empty and p.kind not in kinds]

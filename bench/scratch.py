@@ -29,14 +29,15 @@ def scratch() -> Iterator[None]:
 
     Where the data folder cannot be written, temporary files lie where they always do.
     """
-    place, before, mine = home() / "tmp", tempfile.tempdir, None
+    folder, before, mine = home() / "tmp", tempfile.tempdir, None
     try:
-        place.mkdir(parents=True, exist_ok=True)
-        sweep(place)
-        for kept in (home() / "features", home() / "corpora", *(home() / "corpora").glob("*")):
-            sweep(kept, ".")  # written beside their names
-        _sweep_semaphores()
-        mine = tempfile.mkdtemp(prefix=owner(), dir=place)
+        folder.mkdir(parents=True, exist_ok=True)
+        sweep(folder)
+        for stored in (home() / "features", home() / "corpora", *(home() / "corpora").glob("*")):
+            sweep(stored, ".")  # written beside their names
+        # Linux keeps the semaphores of workers whose whole group was killed.
+        _remove_dead(Path("/dev/shm"), "sem.loky-*", r"sem\.loky-(\d{1,9})-.*")
+        mine = tempfile.mkdtemp(prefix=owner(), dir=folder)
     except OSError:  # nothing was asked of the folder yet; what needs it says so itself
         pass
     else:
@@ -102,17 +103,27 @@ def owner() -> str:
     return f"{socket.gethostname()}-{os.getpid()}-"
 
 
-def sweep(place: Path, before: str = "") -> None:
+def sweep(folder: Path, before: str = "") -> None:
     """Remove what dead processes of this machine have left.
 
     Args:
-        place: folder whose entries are named by `owner`.
+        folder: whose entries are named by `owner`.
         before: what stands before the owner in their names.
     """
-    named = re.compile(rf"{re.escape(before + socket.gethostname())}-(\d{{1,9}})-[^-]*")
-    for path in place.glob(f"{before}*"):
-        found = named.fullmatch(path.name)
-        if found and not alive(int(found[1])):
+    _remove_dead(folder, f"{before}*", rf"{re.escape(before + socket.gethostname())}-(\d{{1,9}})-[^-]*")
+
+
+def _remove_dead(folder: Path, glob: str, name: str) -> None:
+    """Remove the entries of a folder that are named after a process that is dead.
+
+    Args:
+        folder: where they lie.
+        glob: that finds them.
+        name: pattern of their names, with the number of the process as its group.
+    """
+    for path in folder.glob(glob):
+        process = re.fullmatch(name, path.name)
+        if process and not alive(int(process[1])):
             with suppress(OSError):  # it is gone already, or somebody else's
                 remove(path)
 
@@ -125,23 +136,8 @@ def remove(path: Path) -> None:
         path.unlink()
 
 
-def _sweep_semaphores() -> None:
-    """Remove those of the user's dead processes that had workers: on Linux a whole group killed leaves them."""
-    for semaphore in Path("/dev/shm").glob("sem.loky-*"):
-        found = re.fullmatch(r"sem\.loky-(\d{1,9})-.*", semaphore.name)
-        if found and not alive(int(found[1])):
-            with suppress(OSError):  # another user's, or gone by now
-                semaphore.unlink()
-
-
-def alive(pid: int) -> bool:
+def alive(process: int) -> bool:
     """Whether there is a process of this number."""
-    if os.name == "nt":  # where signal 0 would end it
-        return True
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:  # it is there and belongs to someone else
-        return True
-    return True
+    import psutil  # not before there is something to remove: `bench --help` is to be fast
+
+    return psutil.pid_exists(process)

@@ -42,28 +42,28 @@ def source_digest(*parts: Code) -> str:
     other packages are left out too; their versions identify them.
     """
     todo = [part.__name__ if inspect.ismodule(part) else part.__module__ for part in parts]
-    own = ROOMS | {name.split(".")[0] for name in todo}
+    packages = ROOMS | {name.split(".")[0] for name in todo}
     beside = {Path(str(sys.modules[name].__file__)).parent for name in todo if name.startswith(FILE_MODULE)}
-    found: dict[str, bytes] = {}
+    code: dict[str, bytes] = {}
     while todo:
         name = todo.pop()
-        if name in found or name in INDIFFERENT:
+        if name in code or name in INDIFFERENT:
             continue
         module = sys.modules[name]
         path = getattr(module, "__file__", None)
         used = set() if hasattr(module, "__path__") else _names(module)  # a package holds whatever was imported of it
         if path and path.endswith(".py"):
-            found[name], imported = meaning(path, Path(path).stat().st_mtime_ns)
+            code[name], imported = meaning(path, Path(path).stat().st_mtime_ns)
             # A constant does not tell where it comes from; a package says nothing that its module does not.
-            used |= {f"{place}.{part}" if f"{place}.{part}" in sys.modules else place for place, part in imported}
+            used |= {f"{name}.{part}" if f"{name}.{part}" in sys.modules else name for name, part in imported}
         else:  # typed into a notebook
-            found[name] = _typed_in(parts, name)
-        todo += [o for o in used if isinstance(o, str) and (o.split(".")[0] in own or _lies_in(o, beside))]
+            code[name] = _typed_in(parts, name)
+        todo += [o for o in used if isinstance(o, str) and (o.split(".")[0] in packages or _lies_in(o, beside))]
         todo = [o for o in todo if o in sys.modules]
     h = hashlib.sha256()
-    for name in sorted(found):
-        called = FILE_MODULE if name.startswith(FILE_MODULE) else name  # whose rest tells place and every letter
-        h.update(called.encode() + found[name])
+    for name in sorted(code):
+        stem = FILE_MODULE if name.startswith(FILE_MODULE) else name  # whose rest tells the path and every letter
+        h.update(stem.encode() + code[name])
     return h.hexdigest()
 
 
@@ -115,14 +115,14 @@ def _typed_in(parts: tuple[Code, ...], module: str) -> bytes:
 
 def versions(also: Iterable[str] = ()) -> dict[str, str]:
     """Versions of the packages that results depend on, and of those that one system needs besides."""
-    found = {"python": ".".join(map(str, sys.version_info[:3]))}
+    installed = {"python": ".".join(map(str, sys.version_info[:3]))}
     names = ("touchbench", "numpy", "pandas", "scipy", "scikit-learn", "optuna", "xgboost", "xgboost-cpu", "torch")
     for name in (*names, *also):
         try:
-            found[name] = version(name)
+            installed[name] = version(name)
         except PackageNotFoundError:  # xgboost has two distributions, one of them is installed
             continue
-    return found
+    return installed
 
 
 def git_revision() -> str:

@@ -1,7 +1,6 @@
-"""What a fold says of how far it is, from its process to the bar."""
+"""Messages of folds, from their process to the bar, and the time left."""
 
 import shutil
-import sys
 import time
 from io import StringIO
 from types import SimpleNamespace
@@ -13,35 +12,50 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from bench import progress
-from bench.cli import main
 from bench.outcomes.results import FoldResult
-from bench.progress import Said, note, tell, telling, told
-from bench.work import loop, workers
+from bench.progress import Message, messages, note, tell, telling
+from bench.work import workers
+from bench.work.bar import Bar
 from models.nets.cnn85 import CNN85
 
 
-def words(folder):
-    return {said.name: said.words for said in told(folder)}
-
-
-def test_what_is_told_is_seen_until_the_end(tmp_path, monkeypatch):
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch):
     monkeypatch.setattr(progress, "OFTEN_S", 0.0)
+
+
+@pytest.fixture
+def log(monkeypatch):
+    """What is printed where no terminal is."""
+    monkeypatch.setattr(progress, "console", Console(file=StringIO(), width=200))
+    return progress.console.file
+
+
+def words(folder):
+    return {message.fold: message.words for message in messages(folder)}
+
+
+def test_the_last_message_is_seen_until_the_end_of_the_innermost(tmp_path, monkeypatch):
     tell("nobody listens")
-    with telling(tmp_path, "a"):
+    with telling(tmp_path, "outer"):
+        tell("zero")
         tell("one")
-        tell("two")
-        assert words(tmp_path) == {"a": "two"}
+        with telling(None):
+            tell("two")
+        assert words(tmp_path) == {"outer": "two"}
+        with telling(tmp_path, "inner"):
+            tell("three")
+            assert words(tmp_path) == {"inner": "three", "outer": "two"}
+        monkeypatch.setattr(progress, "OFTEN_S", 1e9)
+        tell("too often")
+        assert words(tmp_path) == {"outer": "two"}
     tell("again nobody")
-    assert told(tmp_path) == []
-    with telling(None):
-        tell("nobody")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["../victim", "{}/victim", ".hidden", "a/b", "nul\0", "x" * 300, ""])
-def test_a_name_is_no_path(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
-    victim, folder = tmp_path / "victim", tmp_path / "told"
+def test_a_name_is_no_path(name, tmp_path):
+    victim, folder = tmp_path / "victim", tmp_path / "messages"
     victim.write_text("mine")
     folder.mkdir()
     name = name.format(tmp_path)
@@ -51,82 +65,22 @@ def test_a_name_is_no_path(name, tmp_path, monkeypatch):
     assert victim.read_text() == "mine" and not list(folder.iterdir())
 
 
-def test_the_inner_one_is_heard_first(tmp_path, monkeypatch):
-    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
-    with telling(tmp_path, "outer"):
-        with telling(None):
-            tell("one")
-        assert words(tmp_path) == {"outer": "one"}
-        with telling(tmp_path, "inner"):
-            tell("two")
-        tell("three")
-        assert words(tmp_path) == {"outer": "three"}
-
-
-def test_too_often_is_not_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(progress, "OFTEN_S", 1e9)
-    with telling(tmp_path, "a"):
-        for number in range(100):
-            tell(str(number))
-        assert words(tmp_path) == {"a": "0"}
-
-
-def test_a_folder_that_goes_stops_nobody(tmp_path, monkeypatch):
-    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
+def test_a_folder_that_goes_stops_nobody(tmp_path):
     (tmp_path / "gone").mkdir()
     with telling(tmp_path / "gone", "a"):
         shutil.rmtree(tmp_path / "gone")
         tell("nobody")
-    assert told(tmp_path / "gone") == []
+    assert messages(tmp_path / "gone") == []
 
 
-def test_the_bar_has_a_line_for_each_that_tells(tmp_path, monkeypatch):
-    (tmp_path / "1").write_text(f'["svm", "bob", "epoch 2 of 9", 100, 0, {time.time() - 20}]')
-    (tmp_path / "2").write_text('["svm", "anna", "3 trials", null, 0, 0]')
-    (tmp_path / ".3").write_text("not yet")
-    out = StringIO()
-    monkeypatch.setattr(loop, "console", Console(file=out, width=100))
-    with loop.progress(tmp_path) as bar:
-        bar.add_task("svm on haart", total=2, key="svm", left="")
-        for part in bar.get_renderables():
-            loop.console.print(part)
-    said = out.getvalue()
-    assert "anna: 3 trials\n" in said.replace(" \n", "\n") and "bob: epoch 2 of 9, 1 min 20 s left" in said
-    assert "not yet" not in said
-
-
-def test_runs_of_one_title_are_told_apart(tmp_path):
-    """Two seeds, say: of the first a fold needs 80 s still, of the second nobody knows anything."""
-    note(tmp_path, Said("seed 0", "bob", "half", 100.0, time.time() - 20, time.time() - 20))
-    note(tmp_path, Said("seed 1", "bob", "", None, time.time() - 20, time.time() - 20))
-    with loop.progress(tmp_path) as bar:
-        for key in ("seed 0", "seed 1"):
-            bar.add_task("svm", total=1, key=key, left="")
-        lines = [part for part in bar.get_renderables() if "bob" in str(part)]
-        left = [task.fields["left"] for task in bar.tasks]
-    assert left == ["1 min 20 s left", ""] and len(lines) == 1 and "svm: bob: half" in str(lines[0])
-
-
-def test_a_fold_that_died_at_once_says_nothing_of_the_others(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(loop, "console", Console(file=sys.stdout, width=200))
-    with loop.progress(tmp_path) as bar:
-        task = bar.add_task("svm", total=3, completed=1, key="svm", left="", spent=[], workers=1)
-        bar.line(task, FoldResult("1", error="The worker died"))
-        bar.update(task, completed=2, spent=[9.0])
-        bar.line(task, FoldResult("2", seconds=9.0))
-    said = capsys.readouterr().out.splitlines()
-    assert said[:2] == ["svm: fold 1 failed, 1 of 3", "svm: fold 2 done after 9 s, 2 of 3, 9 s left"]
-
-
-def test_a_fold_tells_under_its_name(tmp_path, monkeypatch):
-    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
+def test_a_fold_tells_under_its_name(tmp_path):
     seen = []
 
     class Telling:
         def fold(self, cell, corpus, fold, threads):
-            seen.extend(told(tmp_path))
+            seen.extend(messages(tmp_path))
             tell("half", 3.0)
-            seen.extend(told(tmp_path))
+            seen.extend(messages(tmp_path))
             time.sleep(0.05)
             return FoldResult(fold.name)
 
@@ -135,8 +89,41 @@ def test_a_fold_tells_under_its_name(tmp_path, monkeypatch):
 
     corpus, fold = SimpleNamespace(rate_hz=9.0), SimpleNamespace(name="anna")
     result = workers.do_fold(Telling(), None, corpus, fold, 1, "key of svm", tmp_path)
-    assert [said[:4] for said in seen] == [("key of svm", "anna", "", None), ("key of svm", "anna", "half", 3.0)]
-    assert result.seconds >= 0.05 and result.scored == {"rate": 9.0} and told(tmp_path) == []
+    assert [message[:4] for message in seen] == [("key of svm", "anna", "", None), ("key of svm", "anna", "half", 3.0)]
+    assert result.seconds >= 0.05 and result.scored == {"rate": 9.0} and messages(tmp_path) == []
+
+
+def test_each_run_has_a_bar_with_its_time_left_and_a_line_for_each_message(tmp_path, log):
+    """Two seeds of one title: of the first a fold needs 80 s still, of the second nobody knows anything."""
+    now = time.time()
+    note(tmp_path, Message("seed 0", "bob", "half", 100.0, now - 20, now - 20))
+    note(tmp_path, Message("seed 1", "anna", "", None, now - 20, now - 20))
+    (tmp_path / ".3").write_text("not yet")
+    with Bar(tmp_path) as bar:
+        bar.begin("seed 0", "svm", 1, 0, lambda: 1)
+        (_, line) = bar.get_renderables()
+        assert str(line) == "  bob: half, 1 min 20 s left"
+        bar.begin("seed 1", "svm", 1, 0, lambda: 1)
+        (_, line) = bar.get_renderables()
+        assert str(line) == "  svm: bob: half, 1 min 20 s left"
+        assert [run.fields["left"] for run in bar.tasks] == ["1 min 20 s left", ""]
+
+
+def test_a_log_has_a_line_of_each_fold_with_the_time_left(tmp_path, log):
+    with Bar(tmp_path) as bar:
+        bar.begin("a", "svm", 4, 1, lambda: 1)
+        bar.advance_fold("a", FoldResult("1", error="The worker died"))  # at once: it says nothing of the others
+        bar.advance_fold("a", FoldResult("2", seconds=9.0))
+        bar.advance_fold("a", FoldResult("3", seconds=9.0))
+        bar.end("a")
+        assert not bar.tasks
+    failed, *lines = [line for line in log.getvalue().splitlines() if "fold " in line]
+    assert "fold 1" in failed and "The worker died" in failed
+    assert lines[:3] == [
+        "svm: fold 1 failed, 2 of 4",
+        "svm: fold 2 done after 9 s, 3 of 4, 9 s left",
+        "svm: fold 3 done after 9 s, 4 of 4",
+    ]
 
 
 def test_time_left_by_hand():
@@ -159,38 +146,19 @@ def test_time_left_by_hand():
 def test_time_left_lies_between_all_at_once_and_one_by_one(spent, running, waiting, count):
     usual = np.mean(spent)
     rest = [max(usual - each, usual / 10) for each in running]
-    found = progress.seconds_left(spent, [(each, None) for each in running], waiting, count)
+    left = progress.seconds_left(spent, [(each, None) for each in running], waiting, count)
     work = sum(rest) + waiting * usual
-    assert work / max(count, len(running)) - 1e-6 <= found <= work + 1e-6
-    assert found >= max([*rest, usual * bool(waiting)], default=0) - 1e-6
-
-
-def test_where_no_bar_is_seen_a_line_tells_of_each_fold(capsys):
-    """At once, with the time left; a terminal has the bar for that."""
-    assert (
-        main(["run", "model=bayes", "features=jung28", "data.subjects=3", "data.variants=normal", "data.repetitions=1"])
-        == 0
-    )
-    said = [line for line in capsys.readouterr().err.splitlines() if " fold " in line]
-    assert [line.split(" after ")[0] for line in said] == [
-        f"bayes · jung28 | synth | loso: fold {name} done" for name in ("1", "2", "3")
-    ]
-    assert [" s left" in line for line in said] == [True, True, False] and said[2].endswith("3 of 3")
+    assert work / max(count, len(running)) - 1e-6 <= left <= work + 1e-6
+    assert left >= max([*rest, usual * bool(waiting)], default=0) - 1e-6
 
 
 def test_seconds_as_people_say_them():
-    assert [progress.span(s) for s in (-3, 0.4, 59.6, 200, 7510)] == [
-        "0 s",
-        "0 s",
-        "1 min 0 s",
-        "3 min 20 s",
-        "2 h 5 min",
-    ]
+    spans = {-3: "0 s", 0.4: "0 s", 59.6: "1 min 0 s", 200: "3 min 20 s", 3599.6: "1 h 0 min", 7510: "2 h 5 min"}
+    assert {seconds: progress.span(seconds) for seconds in spans} == spans
 
 
-def test_a_network_says_how_long_it_takes(tmp_path, monkeypatch, corpus):
+def test_a_network_says_how_long_it_takes(monkeypatch, corpus):
     """Every step of it, with what is left as if the steps so far were as long as those to come."""
-    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
     clock = iter(range(1000))
     monkeypatch.setattr("models.nets.training.time", type("Clock", (), {"monotonic": lambda: next(clock)}))
     heard = []

@@ -1,23 +1,25 @@
 """What a killed command leaves, and that the next one clears it away."""
 
 import os
-import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import pytest
 
 from bench import scratch
-from tests.conftest import BENCH
 
 
-def dead_process() -> int:
+@pytest.fixture(scope="module")
+def dead():
+    """The number of a process that has ended."""
     with subprocess.Popen([sys.executable, "-c", ""]) as process:
         process.wait()
     return process.pid
+
+
+HOST = scratch.owner().split(f"-{os.getpid()}-")[0]
 
 
 def test_temporary_files_lie_in_a_folder_that_goes_with_the_command():
@@ -26,29 +28,25 @@ def test_temporary_files_lie_in_a_folder_that_goes_with_the_command():
         mine = Path(tempfile.mkdtemp())
         assert mine.parent.parent == scratch.home() / "tmp"
         assert mine.parent.name.startswith(scratch.owner())
-    assert tempfile.gettempdir() == before
-    assert not mine.parent.exists()
+    assert tempfile.gettempdir() == before and not mine.parent.exists()
 
 
-def test_only_what_dead_processes_of_this_machine_left_is_swept(tmp_path):
-    host = scratch.owner().split(f"-{os.getpid()}-")[0]
-    gone = tmp_path / f"{host}-{dead_process()}-x"
-    keep = [
-        tmp_path / f"{host}-{os.getpid()}-x",
-        tmp_path / f"other{host}-1-x",
-        tmp_path / f"{host}-x-1",
-        tmp_path / f"{host}-{dead_process()}-1-x",
-    ]
-    for path in (gone, *keep):
+def test_only_what_dead_processes_of_this_machine_left_is_swept(tmp_path, dead):
+    gone = [tmp_path / f"{HOST}-{dead}-x", tmp_path / f"{HOST}-{dead}-link", tmp_path / f"{HOST}-{dead}-file"]
+    keep = [f"{HOST}-{os.getpid()}-x", f"other{HOST}-1-x", f"{HOST}-x-1", f"{HOST}-{dead}-1-x", f".{HOST}-{dead}-x"]
+    for path in (gone[0], *(tmp_path / name for name in keep)):
         path.mkdir()
         (path / "file").write_text("")
+    gone[1].symlink_to(tmp_path / keep[0])
+    gone[2].write_text("")
     scratch.sweep(tmp_path)
-    assert sorted(tmp_path.iterdir()) == sorted(keep)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(keep)
+    assert all((tmp_path / name / "file").exists() for name in keep)
 
 
-def test_what_was_being_written_when_a_command_was_killed_goes_with_the_next_command():
-    name = f".{scratch.owner().split(f'-{os.getpid()}-')[0]}-{dead_process()}-abcdefgh"
-    left = [scratch.home() / place / name for place in ("features", "corpora", "corpora/synth", "corpora/mine")]
+def test_the_next_command_removes_what_killed_ones_were_writing(dead):
+    folders = ("tmp", "features", "corpora", "corpora/synth", "corpora/mine")
+    left = [scratch.home() / f / f"{'' if f == 'tmp' else '.'}{HOST}-{dead}-abcdefgh" for f in folders]
     for path in left:
         path.mkdir(parents=True)
         (path / "frames.npy").write_bytes(b"half")
@@ -57,8 +55,8 @@ def test_what_was_being_written_when_a_command_was_killed_goes_with_the_next_com
 
 
 @pytest.mark.skipif(not os.access("/dev/shm", os.W_OK), reason="semaphores are files on Linux alone")
-def test_semaphores_of_dead_processes_go_with_the_next_command():
-    left, mine = (Path(f"/dev/shm/sem.loky-{pid}-touchbench") for pid in (dead_process(), os.getpid()))
+def test_semaphores_of_dead_processes_go_with_the_next_command(dead):
+    left, mine = (Path(f"/dev/shm/sem.loky-{pid}-touchbench") for pid in (dead, os.getpid()))
     try:
         left.touch()
         mine.touch()
@@ -75,39 +73,3 @@ def test_a_folder_that_cannot_be_written_changes_nothing(tmp_path, monkeypatch):
     before = tempfile.gettempdir()
     with scratch.scratch():
         assert tempfile.gettempdir() == before
-
-
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds workers in /proc")
-@pytest.mark.pool
-def test_workers_end_when_their_parent_is_killed_and_the_next_command_cleans(tmp_path):
-    command = [*BENCH, "run", "data.subjects=6", "model=cnn85", "model.epochs=400", "jobs=2"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:
-        deadline = time.time() + 120
-        while len(workers(process.pid)) < 2 and process.poll() is None and time.time() < deadline:
-            time.sleep(0.1)
-        children = workers(process.pid)
-        assert len(children) >= 2
-        time.sleep(1)  # they have begun
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    deadline = time.time() + 20
-    while any(scratch.alive(child) for child in children) and time.time() < deadline:
-        time.sleep(0.1)
-    assert not [child for child in children if scratch.alive(child)]
-    place = scratch.home() / "tmp"
-    assert list(place.iterdir())  # what was killed left its folder
-    subprocess.run([*BENCH, "data"], cwd=tmp_path, capture_output=True, check=True)
-    assert not list(place.iterdir())
-
-
-def workers(parent: int) -> list[int]:
-    """Worker processes of a process (Linux)."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*"):
-        try:
-            after_name = (path / "stat").read_text().rpartition(")")[2].split()
-            if int(after_name[1]) == parent and b"popen_loky" in (path / "cmdline").read_bytes():
-                found.append(int(path.name))
-        except OSError:
-            continue
-    return found

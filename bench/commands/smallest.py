@@ -39,7 +39,7 @@ def smallest(values: Values) -> list[Outcome]:
 def _tuning(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
     """How a search picks the smallest value; all parameters but that one stay as they are."""
     model, usual = cell.model.short, parameters(cell.model.factory)
-    if contract.searches(cell.estimator()):
+    if contract.searches(cell.untrained):
         raise InputError(f"model={model} searches by itself; choose over= of a model that does not")
     space = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
     seed = cell.seed if "seed" in cell.model.parameters else 0

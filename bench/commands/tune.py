@@ -62,7 +62,7 @@ def searched(values: Values) -> list[Outcome]:
 
 def _parameters(cell: Cell) -> dict[str, object]:
     """What a model takes, its own parameters first."""
-    if cell.model.given is not None:
+    if cell.model.instance is not None:
         return cell.model.parameters
     return parameters(cell.model.factory) | besides(cell.model.factory)
 
@@ -75,9 +75,9 @@ def _values(name: str, listed: object, default: object) -> list[object]:
 
 def _tuning(cell: Cell, params: dict[str, object], how: How) -> Tuning:
     name = cell.model.short
-    if cell.model.given is not None:
+    if cell.model.instance is not None:
         raise InputError(f"model={name}: an object is what it is; give its class or a factory by name to search")
-    if contract.searches(cell.estimator()):
+    if contract.searches(cell.untrained):
         raise InputError(f"model={name} searches by itself; use bench run model={name}")
     defaults = _parameters(cell)
     listed = {k: _values(k, values, defaults[k]) for k, values in params.items() if k in defaults}

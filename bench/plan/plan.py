@@ -58,20 +58,20 @@ class Plan:
 
         Positions in the corpus, one pair for each tested capture.
         """
-        known = [pair for fold in self.folds if fold.known for draw in fold.known.draws for pair in draw]
-        sides = [*((fold.train, fold.test) for fold in self.folds), *known]
+        calibrations = [pair for fold in self.folds if fold.known for draw in fold.known.draws for pair in draw]
+        sides = [*((fold.train, fold.test) for fold in self.folds), *calibrations]
         return seen_before(repeated(self.corpus), sides, len(self.corpus))
 
     @cached_property
     def label(self) -> str:
         """The protocol in the words that stand in every row of results."""
         part = self.cell.protocol
-        return splits.label(part.make(), self.corpus, self.mixes_subjects, str(part), part.changed().get("seed"))
+        return splits.label(self.cell.splitter, self.corpus, self.mixes_subjects, str(part), part.changed().get("seed"))
 
     @cached_property
     def facts(self) -> dict[str, str]:
         """What statistics and tables need to know of the protocol; ``""`` for what it has not."""
-        official = splits.official_split(self.cell.protocol.make(), self.corpus)
+        official = splits.official_split(self.cell.splitter, self.corpus)
         ratio = shared_ratio(self.folds)
         return {
             "mixes_subjects": str(self.mixes_subjects).lower(),
@@ -95,14 +95,14 @@ class Plan:
         return captures | self.cell.identity()
 
 
-def planned(asked: list[Cell], jobs: int | None) -> list[Plan]:
+def planned(cells: list[Cell], jobs: int | None) -> list[Plan]:
     """A plan for each cell; all that can be checked is checked before the first fold starts.
 
     Raises:
         InputError: something in the cells or the data cannot be used.
     """
     plans = []
-    for cell in asked:
+    for cell in cells:
         estimator = checked(cell)
         corpus = corpus_of(cell)
         contract.check_conditions(estimator, corpus)
@@ -134,15 +134,14 @@ def refuse_repeats(plan: Plan) -> None:
 
 
 def checked(cell: Cell) -> contract.System:
-    """The untrained system of a cell, its parameters and those of its feature sets checked.
+    """The untrained system of a cell, its parameters and those of its feature sets checked; it is not to be fitted.
 
     Raises:
         InputError: one of them cannot be.
     """
-    estimator = cell.estimator()
-    for part in (estimator, *cell.feature_sets().values()):
+    for part in (cell.untrained, *cell.feature_sets().values()):
         contract.check(part)
-    return estimator
+    return cell.untrained
 
 
 def corpus_of(cell: Cell) -> Corpus:
@@ -152,7 +151,7 @@ def corpus_of(cell: Cell) -> Corpus:
         InputError: they cannot be opened, chosen, joined, or told apart by the target.
     """
     corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
-    corpus = splits.captures(cell.protocol.make(), corpus)
+    corpus = splits.captures(cell.splitter, corpus)
     if len(set(corpus.gestures)) < 2:
         raise InputError(
             f"data={cell.data} where={cell.where!r}: only one {corpus.target} is left, nothing to tell apart"
@@ -179,12 +178,11 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
         InputError: the protocol cannot split this corpus, or a fold tests a class that it does not train.
     """
     gestures, subjects = corpus.gestures, corpus.subjects
-    protocol = cell.protocol.make()
-    known = splits.calibrations(protocol, corpus, gestures, subjects)
-    found = [Fold("", *pair, next(known)) for pair in protocol.split(corpus, gestures, subjects)]
-    mixed = mixes_subjects(corpus, found)
+    calibrations = splits.calibrations(cell.splitter, corpus, gestures, subjects)
+    folds = [Fold("", *pair, next(calibrations)) for pair in cell.splitter.split(corpus, gestures, subjects)]
+    mixed = mixes_subjects(corpus, folds)
     named = []
-    for i, fold in enumerate(found, 1):
+    for i, fold in enumerate(folds, 1):
         tested = set(subjects[fold.test])
         name = tested.pop() if len(tested) == 1 and not mixed else f"fold{i:02d}"
         if lacking := sorted(set(gestures[fold.test]) - set(gestures[fold.train])):

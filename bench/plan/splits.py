@@ -44,8 +44,9 @@ def label(protocol: Splitter, corpus: Corpus, mixes_subjects: bool, name: str, s
         name: of a protocol without a label, with its parameters.
         seed: of the protocol, None where that is the default; a label that does not name it gets it at its end.
     """
-    own = getattr(protocol, "label", None)
-    return with_seed(own(corpus), seed) if own else name + (", subjects mixed" if mixes_subjects else "")
+    if words := getattr(protocol, "label", None):
+        return with_seed(words(corpus), seed)
+    return name + (", subjects mixed" if mixes_subjects else "")
 
 
 def with_seed(label: str, seed: object) -> str:
@@ -71,24 +72,24 @@ class Calibration:
 
 def calibrations(protocol: Splitter, corpus: Corpus, y: np.ndarray, groups: np.ndarray) -> Iterator[Calibration | None]:
     """Of each fold what is known of its person; None for ever where a protocol tells nothing of the kind."""
-    own = getattr(protocol, "calibrations", None)
-    if own is None:
+    drawn = getattr(protocol, "calibrations", None)
+    if drawn is None:
         yield from repeat(None)
         return
     labelled, weight = not getattr(protocol, "unlabelled", False), getattr(protocol, "weight", 1)
-    for draws in own(corpus, y, groups):
-        pairs = tuple(tuple((np.asarray(known), np.asarray(tested)) for known, tested in draw) for draw in draws)
-        none = not any(len(known) for draw in pairs for known, _ in draw)
+    for draws in drawn(corpus, y, groups):
+        pairs = tuple(tuple((np.asarray(shots), np.asarray(tested)) for shots, tested in draw) for draw in draws)
+        none = not any(len(shots) for draw in pairs for shots, _ in draw)
         yield None if none else Calibration(pairs, labelled, weight)
 
 
 def captures(protocol: Splitter, corpus: Corpus) -> Corpus:
     """What the protocol splits: the captures themselves, or they and others."""
-    own = getattr(protocol, "joined", None)
-    return corpus if own is None else own(corpus)
+    joined = getattr(protocol, "joined", None)
+    return corpus if joined is None else joined(corpus)
 
 
 def official_split(protocol: Splitter, corpus: Corpus) -> bool | None:
     """Whether its folds are those that were published, None where there is nothing of the kind."""
-    own = getattr(protocol, "official_split", None)
-    return own(corpus) if own else None
+    official = getattr(protocol, "official_split", None)
+    return official(corpus) if official else None

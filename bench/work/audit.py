@@ -112,7 +112,7 @@ class Audited:
         """Whether it declares random training by a parameter ``seed`` or ``random_state``."""
         params = parameters(self.cell.estimator())
         named = any(k.split("__")[-1] in ("seed", "random_state") and v is not None for k, v in params.items())
-        return self.cell.seed is not None or (self.cell.given and named)
+        return self.cell.seed is not None or (self.cell.has_objects and named)
 
 
 def parameters(estimator: contract.System) -> dict[str, object]:

@@ -73,7 +73,7 @@ class OnChip(Experiment[None]):
         Raises:
             InputError: either.
         """
-        check(plan.cell.estimator())
+        check(plan.cell.untrained)
         if missing := lacking():
             raise InputError(
                 f"bench chip needs {', '.join(missing)}, not installed here; of Debian, the packages gcc make "

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from bench.errors import ClusterError, InputError
 from bench.outcomes.results import FoldResult
 from bench.plan.plan import Plan
-from bench.progress import Said, forget, note
+from bench.progress import Message, forget, note
 from bench.work.cluster_worker import answer, check_of, packed
 from bench.work.workers import Done, Task, Todo
 
@@ -38,7 +38,7 @@ class Cluster:
     """Workers of dask (`bench.work.workers.Workers`).
 
     Args:
-        place: the address of the scheduler, or the file that it has written.
+        address: the address of the scheduler, or the file that it has written.
         todo: all that is to be run.
         say: tells the user a line.
         folder: where folds say how far they are (`bench.progress`).
@@ -52,8 +52,8 @@ class Cluster:
 
     overlap = True
 
-    def __init__(self, place: str, todo: Todo, say: Callable[[str], None], folder: Path) -> None:
-        self.place, self.say, self.folder = place, say, folder
+    def __init__(self, address: str, todo: Todo, say: Callable[[str], None], folder: Path) -> None:
+        self.address, self.say, self.folder = address, say, folder
         self.name = secrets.token_hex(8)
         self.check = check_of([plan.cell for plan, _ in todo])
         self.checks: dict[str, Future] = {}  # what each worker was asked first, by its address
@@ -63,7 +63,7 @@ class Cluster:
         self.running: dict[Future, Task] = {}
         self.over: queue.Queue[Future] = queue.Queue()
         self.threads, self.seen, self.alone = 0, time.monotonic(), False
-        self.client = connected(place)
+        self.client = connected(address)
         try:
             self.client.subscribe_topic(self.name, lambda event: self._hear(*event[1]))
             self._wait()
@@ -151,8 +151,8 @@ class Cluster:
             if self.useless:
                 raise InputError(self.useless)
             if not self.checks and time.monotonic() - began > FIRST_S:
-                start = f"start some, such as: dask worker {self.place} --nworkers 4 --nthreads 1"
-                raise InputError(f"cluster={self.place}: it has no worker; {start}")
+                start = f"start some, such as: dask worker {self.address} --nworkers 4 --nthreads 1"
+                raise InputError(f"cluster={self.address}: it has no worker; {start}")
             time.sleep(0.1)
 
     def _look(self) -> None:
@@ -166,19 +166,19 @@ class Cluster:
         except Exception as e:  # dask has several
             raise self._gone() from e
         self.threads = self.threads or min(there.values(), default=0)
-        for address in there:
-            if address not in self.checks:
-                self.checks[address] = self._ask(workers=[address])
-            elif address not in self.refusals and self.checks[address].done():
-                self._judge(address, self._refusal(self.checks[address]))
-        self.good = [address for address in there if self.refusals.get(address) == ""]
-        refused = [self.refusals[address] for address in there if self.refusals.get(address)]
-        all_refused = f"cluster={self.place}: none of {len(there)} workers can be used; {min(refused, default='')}"
+        for worker in there:
+            if worker not in self.checks:
+                self.checks[worker] = self._ask(workers=[worker])
+            elif worker not in self.refusals and self.checks[worker].done():
+                self._judge(worker, self._refusal(self.checks[worker]))
+        self.good = [worker for worker in there if self.refusals.get(worker) == ""]
+        refused = [self.refusals[worker] for worker in there if self.refusals.get(worker)]
+        all_refused = f"cluster={self.address}: none of {len(there)} workers can be used; {min(refused, default='')}"
         self.useless = all_refused if refused and len(refused) == len(there) else ""
         if self.good:
             self.seen, self.alone = time.monotonic(), False
         elif not self.alone and time.monotonic() - self.seen > FIRST_S:
-            self.say(f"warning: cluster={self.place}: no worker answers; waiting for one, Ctrl-C ends it")
+            self.say(f"warning: cluster={self.address}: no worker answers; waiting for one, Ctrl-C ends it")
             self.alone = True
 
     def _refusal(self, check: Future) -> str:
@@ -188,11 +188,11 @@ class Cluster:
             why = " ".join(f"{type(e).__name__}: {e}".split())
             return f"{why}; is touchbench installed there, and was it restarted after an upgrade?"
 
-    def _judge(self, address: str, refusal: str) -> None:
-        line = f"worker {address} is left out: {refusal}" if refusal else ""
-        if line and self.refusals.get(address) != line:
+    def _judge(self, worker: str, refusal: str) -> None:
+        line = f"worker {worker} is left out: {refusal}" if refusal else ""
+        if line and self.refusals.get(worker) != line:
             self.say(f"warning: {line}")
-        self.refusals[address] = line
+        self.refusals[worker] = line
 
     def _ask(self, fold: bytes = b"", **how: Any) -> Future:
         """Have a worker asked whether it gives the results of this machine, and then for a fold if there is one."""
@@ -205,20 +205,20 @@ class Cluster:
         """Note what a fold of this command says, by the clock of this machine; called in a thread of dask's."""
         if any((task.key, task.fold.name) == (key, name) for task in list(self.running.values())):
             now = time.time()
-            note(self.folder, Said(key, name, words, left, now - elapsed, now - since))
+            note(self.folder, Message(key, name, words, left, now - elapsed, now - since))
 
     def _gone(self) -> ClusterError:
         return ClusterError(
-            f"cluster={self.place}: the scheduler is gone; every finished fold is stored and the same command goes on "
-            "from there"
+            f"cluster={self.address}: the scheduler is gone; every finished fold is stored and the same command goes "
+            "on from there"
         )
 
 
-def connected(place: str) -> Client:
+def connected(address: str) -> Client:
     """Dask's client of a scheduler.
 
     Args:
-        place: its address, or the file that it has written it into.
+        address: its address, or the file that it has written it into.
 
     Raises:
         InputError: dask is not installed, or no scheduler answers there.
@@ -226,18 +226,18 @@ def connected(place: str) -> Client:
     try:
         from distributed import Client
     except ImportError as e:
-        raise InputError(f"cluster={place}: dask is not installed; pip install 'touchbench[cluster]'") from e
+        raise InputError(f"cluster={address}: dask is not installed; pip install 'touchbench[cluster]'") from e
     for name in ("distributed.client", "distributed.core"):  # what they say of lost connections, we say
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        where = json.loads(Path(place).read_text())["address"] if Path(place).is_file() else place
+        where = json.loads(Path(address).read_text())["address"] if Path(address).is_file() else address
         with ThreadPoolExecutor(1) as thread:  # in a notebook, a loop runs in this one
             thread.submit(asyncio.run, _greeted(where)).result()
         return Client(where, timeout=ANSWER_S, set_as_default=False)
     except Exception as e:  # dask has many
         why = " ".join(str(e).split()) or f"{type(e).__name__} after {ANSWER_S:g} s"
         raise InputError(
-            f"cluster={place}: no scheduler answers ({why[:80]}); give tcp://HOST:8786 of one that runs, or the file "
+            f"cluster={address}: no scheduler answers ({why[:80]}); give tcp://HOST:8786 of one that runs, or the file "
             "that it was started with (--scheduler-file)"
         ) from e
 

@@ -17,7 +17,7 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.progress import Said, told
+from bench.progress import Message, messages
 from bench.work.pool import pool
 
 if TYPE_CHECKING:
@@ -59,18 +59,18 @@ def answer(command: str, threads: int, check: bytes, fold: bytes) -> tuple[str, 
         if _served and command not in _served:
             pool(1, threads).shutdown(wait=True, kill_workers=True)
         _served.add(command)
-        heard: set[Said] = set()
-        asked = pool(1, threads).submit(fold_here, check, fold, folder)
+        passed_on: set[Message] = set()
+        answered = pool(1, threads).submit(fold_here, check, fold, folder)
         while True:
             try:
-                return worker.address, *asked.result(timeout=OFTEN_S)
+                return worker.address, *answered.result(timeout=OFTEN_S)
             except BrokenProcessPool:
                 raise RuntimeError("The worker process died twice; out of memory?") from None
             except NotYet:
                 now = time.time()
-                for said in {*told(Path(folder))} - heard:  # times that need no common clock
-                    heard.add(said)
-                    worker.log_event(command, [*said[:4], now - said.began, now - said.at])
+                for message in {*messages(Path(folder))} - passed_on:  # times that need no common clock
+                    passed_on.add(message)
+                    worker.log_event(command, [*message[:4], now - message.began, now - message.at])
             # dask lets a task run on that was cancelled, or whose command is gone.
             task = worker.state.tasks.get(key)
             going = worker.status.name in ("closing", "closed", "failed")
@@ -124,7 +124,7 @@ def check_of(cells: Iterable[Cell]) -> bytes:
     """What a machine must have to give the results of this one, pickled: `difference` takes it."""
     kinds: dict[str, Cell] = {}
     for cell in cells:
-        parts = [(p.room, p.name, id(p.given)) for p in _parts(cell)]
+        parts = [(p.room, p.name, id(p.instance)) for p in cell.parts]
         kinds.setdefault(repr((cell.data, cell.data_parameters, cell.where, cell.target, parts)), cell)
     return packed(facts([]), facts([*kinds.values()]), packed(*kinds.values()))
 
@@ -143,23 +143,19 @@ def facts(cells: Sequence[Cell]) -> dict[str, str]:
     for package in ("bench", "features", "models", "protocols"):
         for path in sorted(place_of(package).rglob("*.py")):
             code.update(path.relative_to(place_of(package)).as_posix().encode() + path.read_bytes())
-    found = versions() | {"touchbench's code": code.hexdigest()[:12]}
+    values = versions() | {"touchbench's code": code.hexdigest()[:12]}
     for cell in cells:
-        found |= versions(cell.packages())
-        found[f"the captures of {cell.title()}"] = corpus_of(cell).digest[:12]
-        found |= {f"the code of {p.name}": _code_of(p) for p in _parts(cell)}
-    return found
-
-
-def _parts(cell: Cell) -> list[Part[Any]]:
-    return [part for part in (cell.protocol, cell.features, cell.model) if part is not None]
+        values |= versions(cell.packages())
+        values[f"the captures of {cell.title()}"] = corpus_of(cell).digest[:12]
+        values |= {f"the code of {p.name}": _code_of(p) for p in cell.parts}
+    return values
 
 
 def _code_of(part: Part[Any]) -> str:
     """Digest of a part's code; of what was typed into a script or a notebook none, as it travels itself."""
     from bench import contract
 
-    typed = part.given is not None and any(c.__module__ == "__main__" for c in contract.classes(part.given))
+    typed = part.instance is not None and any(c.__module__ == "__main__" for c in contract.classes(part.instance))
     return "" if typed else part.identity()[-1][:12]
 
 

@@ -20,9 +20,9 @@ from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
 from bench.progress import telling, warn
 from bench.scratch import made_whole, new_folder
+from bench.work.bar import Bar
 from bench.work.evaluation import Evaluation
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
-from bench.work.loop import progress
 from bench.work.machine import this_machine
 from bench.work.replay import INNER, Replay, Stopping, learned, unlearnable
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
@@ -78,7 +78,8 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
     """
     if out is not None:
         new_folder(out)
-    estimator, corpus = checked(cell), corpus_of(cell)
+    checked(cell)
+    estimator, corpus = cell.estimator(), corpus_of(cell)
     if conditions := contract.conditions(estimator):
         raise InputError(
             f"model={cell.model}: it needs {', '.join(conditions)} to predict, which a saved system is not given; "
@@ -89,7 +90,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
     plan = Plan(cell, corpus, (), 1, threads)
     forget_peak()
     fill_cache(plan.cell, plan.corpus)
-    with tempfile.TemporaryDirectory() as folder, telling(Path(folder), "fit"), progress(Path(folder)):
+    with tempfile.TemporaryDirectory() as folder, telling(Path(folder), "fit"), Bar(Path(folder)):
         with computing(threads):
             settled = _stopping(cell, corpus) if stopping else None
             metrics = fitted(estimator, corpus)

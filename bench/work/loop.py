@@ -3,25 +3,13 @@
 from __future__ import annotations
 
 import tempfile
-import time
+from collections import deque
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import TracebackType
 from typing import Generic
-
-from rich.console import Console, RenderableType
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-)
-from rich.progress import Task as BarTask
-from rich.text import Text
 
 from bench import contract
 from bench.arguments import HERE, Backend
@@ -33,10 +21,11 @@ from bench.outcomes.scores import RESERVED
 from bench.outcomes.store import Store, connect, only_one
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
-from bench.progress import Said, console, seconds_left, span, told, warn
+from bench.progress import console, warn
+from bench.work.bar import Bar
 from bench.work.experiment import Experiment
 from bench.work.tracking import Illustrate, TrackedRun, key_of
-from bench.work.workers import Processes, Task, Todo, Workers
+from bench.work.workers import Done, Processes, Task, Todo, Workers
 
 
 class Interrupted(KeyboardInterrupt):
@@ -83,13 +72,13 @@ class Outcome(Generic[Shown]):
         return {r.name: r.chosen for r in self.results if r.chosen}
 
 
-def prepared(asked: Iterable[Cell], experiments: Sequence[Experiment[Shown]], jobs: int | None) -> Todo[Shown]:
+def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment[Shown]], jobs: int | None) -> Todo[Shown]:
     """Every cell with every experiment; all is checked before the first fold starts.
 
     Raises:
         InputError: something in the cells, the data or the experiments cannot be used.
     """
-    todo = [(plan, experiment) for plan in planned(list(asked), jobs) for experiment in experiments]
+    todo = [(plan, experiment) for plan in planned(list(cells), jobs) for experiment in experiments]
     for plan, experiment in todo:
         if not experiment.adapts and any(fold.known for fold in plan.folds):
             raise InputError(
@@ -119,37 +108,26 @@ def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate |
         ClusterError: the cluster is gone; what is finished is stored.
         Interrupted: Ctrl-C; what is finished is stored.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        workers: Workers
-        under_way: list[Begun] = []
-        try:
-            if backend.cluster:
+    try:
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)  # where folds leave their messages (`bench.progress`)
+            if not backend.cluster:
+                workers: Workers = Processes(folder)
+                if backend.jobs and backend.jobs > usable_cores():
+                    cores = f"this machine has {usable_cores()} cores"
+                    console.print(f"warning: jobs={backend.jobs}: {cores}, more workers would only wait")
+            else:
                 from bench.work.cluster import Cluster
 
-                workers = cluster = Cluster(backend.cluster, todo, warn, Path(folder))
+                workers = cluster = Cluster(backend.cluster, todo, warn, folder)
                 todo = [(replace(plan, threads=cluster.threads), experiment) for plan, experiment in todo]
-            else:
-                workers = Processes(Path(folder))
-                if backend.jobs and backend.jobs > usable_cores():
-                    has = f"this machine has {usable_cores()} cores"
-                    console.print(f"warning: jobs={backend.jobs}: {has}, more workers would only wait")
             with workers:
                 for line in dict.fromkeys(line for plan, _ in todo for line in warnings(plan)):
                     warn(line)
-                store = connect()
-                with progress(Path(folder)) as bar:
-                    return work(store, todo, workers, bar, under_way, illustrate)
-        except (KeyboardInterrupt, ClusterError) as e:
-            for begun in under_way:
-                if not begun.run.finished:
-                    begun.run.interrupt()
-            if isinstance(e, ClusterError):
-                raise
-            said = "interrupted; every finished fold is stored and the same command goes on from there"
-            raise Interrupted(said) from e
-        finally:
-            for begun in under_way:
-                begun.lock.close()
+                with Bar(folder) as bar, Queue(connect(), todo, workers, bar, illustrate) as queue:
+                    return queue.work()
+    except KeyboardInterrupt as e:
+        raise Interrupted("interrupted; every finished fold is stored and the same command goes on from there") from e
 
 
 @dataclass(eq=False)
@@ -157,140 +135,133 @@ class Begun(Generic[Shown]):
     """A run whose folds are under way.
 
     Attributes:
-        place: of its plan among those of the command.
+        index: of its plan in the command's list.
         run: where it is tracked.
-        waiting: folds that nobody does yet.
-        left: number of folds that are not stored yet.
-        bar: of its folds.
+        waiting: folds that no worker has yet.
         lock: holds it against other processes.
-        errors: by name of a fold that failed, where its traceback is.
-        spent: seconds of each fold that went well.
     """
 
-    place: int
+    index: int
     run: TrackedRun[Shown]
-    waiting: list[Fold]
-    left: int
-    bar: TaskID
+    waiting: deque[Fold]
     lock: ExitStack
-    errors: dict[str, str] = field(default_factory=dict)
-    spent: list[float] = field(default_factory=list)
 
 
-def work(
-    store: Store,
-    todo: Todo[Shown],
-    workers: Workers,
-    bar: Bar,
-    under_way: list[Begun[Shown]],
-    illustrate: Illustrate | None,
-) -> list[Outcome[Shown]]:
-    """Give workers the folds of all plans in one queue; a plan begins when they have room for its first fold.
+class Queue(Generic[Shown]):
+    """The folds of all plans, plan after plan; the run of a plan begins when workers have room for its first fold.
+
+    Left with an exception (Ctrl-C, a cluster that is gone), it marks the runs that are under way as killed.
 
     Args:
         store: where runs are tracked.
         todo: plans, in the order in which they begin.
-        workers: who do folds.
-        bar: of folds.
-        under_way: filled with what is begun and not ended.
+        workers: do folds.
+        bar: shows them.
         illustrate: draws what is kept with a run besides its tables.
-
-    Raises:
-        InputError: another process runs one of the cells; those before it are finished.
     """
-    outcomes: dict[int, Outcome[Shown]] = {}
-    refused: InputError | None = None
 
-    def close(begun: Begun[Shown]) -> None:
-        run, plan = begun.run, begun.run.plan
-        found = run.close(illustrate)
-        outcome = Outcome(plan, run.experiment, run.run_id, run.tags, found, run.results(), begun.errors)
-        outcomes[begun.place] = outcome
-        for result in outcome.results:
-            if result.batch_effects:
-                warn(f"warning: {plan.cell.system()}: fold {result.name}: {result.batch_effects[0]}")
-                break
-        bar.end(begun.bar)
-        under_way.remove(begun)
-        begun.lock.close()
+    def __init__(
+        self, store: Store, todo: Todo[Shown], workers: Workers, bar: Bar, illustrate: Illustrate | None
+    ) -> None:
+        self.store, self.workers, self.bar, self.illustrate = store, workers, bar, illustrate
+        self.plans = deque(enumerate(todo))
+        self.under_way: dict[str, Begun[Shown]] = {}  # by key of the run
+        self.outcomes: dict[int, Outcome[Shown]] = {}  # by index of the plan
+        self.refusal: InputError | None = None
 
-    while len(outcomes) < len(todo):
+    def __enter__(self) -> Queue[Shown]:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None:
+        try:
+            for begun in self.under_way.values():
+                if isinstance(e, KeyboardInterrupt | ClusterError) and not begun.run.finished:
+                    begun.run.interrupt()
+        finally:
+            for begun in self.under_way.values():
+                begun.lock.close()
+
+    def work(self) -> list[Outcome[Shown]]:
+        """Have all folds done, and measure each run as soon as its last fold is stored.
+
+        Raises:
+            InputError: another process runs one of the cells; those before it are finished.
+        """
         while True:
-            ready = next((b for b in under_way if b.waiting), None)
-            if ready and workers.room(ready.run.plan):
-                workers.submit(Task(ready.run.plan, ready.run.experiment, ready.waiting.pop(0), ready.run.key))
-                continue
-            place = len(outcomes) + len(under_way)
-            if ready or refused or place == len(todo) or (under_way and not workers.overlap):
+            while task := self.next():
+                self.workers.submit(task)
+            if not self.under_way:
                 break
-            if not workers.room(todo[place][0]):
-                break
-            try:
-                begun = begin(store, todo, place, under_way, workers, bar)
-            except InputError as e:
-                refused = e
-                break
-            if begun is None:
-                break
-            if not begun.left:
-                close(begun)
-        if refused and not under_way:
-            raise refused
-        if under_way:
-            for each in under_way:
-                bar.update(each.bar, spent=each.spent, workers=workers.count(each.run.plan))
-            task, result, machine = workers.finished()
-            begun = next(b for b in under_way if b.run.key == task.key)
-            child = begun.run.add(result, machine)
-            begun.left -= 1
-            if not result.error:  # what failed at once says nothing of the others
-                begun.spent.append(result.seconds)
-            bar.advance(begun.bar)
-            if result.error:
-                begun.errors[result.name] = store.where(child, "fold/traceback.txt")
-                reason = result.error.strip().splitlines()[-1]
-                bar.console.print(f"fold {result.name} failed: {reason}", style="red", markup=False)
-            if not bar.console.is_terminal:
-                bar.line(begun.bar, result)
-            if not begun.left:
-                close(begun)
-    return [outcomes[place] for place in range(len(todo))]
+            self.keep(self.workers.finished())
+        if self.refusal:
+            raise self.refusal
+        return [self.outcomes[index] for index in sorted(self.outcomes)]
 
+    def next(self) -> Task | None:
+        """The next fold for the workers; None if they have no room, or must finish others first, or all are given."""
+        while True:
+            for key, begun in self.under_way.items():
+                if begun.waiting:
+                    plan, experiment = begun.run.plan, begun.run.experiment
+                    room = self.workers.room(plan)
+                    return Task(plan, experiment, begun.waiting.popleft(), key) if room else None
+            if not self._begin():
+                return None
 
-def begin(
-    store: Store, todo: Todo[Shown], place: int, under_way: list[Begun[Shown]], workers: Workers, bar: Bar
-) -> Begun[Shown] | None:
-    """Find or make the run of a plan and add it to those under way; None if one of them is the same run.
+    def _begin(self) -> bool:
+        """Find or make the run of the next plan; whether that is done, or it has to wait for others."""
+        if not self.plans or (self.under_way and not self.workers.overlap):
+            return False
+        index, (plan, experiment) = self.plans[0]
+        if not self.workers.room(plan) or (key := key_of(plan, experiment)) in self.under_way:
+            return False  # of two that are the same the second finds what the first one stores
+        try:
+            with ExitStack() as lock:
+                lock.enter_context(only_one(key))
+                run = TrackedRun(self.store, plan, experiment, key)
+                begun = self.under_way[key] = Begun(index, run, deque(run.missing), lock.pop_all())
+        except InputError as e:
+            self.refusal = e
+            self.plans.clear()
+            return False
+        self.plans.popleft()
+        if begun.waiting:
+            self.workers.begin(plan)
+        else:
+            line = f"{plan.cell.system()} on {plan.cell.data}, {plan.cell.protocol}: all {len(plan.folds)} folds"
+            console.print(f"{line} were stored before", markup=False, soft_wrap=True)
+        self.bar.begin(key, plan.cell.title(), len(plan.folds), len(run.done), lambda: self.workers.count(plan))
+        if not begun.waiting:
+            self._close(key)
+        return True
 
-    Raises:
-        InputError: another process runs it.
-    """
-    plan, experiment = todo[place]
-    cell, key = plan.cell, key_of(plan, experiment)
-    if any(begun.run.key == key for begun in under_way):
-        return None
-    with ExitStack() as stack:
-        stack.enter_context(only_one(key))
-        run = TrackedRun(store, plan, experiment, key)
-        missing = [fold for fold in plan.folds if fold.name not in run.done]
-        begun = Begun(place, run, missing, len(missing), TaskID(-1), ExitStack())
-        under_way.append(begun)
-        begun.lock = stack.pop_all()
-    if missing:
-        workers.begin(plan)
-    else:
-        said = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(plan.folds)} folds were stored before"
-        console.print(said, markup=False, soft_wrap=True)
-    done = len(plan.folds) - len(missing)
-    begun.bar = bar.add_task(cell.title(), total=len(plan.folds), completed=done, key=key, left="")
-    return begun
+    def keep(self, done: Done) -> None:
+        """Store a fold; measure its run if it was the last one."""
+        key, run = done.task.key, self.under_way[done.task.key].run
+        run.add(done.result, done.machine)
+        self.bar.advance_fold(key, done.result)
+        if run.complete:
+            self._close(key)
+
+    def _close(self, key: str) -> None:
+        """Measure and end a run."""
+        begun = self.under_way[key]
+        run, plan = begun.run, begun.run.plan
+        findings, results = run.close(self.illustrate), run.results()
+        outcome = Outcome(plan, run.experiment, run.run_id, run.tags, findings, results, run.errors)
+        self.outcomes[begun.index] = outcome
+        if affected := next((r for r in results if r.batch_effects), None):
+            warn(f"warning: {plan.cell.system()}: fold {affected.name}: {affected.batch_effects[0]}")
+        self.bar.end(key)
+        del self.under_way[key]
+        begun.lock.close()
 
 
 def warnings(plan: Plan) -> list[str]:
     """What a user should know before the run."""
     cell, corpus = plan.cell, plan.corpus
-    told = corpus.info.get("warnings", [])
-    lines = [f"warning: {cell.data}: {briefly(told, f'bench data show {cell.data}')}"] if told else []
+    damage = corpus.info.get("warnings", [])
+    lines = [f"warning: {cell.data}: {briefly(damage, f'bench data show {cell.data}')}"] if damage else []
     if plan.mixes_subjects:
         lines.append(f"warning: protocol={cell.protocol} mixes subjects: scores are optimistic for a new person")
     if plan.repeats:
@@ -299,87 +270,11 @@ def warnings(plan: Plan) -> list[str]:
             f"warning: {cell.data}: captures with the same frames as a training capture: {len(plan.repeats)}, such as "
             f"{named(corpus, tested)} and {named(corpus, trained)}: scores are optimistic"
         )
-    frames = contract.window(replace(cell, tuning=None).estimator(), corpus.rate_hz)
+    plain = replace(cell, tuning=None) if cell.tuning else cell
+    frames = contract.window(plain.untrained, corpus.rate_hz)
     if frames is not None and (short := int((corpus.lengths < frames).sum())):
         lines.append(
             f"warning: {cell.data}: {short} of {len(corpus)} captures are shorter than the {frames}-frame window "
             f"of {cell.model.short}; they are padded"
         )
     return lines
-
-
-class Bar(Progress):
-    """A bar of folds, and below it a line for each that says how far it is.
-
-    Args:
-        folder: where they say so (`bench.progress`).
-        columns: of the bar.
-        console: to draw on.
-    """
-
-    def __init__(self, folder: Path, *columns: ProgressColumn, console: Console) -> None:
-        self.folder = folder
-        super().__init__(*columns, console=console, transient=True)
-
-    def end(self, task: TaskID) -> None:
-        """Print the bar of a run that is measured once and for all; others are under way."""
-        (ended,) = (t for t in self.tasks if t.id == task)
-        self._tell_left([ended], told(self.folder))
-        self.console.print(self.make_tasks_table([ended]))
-        self.remove_task(task)
-
-    def stop(self) -> None:
-        """Leave the bars of what is cut off where they are."""
-        for task in self.tasks:
-            self.end(task.id)
-        super().stop()
-
-    def line(self, task: TaskID, result: FoldResult) -> None:
-        """Print what a log should have of a fold that has ended: there no bar is seen before the end."""
-        (of,) = (t for t in self.tasks if t.id == task)
-        self._tell_left([of], told(self.folder))
-        how = "failed" if result.error else "done"
-        after = f" after {span(result.seconds)}" if result.seconds else ""
-        left = f", {of.fields['left']}" if of.fields["left"] else ""
-        said = f"{of.description}: fold {result.name} {how}{after}, {of.completed:.0f} of {of.total:.0f}{left}"
-        self.console.print(said, markup=False, highlight=False, soft_wrap=True)
-
-    def _tell_left(self, tasks: Sequence[BarTask], heard: Sequence[Said]) -> None:
-        """Note of bars how long their folds take still; nothing where that cannot be known."""
-        now = time.time()
-        for task in tasks:
-            running = [
-                (now - said.began, None if said.left is None else said.left - (now - said.at))
-                for said in heard
-                if said.of == task.fields["key"]
-            ]
-            remaining = int(task.remaining or 0)
-            waiting = max(remaining - len(running), 0)
-            left = seconds_left(task.fields.get("spent", []), running, waiting, task.fields.get("workers", 1))
-            task.fields["left"] = f"{span(left)} left" if remaining and left is not None else ""
-
-    def get_renderables(self) -> Iterable[RenderableType]:
-        """The bar and the lines."""
-        heard = told(self.folder)
-        self._tell_left(self.tasks, heard)
-        yield self.make_tasks_table(self.tasks)
-        titles = {task.fields["key"]: task.description for task in self.tasks}
-        for said in heard:
-            if said.words:
-                of = f"{titles.get(said.of, '')}: " if len(self.tasks) > 1 else ""
-                left = "" if said.left is None else f", {span(said.left - (time.time() - said.at))} left"
-                yield Text(f"  {of}{said.name}: {said.words}{left}", overflow="ellipsis", no_wrap=True)
-
-
-def progress(folder: Path) -> Bar:
-    """A bar of folds that tell in a folder how far they are; in a notebook too, where it needs ipywidgets."""
-    return Bar(
-        folder,
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("folds"),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}", style="progress.remaining", markup=False),
-        console=console,
-    )

@@ -80,7 +80,7 @@ class Stress(Experiment[Analysis]):
         Raises:
             InputError: one of them.
         """
-        estimator, corpus = plan.cell.estimator(), plan.corpus
+        estimator, corpus = plan.cell.untrained, plan.corpus
         for fold in plan.folds:
             subjects = len(set(corpus.subjects[fold.train]))
             for count in self.train_subjects:

@@ -17,7 +17,7 @@ from bench.corpora.corpus import Corpus
 from bench.outcomes.results import Findings, FoldResult, Shown
 from bench.outcomes.store import Store
 from bench.plan.cells import Cell
-from bench.plan.plan import Plan
+from bench.plan.plan import Fold, Plan
 from bench.source import git_revision, source_digest, versions
 from bench.work.experiment import Experiment
 from bench.work.machine import Machine
@@ -25,7 +25,7 @@ from bench.work.machine import Machine
 if TYPE_CHECKING:
     from mlflow.entities import Run
 
-Illustrate = Callable[[str, dict[str, str], Findings, Path], None]  # kind, tags, what was found, where to draw
+Illustrate = Callable[[str, dict[str, str], Findings, Path], None]  # kind, tags, findings, folder to draw into
 
 
 def key_of(plan: Plan, experiment: Experiment) -> str:
@@ -40,7 +40,7 @@ def key_of(plan: Plan, experiment: Experiment) -> str:
 
 def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
     """What tables know a run's data and system by."""
-    conditions = ",".join(contract.conditions(cell.estimator()))
+    conditions = ",".join(contract.conditions(cell.untrained))
     return ({"touchbench.conditions": conditions} if conditions else {}) | {
         "data": cell.data,
         "synthetic": str(corpus.synthetic).lower(),
@@ -91,6 +91,7 @@ class TrackedRun(Generic[Shown]):
         tags: what tables know it by.
         finished: whether an earlier command finished it.
         done: finished folds by name, as they were stored.
+        errors: by name of a fold that failed, where its traceback is.
         machine: that the run names as a whole, where its first fold was done; None before that.
         others: where that was another, the machine of a finished fold, by its name.
     """
@@ -100,23 +101,21 @@ class TrackedRun(Generic[Shown]):
         cell = plan.cell
         self.tags = tags_of(cell, plan.corpus) | plan.facts
         self.tags |= {"protocol": str(cell.protocol), "protocol_label": plan.label}
-        self.tags |= {
-            "touchbench.command": experiment.command(cell),
-        }
-        if not cell.given:  # an object cannot be typed
+        self.tags |= {"touchbench.command": experiment.command(cell)}
+        if not cell.has_objects:  # an object cannot be typed
             self.tags["touchbench.arguments"] = json.dumps(cell.arguments() | experiment.arguments())
-        found = store.find(key, experiment.kind)
-        seen = found.inputs.dataset_inputs if found and found.inputs else []
-        if found and found.info.status != "FINISHED" and not seen:  # cut off while it was made
-            store.delete(found.info.run_id)
-            found = None
-        self.run_id = found.info.run_id if found else self._create(key)
-        self.finished = found is not None and found.info.status == "FINISHED"
-        known = found.data.params if found else {}
-        self.machine = Machine(known["cpu"], known.get("simd", "")) if "cpu" in known else None
+        stored = store.find(key, experiment.kind)
+        if stored and stored.info.status != "FINISHED" and not (stored.inputs and stored.inputs.dataset_inputs):
+            store.delete(stored.info.run_id)  # cut off while it was made
+            stored = None
+        self.run_id = stored.info.run_id if stored else self._create(key)
+        self.finished = stored is not None and stored.info.status == "FINISHED"
+        params = stored.data.params if stored else {}
+        self.machine = Machine(params["cpu"], params.get("simd", "")) if "cpu" in params else None
         self.done: dict[str, FoldResult] = {}
         self.others: dict[str, Machine] = {}
-        for child in store.folds(self.run_id) if found else []:
+        self.errors: dict[str, str] = {}
+        for child in store.folds(self.run_id) if stored else []:
             if child.info.status == "FINISHED":
                 result = self._load(child)
                 self.done[result.name] = result
@@ -127,15 +126,25 @@ class TrackedRun(Generic[Shown]):
         if not self.finished:
             store.begin(self.run_id)
 
+    @property
+    def missing(self) -> list[Fold]:
+        """Folds that were neither stored before nor done by now, in the order of the protocol."""
+        return [fold for fold in self.plan.folds if fold.name not in self.done and fold.name not in self.errors]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every fold is stored, or has failed."""
+        return not self.missing
+
     def _create(self, key: str) -> str:
         cell, corpus = self.plan.cell, self.plan.corpus
         kind = "synthetic " if corpus.synthetic else ""
-        about = (
+        note = (
             f"{cell.system()} on {kind}corpus {cell.data} ({len(corpus)} captures, {len(set(corpus.subjects))} subjects"
             f"{', ' + cell.where if cell.where else ''}), {self.plan.label}"
         )
         tags = {
-            "mlflow.note.content": about,
+            "mlflow.note.content": note,
             "mlflow.source.name": "bench",
             "touchbench.kind": self.experiment.kind,
             "touchbench.cell": key,
@@ -162,8 +171,8 @@ class TrackedRun(Generic[Shown]):
             batch_effects=timing["batch_effects"],
         )
 
-    def add(self, result: FoldResult, machine: Machine | None) -> str:
-        """Store one fold: its run is there, complete, or it is not there. Its id.
+    def add(self, result: FoldResult, machine: Machine | None) -> None:
+        """Store one fold: its run is there, complete, or it is not there.
 
         Args:
             result: of the fold.
@@ -197,11 +206,12 @@ class TrackedRun(Generic[Shown]):
                 result.trials.to_csv(folder / "trials.csv", index=False)
             self.store.keep(child, folder, "fold")
         self.store.end(child, "FAILED" if result.error else "FINISHED")
-        if not result.error:
-            self.done[result.name] = result
-            if machine and machine != self.machine:
-                self.others[result.name] = machine
-        return child
+        if result.error:
+            self.errors[result.name] = self.store.where(child, "fold/traceback.txt")
+            return
+        self.done[result.name] = result
+        if machine and machine != self.machine:
+            self.others[result.name] = machine
 
     def _machines(self) -> dict[str, str]:
         """Tags that say so where the folds are of several machines; they hide the parameters of these names."""
@@ -267,9 +277,9 @@ def _batch_effects(results: list[FoldResult]) -> dict[str, str]:
 
 def _choices(results: list[FoldResult]) -> dict[str, pd.DataFrame]:
     """What was chosen on each training part, and what among, as far as systems tell."""
-    found: dict[str, pd.DataFrame] = {}
+    tables: dict[str, pd.DataFrame] = {}
     if any(r.chosen for r in results):
-        found["chosen.csv"] = pd.DataFrame([{"fold": r.name} | r.chosen for r in results])
+        tables["chosen.csv"] = pd.DataFrame([{"fold": r.name} | r.chosen for r in results])
     if trials := [r.trials.assign(fold=r.name) for r in results if r.trials is not None]:
-        found["trials.csv"] = pd.concat(trials, ignore_index=True)
-    return found
+        tables["trials.csv"] = pd.concat(trials, ignore_index=True)
+    return tables

@@ -86,17 +86,17 @@ class Processes:
     """Worker processes of this machine, which take one plan after the other, each with its number of threads.
 
     Args:
-        told: folder where folds say how far they are (`bench.progress`).
+        folder: where folds leave their messages (`bench.progress`).
     """
 
     overlap = False  # plans have their own numbers of processes and threads, and share the cores with `fill_cache`
 
-    def __init__(self, told: Path | None = None) -> None:
-        self.told = told
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder = folder
         self.running: dict[Future[FoldResult], Task] = {}
         self.suspects: list[Task] = []
         self.alone: Plan | None = None  # of which a fold has killed its worker
-        self.given = 0.0  # when the last fold was submitted, of `time.perf_counter`
+        self.submitted = 0.0  # when the last fold was, of `time.perf_counter`
 
     def __enter__(self) -> Processes:
         return self
@@ -130,9 +130,9 @@ class Processes:
     def submit(self, task: Task) -> None:
         """Have a fold done."""
         plan = task.plan
-        given = (task.experiment, plan.cell, plan.corpus, task.fold, plan.threads, task.key, self.told)
-        self.given = time.perf_counter()
-        self.running[self._pool(plan).submit(do_fold, *given)] = task
+        arguments = (task.experiment, plan.cell, plan.corpus, task.fold, plan.threads, task.key, self.folder)
+        self.submitted = time.perf_counter()
+        self.running[self._pool(plan).submit(do_fold, *arguments)] = task
 
     def finished(self) -> Done:
         """Wait until a fold that was submitted is done."""
@@ -145,16 +145,16 @@ class Processes:
                 result = done.result()
             except BrokenProcessPool as e:
                 self._pool(task.plan).shutdown(wait=True, kill_workers=True)
-                for one in self.running.values():  # they say no more, and cannot take back what they said
-                    if self.told:
-                        forget(self.told, one.key, one.fold.name)
+                for other in self.running.values():  # they cannot remove their messages
+                    if self.folder:
+                        forget(self.folder, other.key, other.fold.name)
                 if task.plan is not self.alone:
                     # A worker died (out of memory, say) and took the pool with it; which fold it was shows when each
                     # runs alone.
                     self.suspects, self.alone, self.running = list(self.running.values()), task.plan, {}
                     continue
-                said = f"The worker process died; out of memory?\n{e}"
-                result = FoldResult(task.fold.name, error=said, seconds=time.perf_counter() - self.given)
+                error = f"The worker process died; out of memory?\n{e}"
+                result = FoldResult(task.fold.name, error=error, seconds=time.perf_counter() - self.submitted)
             del self.running[done]
             return Done(task, result, this_machine())
 
@@ -163,16 +163,16 @@ class Processes:
 
 
 def do_fold(
-    experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads: int, key: str, told: Path | None = None
+    experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads: int, key: str, folder: Path | None = None
 ) -> FoldResult:
     """One fold of an experiment, in a worker; an exception becomes the result's ``error``.
 
-    It says under the key of its run how far it is.
+    Its messages lie in a folder under the key of its run (`bench.progress`).
     """
     forget_peak()
     began = time.perf_counter()
     try:
-        with telling(told, fold.name, key):
+        with telling(folder, fold.name, key):
             result = experiment.fold(cell, corpus, fold, threads)
         result.scored = experiment.fold_metrics(result, corpus.rate_hz)  # here, as the command has but one process
     except BaseException:  # whatever a system raises is this fold's result; even `sys.exit` does not end the command
@@ -183,8 +183,8 @@ def do_fold(
 
 def fill_cache(cell: Cell, corpus: Corpus) -> None:
     """Compute once for all folds what needs no learning; a set that fails here fails in every fold, recorded there."""
-    given = contract.seen_by_features(cell.estimator(), corpus[:1])
+    captures = contract.seen_by_features(cell.untrained, corpus[:1])
     for features in cell.feature_sets().values():
-        for seen in given:
+        for seen in captures:
             with suppress(Exception, SystemExit):
                 features.fit_transform(seen, seen.gestures)

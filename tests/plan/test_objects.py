@@ -12,19 +12,18 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.svm import SVC
 
-import bench
 from bench import contract
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import planned
+from bench.work import loop
 from bench.work.evaluation import Evaluation
 from bench.work.tracking import key_of
 from features.jung28 import Jung28
 from features.jung54 import Jung54
-from tests.conftest import runs
+from tests.work.fakes import Memory
 
 SMALL = {"data.subjects": 3, "data.variants": ("normal",)}
-TYPED = {"data__subjects": 3, "data__variants": ("normal",)}
 
 
 def keys(**values):
@@ -67,8 +66,8 @@ def test_a_file_that_changes_while_it_is_used_is_refused():
 
 def test_a_part_called_like_a_built_in_one_keeps_its_own_row(tmp_path):
     Path("my.py").write_text("from sklearn.naive_bayes import GaussianNB\n\n\ndef svm():\n    return GaussianNB()\n")
-    bench.run(model=["svm", "my.py:svm"], features="jung28", **TYPED)
-    assert sorted(bench.results()["system"]) == ["my.svm · jung28", "svm · jung28"]
+    named = cells({"model": ["svm", "my.py:svm"], "features": "jung28"})
+    assert [cell.system() for cell in named] == ["svm · jung28", "my.svm · jung28"]
 
 
 class OwnSVC(SVC):
@@ -90,14 +89,25 @@ def test_what_stands_first_decides_whether_captures_or_a_table_is_read():
     assert [contract.reads_tables(part) for part in captures] == [False] * len(captures)
 
 
-def test_searches_and_unions_over_captures_run(capsys):
-    union = make_pipeline(FeatureUnion([("a", Jung28()), ("b", Jung54())]), SVC())
+@pytest.fixture
+def evaluated(monkeypatch):
+    """Runs of systems, and their tags."""
+    store = Memory()
+    monkeypatch.setattr(loop, "connect", lambda: store)
+
+    def run(*systems):
+        values = SMALL | {"data.repetitions": 1, "model": list(systems)}
+        return loop.execute(loop.prepared(cells(values), [Evaluation()], 1))
+
+    return run
+
+
+def test_searches_and_unions_over_captures_run(evaluated):
+    union = make_pipeline(FeatureUnion([("a", Jung28()), ("b", Jung28())]), SVC())
     search = GridSearchCV(make_pipeline(Jung28(), SVC()), {"svc__C": [1, 2]}, cv=2)
-    table = bench.run(model=[union, search], **TYPED)
-    assert (table["folds"] == "3/3").all()
-    _, tracked = runs("cell")
-    assert [r.data.tags["features"] for r in tracked] == ["raw frames", "raw frames"]
-    assert all("touchbench.arguments" not in r.data.tags for r in tracked)  # an object cannot be typed
+    for outcome in evaluated(union, search):
+        assert len(outcome.results) == 3 and outcome.tags["features"] == "raw frames"
+        assert "touchbench.arguments" not in outcome.tags  # an object cannot be typed
     assert list(contract.features(make_pipeline(Jung28(), SVC()))) == ["jung28"]
 
 
@@ -124,35 +134,27 @@ class Telling(ClassifierMixin, BaseEstimator):
         return np.full(len(X), self.classes_[0])
 
 
-def test_what_a_system_tells_may_be_plain(capsys):
-    table = bench.run(model=Telling(), **TYPED)
-    assert (table["folds"] == "3/3").all()
-    _, (run,) = runs("cell")
-    assert run.data.metrics["fit_seconds"] == pytest.approx(1.5)
-    assert "shorter than the 1350-frame window" in capsys.readouterr().err
+def test_what_a_system_tells_may_be_plain(evaluated, capsys):
+    (outcome,) = evaluated(Telling())
+    assert len(outcome.results) == 3 and outcome.metrics["fit_seconds"] == pytest.approx(1.5)
+    assert outcome.chosen["1"] == {"k": 3, "s": 0.5, "n": None}
+    assert "1350-frame" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "facts"),
     [
-        ({"model": SVC}, r"model=SVC: give a name, or an object that can fit, such as SVC\(\)"),
-        ({"protocol": ShuffleSplit}, "protocol=ShuffleSplit: give a name, or an object that can split"),
+        ({"model": SVC}, r"model=SVC: .* fit.*SVC\(\)"),
+        ({"protocol": ShuffleSplit}, "protocol=ShuffleSplit: .* split"),
         ({"data": 3}, "data= takes the name of a corpus"),
-        ({"model": "bad.py:boom"}, "model=boom: it cannot be made: ValueError: no weights file"),
+        ({"model": "bad.py:boom"}, "model=boom: .*ValueError: no weights file"),
     ],
 )
-def test_what_cannot_be_used_is_one_line(values, told):
+def test_an_object_that_cannot_be_used_is_one_line(values, facts):
     Path("bad.py").write_text("def boom():\n    raise ValueError('no weights file')\n")
-    with pytest.raises(InputError, match=told):
-        bench.run(**values)
+    with pytest.raises(InputError, match=facts):
+        cells(values)
 
 
-def test_a_tuple_is_one_value_of_a_parameter():
-    assert set(bench.corpus("synth", subjects=2, variants=("normal", "rough")).captures["variant"]) == {
-        "normal",
-        "rough",
-    }
-    with pytest.raises(InputError, match="a tuple is one value, a list several"):
-        bench.corpus("synth", variants=["normal", "rough"])
-    table = bench.run(model="bayes", features="jung28", data__subjects=2, data__variants=("normal", "rough"))
-    assert len(table) == 1
+def test_a_tuple_is_one_value_of_a_parameter_and_a_list_several():
+    assert [len(cells({"data.variants": kind(("normal", "rough"))})) for kind in (tuple, list)] == [1, 2]

@@ -1,17 +1,13 @@
-"""Folds on a cluster: one machine, with a scheduler and workers of dask as people start them."""
+"""Folds on a cluster, as far as no process is needed; with processes: `tests/nightly/test_cluster.py`."""
 
-import os
 import pickle
 import shutil
-import signal
-import socket
 import subprocess
 import sys
 import threading
-import time
-from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bench.arguments import backend_of
@@ -20,144 +16,77 @@ from bench.corpora.folder import address, write_folder
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
 from bench.plan.cells import cells
-from bench.work import cluster, loop
-from bench.work.cluster_worker import difference, facts, packed
-from bench.work.machine import Machine
-from bench.work.workers import Done
-from tests.commands.test_server import free_port
-from tests.conftest import BENCH, InProcess, predictions, random_corpus, runs
+from bench.plan.plan import Fold
+from bench.work.cluster_worker import check_of, difference, facts, fold_here, packed
+from tests.conftest import random_corpus
+from tests.work.fakes import Echo
 
 ROOT = Path(__file__).parents[2]
 SMALL = ["data.subjects=4", "data.variants=normal", "data.repetitions=2"]
 MODEL = '''
-import os, time
-from pathlib import Path
-import numpy as np
-from sklearn.base import BaseEstimator, ClassifierMixin
-from bench.progress import tell
-
-class Slow(ClassifierMixin, BaseEstimator):
-    """Leaves a mark of the fold and its process; then waits, for ``go`` too, or dies."""
-    def __init__(self, marks="", seconds=0.0, die="", wait=""):
-        self.marks, self.seconds, self.die, self.wait = marks, seconds, die, wait
-    def fit(self, X, y):
-        (fold,) = {"1", "2", "3", "4"} - set(X.subjects)
-        Path(self.marks, f"{fold}_{os.getpid()}_{os.getppid()}_{time.time()}").touch()
-        if fold == self.die:
-            os._exit(9)
-        tell(f"fold {fold} waits", self.seconds)
-        time.sleep(self.seconds)
-        while fold in self.wait and not Path(self.marks, "go").exists():
-            time.sleep(0.1)
-        self.classes_ = np.unique(y)
-        return self
-    def predict_proba(self, X):
-        return np.tile(np.eye(len(self.classes_))[0], (len(X), 1))
-    def predict(self, X):
-        return np.full(len(X), self.classes_[0])
+from sklearn.naive_bayes import GaussianNB
+class Mine(GaussianNB):
+    """Reads a table."""
 '''
 
 
-# Without processes.
+def test_a_run_on_this_machine_does_not_import_dask():
+    code = "import sys, bench.commands.run, bench.commands.stream; print({'dask', 'distributed'} & {*sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0 and done.stdout == "set()\n", done.stderr
 
 
-class Several(InProcess):
-    """Folds of several plans at once, the last one done first; done on machines in turn."""
-
-    overlap = True
-    most = 0
-    machines = ()
-
-    def room(self, plan):
-        return len(self.submitted) < 6
-
-    def finished(self):
-        Several.most = max(Several.most, len({id(task.plan) for task in self.submitted}))
-        self.submitted.append(self.submitted.pop(0))
-        done = super().finished()
-        return Done(done.task, done.result, self.machines[int(done.result.name) % 2]) if self.machines else done
-
-
-def stored():
-    store, found = runs("cell")
-    return {run.info.run_name: predictions(store, run) for run in found}
-
-
-def test_plans_that_overlap_give_what_they_give_one_after_the_other(monkeypatch, tmp_path, capsys):
-    command = ["run", "model=bayes,tree,rf", "model.trees=5", "features=jung28", *SMALL]
-    assert main(command) == 0
-    expected = stored()
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")
-    monkeypatch.setattr(loop, "Processes", Several)
-    assert main(command) == 0
-    found = stored()
-    assert Several.most > 1 and len(found) == 3 and {r.info.status for r in runs("cell")[1]} == {"FINISHED"}
-    assert all(found[name].equals(table) for name, table in expected.items())
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines() if "4/4" in line]
-
-
-def test_a_cell_that_another_process_runs_stops_no_cell_before_it(monkeypatch, capsys):
-    from filelock import FileLock
-
-    from bench.scratch import home
-
-    monkeypatch.setattr(loop, "Processes", Several)
-    names = iter(["one", "two", "three"])
-    monkeypatch.setattr(loop, "key_of", lambda *_: next(names))
-    (home() / "locks").mkdir(parents=True)
-    with FileLock(home() / "locks" / "two.lock"):
-        assert main(["run", "model=bayes,tree,svm", "features=jung28", *SMALL]) == 2
-    assert "another process is running this very cell" in capsys.readouterr().err
-    assert [(r.data.tags["model"], r.info.status) for r in runs("cell")[1]] == [("bayes", "FINISHED")]
-
-
-def test_a_run_says_so_where_its_folds_are_of_several_machines(monkeypatch):
-    monkeypatch.setattr(loop, "Processes", Several)
-    monkeypatch.setattr(Several, "machines", (Machine("fast", "avx2"), Machine("slow", "sse")))
-    assert main(["run", "model=bayes", "features=jung28", *SMALL]) == 0
-    store, (run,) = runs("cell")
-    first = run.data.params["cpu"]
-    assert first in ("fast", "slow") and run.data.tags["cpu"] == "fast; slow" and run.data.tags["simd"] == "avx2; sse"
-    said = {f.data.tags["touchbench.fold"]: f.data.params.get("cpu", first) for f in store.folds(run.info.run_id)}
-    assert said == {"1": "slow", "2": "fast", "3": "slow", "4": "fast"}
-
-
-def test_what_runs_here_knows_nothing_of_dask(tmp_path):
-    code = "import sys; from bench.cli import main; main(sys.argv[1:]); print({'dask', 'distributed'} & {*sys.modules})"
-    command = [sys.executable, "-c", code, "run", "model=bayes", "features=jung28", *SMALL, "jobs=1"]
-    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
-    assert done.returncode == 0 and done.stdout.splitlines()[-1] == "set()", done.stderr
-
-
-def test_a_cluster_says_itself_how_many_workers_it_has():
-    with pytest.raises(InputError, match="jobs=2: with cluster="):
+def test_a_cluster_needs_dask_and_no_jobs(monkeypatch, capsys):
+    with pytest.raises(InputError, match="jobs=2"):
         backend_of({"cluster": "tcp://a:1", "jobs": "2"})
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(["run", *SMALL, "cluster=tcp://127.0.0.1:1"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "touchbench[cluster]" in line and not Path("mlflow.db").exists()
 
 
 def test_the_first_difference_is_named(tmp_path):
     (tmp_path / "my.py").write_text(MODEL)
-    kinds = cells({"model": "svm,my.py:Slow", "data.subjects": "2"})
-    base, here, sent = facts([]), facts(kinds), packed(*kinds)
+    systems = cells({"model": "svm,my.py:Mine", "data.subjects": "2", "data.repetitions": "1"})
+    base, here, sent = facts([]), facts(systems), packed(*systems)
     assert base.items() < here.items() and difference(base, here, sent) == ""
-    numpy, other = base["numpy"], {"numpy": "1.0"}
-    assert difference(base | other, here | other, sent) == f"it has numpy {numpy}, this machine 1.0"
-    code, other = here["the code of svm"], {"the code of svm": "old"}
-    assert difference(base, here | other, sent) == f"it has the code of svm {code}, this machine old"
+    captures = next(name for name in here if name.startswith("the captures of"))
+    for name in ("numpy", "touchbench's code", "the code of svm", captures):
+        changed = [values | {name: "other"} if name in values else values for values in (base, here)]
+        assert difference(*changed, sent) == f"it has {name} {here[name]}, this machine other"
+    assert len(here["touchbench's code"]) == 12 and here["the code of svm"]
     (tmp_path / "my.py").unlink()
     with pytest.raises(InputError, match=r"my.py cannot be read"):
         difference(base, here, sent)
 
 
-def test_a_cluster_needs_dask(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    assert main(["run", *SMALL, "cluster=tcp://127.0.0.1:1"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "pip install 'touchbench[cluster]'" in line and not Path("mlflow.db").exists()
+def test_a_worker_s_process_does_a_fold_or_says_why_not(tmp_path):
+    systems = cells({"model": "bayes", "features": "jung28", "data.subjects": "2", "data.repetitions": "1"})
+    check, corpus = check_of(systems), open_corpus("synth", systems[0].data_parameters)
+    assert fold_here(check, b"", tmp_path) == ("", b"")
+    refusal, content = fold_here(check, b"no pickle", tmp_path)
+    assert refusal and not content
+    base, here, sent = pickle.loads(check)
+    refusal, content = fold_here(packed(base | {"numpy": "1.0"}, here | {"numpy": "1.0"}, sent), b"", tmp_path)
+    assert "numpy" in refusal and "1.0" in refusal and not content
+    refusal, content = fold_here(
+        check, packed(Echo(), systems[0], corpus, Fold("1", np.arange(3, 9), np.arange(3)), 1, "key"), tmp_path
+    )
+    result, machine = pickle.loads(content)
+    assert not refusal and not result.error and list(result.table["capture"]) == [0, 1, 2] and machine.cpu
 
 
 def test_an_object_that_cannot_travel_is_one_line():
-    with pytest.raises(InputError, match="cannot be sent to a worker"):
+    with pytest.raises(InputError, match="cluster="):
         packed(threading.Lock())
+
+
+def test_a_cell_travels_without_what_was_built_of_it(tmp_path):
+    (tmp_path / "my.py").write_text(MODEL)
+    (cell,) = cells({"model": "my.py:Mine", "features": "jung28"})
+    assert cell.untrained is cell.untrained and cell.splitter is cell.splitter
+    again = pickle.loads(pickle.dumps(cell))
+    assert again == cell and {"untrained", "splitter"}.isdisjoint(vars(again))
 
 
 def test_a_corpus_is_found_wherever_the_data_folder_is(monkeypatch, tmp_path):
@@ -175,294 +104,3 @@ def test_a_corpus_is_found_wherever_the_data_folder_is(monkeypatch, tmp_path):
     shutil.rmtree(found.path, ignore_errors=True)
     with pytest.raises(InputError, match="was replaced by another corpus"):
         pickle.loads(travelling)
-
-
-# With processes.
-
-live = [pytest.mark.live, pytest.mark.skipif(shutil.which("true") is None, reason="signals")]
-PATIENCE = 240  # seconds on a busy machine
-
-
-@pytest.fixture(autouse=True)
-def dask_is_there(request):
-    if request.node.get_closest_marker("live"):
-        pytest.importorskip(
-            "distributed", reason="dask.distributed is not installed: pip install 'touchbench[cluster]'"
-        )
-
-
-@contextmanager
-def dask(what, *arguments, **env):
-    """``dask scheduler`` or ``dask worker``, in a group of its own that is killed at last."""
-    said = Path(f"{what}_{time.time()}.txt").absolute()
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "TOUCHBENCH_HOME": str(Path("remote_home").absolute())} | env
-    environment.pop("OMP_NUM_THREADS", None)
-    with said.open("w") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-m", f"distributed.cli.dask_{what}", *arguments, "--no-dashboard"],
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
-            env=environment,
-        )
-    try:
-        yield process
-    finally:
-        end(process.pid)
-        process.wait()
-
-
-def end(group):
-    try:
-        os.killpg(group, signal.SIGKILL)
-    except ProcessLookupError:
-        pass
-
-
-@contextmanager
-def scheduler(port=None):
-    port = port or free_port()
-    with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)):
-        yield f"tcp://127.0.0.1:{port}"
-
-
-def workers(place, count=2, *more, **env):
-    return dask("worker", place, "--nworkers", str(count), "--nthreads", "1", *more, **env)
-
-
-@pytest.fixture
-def two():
-    with scheduler() as place, workers(place):
-        yield place
-
-
-@pytest.fixture
-def slow(tmp_path):
-    """The words that run the model above, and where it leaves its marks."""
-    (tmp_path / "slow.py").write_text(MODEL)
-    (tmp_path / "marks").mkdir()
-    return ["run", "model=slow.py:Slow", f"model.marks={tmp_path / 'marks'}", *SMALL], tmp_path / "marks"
-
-
-def marks(folder):
-    """(fold, process, its parent) in the order in which they began."""
-    found = [path.name.split("_") for path in folder.glob("*_*")]
-    return [(fold, int(pid), int(parent)) for fold, pid, parent, _ in sorted(found, key=lambda m: float(m[3]))]
-
-
-def until(true, seconds=PATIENCE):
-    begun = time.monotonic()
-    while not (found := true()):
-        assert time.monotonic() - begun < seconds
-        time.sleep(0.05)
-    return found
-
-
-def gone(pid):
-    import psutil  # dask needs it
-
-    try:
-        return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return True
-
-
-def begun(command, **how):
-    return subprocess.Popen(
-        [*BENCH, *command],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        **how,
-    )
-
-
-def mark_live(test):
-    for mark in live:
-        test = mark(test)
-    return test
-
-
-@mark_live
-def test_folds_of_all_cells_are_done_there_and_are_the_same_bit_for_bit(two, tmp_path, monkeypatch, capsys):
-    command = ["run", "model=svm,rf,cnn85", "model.trees=10", "model.epochs=2", "features=jung54", *SMALL]
-    assert main([*command, f"cluster={two}"]) == 0
-    found, (store, there) = stored(), runs("cell")
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")
-    monkeypatch.setattr("bench.plan.plan.share_cores", lambda jobs, folds: (1, 1))  # as many threads as there
-    assert main(command) == 0
-    store, here = runs("cell")
-    assert len(there) == 3 and {r.data.tags["touchbench.cell"] for r in there} == {
-        r.data.tags["touchbench.cell"] for r in here
-    }
-    assert all(table.equals(found[name]) for name, table in stored().items())
-    same = ("cpu", "simd", "threads", "corpus_digest", "version.numpy")
-    assert all(a.data.params[k] == b.data.params[k] for a, b in zip(there, here, strict=True) for k in same)
-    assert not any("cpu" in run.data.tags for run in there)
-    capsys.readouterr()
-    assert main([*command, f"cluster={two}"]) == 0 and "stored before" in capsys.readouterr().err
-
-
-@mark_live
-def test_the_gate_and_an_object_of_the_users(two, tmp_path, monkeypatch, capsys):
-    from sklearn.tree import DecisionTreeClassifier
-
-    import bench
-
-    added = ["data=synth", "model=bayes", "features=jung28", *SMALL]
-    assert main(["check", "update=true", "baseline=b.json", *added]) == 0
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")
-    assert main(["check", "baseline=b.json", f"cluster={two}"]) == 0
-    assert "1 of 1 systems are what b.json says" in capsys.readouterr().out
-    given = {"data__subjects": 4, "data__variants": "normal", "data__repetitions": 2, "features": "jung28"}
-    table = bench.run(model=DecisionTreeClassifier(random_state=0), cluster=two, **given)
-    assert list(table["folds"]) == ["4/4"]
-
-
-@mark_live
-def test_a_worker_with_other_code_is_left_out(tmp_path, capsys):
-    for package in ("bench", "features", "models", "protocols", "reports"):
-        shutil.copytree(ROOT / package, tmp_path / "old" / package)
-    file = tmp_path / "old" / "models" / "svm.py"
-    file.write_text(file.read_text() + "\nCHANGED = 1\n")
-    with scheduler() as place, workers(place, 1, PYTHONPATH=str(tmp_path / "old")):
-        command = ["run", "model=svm", "features=jung28", *SMALL, f"cluster={place}"]
-        assert main(command) == 2
-        (*_, line) = capsys.readouterr().err.splitlines()
-        assert "none of 1 workers can be used" in line and "it has touchbench's code" in line
-        assert not Path("mlflow.db").exists()
-        with workers(place, 1):
-            assert until(lambda: main(command) == 0)
-            told = capsys.readouterr().err
-            assert " is left out: it has touchbench's code" in told and "4/4" in told
-
-
-@mark_live
-@pytest.mark.parametrize(
-    "place", ["tcp://127.0.0.1:1", "nothing.json", "bad.txt", "tls://127.0.0.1:1", "carrier://pigeon"]
-)
-def test_a_cluster_that_is_not_there(place, tmp_path):
-    (tmp_path / "bad.txt").write_text('["tcp://127.0.0.1:1"]')
-    out, error = begun(["run", *SMALL, f"cluster={place}"]).communicate(timeout=PATIENCE)
-    (line,) = error.splitlines()  # nothing fails at the end
-    assert "no scheduler answers" in line and not out and not Path("mlflow.db").exists()
-
-
-@mark_live
-def test_something_else_that_listens_and_a_cluster_without_workers(monkeypatch, capsys):
-    monkeypatch.setattr(cluster, "ANSWER_S", 5.0)
-    monkeypatch.setattr(cluster, "FIRST_S", 1.0)
-    with socket.create_server(("127.0.0.1", 0)) as mute:
-        assert main(["run", *SMALL, f"cluster=tcp://127.0.0.1:{mute.getsockname()[1]}"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "no scheduler answers (TimeoutError after 5 s)" in line
-    with scheduler() as place:
-        assert until(lambda: main(["run", *SMALL, f"cluster={place}"]) == 2)
-        assert f"has no worker; start some, such as: dask worker {place}" in capsys.readouterr().err
-
-
-@mark_live
-def test_a_worker_that_is_killed_loses_no_fold(two, slow, capsys):
-    command, folder = slow
-    process = begun([*command, "model.seconds=4", f"cluster={two}"])
-    fold, pid, worker = until(lambda: marks(folder))[0]
-    os.kill(worker, signal.SIGKILL)
-    out, error = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0 and "4/4" in out, error
-    began = [m for m in marks(folder) if m[0] == fold]
-    assert len(began) == 2 and began[1][2] != worker
-    until(lambda: gone(pid))
-
-
-@mark_live
-def test_a_fold_that_kills_its_process_fails_and_no_worker_does(two, slow, capsys):
-    command, folder = slow
-    command += ["model.die=3", f"cluster={two}"]
-    assert main(command) == 1
-    captured = capsys.readouterr()
-    assert "fold 3 failed: The worker process died twice" in captured.err and "3/4" in captured.out
-    died = [m for m in marks(folder) if m[0] == "3"]
-    assert len(died) == 2
-    assert not any(gone(worker) for _, _, worker in marks(folder))
-    assert main([*command[:-2], f"cluster={two}"]) == 0  # which takes the next command
-
-
-@mark_live
-def test_a_worker_computes_with_the_code_that_is_there_now(tmp_path, monkeypatch):
-    """Its process has the old code in memory, and would stay for the next command."""
-    for package in ("bench", "features", "models", "protocols", "reports"):
-        shutil.copytree(ROOT / package, tmp_path / "code" / package)
-    file = tmp_path / "code" / "models" / "tree.py"
-    command = ["run", "model=tree", "features=jung28", *SMALL]
-
-    def labels(store, *where):
-        env = {"PYTHONPATH": str(tmp_path / "code"), "MLFLOW_TRACKING_URI": f"sqlite:///{tmp_path}/{store}.db"}
-        done = subprocess.run([*BENCH, *command, *where], capture_output=True, text=True, env=os.environ | env)
-        assert done.returncode == 0, done.stderr
-        monkeypatch.setenv("MLFLOW_TRACKING_URI", env["MLFLOW_TRACKING_URI"])
-        store, found = runs("cell")
-        return predictions(store, found[-1])
-
-    with scheduler() as place, workers(place, 1, PYTHONPATH=str(tmp_path / "code")):
-        before = labels("there", f"cluster={place}")
-        file.write_text(file.read_text().replace("ccp_alpha=alpha", "max_depth=1"))
-        after = labels("there", f"cluster={place}")
-    here = labels("here", "jobs=1")
-    assert after.equals(here) and not after.equals(before)
-
-
-@mark_live
-def test_the_scheduler_is_gone_and_the_same_command_goes_on(slow, capsys):
-    command, folder = slow
-    port = free_port()
-    command += ["model.seconds=1.5", f"cluster=tcp://127.0.0.1:{port}"]
-    with scheduler(port) as place, workers(place, 1):
-        process = begun(command)
-        until(lambda: len(marks(folder)) >= 3)
-        last = marks(folder)[-1]
-    out, error = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 1 and "Traceback" not in error, error
-    assert "the scheduler is gone; every finished fold is stored" in error.splitlines()[-1]
-    until(lambda: gone(last[1]))
-    store, (run,) = runs("cell")
-    done = {f.info.run_id for f in store.folds(run.info.run_id) if f.info.status == "FINISHED"}
-    assert run.info.status == "KILLED" and len(done) >= 1
-    with scheduler(port) as place, workers(place, 1):
-        assert until(lambda: main(command) == 0)
-    store, (run,) = runs("cell")
-    assert run.info.status == "FINISHED"
-    assert done < {f.info.run_id for f in store.folds(run.info.run_id)}
-
-
-@mark_live
-def test_a_worker_that_comes_late_is_used(slow):
-    command, folder = slow
-    with scheduler() as place, workers(place, 1):
-        process = begun([*command, "model.wait=12", f"cluster={place}"])
-        until(lambda: marks(folder))
-        with workers(place, 1):
-            until(lambda: len({worker for _, _, worker in marks(folder)}) == 2)
-            (folder / "go").touch()
-            _, error = process.communicate(timeout=PATIENCE)
-        assert process.returncode == 0, error
-
-
-@mark_live
-@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGKILL])
-def test_workers_stop_with_their_command_and_the_same_command_goes_on(sign, two, slow):
-    command, folder = slow
-    command += ["model.wait=34", f"cluster={two}"]
-    process = begun(command)
-    until(lambda: len(marks(folder)) == 4)
-    folds = [pid for fold, pid, _ in marks(folder) if fold in "34"]
-    time.sleep(3)  # the others are stored
-    os.kill(process.pid, sign)
-    until(lambda: all(map(gone, folds)), 20)
-    _, error = process.communicate(timeout=60)
-    if sign == signal.SIGINT:
-        assert process.returncode == 130 and "goes on from there" in error and "Traceback" not in error
-    (folder / "go").touch()
-    assert main(command) == 0
-    assert sorted(fold for fold, _, _ in marks(folder)) == ["1", "2", "3", "3", "4", "4"]

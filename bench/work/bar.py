@@ -1,0 +1,111 @@
+"""The bar of the folds of each run, with the time left, and a line below it for each fold that says how far it is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from rich.console import RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, Task, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+from bench import progress
+from bench.outcomes.results import FoldResult
+from bench.progress import Message, messages, seconds_left, span
+
+
+class Bar(Progress):
+    """A bar for each run that goes on; in a notebook too, where it needs ipywidgets.
+
+    Args:
+        folder: where folds leave their messages (`bench.progress`).
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        super().__init__(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("folds"),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[left]}", style="progress.remaining", markup=False),
+            console=progress.console,
+            transient=True,
+        )
+
+    def begin(self, key: str, title: str, folds: int, stored: int, workers: Callable[[], int]) -> None:
+        """Add the bar of a run.
+
+        Args:
+            key: of the run.
+            title: in front of the bar.
+            folds: of the run.
+            stored: how many of them are stored already.
+            workers: tells how many folds of the run are done at a time.
+        """
+        self.add_task(title, total=folds, completed=stored, key=key, left="", seconds=[], workers=workers)
+
+    def advance_fold(self, key: str, result: FoldResult) -> None:
+        """Count a fold that is stored; where no bar is seen before the end (a log), print a line."""
+        run = self._of(key)
+        self.advance(run.id)
+        if result.error:
+            self.console.print(f"fold {result.name} failed: {last_line(result.error)}", style="red", markup=False)
+        else:  # what failed at once says nothing of the others
+            run.fields["seconds"].append(result.seconds)
+        if not self.console.is_terminal:
+            self._estimate(messages(self.folder))
+            how = "failed" if result.error else "done"
+            after = f" after {span(result.seconds)}" if result.seconds else ""
+            left = f", {run.fields['left']}" if run.fields["left"] else ""
+            line = f"{run.description}: fold {result.name} {how}{after}, {run.completed:.0f} of {run.total:.0f}{left}"
+            self.console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+    def end(self, key: str) -> None:
+        """Print the bar of a run that has ended for good; others may go on."""
+        run = self._of(key)
+        self._estimate(messages(self.folder))
+        self.console.print(self.make_tasks_table([run]))
+        self.remove_task(run.id)
+
+    def stop(self) -> None:
+        """Leave the bars of runs that are cut off where they are."""
+        for run in self.tasks:
+            self.end(run.fields["key"])
+        super().stop()
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """The bars and the lines."""
+        now, spoken = time.time(), messages(self.folder)
+        self._estimate(spoken)
+        yield self.make_tasks_table(self.tasks)
+        titles = {run.fields["key"]: f"{run.description}: " for run in self.tasks if len(self.tasks) > 1}
+        for message in spoken:
+            if message.words:
+                left = "" if message.left is None else f", {span(message.left - (now - message.at))} left"
+                line = f"  {titles.get(message.run, '')}{message.fold}: {message.words}{left}"
+                yield Text(line, overflow="ellipsis", no_wrap=True)
+
+    def _of(self, key: str) -> Task:
+        return next(run for run in self.tasks if run.fields["key"] == key)
+
+    def _estimate(self, spoken: list[Message]) -> None:
+        """Note at each bar how long its folds still take; nothing where that cannot be known."""
+        now = time.time()
+        for run in self.tasks:
+            going = [
+                (now - message.began, None if message.left is None else message.left - (now - message.at))
+                for message in spoken
+                if message.run == run.fields["key"]
+            ]
+            remaining = int(run.remaining or 0)
+            waiting = max(remaining - len(going), 0)
+            left = seconds_left(run.fields["seconds"], going, waiting, run.fields["workers"]())
+            run.fields["left"] = f"{span(left)} left" if remaining and left is not None else ""
+
+
+def last_line(error: str) -> str:
+    """The last line of a traceback: what was raised."""
+    return error.strip().splitlines()[-1]

@@ -1,0 +1,116 @@
+"""Processes of this machine that are killed: a worker, the command with its workers, and Ctrl-C."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from joblib.externals.loky import get_reusable_executor
+
+from bench import progress, registry, scratch
+from bench.cli import main
+from bench.outcomes.store import connect
+from bench.work.workers import Processes
+from tests.conftest import BENCH, runs
+
+pytestmark = [
+    pytest.mark.nightly,
+    pytest.mark.live,
+    pytest.mark.pool,
+    pytest.mark.skipif(sys.platform == "win32", reason="signals"),
+]
+PATIENCE = 300  # seconds on a busy machine
+SMALL = ["data.subjects=4", "data.variants=normal", "jobs=2"]
+
+
+def until(true, seconds=PATIENCE):
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+@pytest.fixture
+def wayward(tmp_path, monkeypatch):
+    """A system of an installed package, known by its entry point only, to this process and to new workers."""
+    info = tmp_path / "site" / "wayward-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: wayward\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[touchbench.models]\nwayward = tests.work.wayward:Wayward\n")
+    monkeypatch.syspath_prepend(info.parent)
+    registry.names.cache_clear()
+    get_reusable_executor().shutdown(kill_workers=True)
+    yield
+    registry.names.cache_clear()
+    get_reusable_executor().shutdown(kill_workers=True)
+
+
+@pytest.mark.parametrize(("how", "fact"), [("fail", "cannot learn without 3"), ("die", "died"), ("exit", "enough")])
+def test_a_fold_that_fails_or_kills_its_worker_is_recorded_and_the_others_go_on(
+    how, fact, wayward, capsys, monkeypatch
+):
+    command = ["run", "model=wayward", f"model.{how}=3", *SMALL]
+    first, over = Processes.finished, []
+
+    def finished(self):
+        done = first(self)
+        over.append(done.task.fold.name)
+        assert not {message.fold for message in progress.messages(self.folder)} & {*over}  # none is under way
+        return done
+
+    monkeypatch.setattr(Processes, "finished", finished)
+    assert main(command) == 1
+    captured = capsys.readouterr()
+    last = captured.err.splitlines()[-1]
+    assert sorted(over) == ["1", "2", "3", "4"] and "3/4" in captured.out
+    assert "fold 3" in last and fact in Path(last.split(" is in ")[1]).read_text()
+    store, (parent,) = runs("cell")
+    assert parent.info.status == "FAILED" and parent.data.metrics["accuracy"] == pytest.approx(1 / 14)
+    statuses = {f.data.tags["touchbench.fold"]: f.info.status for f in store.folds(parent.info.run_id)}
+    assert statuses == dict.fromkeys("124", "FINISHED") | {"3": "FAILED"}
+
+
+@pytest.mark.real_store
+def test_control_c_keeps_the_finished_folds():
+    command = [*BENCH, "run", "model=rf", "model.trees=500", "data.subjects=12", "jobs=1"]
+    pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(command, start_new_session=True, **pipes)
+    connect()
+    stored = lambda: {f.info.run_id for f in runs("fold")[1] if f.info.status == "FINISHED"}  # noqa: E731
+    until(lambda: len(stored()) >= 2)
+    before = stored()
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130 and "Traceback" not in error and error.splitlines()[-1].startswith("bench: ")
+    assert before <= stored() and len(stored()) < 12 and runs("cell")[1][0].info.status == "KILLED"
+
+
+def test_workers_end_when_their_parent_is_killed_and_the_next_command_cleans(tmp_path):
+    command = [*BENCH, "run", "data.subjects=6", "model=cnn85", "model.epochs=400", "jobs=2"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:
+        parent = psutil.Process(process.pid)
+        workers = lambda: [c for c in parent.children() if "popen_loky" in " ".join(c.cmdline())]  # noqa: E731
+        until(lambda: len(workers()) >= 2)
+        children = workers()
+        time.sleep(1)  # they have begun
+        process.kill()
+        process.wait()
+    gone, alive = psutil.wait_procs(children, timeout=60)
+    assert not alive and len(gone) >= 2
+    folder = scratch.home() / "tmp"
+    assert list(folder.iterdir())  # the killed command left its folder
+    subprocess.run([*BENCH, "data"], cwd=tmp_path, capture_output=True, check=True)
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.real_store
+def test_stores_created_by_several_processes_at_once_are_whole():
+    code = "from bench.outcomes.store import connect; print(connect().experiment_id)"
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    started = [subprocess.Popen([sys.executable, "-c", code], **pipes) for _ in range(3)]
+    ids = {process.communicate(timeout=PATIENCE)[0].split()[-1] for process in started}
+    assert len(ids) == 1 and all(process.returncode == 0 for process in started)

@@ -1,0 +1,93 @@
+"""A store in memory and a kind of run that records what is done: the loop without MLflow, processes and training."""
+
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from shutil import copytree
+from tempfile import mkdtemp
+from types import SimpleNamespace
+from typing import ClassVar
+
+import pandas as pd
+
+from bench.outcomes.results import Findings, FoldResult, table_of
+from bench.work.experiment import Experiment
+
+
+class Memory:
+    """As `bench.outcomes.store.Store`, as far as the loop uses it."""
+
+    def __init__(self):
+        self.runs, self.ids = {}, count()
+
+    def create(self, name, tags):
+        run_id = str(next(self.ids))
+        data = SimpleNamespace(tags=dict(tags), params={}, metrics={})
+        info = SimpleNamespace(run_id=run_id, status="RUNNING", run_name=name)
+        folder = Path(mkdtemp())
+        self.runs[run_id] = SimpleNamespace(info=info, data=data, inputs=None, folder=folder)
+        return run_id
+
+    def log(self, run_id, metrics=None, params=None, history=None, tags=None):
+        data = self.runs[run_id].data
+        data.metrics.update(metrics or {})
+        data.params.update({k: str(v) for k, v in (params or {}).items()})
+        data.tags.update(tags or {})
+
+    def log_captures(self, run_id, *_):
+        self.runs[run_id].inputs = SimpleNamespace(dataset_inputs=[1])
+
+    def keep(self, run_id, path, where=""):
+        copytree(path, self.runs[run_id].folder / where, dirs_exist_ok=True)
+
+    def fetched(self, run_id, name):
+        return self.runs[run_id].folder / name
+
+    def where(self, run_id, name):
+        return str(self.fetched(run_id, name))
+
+    def begin(self, run_id):
+        self.end(run_id, "RUNNING")
+
+    def end(self, run_id, status):
+        self.runs[run_id].info.status = status
+
+    def delete(self, run_id):
+        del self.runs[run_id]
+
+    def find(self, key, kind="cell"):
+        return next((r for r in self.parents(kind) if r.data.tags["touchbench.cell"] == key), None)
+
+    def folds(self, run_id):
+        return [r for r in self.runs.values() if r.data.tags.get("mlflow.parentRunId") == run_id]
+
+    def parents(self, kind):
+        return [r for r in self.runs.values() if r.data.tags["touchbench.kind"] == kind]
+
+    def statuses(self, kind="echo"):
+        return [r.info.status for r in self.parents(kind)]
+
+
+DONE = []  # (number, fold) in the order in which they were done
+
+
+@dataclass(frozen=True)
+class Echo(Experiment):
+    """Predicts nothing: a row for each test capture; fails as a dictionary says."""
+
+    kind: ClassVar[str] = "echo"
+    fold_kind: ClassVar[str] = "echo_fold"
+    heading: ClassVar[str] = "Nothing"
+    fails: ClassVar[dict] = {}  # what to raise, by fold
+
+    number: int = 0
+
+    def fold(self, cell, corpus, fold, threads):
+        DONE.append((self.number, fold.name))
+        if fold.name in self.fails:
+            raise self.fails[fold.name]
+        table = pd.DataFrame({"fold": fold.name, "capture": corpus.index[fold.test], "value": 8 / (1 + fold.test)})
+        return FoldResult(fold.name, table, {"tested": len(fold.test), "third": 1 / 3}, [0.1], [0.2])
+
+    def findings(self, plan, tags, results):
+        return Findings({"captures": sum(r.metrics["tested"] for r in results)}, {"all.parquet": table_of(results)})
