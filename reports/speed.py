@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from bench import pareto
 from bench.outcomes import statistics
-from reports.figures import LINE, Picture, new_figure, plain, save, spread, width_of
+from reports.figures import LINE, bars, log_ticks, new_figure, plain, spread, width_of
 
 # Column of tracked metrics: words, and what it is divided by.
 COSTS = {
@@ -48,7 +48,7 @@ def points(runs: pd.DataFrame, subjects: pd.DataFrame, papers: pd.DataFrame | No
         ``system``, ``accuracy``, ``low``, ``high`` (percent; NaN for a single subject), ``kind`` (of `MARKS`) and a
         column per cost; NaN where a cost is not known.
     """
-    known = set() if papers is None else set(papers["system"]) - {""}
+    published = set() if papers is None else set(papers["system"]) - {""}
     models = runs.drop_duplicates("system").set_index("system")["model_name"]
     complete = runs[runs["status"] == "FINISHED"]
     costs = complete.reindex(columns=["system", *COSTS, "search_seconds"])
@@ -58,7 +58,7 @@ def points(runs: pd.DataFrame, subjects: pd.DataFrame, papers: pd.DataFrame | No
     for system, accuracy in subjects.iterrows():
         low, high = statistics.interval(accuracy.to_numpy(dtype=float))
         row = {"system": system, "accuracy": accuracy.mean(), "low": max(low, 0), "high": min(high, 100)}
-        row |= {"kind": "published" if system in known else "changed" if models[system] in known else "other"}
+        row |= {"kind": kind_of(system, models[system], published)}
         rows.append(row | {c: costs.loc[system, c] / unit for c, (_, unit) in COSTS.items()})
     return pd.DataFrame(rows)
 
@@ -71,8 +71,8 @@ def chip_points(runs: pd.DataFrame, subjects: Callable[[pd.DataFrame], pd.DataFr
         subjects: gives the accuracy of runs in percent [systems, subjects].
     """
     named = runs.assign(system="C, " + runs["chip.bits"] + " bits: " + runs["system"])
-    found = points(named.drop(columns=[c for c in COSTS if c not in ON_CHIP], errors="ignore"), subjects(named), None)
-    return found.assign(kind="chip")
+    measured = named.drop(columns=[c for c in COSTS if c not in ON_CHIP], errors="ignore")
+    return points(measured, subjects(named), None).assign(kind="chip")
 
 
 def front(cost: np.ndarray, accuracy: np.ndarray) -> np.ndarray:
@@ -85,14 +85,17 @@ def front(cost: np.ndarray, accuracy: np.ndarray) -> np.ndarray:
     return on[first]
 
 
-def speed_chart(table: pd.DataFrame, group: str, folder: Path, name: str, most: int = 20) -> Picture:
-    """A panel for each cost on a log axis, with the Pareto front and the name of every point.
+def kind_of(system: str, model: str, published: set[str]) -> str:
+    """How a system is marked: ``published``, ``changed`` (published, other settings) or ``other``."""
+    return "published" if system in published else "changed" if model in published else "other"
+
+
+def speed_chart(table: pd.DataFrame, group: str, most: int = 20) -> tuple[Figure, str]:
+    """A panel for each cost on a log axis, with the Pareto front and the name of every point; and the caption.
 
     Args:
         table: `points` of the group.
-        group: in words.
-        folder: where the files go.
-        name: of the files.
+        group: captures and protocol, in words.
         most: systems that are drawn; half as many more if they are on a front.
     """
     on_front = {i for c in COSTS for i in front(table[c].to_numpy(), table["accuracy"].to_numpy())}
@@ -105,31 +108,27 @@ def speed_chart(table: pd.DataFrame, group: str, folder: Path, name: str, most: 
     title = f"{group}\nfilled circles: published systems; hollow circles: with other settings; squares: others; "
     title += ("triangles: as C; " if (kept["kind"] == "chip").any() else "") + "line and bold names: Pareto front"
     figure, axes = new_figure(size, (rows, 2), (0.6, names, 0.55, 0.5), (0.65 + names, 0.6), title)
-    axes = list(axes.flat)
-    for ax, cost in zip(axes, shown, strict=False):
+    for ax, cost in zip(axes.flat, shown, strict=False):
         _panel(ax, kept[kept[cost] > 0].reset_index(drop=True), cost, high)
-    for ax in axes[len(shown) :]:
+    for ax in [*axes.flat][len(shown) :]:
         ax.set_axis_off()
     left = len(table) - len(kept)
-    caption = (
+    return figure, (
         "Mean over subjects of captures labelled correctly, with 95 % t-intervals over subjects, against each cost. "
         "Filled circles are published systems, run here; hollow circles are these with other settings, such as fewer "
         "epochs; hollow squares are others; triangles are what bench chip exported, with the labels of the C. "
-        "The line and bold names are the Pareto front: no other system is both "
-        "cheaper and more accurate. Seeds are averaged."
-        + (f" {left} systems of lower accuracy are left out." if left else "")
+        "The line and bold names are the Pareto front: no other system is both cheaper and more accurate. Seeds are "
+        "averaged." + (f" {left} systems of lower accuracy are left out." if left else "")
     )
-    return save(figure, folder, name, "speed", group, caption)
 
 
 def _panel(ax: object, table: pd.DataFrame, cost: str, high: float) -> None:
     from matplotlib.collections import LineCollection
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     x, y = table[cost].to_numpy(), table["accuracy"].to_numpy()
     best = front(x, y)
-    bars = np.nan_to_num([y - table["low"], table["high"] - y])
-    ax.errorbar(x, y, yerr=bars, fmt="none", ecolor="0.75", elinewidth=0.7, zorder=1)
+    ends = bars(y, table["low"], table["high"])
+    ax.errorbar(x, y, yerr=ends, fmt="none", ecolor="0.75", elinewidth=0.7, zorder=1)
     for kind, (marker, face, edge) in MARKS.items():
         chosen = (table["kind"] == kind).to_numpy()
         ax.scatter(x[chosen], y[chosen], 34, face, marker=marker, zorder=3, edgecolors=edge)
@@ -137,24 +136,19 @@ def _panel(ax: object, table: pd.DataFrame, cost: str, high: float) -> None:
     ax.set_xscale("log")
     decades = np.log10(max(x.max() / x.min(), 3))
     middle = np.sqrt(x.max() * x.min())
-    ax.set_xlim(middle / 10 ** (0.56 * decades), middle * 10 ** (0.56 * decades))
     edge = middle * 10 ** (0.61 * decades)  # names stand outside, on the right
-    if decades < 2:
-        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    ax.xaxis.set_minor_locator(NullLocator())
-    lowest, highest = (y - bars[0]).min(), (y + bars[1]).max()  # no interval is cut off
+    log_ticks(ax.xaxis, (1, 2, 5) if decades < 2 else (1,))
+    lowest, highest = (y - ends[0]).min(), (y + ends[1]).max()  # no interval is cut off
     reach = max(highest - lowest, 5) * 1.06
     low, top = (lowest + highest - reach) / 2, (lowest + highest + reach) / 2
-    ax.set_ylim(low, top)
+    ax.set(xlim=(middle / 10 ** (0.56 * decades), middle * 10 ** (0.56 * decades)), ylim=(low, top))
     gap = (top - low) * LINE / high
     order = np.argsort(y, kind="stable")
-    places = spread(y[order], gap, low + gap / 2, top - gap / 2)
-    names = plain(table["system"])
-    for i, place in zip(order, places, strict=True):
-        ax.text(edge, place, names[i], va="center", fontweight="bold" if i in best else "normal")
-    ties = [[(x[i], y[i]), (edge, place)] for i, place in zip(order, places, strict=True)]
+    heights = spread(y[order], gap, low + gap / 2, top - gap / 2)
+    for i, height in zip(order, heights, strict=True):
+        weight = "bold" if i in best else "normal"
+        ax.text(edge, height, plain([table["system"][i]])[0], va="center", fontweight=weight)
+    ties = [[(x[i], y[i]), (edge, height)] for i, height in zip(order, heights, strict=True)]
     ax.add_collection(LineCollection(ties, colors="0.7", linewidths=0.5, zorder=1, clip_on=False))
-    ax.set_xlabel(COSTS[cost][0])
-    ax.set_ylabel("captures labelled correctly, %")
+    ax.set(xlabel=COSTS[cost][0], ylabel="captures labelled correctly, %")
     ax.grid(alpha=0.25)

@@ -10,12 +10,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from reports.figures import MARKERS
+from reports.figures import DASHES, MARKERS, bars
 
 if TYPE_CHECKING:
     from bench.outcomes.stability import Analysis
 
-DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
 NAME = 36  # characters of a line of a method's name
 PANELS = 4  # side by side
 NAMES = ("heat_map", "severities", "training_subjects", "capture_length")
@@ -113,57 +112,49 @@ def severities(analyses: list[Analysis]) -> Figure:
 
 def training_subjects(analyses: list[Analysis]) -> Figure:
     """Learning curve: accuracy against the number of training subjects, bars are intervals over tested subjects."""
-    figure, ax = _single()
-    for k, a in enumerate(analyses):
-        counts = a.learning["train_subjects"].to_numpy()
-        _with_bars(ax, k, counts + _aside(k, analyses) * np.ptp(counts), a.learning, a.method)
-    ax.set_xticks(counts, [f"{c:g}" for c in counts])
-    ax.set_xlabel("training subjects")
-    _name(
-        figure,
-        ", ".join(analyses[0].context),
+    counts = analyses[0].learning["train_subjects"].to_numpy()
+    return _against(
+        [(a.method, a.learning) for a in analyses],
+        counts,
+        [f"{c:g}" for c in counts],
+        "training subjects",
         "Accuracy by number of training subjects, 95 % intervals over tested subjects",
+        ", ".join(analyses[0].context),
     )
-    _legend(figure, ax)
-    return figure
 
 
 def capture_length(analyses: list[Analysis]) -> Figure:
     """Clean accuracy against the length of a capture, in groups of about equal size."""
-    figure, ax = _single()
-    for k, a in enumerate(analyses):
-        part = a.conditions[a.conditions["factor"] == "frames"]
-        part = part.iloc[part["value"].map(_shortest).argsort()]
-        _with_bars(ax, k, np.arange(len(part)) + _aside(k, analyses) * len(part), part, a.method)
-    ax.set_xticks(range(len(part)), part["value"])
-    ax.set_xlabel("frames of a capture")
-    _name(figure, ", ".join(analyses[0].context), "Accuracy by length of the capture, 95 % intervals over subjects")
-    _legend(figure, ax)
-    return figure
+    parts = [a.conditions[a.conditions["factor"] == "frames"] for a in analyses]
+    parts = [part.iloc[part["value"].str.split(" ").str[0].astype(int).argsort()] for part in parts]
+    return _against(
+        [(a.method, part) for a, part in zip(analyses, parts, strict=True)],
+        np.arange(len(parts[0])),
+        [*parts[0]["value"]],
+        "frames of a capture",
+        "Accuracy by length of the capture, 95 % intervals over subjects",
+        ", ".join(analyses[0].context),
+    )
 
 
-def _aside(k: int, analyses: list[Analysis]) -> float:
-    """By what share of the width a method's points stand beside their place, so that no bar hides another."""
-    return (k - (len(analyses) - 1) / 2) * min(0.01, 0.06 / len(analyses))
-
-
-def _shortest(frames: str) -> int:
-    return int(frames.split(" ")[0])
-
-
-def _single() -> tuple[Figure, object]:
+def _against(
+    methods: list[tuple[str, pd.DataFrame]], x: np.ndarray, ticks: list[str], label: str, title: str, context: str
+) -> Figure:
+    """Accuracy of some methods with intervals; methods stand a little aside, so that no bar hides another."""
     figure = Figure(figsize=(7, 4.6), layout="constrained")
     ax = figure.subplots()
-    ax.set_ylabel("captures labelled correctly, %")
+    step = min(0.01, 0.06 / len(methods)) * max(np.ptp(x), 1)
+    for k, (method, rows) in enumerate(methods):
+        middle, low, high = (100 * rows[name].to_numpy() for name in ("accuracy", "low", "high"))
+        ends = None if np.isnan(low).all() else bars(middle, low, high)
+        aside = (k - (len(methods) - 1) / 2) * step
+        ax.errorbar(x[: len(rows)] + aside, middle, yerr=ends, capsize=3, elinewidth=0.8, label=method, **_style(k))
+    ax.set_xticks(x, ticks)
+    ax.set(xlabel=label, ylabel="captures labelled correctly, %")
     ax.grid(alpha=0.3)
-    return figure, ax
-
-
-def _with_bars(ax: object, k: int, x: np.ndarray, rows: pd.DataFrame, label: str) -> None:
-    middle = 100 * rows["accuracy"].to_numpy()
-    bars = np.abs(100 * rows[["low", "high"]].to_numpy().T - middle)
-    bars = None if np.isnan(bars).all() else np.nan_to_num(bars)
-    ax.errorbar(np.asarray(x, dtype=float), middle, yerr=bars, capsize=3, elinewidth=0.8, label=label, **_style(k))
+    _name(figure, context, title)
+    _legend(figure, ax)
+    return figure
 
 
 def _style(k: int) -> dict[str, object]:
