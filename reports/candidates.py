@@ -16,7 +16,7 @@ from bench.outcomes import statistics
 from bench.outcomes.choice import SAID, Choice, candidates, decide, sentences
 from bench.outcomes.comparable import COMPARABLE, Row
 from bench.outcomes.store import Store
-from reports.speed import front, kind_of
+from reports.speed import front
 
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
 MOST = 40  # candidates that the chart draws, besides those of a front
@@ -80,33 +80,21 @@ def considered(
     systems = every.table["system"].unique()
     if len(systems) == 1:
         lines.insert(0, f"Only {systems[0]} is tracked here, so there is no other to compare it with.")
-    # Arguments of the first candidate whose run was typed; those made from Python with objects have none.
-    arguments = next((json.loads(text) for text in every.table["arguments"] if text), {})
-    command = _command(arguments, first, runs, budgets)
+    command = _command(every.table, first, runs, budgets)
     return Considered(group, lines, command, choice=choice, subjects=every.subjects, budgets=budgets)
 
 
-def _command(on: Mapping[str, str], first: Row, runs: pd.DataFrame, budgets: Mapping[str, float]) -> str:
-    """The command that chooses among the runs of a group; empty where its words mean others, too.
-
-    Args:
-        on: arguments of one of its runs.
-        first: a run of the group.
-        runs: all that are tracked.
-        budgets: the most of each cost.
-    """
-    protocol = {k: v for k, v in on.items() if k.split(".")[0] == "protocol"}
+def _command(table: pd.DataFrame, first: Row, runs: pd.DataFrame, budgets: Mapping[str, float]) -> str:
+    """The command that chooses among the candidates of a group; empty where its words mean other runs, too."""
+    # Of the first candidate whose run was typed; those made from Python with objects have none.
+    arguments = next((json.loads(text) for text in table["arguments"] if text), {})
+    protocol = {k: v for k, v in arguments.items() if k.split(".")[0] == "protocol"}
     named_by = ["data", "subset", "target", "protocol_name", *(k for k in protocol if "." in k)]
     same = runs[(runs[named_by] == pd.Series({k: first[k] for k in named_by})).all(axis=1)]
-    if "data" not in on or len(same[[*COMPARABLE, "protocol"]].drop_duplicates()) > 1:
+    if not arguments or len(same[[*COMPARABLE, "protocol"]].drop_duplicates()) > 1:
         return ""
-    asked = {"data": on["data"]}
-    if first["subset"] != "all" or set(runs.loc[runs["data"] == first["data"], "subset"]) != {"all"}:
-        asked["where"] = first["subset"]
-    if first["target"] != "gesture":
-        asked["target"] = first["target"]
-    most = {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in budgets.items()}
-    return typed("choose", asked | protocol | most)
+    words = {"data": arguments["data"], "where": first["subset"], "target": first["target"]} | protocol
+    return typed("choose", words | {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in budgets.items()})
 
 
 def chart_data(answers: list[Considered], models: Mapping[str, str], papers: pd.DataFrame) -> dict[str, object]:
@@ -125,7 +113,7 @@ def chart_data(answers: list[Considered], models: Mapping[str, str], papers: pd.
         points = []
         for i, row in zip(kept.index, kept.to_dict("records"), strict=True):
             system, unit = row["system"], row["unit"]
-            kind = kind_of(system, models.get(system, ""), published)
+            kind = "published" if system in published else "changed" if models[system] in published else "other"
             low, high = statistics.interval(each.subjects.loc[i].to_numpy(dtype=float))
             points.append(
                 {

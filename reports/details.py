@@ -1,4 +1,4 @@
-"""Figures of single runs, from their predictions and training: confusions, gestures, calibration, epochs.
+"""Figures of single runs, from their predictions: confusions, gestures, calibration.
 
 Each comes with its caption; `reports.figures.save` writes it.
 """
@@ -10,13 +10,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.outcomes import scores
-from bench.outcomes.store import Store
-from reports.figures import LINE, MARKERS, WIDEST, bars, log_ticks, new_figure, plain, width_of
+from reports.figures import LINE, MARKERS, WIDEST, bars, new_figure, plain, width_of
 
 BINS = 10
 WRITTEN = 20  # classes up to which the numbers fit into their cells
-HISTORY = {"loss": "training loss", "held_accuracy": "accuracy on held-out training subjects", "rate": "learning rate"}
-FOLDS = 10  # of a run whose training is read and drawn
 
 
 def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Figure, str]:
@@ -49,40 +46,11 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
     return figure, f"Confusion of captures by {system}: counts, and percent of each true gesture.{unwritten}"
 
 
-def recall_interval(labelled: pd.DataFrame, classes: list[str], draws: int = 2000, seed: int = 0) -> pd.DataFrame:
-    """Percent of each class that is labelled correctly, with a 95 % bootstrap interval over subjects.
-
-    Args:
-        labelled: captures with ``subject``, ``true`` and ``predicted``.
-        classes: in the order of the rows.
-        draws: of the bootstrap, whole subjects with replacement.
-        seed: of the draws.
-
-    Returns:
-        ``recall``, ``low``, ``high`` by class; NaN where there is no capture, no interval of a single subject.
-    """
-    hit = (labelled["true"] == labelled["predicted"]).groupby([labelled["subject"], labelled["true"]])
-    right, total = (
-        part.unstack(fill_value=0).reindex(columns=classes, fill_value=0) for part in (hit.sum(), hit.size())
-    )
-    n = len(total)
-    drawn = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), draws)
-    with np.errstate(invalid="ignore", divide="ignore"):  # a class that nobody drawn has shown
-        shares = 100 * (drawn @ right.to_numpy()) / (drawn @ total.to_numpy())
-        recall = 100 * right.sum().to_numpy() / total.sum().to_numpy()
-    low, high = (np.full(len(classes), np.nan) for _ in range(2))
-    for c in range(len(classes)):
-        seen = shares[np.isfinite(shares[:, c]), c]
-        if n > 1 and len(seen):
-            low[c], high[c] = np.quantile(seen, [0.025, 0.975])
-    return pd.DataFrame({"recall": recall, "low": low, "high": high}, index=classes)
-
-
 def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure, str]:
     """Percent of each gesture that is labelled correctly, with intervals over subjects, for some systems.
 
     Args:
-        tables: `recall_interval` by system.
+        tables: `reports.bootstrap.recall_interval` by system.
         group: captures and protocol, in words.
     """
     classes = list(next(iter(tables.values())).index)
@@ -147,44 +115,3 @@ def calibration_figure(tables: dict[str, tuple[pd.DataFrame, float]], group: str
         "Reliability of the probabilities of whole captures in ten bins; the area of a dot is its share of captures, "
         "the dashed line is perfect."
     )
-
-
-def histories(store: Store, run_id: str) -> dict[str, dict[str, np.ndarray]]:
-    """What training tracked, by metric and fold, [epochs, 2]: epoch and value.
-
-    The first `FOLDS` folds; empty for a system without epochs.
-    """
-    folds = store.finished_folds(run_id)[:FOLDS]
-    values = {
-        m: {f.data.tags["touchbench.fold"]: store.history(f.info.run_id, m) for f in folds if m in f.data.metrics}
-        for m in HISTORY
-    }
-    long = {m: by_fold for m, by_fold in values.items() if any(len(v) > 1 for v in by_fold.values())}
-    return long if values["loss"] else {}
-
-
-def training_figure(systems: dict[str, dict], group: str) -> tuple[Figure, str]:
-    """A column for each system, a row for each metric, a line for each fold.
-
-    Args:
-        systems: `histories` by system.
-        group: captures and protocol, in words.
-    """
-    metrics = [m for m in HISTORY if any(m in history for history in systems.values())]
-    size = (4.1 * len(systems) + 0.5, 2.3 * len(metrics) + 1.05)
-    figure, axes = new_figure(size, (len(metrics), len(systems)), (0.8, 0.15, 0.65, 0.6), (0.85, 0.35), group)
-    for column, (system, history) in enumerate(systems.items()):
-        for ax, metric in zip(axes[:, column], metrics, strict=True):
-            for values in history.get(metric, {}).values():
-                ax.plot(*values.T, color="tab:blue", alpha=0.55, linewidth=0.9, marker="." if len(values) < 3 else None)
-            if metric not in history:
-                ax.text(0.5, 0.5, f"{metric}: not tracked", transform=ax.transAxes, ha="center", color="0.5")
-                ax.set_axis_off()
-            elif metric == "rate":
-                ax.set_yscale("log")
-                log_ticks(ax.yaxis)
-            ax.set_ylabel(HISTORY[metric].replace("held-out ", "held-out\n"))
-            ax.grid(alpha=0.25)
-        axes[0, column].set_title(plain([system])[0])
-        axes[-1, column].set_xlabel("epoch")
-    return figure, "Training by epoch, one line for each of at most ten folds, the lowest seed of each system."

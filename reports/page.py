@@ -20,6 +20,7 @@ from bench.scratch import owner, sweep
 from reports import fault_curves
 from reports.candidates import Considered, chart_data, considered
 from reports.comparison import comparison, published, shown
+from reports.figures import save
 from reports.latex import latex
 from reports.layout import Table, markdown, page
 from reports.new_person import curves_of, new_person_sections
@@ -29,7 +30,8 @@ from reports.provenance import provenance, software
 from reports.published_tables import recomputed
 from reports.reference_rows import systems_by_subject
 from reports.reproduction import against
-from reports.run_groups import GROUPS, group_of, largest_groups
+from reports.run_groups import GROUPS, group_of, largest_groups, slug
+from reports.speed import speed_chart
 from reports.spreadsheet import write_sheet
 from reports.summary import briefs
 
@@ -95,14 +97,12 @@ def assemble(
     papers, others = published(), of_kinds(store, ("stress", "stream", "chip"))
     by_group = {str(group): systems_by_subject(store, part) for group, part in runs.groupby("group", sort=False)}
     largest, left_out = largest_groups(runs)
-    groups = {
-        name: group_of(store, part, by_group[name], others.get("chip"), papers, folder, i)
-        for i, (name, part) in enumerate(largest.items(), 1)
-    }
+    files = {name: f"{i}-{slug(name)}" for i, name in enumerate(largest, 1)}
+    groups = {name: group_of(store, part, by_group[name], folder, files[name]) for name, part in largest.items()}
     kinds = {kind: independent(each) for kind, each in (others | {"cell": runs}).items()}
     answers = [considered(store, name, runs, budgets, kinds) for name in largest]
     candidates = [answer for answer in answers if isinstance(answer, Considered)]
-    models = dict(zip(runs["system"], runs["model_name"], strict=True))
+    chart = chart_data(candidates, dict(zip(runs["system"], runs["model_name"], strict=True)), papers)
     stresses, streams = (fault_curves.contexts(others.get(kind)) for kind in ("stress", "stream"))
     curves = curves_of(store, runs)
     tables = {
@@ -122,7 +122,12 @@ def assemble(
         "answers": answers,
         "largest": GROUPS,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
-        "chart": chart_data(candidates, models, papers) if candidates else None,
+        "chart": chart,
+        "speed": [
+            save(figure, folder, f"{files[g['name']]}-speed", g["name"], caption)
+            for g in chart["groups"]
+            for figure, caption in [speed_chart(g, chart["costs"])]
+        ],
         "runs": runs_section(tables["comparison"], [*largest, *left_out]),
         "counts": (len(runs), runs["system"].nunique()),
         "briefs": briefs(streams, stresses, groups, curves),

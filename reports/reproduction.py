@@ -16,6 +16,7 @@ from bench.outcomes import scores, statistics
 from bench.outcomes.comparable import Row, facts_of, seed_number
 from bench.outcomes.runs import predictions, rows_of, subject_accuracy
 from bench.outcomes.store import Store
+from reports.bootstrap import macro_interval
 from reports.comparison import SAME
 
 # unit_key of published.csv: prefix and name of the metric that is tracked for it.
@@ -140,29 +141,3 @@ def _interval(store: Store, run: Row, prefix: str, metric: str) -> tuple[float, 
     else:
         low, high = macro_interval(labelled, scores.classes_of(table), metric)
     return 100 * low, 100 * high
-
-
-def macro_interval(
-    labelled: pd.DataFrame, classes: list[str], metric: str, draws: int = 2000, seed: int = 0
-) -> tuple[float, float]:
-    """95 % bootstrap interval of macro precision or macro recall, whole subjects drawn with replacement.
-
-    Args:
-        labelled: decisions with ``subject``, ``true`` and ``predicted``.
-        classes: their names.
-        metric: ``macro_precision`` or ``macro_recall``; a class without a case counts 0, as in the score itself.
-        draws: of the bootstrap.
-        seed: of the draws.
-
-    Returns:
-        NaN, NaN for a single subject.
-    """
-    counts = np.array([scores.confusion(part, classes) for _, part in labelled.groupby("subject", sort=True)])
-    if len(counts) < 2:
-        return np.nan, np.nan
-    drawn = np.random.default_rng(seed).multinomial(len(counts), np.full(len(counts), 1 / len(counts)), draws)
-    pooled = np.einsum("ds,sij->dij", drawn, counts)
-    right = np.einsum("dii->di", pooled)
-    totals = pooled.sum(axis=1 if metric == "macro_precision" else 2)
-    low, high = np.quantile((right / np.maximum(totals, 1)).mean(axis=1), [0.025, 0.975])
-    return float(low), float(high)

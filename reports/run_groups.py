@@ -1,4 +1,4 @@
-"""One group of runs, on the same captures under the same protocol: its statistics, subjects, costs and details."""
+"""One group of runs, on the same captures under the same protocol: its statistics, subjects and details."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.outcomes import scores, statistics
-from bench.outcomes.comparable import COMPARABLE, facts_of, seed_number
-from bench.outcomes.runs import by_subject, independent, predictions, rows_of
+from bench.outcomes.comparable import facts_of, seed_number
+from bench.outcomes.runs import independent, predictions, rows_of
 from bench.outcomes.store import Store
-from reports import details, paired_statistics, speed
+from reports import details, paired_statistics
+from reports.bootstrap import recall_interval
 from reports.figures import Picture, save
 from reports.layout import Table
 from reports.numbers import notes_on
@@ -36,7 +37,7 @@ class Group:
         limits: what limits conclusions, in sentences.
         compared: the statistics as text.
         matrix: every pair as text; None where there are only two systems or one subject.
-        pictures: by kind: subjects, speed, and those of `detail_figures`.
+        pictures: by kind: subjects, and those of `detail_figures`.
         labels_only: systems whose predictions would be drawn, but hold no probabilities.
     """
 
@@ -74,25 +75,15 @@ def largest_groups(runs: pd.DataFrame) -> tuple[dict[str, pd.DataFrame], list[st
     return {g: runs[runs["group"] == g] for g in order[:GROUPS]}, list(order[GROUPS:])
 
 
-def group_of(
-    store: Store,
-    runs: pd.DataFrame,
-    compared: BySubject,
-    chips: pd.DataFrame | None,
-    papers: pd.DataFrame,
-    folder: Path,
-    number: int,
-) -> Group:
+def group_of(store: Store, runs: pd.DataFrame, compared: BySubject, folder: Path, name: str) -> Group:
     """Statistics and figures of the runs of one group.
 
     Args:
         store: where they are.
         runs: of the group, as `bench.outcomes.runs.with_groups` makes them.
         compared: `reports.reference_rows.systems_by_subject` of them.
-        chips: all runs of ``bench chip``, None where there is none.
-        papers: `reports.comparison.published`.
         folder: where figures go.
-        number: of the group, in the names of files.
+        name: what the names of their files begin with.
     """
     group = runs["group"].iloc[0]
     subjects = compared.subjects
@@ -111,17 +102,8 @@ def group_of(
         matrix = Table(paired_statistics.matrix([*kept.index[: statistics.PAIRED]], pairs))
         tested = statistics.friedman(kept)
         rows = rows.assign(mean_rank=rows["system"].map(tested.mean), friedman_p=tested.p)
-    ours = subjects.drop(index=[*compared.references])
-    points = speed.points(runs, ours, papers)
-    if chips is not None and len(on_chip := chips.merge(runs[[*COMPARABLE]].drop_duplicates(), on=[*COMPARABLE])):
-        measured = speed.chip_points(on_chip, lambda runs: by_subject(store, runs)[0])
-        points = pd.concat([points, measured]).sort_values("accuracy", ascending=False, ignore_index=True)
-    figures, labels_only = detail_figures(store, runs, ours.index, group)
-    figures |= {
-        "subjects": paired_statistics.strip_plot(subjects, group),
-        "speed": speed.speed_chart(points, group),
-    }
-    name = f"{number}-{slug(group)}"
+    figures, labels_only = detail_figures(store, runs, subjects.index.drop([*compared.references]), group)
+    figures["subjects"] = paired_statistics.strip_plot(subjects, group)
     return Group(
         subjects,
         facts.mixes_subjects,
@@ -148,7 +130,7 @@ def fold_table(store: Store, runs: pd.DataFrame, kept: pd.DataFrame, ratio: floa
 def detail_figures(
     store: Store, runs: pd.DataFrame, systems: pd.Index, group: str
 ) -> tuple[dict[str, tuple[Figure, str]], list[str]]:
-    """Figures that need predictions or histories, of the most accurate systems, one seed each, not the luckiest.
+    """Figures that need predictions, of the most accurate systems, one seed each, not the luckiest.
 
     Args:
         store: where the runs are.
@@ -170,19 +152,12 @@ def detail_figures(
         if not recalls:
             counts = scores.confusion(labelled, classes)
             figures["confusion"] = details.confusion_figure(counts, run["system"], group)
-        recalls[run["system"]] = details.recall_interval(labelled, classes)
+        recalls[run["system"]] = recall_interval(labelled, classes)
         reliability[run["system"]] = details.calibration(table)
     if recalls:
         figures["gestures"] = details.gesture_figure(recalls, group)
     if calibrated := {s: table for s, table in reliability.items() if table}:
         figures["calibration"] = details.calibration_figure(calibrated, group)
-    trained: dict[str, dict] = {}
-    networks = lowest[lowest["features"] == "raw frames"]
-    for run in rows_of(networks.iloc[: 5 * SYSTEMS]):  # not all that read raw frames are trained in epochs
-        if len(trained) < SYSTEMS and (history := details.histories(store, run["run_id"])):
-            trained[run["system"]] = history
-    if trained:
-        figures["training"] = details.training_figure(trained, group)
     return figures, [system for system in reliability if system not in calibrated]
 
 

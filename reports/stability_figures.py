@@ -37,8 +37,6 @@ def draw(analyses: list[Analysis], folder: Path) -> list[Path]:
         figures["severities"] = severities(analyses)
     if any(len(a.learning) > 1 for a in analyses):
         figures["training_subjects"] = training_subjects(analyses)
-    if any("frames" in set(a.conditions["factor"]) for a in analyses):
-        figures["capture_length"] = capture_length(analyses)
     paths = []
     for name, figure in figures.items():
         for kind in KINDS:
@@ -112,47 +110,19 @@ def severities(analyses: list[Analysis]) -> Figure:
 
 def training_subjects(analyses: list[Analysis]) -> Figure:
     """Learning curve: accuracy against the number of training subjects, bars are intervals over tested subjects."""
-    counts = analyses[0].learning["train_subjects"].to_numpy()
-    return _against(
-        [(a.method, a.learning) for a in analyses],
-        counts,
-        [f"{c:g}" for c in counts],
-        "training subjects",
-        "Accuracy by number of training subjects, 95 % intervals over tested subjects",
-        ", ".join(analyses[0].context),
-    )
-
-
-def capture_length(analyses: list[Analysis]) -> Figure:
-    """Clean accuracy against the length of a capture, in groups of about equal size."""
-    parts = [a.conditions[a.conditions["factor"] == "frames"] for a in analyses]
-    parts = [part.iloc[part["value"].str.split(" ").str[0].astype(int).argsort()] for part in parts]
-    return _against(
-        [(a.method, part) for a, part in zip(analyses, parts, strict=True)],
-        np.arange(len(parts[0])),
-        [*parts[0]["value"]],
-        "frames of a capture",
-        "Accuracy by length of the capture, 95 % intervals over subjects",
-        ", ".join(analyses[0].context),
-    )
-
-
-def _against(
-    methods: list[tuple[str, pd.DataFrame]], x: np.ndarray, ticks: list[str], label: str, title: str, context: str
-) -> Figure:
-    """Accuracy of some methods with intervals; methods stand a little aside, so that no bar hides another."""
     figure = Figure(figsize=(7, 4.6), layout="constrained")
     ax = figure.subplots()
-    step = min(0.01, 0.06 / len(methods)) * max(np.ptp(x), 1)
-    for k, (method, rows) in enumerate(methods):
-        middle, low, high = (100 * rows[name].to_numpy() for name in ("accuracy", "low", "high"))
-        ends = None if np.isnan(low).all() else bars(middle, low, high)
-        aside = (k - (len(methods) - 1) / 2) * step
-        ax.errorbar(x[: len(rows)] + aside, middle, yerr=ends, capsize=3, elinewidth=0.8, label=method, **_style(k))
-    ax.set_xticks(x, ticks)
-    ax.set(xlabel=label, ylabel="captures labelled correctly, %")
+    counts = analyses[0].learning["train_subjects"].to_numpy()
+    step = min(0.01, 0.06 / len(analyses)) * np.ptp(counts)  # aside, so that no bar hides another
+    for k, a in enumerate(analyses):
+        middle, low, high = (100 * a.learning[name].to_numpy() for name in ("accuracy", "low", "high"))
+        x = a.learning["train_subjects"] + (k - (len(analyses) - 1) / 2) * step
+        ax.errorbar(x, middle, yerr=bars(middle, low, high), capsize=3, elinewidth=0.8, label=a.method, **_style(k))
+    ax.set_xticks(counts, [f"{c:g}" for c in counts])
+    ax.set(xlabel="training subjects", ylabel="captures labelled correctly, %")
     ax.grid(alpha=0.3)
-    _name(figure, context, title)
+    words = "Accuracy by number of training subjects, 95 % intervals over tested subjects"
+    _name(figure, ", ".join(analyses[0].context), words)
     _legend(figure, ax)
     return figure
 
