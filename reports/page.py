@@ -52,7 +52,7 @@ def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None
     Raises:
         InputError: the store holds no scored run, or the folder cannot be written.
     """
-    runs = with_groups(tracked(store))
+    runs = tracked(store)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         sweep(folder, ".")
@@ -90,16 +90,17 @@ def assemble(
 
     Args:
         store: where the runs are.
-        runs: of the kind ``cell``, as `bench.outcomes.runs.with_groups` makes them.
+        runs: of the kind ``cell``, as `bench.outcomes.runs.tracked` makes them.
         folder: where figures are drawn.
         budgets: the most of each cost.
     """
     papers, others = published(), of_kinds(store, ("stress", "stream", "chip"))
+    kinds = {kind: independent(each) for kind, each in (others | {"cell": runs}).items()}
+    runs = with_groups(runs)
     by_group = {str(group): systems_by_subject(store, part) for group, part in runs.groupby("group", sort=False)}
     largest, left_out = largest_groups(runs)
     files = {name: f"{i}-{slug(name)}" for i, name in enumerate(largest, 1)}
     groups = {name: group_of(store, part, by_group[name], folder, files[name]) for name, part in largest.items()}
-    kinds = {kind: independent(each) for kind, each in (others | {"cell": runs}).items()}
     answers = [considered(store, name, runs, budgets, kinds) for name in largest]
     candidates = [answer for answer in answers if isinstance(answer, Considered)]
     chart = chart_data(candidates, dict(zip(runs["system"], runs["model_name"], strict=True)), papers)

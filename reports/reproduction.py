@@ -56,10 +56,10 @@ def against(papers: pd.DataFrame, runs: pd.DataFrame, store: Store) -> pd.DataFr
         as_printed = {PRINTED.get(c, c): getattr(paper, c) for c in PAPER}
         as_printed |= {"table4": correction.table4, "table4_sd": correction.table4_sd}
         notes = [correction.correction] if isinstance(correction.correction, str) else []
-        runs_of = ours.get(tuple(getattr(paper, k) for k in SAME), [])
+        runs_of = sorted(ours.get(tuple(getattr(paper, k) for k in SAME), []), key=lambda run: seed_number(run["seed"]))
         measured = [m for run in runs_of if run["system"] == paper.system and (m := _measured(store, run, paper))]
         others = sorted({run["system"] for run in runs_of} - {paper.system})
-        for each in sorted(measured, key=lambda m: seed_number(m["seed"])) or [_nothing(paper, here, others)]:
+        for each in measured or [_nothing(paper, here, others)]:
             rows.append(as_printed | NOTHING | each | {"note": "\n".join(notes + each["note"])})
     return pd.DataFrame(rows)
 
@@ -104,7 +104,7 @@ def _measured(store: Store, run: Row, paper: object) -> Row | None:
     if run["status"] != "FINISHED":
         folds = f"{run['folds']:.0f} of {run['folds'] + run['folds_failed']:.0f}"
         why = [f"The run of seed {run['seed']} lacks folds: {folds} are there."]
-        return {"seed": run["seed"], "verdict": "not run", "note": why}
+        return {"verdict": "not run", "note": why}
     low, high = _interval(store, run, prefix, metric)
     subjects = int(run.get("subjects", 0))
     notes = [f"{subjects} subjects: this interval is hardly worth anything."] * (subjects < statistics.FEW_SUBJECTS)
