@@ -27,10 +27,15 @@ DESIGNED_NOTE = (
 )
 
 
-@lru_cache(maxsize=1)
 def reference() -> tuple[Submission, ...]:
-    """The results that come with touchbench; read and scored once in a process."""
-    return tuple(read(path.parent) for path in sorted(REFERENCE.glob(f"*/*/{ABOUT}")))
+    """The results that come with touchbench."""
+    return tuple(one for folder in sorted(REFERENCE.glob("*/")) for one in reference_of(folder.name))
+
+
+@lru_cache
+def reference_of(task: str) -> tuple[Submission, ...]:
+    """Those of one task, by its name; read and scored once in a process."""
+    return tuple(read(path.parent) for path in sorted(REFERENCE.glob(f"{task}/*/{ABOUT}")))
 
 
 def note(one: Submission) -> str:

@@ -12,7 +12,7 @@ from bench.outcomes import scores
 from bench.outcomes.comparable import Row
 from bench.outcomes.runs import by_subject, independent, rows_of
 from bench.outcomes.store import Store
-from reports.leaderboard import reference
+from reports.leaderboard import reference_of
 
 REFERENCE = " (reference)"  # behind the name of such a system
 
@@ -38,8 +38,8 @@ def references(runs: pd.DataFrame) -> dict[str, Submission]:
         runs: of one group, as `bench.outcomes.runs.with_groups` makes them.
     """
     first = rows_of(runs)[0]
-    answered = [task for task in TASKS.values() if _answers(first, task)]
-    return {one.about["system"] + REFERENCE: one for one in reference() if one.task in answered} if answered else {}
+    answered = [task.name for task in TASKS.values() if _answers(first, task)]
+    return {one.about["system"] + REFERENCE: one for name in answered for one in reference_of(name)}
 
 
 def accuracies(one: Submission) -> dict[str, float]:
