@@ -17,15 +17,6 @@ if TYPE_CHECKING:
 
 NAME = 36  # characters of a line of a method's name
 PANELS = 4  # side by side
-NAMES = ("heat_map", "severities", "training_subjects", "capture_length")
-KINDS = ("png", "svg")
-
-
-def clear(folder: Path) -> None:
-    """Remove the figures of an earlier command."""
-    for name in NAMES:
-        for kind in KINDS:
-            (folder / f"stability_{name}.{kind}").unlink(missing_ok=True)
 
 
 def draw(analyses: list[Analysis], folder: Path) -> list[Path]:
@@ -39,7 +30,7 @@ def draw(analyses: list[Analysis], folder: Path) -> list[Path]:
         figures["training_subjects"] = training_subjects(analyses)
     paths = []
     for name, figure in figures.items():
-        for kind in KINDS:
+        for kind in ("png", "svg"):
             paths.append(folder / f"stability_{name}.{kind}")
             figure.savefig(paths[-1], dpi=130)
             figure.set_layout_engine("none")  # everything has its place now

@@ -35,7 +35,8 @@ def write(analyses: list[Analysis], folder: Path) -> list[Path]:
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        figures.clear(folder)  # of what was asked for before
+        for old in folder.glob("stability_*.[ps][nv]g"):  # of an earlier command
+            old.unlink()
         paths = []
         for name, table in tables.items():
             paths.append(folder / f"stability_{name}.csv")
