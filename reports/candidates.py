@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,6 @@ from bench.outcomes import statistics
 from bench.outcomes.choice import Choice, candidates, decide, named, sentences
 from bench.outcomes.comparable import COMPARABLE, Row
 from bench.outcomes.store import Store
-from reports.layout import Answer
 from reports.speed import front
 
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
@@ -31,37 +30,27 @@ WORDS = {
 
 
 @dataclass(frozen=True)
-class Considered:
-    """The candidates of a group of runs, and what was chosen.
+class Answer:
+    """What a reader came for: a sentence, its reasons, and the command that gives the same; empty where none does."""
+
+    title: str
+    lines: list[str]
+    command: str = ""
+
+
+@dataclass(frozen=True)
+class Considered(Answer):
+    """An answer with the candidates of a group of runs.
 
     Attributes:
-        group: in words.
         choice: as `bench.outcomes.choice.decide` made it.
         subjects: accuracies in percent [candidates, subjects].
         budgets: the most of each cost.
-        mixed: whether training and test captures come from the same subjects.
-        notes: which runs are left out and why, in sentences.
-        command: that chooses the same; empty where none is known to.
     """
 
-    group: str
-    choice: Choice
-    subjects: pd.DataFrame
-    budgets: Mapping[str, float]
-    mixed: bool
-    notes: list[str]
-    command: str
-
-    def answer(self) -> Answer:
-        """The verdict with its reasons, and the command that says the same."""
-        table = self.choice.table
-        lines = [*sentences(self.choice, BY, None, self.subjects.shape[1], self.mixed), *self.notes]
-        if table["system"].nunique() == 1:
-            lines = [
-                f"Only {table['system'].iloc[0]} is tracked here, so there is no other to compare it with.",
-                *lines,
-            ]
-        return Answer(self.group, lines, self.command)
+    choice: Choice = field(kw_only=True)
+    subjects: pd.DataFrame = field(kw_only=True)
+    budgets: Mapping[str, float] = field(kw_only=True)
 
 
 def considered(
@@ -70,7 +59,7 @@ def considered(
     runs: pd.DataFrame,
     budgets: Mapping[str, float],
     runs_of: Mapping[str, pd.DataFrame] | None = None,
-) -> Considered | Answer:
+) -> Answer:
     """What was chosen among the systems of a group, or why nothing can be.
 
     Args:
@@ -83,64 +72,52 @@ def considered(
     first = runs[runs["group"] == group].iloc[0].to_dict()
     try:
         asked = {name: [first[name]] for name in COMPARABLE}
-        found = candidates(store, asked, budgets.get("decision"), runs_of=runs_of)
+        every = candidates(store, asked, budgets.get("decision"), runs_of=runs_of)
     except InputError as e:
         return Answer(group, [f"Nothing can be chosen here: {e}."])
-    choice = decide(found.table, found.subjects, BY, dict(budgets), None)
-    command = _command(_typed(found.table), first, runs, budgets)
-    return Considered(group, choice, found.subjects, budgets, found.mixed, found.notes, command)
+    choice = decide(every.table, every.subjects, BY, dict(budgets), None)
+    lines = [*sentences(choice, BY, None, every.subjects.shape[1], every.mixed), *every.notes]
+    systems = every.table["system"].unique()
+    if len(systems) == 1:
+        lines.insert(0, f"Only {systems[0]} is tracked here, so there is no other to compare it with.")
+    command = _command(every.table, first, runs, budgets)
+    return Considered(group, lines, command, choice=choice, subjects=every.subjects, budgets=budgets)
 
 
-def _typed(table: pd.DataFrame) -> dict[str, str]:
-    """The arguments of the first candidate whose run was typed; empty where all were made from Python with objects."""
-    return next((json.loads(text) for text in table["arguments"] if text), {})
-
-
-def _command(on: Mapping[str, str], first: Row, runs: pd.DataFrame, budgets: Mapping[str, float]) -> str:
-    """The command that chooses among the runs of a group; empty where its words mean others, too.
-
-    Args:
-        on: arguments of one of its runs.
-        first: a run of the group.
-        runs: all that are tracked.
-        budgets: the most of each cost.
-    """
-    protocol = {k: v for k, v in on.items() if k.split(".")[0] == "protocol"}
+def _command(table: pd.DataFrame, first: Row, runs: pd.DataFrame, budgets: Mapping[str, float]) -> str:
+    """The command that chooses among the candidates of a group; empty where its words mean other runs, too."""
+    # Of the first candidate whose run was typed; those made from Python with objects have none.
+    arguments = next((json.loads(text) for text in table["arguments"] if text), {})
+    protocol = {k: v for k, v in arguments.items() if k.split(".")[0] == "protocol"}
     named_by = ["data", "subset", "target", "protocol_name", *(k for k in protocol if "." in k)]
     same = runs[(runs[named_by] == pd.Series({k: first[k] for k in named_by})).all(axis=1)]
-    if "data" not in on or len(same[[*COMPARABLE, "protocol"]].drop_duplicates()) > 1:
+    if not arguments or len(same[[*COMPARABLE, "protocol"]].drop_duplicates()) > 1:
         return ""
-    asked = {"data": on["data"]}
-    if first["subset"] != "all" or set(runs.loc[runs["data"] == first["data"], "subset"]) != {"all"}:
-        asked["where"] = first["subset"]
-    if first["target"] != "gesture":
-        asked["target"] = first["target"]
-    most = {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in budgets.items()}
-    return typed("choose", asked | protocol | most)
+    words = {"data": arguments["data"], "where": first["subset"], "target": first["target"]} | protocol
+    return typed("choose", words | {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in budgets.items()})
 
 
-def chart_data(found: list[Considered], models: Mapping[str, str], papers: pd.DataFrame) -> dict[str, object]:
+def chart_data(answers: list[Considered], models: Mapping[str, str], papers: pd.DataFrame) -> dict[str, object]:
     """What the interactive chart of the page draws, as plain values.
 
     Args:
-        found: the candidates of each group.
+        answers: the candidates of each group.
         models: name of the model of each system.
         papers: `reports.comparison.published`, to tell which systems are published ones.
     """
     published = set(papers["system"]) - {""}
-    costs = [c for c in COSTS if any((each.choice.table[c] > 0).any() for each in found)]
+    costs = [c for c in COSTS if any((each.choice.table[c] > 0).any() for each in answers)]
     groups = []
-    for each in found:
+    for each in answers:
         kept = _drawn(each.choice)
         points = []
         for i, row in zip(kept.index, kept.to_dict("records"), strict=True):
-            system = row["system"]
-            model = models.get(system, "")
-            kind = "published" if system in published else "changed" if model in published else "other"
+            system, unit = row["system"], row["unit"]
+            kind = "published" if system in published else "changed" if models[system] in published else "other"
             low, high = statistics.interval(each.subjects.loc[i].to_numpy(dtype=float))
             points.append(
                 {
-                    "name": named(row),
+                    "name": system + ("" if unit == "capture" else f" ({SAID.get(unit, unit)})"),
                     "kind": "chip" if row["kind"] == "chip" else kind,
                     "verdict": row["verdict"],
                     "chosen": i == each.choice.chosen,
@@ -151,7 +128,7 @@ def chart_data(found: list[Considered], models: Mapping[str, str], papers: pd.Da
             )
         budgets = [each.budgets.get(c) for c in costs]
         left = len(each.choice.table) - len(kept)
-        groups.append({"name": each.group, "budgets": budgets, "left": left, "points": points})
+        groups.append({"name": each.title, "budgets": budgets, "left": left, "points": points})
     return {"costs": [WORDS[c] for c in costs], "groups": groups}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 
 import numpy as np
@@ -13,8 +13,8 @@ from bench.outcomes import statistics
 from bench.outcomes.comparable import Row, context_of, seed_number
 from bench.outcomes.runs import rows_of, with_groups
 from bench.outcomes.store import Store
-from reports.numbers import count, one, p_value, two
-from reports.reference_rows import systems_by_subject
+from reports.numbers import bounded, number, p_value, whole, with_sd
+from reports.reference_rows import BySubject, systems_by_subject
 
 SAME = ["data", "subset_key", "target_key", "protocol_key", "system"]  # of published.csv, and without _key of a run
 # Metrics' prefix: what a row labels, how its windows are combined, and the units of published numbers beside it.
@@ -23,36 +23,17 @@ SCORED = {
     "vote_": ("capture", "majority vote", ("capture vote",)),
     "window_": ("window", "", ("window", "window macro precision", "window macro recall")),
 }
+CONTEXT = ["data", "subset", "protocol", "group"]
+PERCENT = {"subject_mean": "subject_accuracy_mean", "subject_sd": "subject_accuracy_sd"}  # column: metric
+PERCENT |= {name: name for name in ("accuracy", "macro_f1", "macro_precision")}
 TESTED = ("difference", "p_holm")
-MEASURED = ("parameters", "flash_bytes", "ram_bytes", "peak_rss_bytes", "captures", "subjects")
-COLUMNS = [
-    "system",
-    "accuracy",
-    "low",
-    "high",
-    *TESTED,
-    "against",
-    "unit",
-    "combined",
-    "seed",
-    "source",
-    "subject_mean",
-    "subject_sd",
-    "macro_f1",
-    "macro_precision",
-    "fit_seconds",
-    "predict_ms_p50",
-    "predict_ms_p95",
-    "decision_ms",
-    *MEASURED,
-    "published",
-    "folds",
-    "run_id",
-    "group",
-    "subset",
-    "data",
-    "protocol",
-]
+MEASURED = ("fit_seconds", "predict_ms_p50", "predict_ms_p95", "parameters", "flash_bytes", "ram_bytes")
+MEASURED += ("peak_rss_bytes", "captures", "subjects")
+COLUMNS = (
+    "system accuracy low high difference p_holm against unit combined seed source subject_mean subject_sd macro_f1 "
+    "macro_precision fit_seconds predict_ms_p50 predict_ms_p95 decision_ms parameters flash_bytes ram_bytes "
+    "peak_rss_bytes captures subjects published folds run_id group subset data protocol"
+).split()
 
 
 def published() -> pd.DataFrame:
@@ -61,7 +42,13 @@ def published() -> pd.DataFrame:
         return pd.read_csv(f, dtype={"system": str}, keep_default_na=True).fillna({"system": ""})
 
 
-def comparison(store: Store, runs: pd.DataFrame, papers: pd.DataFrame, beside: bool = True) -> pd.DataFrame:
+def comparison(
+    store: Store,
+    runs: pd.DataFrame,
+    papers: pd.DataFrame,
+    beside: bool = True,
+    by_group: Mapping[str, BySubject] | None = None,
+) -> pd.DataFrame:
     """One row per run and way to score it, most accurate systems first within each data, subset, protocol and unit.
 
     ``unit`` is what is labelled, a capture or a window; ``combined`` is how a system on windows labels a capture.
@@ -75,11 +62,12 @@ def comparison(store: Store, runs: pd.DataFrame, papers: pd.DataFrame, beside: b
         runs: as `bench.outcomes.runs.tracked` makes them.
         papers: `published`.
         beside: whether reference results of the same captures and protocol stand among the rows.
+        by_group: `systems_by_subject` of each group, where somebody has read them.
     """
     rows = []
     numbers = {key: list(part.itertuples()) for key, part in papers.groupby(SAME)}
-    for _, part in with_groups(runs).groupby("group", sort=False):
-        subjects, _, references = systems_by_subject(store, part, beside)
+    for group, part in with_groups(runs).groupby("group", sort=False):
+        subjects, _, references = by_group[str(group)] if by_group else systems_by_subject(store, part, beside)
         tests = _tests(subjects)
         for run in rows_of(part):
             for row in _rows(run, numbers):
@@ -88,7 +76,7 @@ def comparison(store: Store, runs: pd.DataFrame, papers: pd.DataFrame, beside: b
         first = _context(rows_of(part)[0])
         rows += [first | _reference(name, one) | tests.get(name, {}) for name, one in references.items()]
     table = pd.DataFrame(rows).reindex(columns=COLUMNS)
-    context = ["data", "subset", "protocol", "group", "unit"]
+    context = [*CONTEXT, "unit"]
     best = table.groupby([*context, "system"])["accuracy"].transform("max")
     order = table.assign(best=-best, number=table["seed"].map(seed_number)).sort_values(
         [*context, "best", "system", "number"], kind="stable"
@@ -97,8 +85,7 @@ def comparison(store: Store, runs: pd.DataFrame, papers: pd.DataFrame, beside: b
 
 
 def _context(run: Row) -> dict[str, object]:
-    data, subset, protocol = context_of(run)
-    return {"data": data, "subset": subset, "protocol": protocol, "group": run["group"]}
+    return dict(zip(CONTEXT, (*context_of(run), run["group"]), strict=True))
 
 
 def _tests(subjects: pd.DataFrame) -> dict[str, dict[str, object]]:
@@ -115,26 +102,18 @@ def _rows(run: Row, numbers: dict[tuple, list]) -> Iterator[dict[str, object]]:
         if pd.isna(run.get(f"{prefix}accuracy", np.nan)):
             continue
         windowed = run.get("windows", 0) > 0
+        ends = {"low": "accuracy_low", "high": "accuracy_high"} if not prefix else {}
         yield {
             **_context(run),
+            **{name: 100 * run.get(f"{prefix}{metric}", np.nan) for name, metric in (PERCENT | ends).items()},
+            **{name: run.get(name, np.nan) for name in MEASURED},
             "system": run["system"],
             "source": "store",
             "unit": unit,
             "combined": combined if windowed else "",
             "seed": run["seed"],
-            "accuracy": 100 * run[f"{prefix}accuracy"],
-            "low": np.nan if prefix else 100 * run.get("accuracy_low", np.nan),
-            "high": np.nan if prefix else 100 * run.get("accuracy_high", np.nan),
             "against": "",
-            "subject_mean": 100 * run[f"{prefix}subject_accuracy_mean"],
-            "subject_sd": 100 * run.get(f"{prefix}subject_accuracy_sd", np.nan),
-            "macro_f1": 100 * run[f"{prefix}macro_f1"],
-            "macro_precision": 100 * run[f"{prefix}macro_precision"],
-            "fit_seconds": run["fit_seconds"],
-            "predict_ms_p50": run["predict_ms_p50"],
-            "predict_ms_p95": run["predict_ms_p95"],
             "decision_ms": run["decision_ms" if unit == "window" else "capture_decision_ms"],
-            **{name: run.get(name, np.nan) for name in MEASURED},
             # One decision a capture is its vote.
             "published": _published(run, units if windowed else (*units, "capture vote"), numbers),
             "folds": f"{run['folds']:.0f}/{run['folds'] + run['folds_failed']:.0f}",
@@ -144,13 +123,11 @@ def _rows(run: Row, numbers: dict[tuple, list]) -> Iterator[dict[str, object]]:
 
 def _reference(name: str, answer: Submission) -> dict[str, object]:
     """The row of a reference result; what only runs tell is missing."""
-    found = score(answer)
-    about = {k: answer.about.get(k, np.nan) for k in ("parameters", "flash_bytes", "ram_bytes")}
-    counts = {"captures": answer.table["capture"].nunique(), "subjects": answer.table["subject"].nunique()}
-    words = {"system": name, "source": "reference", "unit": "capture", "combined": "", "seed": "", "against": ""}
-    return (
-        words | {k: 100 * v for k, v in found.items()} | about | counts | {"published": "", "folds": "", "run_id": ""}
-    )
+    texts = dict.fromkeys(("combined", "seed", "against", "published", "folds", "run_id"), "")
+    sizes = {k: answer.about.get(k, np.nan) for k in ("parameters", "flash_bytes", "ram_bytes")}
+    counts = {k: answer.table[k.removesuffix("s")].nunique() for k in ("captures", "subjects")}
+    scored = {k: 100 * v for k, v in score(answer).items()}
+    return {"system": name, "source": "reference", "unit": "capture"} | texts | scored | sizes | counts
 
 
 def _published(run: Row, units: Sequence[str], numbers: dict[tuple, list]) -> str:
@@ -163,40 +140,29 @@ def _published(run: Row, units: Sequence[str], numbers: dict[tuple, list]) -> st
 
 def shown(table: pd.DataFrame) -> pd.DataFrame:
     """The same as text, for people who know the group of each row."""
+    rows = [*table.itertuples()]
     return pd.DataFrame(
         {
             "system": table["system"],
-            "accuracy % [95 %]": [_with_interval(r) for r in table.itertuples()],
+            "accuracy % [95 %]": [bounded(r.accuracy, r.low, r.high) for r in rows],
             "p Holm": table["p_holm"].map(p_value),
             "windows combined by": table["combined"].replace("", "-"),
             "seed": table["seed"].replace("", "-"),
             "flash kB": (table["flash_bytes"] / 1e3).map(_three),
             "RAM kB": (table["ram_bytes"] / 1e3).map(_three),
-            "predict ms p50 / p95": [f"{two(r.predict_ms_p50)} / {two(r.predict_ms_p95)}" for r in table.itertuples()],
-            "decision ms": table["decision_ms"].map(count),
-            "fit s": table["fit_seconds"].map(two),
-            "macro-F1 %": table["macro_f1"].map(one),
-            "subjects: mean ± SD": [_with_sd(r) for r in table.itertuples()],
-            "n": table["subjects"].map(_whole),
-            "parameters": table["parameters"].map(_whole),
+            "predict ms p50 / p95": [f"{number(r.predict_ms_p50, 2)} / {number(r.predict_ms_p95, 2)}" for r in rows],
+            "decision ms": [number(r.decision_ms, 0) for r in rows],
+            "fit s": [number(r.fit_seconds, 2) for r in rows],
+            "macro-F1 %": table["macro_f1"].map(number),
+            "subjects: mean ± SD": [with_sd(r.subject_mean, r.subject_sd) for r in rows],
+            "n": table["subjects"].map(whole),
+            "parameters": table["parameters"].map(whole),
             "published %": table["published"].replace("", "-"),
             "folds": table["folds"].replace("", "-"),
         }
     )
 
 
-def _three(number: float) -> str:
+def _three(value: float) -> str:
     """With three digits that count."""
-    return "-" if pd.isna(number) else f"{number:.3g}" if number < 100 else _whole(number)
-
-
-def _whole(number: float) -> str:
-    return "-" if pd.isna(number) else f"{number:,.0f}".replace(",", " ")
-
-
-def _with_interval(row: object) -> str:
-    return f"{row.accuracy:.1f}" + ("" if pd.isna(row.low) else f" [{row.low:.1f}, {row.high:.1f}]")
-
-
-def _with_sd(row: object) -> str:
-    return f"{row.subject_mean:.1f}" + ("" if pd.isna(row.subject_sd) else f" ± {row.subject_sd:.1f}")
+    return f"{value:.3g}" if value < 100 else whole(value)

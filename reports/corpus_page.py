@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,15 +12,20 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.survey import DURATIONS, PRESSURE, Survey
 from bench.errors import InputError
 from reports.figures import SYNTHETIC, Picture, mark, new_figure, plain, save, short
-from reports.layout import Animation, Block, Heading, Table, Text, page
+from reports.layout import Table, page
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 FILMED = 8  # frames of a strip
 DRAWN = 24  # gestures of a figure
 ACROSS = 7  # panels of a row
 PER_S, IMAGES = 12.5, 100  # of the animation: images a second, and their largest number
 TITLE = 1.3  # inches that a panel's title may take
+GAP = 0.15  # inches between panels
 ROWS = 200  # of a table of the page
-COLOURS = "magma"
 ROOT = 0.5  # colours follow the square root of the pressure, or light touch would all be black
 INDEX, MOTION = "index.html", "motion.gif"
 
@@ -44,10 +51,13 @@ def write(corpus: Corpus, found: Survey, folder: Path, capture: int | None = Non
     group = corpus.name + (" (synthetic)" if corpus.synthetic else "")
     chosen = list(found.typical.values())[:DRAWN] if capture is None else [capture]
     pictures = [pressure_figure(found, group, folder), film_figure(corpus, found, group, folder)]
-    moving = animation(corpus, chosen, group, folder)
-    index = folder / INDEX
-    index.write_text(page([*_blocks(found, group), *pictures, moving], f"A look at {group}"), encoding="utf-8")
-    return [*(path for picture in pictures for path in picture.paths), moving.path, index]
+    motion, index = animation(corpus, chosen, group, folder), folder / INDEX
+    title = f"A look at {group}"
+    which = "a typical capture of each gesture" if capture is None else f"capture {capture}"
+    values = {"survey": found, "sections": _sections(found), "pictures": pictures, "which": which, "motion": motion}
+    values["synthetic"] = f"Synthetic: {SYNTHETIC}." if corpus.synthetic else ""
+    index.write_text(page("corpus.jinja", title, **values), encoding="utf-8")
+    return [*(path for picture in pictures for path in picture.paths), motion, index]
 
 
 def place(corpus: Corpus, capture: int) -> int:
@@ -56,17 +66,75 @@ def place(corpus: Corpus, capture: int) -> int:
     Raises:
         InputError: it is not among them.
     """
-    found = np.flatnonzero(corpus.index == capture)
-    if not len(found):
+    positions = np.flatnonzero(corpus.index == capture)
+    if not len(positions):
         raise InputError(
             f"capture={capture}: not among the {len(corpus)} captures looked at; "
             f"give a number such as {corpus.index[0]} ({corpus.index.min()} to {corpus.index.max()})"
         )
-    return int(found[0])
+    return int(positions[0])
+
+
+def _sections(found: Survey) -> list[tuple[str, str, Table | None]]:
+    """Heading, words and table of each part of the page; no table where there is nothing to list."""
+    classes = ("Classes", f"Captures and subjects of each class of target={found.target}.", found.classes)
+    parts = [
+        *([] if found.target == "gesture" else [classes]),
+        ("Durations", f"{DURATIONS}.", found.durations),
+        ("Pressure", f"{PRESSURE}.", found.pressure),
+        ("Gaps", f"{found.gap_lines()[0]}.", found.gaps),
+        ("Taxels", f"{found.taxel_lines()[0]}.", found.odd_taxels),
+        ("Duplicates", f"{found.duplicate_lines()[0]}.", found.duplicates),
+    ]
+    sections = []
+    for heading, words, table in parts:
+        words = words.removeprefix(f"{heading}: ")
+        caption = words[0].upper() + words[1:]
+        more = f" The first {ROWS} rows of {len(table)}." if len(table) > ROWS else ""
+        text = table.head(ROWS).map(lambda v: f"{v:.4g}" if isinstance(v, float) else str(v))
+        sections.append((heading, caption + more, Table(text) if len(table) else None))
+    return sections
 
 
 def _left_out(gestures: list[str]) -> str:
     return f" {len(gestures) - DRAWN} more gestures are not drawn." if len(gestures) > DRAWN else ""
+
+
+def _panel(grid: Sequence[int], side: float) -> tuple[float, float]:
+    """Inches, width and height, of a picture of the grid; a single line of taxels is not too thin to see."""
+    rows, cols = grid
+    return max(side * cols / max(rows, cols), 0.3), max(side * rows / max(rows, cols), 0.3)
+
+
+def _frame(ax: Axes, frame: np.ndarray, most: float) -> AxesImage:
+    """A frame in colours from 0 to the highest pressure."""
+    from matplotlib.colors import PowerNorm
+
+    ax.set(xticks=[], yticks=[])
+    return ax.imshow(frame, cmap="magma", norm=PowerNorm(ROOT, vmin=0, vmax=most, clip=True), aspect="auto")
+
+
+def _panels(count: int, panel: tuple[float, float], title: float, right: float, least: float) -> tuple[Figure, list]:
+    """A figure of some panels with their titles, and the axes; the rest of the last row stays empty.
+
+    Args:
+        count: number of panels.
+        panel: inches of each.
+        title: inches above each, and half of that above all.
+        right: inches to the right of all.
+        least: inches that the figure is wide at least.
+    """
+    across = min(ACROSS, count)
+    down = -(-count // across)
+    slot = max(panel[0], TITLE) + GAP
+    width = max(least, across * slot + GAP + right)
+    size = (width, down * (panel[1] + title) + 0.6)
+    figure, axes = new_figure(size, (down, across), (GAP, width - across * slot, 0.25, title + 0.15), (GAP, title))
+    for ax in axes.flat:
+        ax.set_box_aspect(panel[1] / panel[0])
+    for ax in [*axes.flat][count:]:
+        ax.set_axis_off()
+    return figure, [*axes.flat][:count]
 
 
 def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
@@ -77,44 +145,24 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
         group: the corpus, in words.
         folder: where the files go.
     """
-    from matplotlib.colors import PowerNorm
-
     names, means = found.gestures[:DRAWN], found.means[:DRAWN]
-    grid = means.shape[1:]
-    across = min(ACROSS, len(names))
-    down = -(-len(names) // across)
-    wide, high = _panel(grid, 1.35)
-    slot = max(wide, TITLE)
-    size = (max(4.5, across * (slot + 0.15) + 1.15), down * (high + 0.36) + 0.45)
-    figure, axes = new_figure(size, (down, across), (0.15, size[0] - across * (slot + 0.15), 0.3, 0.5), (0.15, 0.36))
-    figure.suptitle(f"Mean pressure of each gesture, {plain([group])[0]}", fontsize=9, y=1 - 0.08 / size[1], va="top")
-    norm = PowerNorm(ROOT, vmin=0, vmax=max(float(means.max()), 1e-9), clip=True)
-    for ax, name, values in zip(axes.flat, plain(short(n, 20) for n in names), means, strict=False):
-        image = ax.imshow(values, cmap=COLOURS, norm=norm, aspect="auto")
-        ax.set_box_aspect(high / wide)
+    figure, axes = _panels(len(names), _panel(means.shape[1:], 1.35), 0.36, 1.0, 4.5)
+    width, height = figure.get_size_inches()
+    figure.suptitle(f"Mean pressure of each gesture, {plain([group])[0]}", fontsize=9, y=1 - 0.08 / height, va="top")
+    most = max(float(means.max()), 1e-9)
+    for ax, name, values in zip(axes, plain(short(n, 20) for n in names), means, strict=True):
+        image = _frame(ax, values, most)
         ax.set_title(name, fontsize=8, pad=3)
-        for taxel in found.odd_taxels.to_dict("records"):
-            ax.plot(taxel["col"], taxel["row"], "x", color="cyan", markersize=5, markeredgewidth=1)
-    for ax in axes.flat:
-        ax.set(xticks=[], yticks=[])
-    for ax in list(axes.flat)[len(names) :]:
-        ax.set_axis_off()
-    right = across * (slot + 0.15) + 0.15
-    bar = figure.add_axes((right / size[0], 0.3 / size[1], 0.12 / size[0], min(size[1] - 0.8, 2.0) / size[1]))
+        ax.plot(found.odd_taxels["col"], found.odd_taxels["row"], "x", color="cyan", markersize=5, markeredgewidth=1)
+    left = axes[min(ACROSS, len(axes)) - 1].get_position().x1 + GAP / width
+    bar = figure.add_axes((left, 0.3 / height, 0.12 / width, min(height - 0.8, 2.0) / height))
     figure.colorbar(image, cax=bar).set_label("sensor value", fontsize=8)
-    bar.tick_params(labelsize=7)
     crosses = " Crosses: taxels that the page calls odd." if len(found.odd_taxels) else ""
     caption = (
         "Mean pressure of all frames of each gesture. All panels have the same colours, which follow the square root "
         f"of the pressure.{crosses}{_left_out(found.gestures)}"
     )
-    return save(figure, folder, "pressure", "pressure", group, caption)
-
-
-def _panel(grid: tuple[int, int], side: float) -> tuple[float, float]:
-    """Inches, width and height, of a picture of the grid; a single line of taxels is not too thin to see."""
-    rows, cols = grid
-    return max(side * cols / max(rows, cols), 0.3), max(side * rows / max(rows, cols), 0.3)
+    return save(figure, folder, "pressure", group, caption)
 
 
 def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Picture:
@@ -126,50 +174,33 @@ def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Pict
         group: the corpus, in words.
         folder: where the files go.
     """
-    from matplotlib.colors import PowerNorm
-
     names = found.gestures[:DRAWN]
     gap = 1 / 12  # between two frames, as a share of one
     wide, high = _panel(corpus.grid, 0.95)
     across = FILMED * wide * (1 + gap) - gap * wide
     left, top, curve, between = 1.75, 0.5, 0.42, 0.42
     row = high + 0.05 + curve + between
-    size = (left + across + 0.75, top + row * len(names) + 0.25)
+    size = width, height = (left + across + 0.75, top + row * len(names) + 0.25)
     figure, _ = new_figure(size, (1, 1), title=f"A typical capture of each gesture, {plain([group])[0]}")
     figure.axes[0].remove()
-    for i, (gesture, name) in enumerate(zip(names, plain(short(n, 19) for n in names), strict=True)):
+    for i, gesture in enumerate(names):
         capture = found.typical[gesture]
-        frames = corpus[place(corpus, capture)]
-        ends = len(frames) / corpus.rate_hz
+        position = place(corpus, capture)
+        frames = corpus[position]
         shown = (len(frames) * (np.arange(FILMED) + 0.5) / FILMED).astype(int)  # the frame in the middle of each eighth
-        bottom = size[1] - top - i * row - high
+        bottom = height - top - i * row - high
         most = max(float(frames[shown].max()), 1e-9)
         for j, frame in enumerate(frames[shown]):
-            at = (left + j * wide * (1 + gap)) / size[0]
-            ax = figure.add_axes((at, bottom / size[1], wide / size[0], high / size[1]))
-            ax.imshow(frame, cmap=COLOURS, norm=PowerNorm(ROOT, vmin=0, vmax=most, clip=True), aspect="auto")
-            ax.set(xticks=[], yticks=[])
-        low = bottom - 0.05 - curve
-        ax = figure.add_axes((left / size[0], low / size[1], across / size[0], curve / size[1]))
-        total = frames.sum(axis=(1, 2), dtype=np.float64)
-        times = (np.arange(len(frames)) + 0.5) / corpus.rate_hz
-        ax.plot(times, total, color="tab:blue", linewidth=0.9, marker="." if len(frames) < 3 else None)
-        ax.set(xlim=(0, ends), ylim=(min(0.0, float(total.min())), None))
-        for spine in ("top", "right"):
-            ax.spines[spine].set_visible(False)
-        ax.vlines(times[shown], *ax.get_ylim(), color="0.8", linewidth=0.6, zorder=0)
-        ax.tick_params(labelsize=6, length=2, pad=1.5)
-        ax.yaxis.tick_right()
-        ax.spines["left"].set_visible(False)
-        ax.spines["right"].set_visible(True)
-        ax.set_yticks([float(total.max())], [_value(total.max())])
+            x = left + j * wide * (1 + gap)
+            _frame(figure.add_axes((x / width, bottom / height, wide / width, high / height)), frame, most)
+        ax = figure.add_axes((left / width, (bottom - 0.05 - curve) / height, across / width, curve / height))
+        _total(ax, frames, corpus.rate_hz, shown)
         if i == len(names) - 1:
             ax.set_xlabel("s", fontsize=7, labelpad=1)
-        about = _about(corpus, capture)
-        words = [name, f"capture {capture}", f"subject {about['subject']}", f"colours 0 to {_value(most)}"]
-        figure.text(0.12 / size[0], (bottom + high) / size[1], words[0], fontsize=9, va="top", weight="bold")
-        below = "\n".join(plain(short(w, 30) for w in words[1:]))
-        figure.text(0.12 / size[0], (bottom + high - 0.2) / size[1], below, fontsize=7, va="top", color="0.35")
+        words = [f"capture {capture}", f"subject {corpus.subjects[position]}", f"colours 0 to {_value(most)}"]
+        name, *lines = plain([short(gesture, 19), *(short(w, 30) for w in words)])
+        figure.text(0.12 / width, (bottom + high) / height, name, fontsize=9, va="top", weight="bold")
+        figure.text(0.12 / width, (bottom + high - 0.2) / height, "\n".join(lines), va="top", color="0.35")
     caption = (
         "The capture of each gesture that is nearest to the middle in duration, mean and highest pressure: "
         f"{FILMED} frames evenly spaced in time, in colours that follow the square root of "
@@ -177,7 +208,20 @@ def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Pict
         "over the taxels against seconds, with its largest value; grey lines stand at the frames."
         f"{_left_out(found.gestures)}"
     )
-    return save(figure, folder, "films", "films", group, caption)
+    return save(figure, folder, "films", group, caption)
+
+
+def _total(ax: Axes, frames: np.ndarray, rate_hz: float, shown: np.ndarray) -> None:
+    """The pressure summed over the taxels against seconds, with a line at each frame that is shown."""
+    total = frames.sum(axis=(1, 2), dtype=np.float64)
+    times = (np.arange(len(frames)) + 0.5) / rate_hz
+    ax.plot(times, total, color="tab:blue", linewidth=0.9, marker="." if len(frames) < 3 else None)
+    ax.set(xlim=(0, len(frames) / rate_hz), ylim=(min(0.0, float(total.min())), None))
+    ax.vlines(times[shown], *ax.get_ylim(), color="0.8", linewidth=0.6, zorder=0)
+    ax.spines[["top", "left"]].set_visible(False)
+    ax.yaxis.tick_right()
+    ax.set_yticks([float(total.max())], [_value(total.max())])
+    ax.tick_params(length=2, pad=1.5)
 
 
 def _value(number: float) -> str:
@@ -185,11 +229,7 @@ def _value(number: float) -> str:
     return f"{number:.0f}" if 100 <= number < 1e7 else f"{number:.3g}"
 
 
-def _about(corpus: Corpus, capture: int) -> dict:
-    return corpus.captures.iloc[place(corpus, capture)].to_dict()
-
-
-def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> Animation:
+def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> Path:
     """Captures side by side as they went, at the speed of the touch; a shorter one waits for the longest.
 
     Args:
@@ -197,80 +237,36 @@ def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> 
         captures: by their position in the whole corpus.
         group: the corpus, in words.
         folder: where the file goes.
+
+    Returns:
+        The GIF.
     """
     from matplotlib.animation import PillowWriter
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.colors import PowerNorm
 
-    films = [corpus[place(corpus, c)] for c in captures]
+    positions = [place(corpus, c) for c in captures]
+    films = [corpus[i] for i in positions]
     longest = max(map(len, films)) / corpus.rate_hz
-    times = np.arange(max(2, min(IMAGES, round(longest * PER_S)))) * 1.0
-    times *= longest / len(times)
-    across = min(ACROSS, len(films))
-    down = -(-len(films) // across)
-    wide, high = _panel(corpus.grid, 1.3 if len(films) > 1 else 2.6)
-    slot = max(wide, TITLE)
-    size = (max(4.2, across * (slot + 0.15) + 0.15), down * (high + 0.5) + 0.6)
-    spare = size[0] - across * (slot + 0.15)
-    figure, axes = new_figure(size, (down, across), (spare / 2, spare / 2, 0.25, 0.7), (0.15, 0.5))
+    count = max(2, min(IMAGES, round(longest * PER_S)))
+    figure, axes = _panels(len(films), _panel(corpus.grid, 1.3 if len(films) > 1 else 2.6), 0.5, 0, 4.2)
     FigureCanvasAgg(figure)
     if corpus.synthetic:
         mark(figure)
-    clock = figure.text(0.08 / size[0], 1 - 0.08 / size[1], "", fontsize=9, va="top")
+    width, height = figure.get_size_inches()
+    clock = figure.text(0.08 / width, 1 - 0.08 / height, "", fontsize=9, va="top")
     images = []
-    for ax, film, capture in zip(axes.flat, films, captures, strict=False):
+    for ax, film, i in zip(axes, films, positions, strict=True):
         most = max(float(film.max()), 1e-9)
-        norm = PowerNorm(ROOT, vmin=0, vmax=most, clip=True)
-        images.append(ax.imshow(film[0], cmap=COLOURS, norm=norm, aspect="auto"))
-        ax.set_box_aspect(high / wide)
-        about = _about(corpus, capture)
-        words = plain(
-            [short(str(about["gesture"]), 20), f"subject {short(str(about['subject']), 12)}, to {_value(most)}"]
-        )
-        ax.set_title("\n".join(words), fontsize=7, pad=2)
-    for ax in axes.flat:
-        ax.set(xticks=[], yticks=[])
-    for ax in list(axes.flat)[len(films) :]:
-        ax.set_axis_off()
-    path = folder / MOTION
-    writer = PillowWriter(fps=len(times) / longest)
-    with writer.saving(figure, str(path), dpi=80):
-        for t in times:
+        images.append(_frame(ax, film[0], most))
+        subject = f"subject {short(str(corpus.subjects[i]), 12)}, to {_value(most)}"
+        ax.set_title("\n".join(plain([short(str(corpus.gestures[i]), 20), subject])), fontsize=7, pad=2)
+    writer = PillowWriter(fps=count / longest)
+    with writer.saving(figure, str(folder / MOTION), dpi=80):
+        for t in np.arange(count) * longest / count:
             clock.set_text(f"{plain([group])[0]}   {t:5.2f} s of {longest:.2f} s")
             for image, film in zip(images, films, strict=True):
-                at = int(t * corpus.rate_hz)
-                image.set_data(film[min(at, len(film) - 1)])
-                image.set_alpha(1.0 if at < len(film) else 0.25)
+                frame = int(t * corpus.rate_hz)
+                image.set_data(film[min(frame, len(film) - 1)])
+                image.set_alpha(1.0 if frame < len(film) else 0.25)
             writer.grab_frame()
-    which = "a typical capture of each gesture" if len(captures) > 1 else f"capture {captures[0]}"
-    caption = (
-        f"In motion: {which}, at the speed of the touch; each on a colour scale of its own, pale where it is over."
-    )
-    if corpus.synthetic:
-        caption += f" Synthetic: {SYNTHETIC}."
-    return Animation(path, caption)
-
-
-def _blocks(found: Survey, group: str) -> list[Block]:
-    """Words and tables of the page."""
-    about = [Text(f"{found.title}.")]
-    if found.synthetic:
-        about.append(Text(f"Synthetic: {SYNTHETIC}.", warning=True))
-    said = f" Synthetic: {SYNTHETIC}." if found.synthetic else ""
-    classes = ("Classes", f"Captures and subjects of each class of target={found.target}.", found.classes)
-    tables = [
-        *([] if found.target == "gesture" else [classes]),
-        ("Durations", f"{DURATIONS.capitalize()}.", found.durations),
-        ("Pressure", f"{PRESSURE.capitalize()}.", found.pressure),
-        ("Gaps", f"{found.gap_lines()[0]}.", found.gaps),
-        ("Taxels", f"{found.taxel_lines()[0]}.", found.odd_taxels),
-        ("Duplicates", f"{found.duplicate_lines()[0]}.", found.duplicates),
-    ]
-    blocks: list[Block] = [Heading(f"A look at {group}", 1), *about]
-    for heading, words, table in tables:
-        words = words.removeprefix(f"{heading}: ")
-        caption = words[0].upper() + words[1:] + said
-        more = f" The first {ROWS} rows of {len(table)}." if len(table) > ROWS else ""
-        shown = table.head(ROWS).map(lambda v: f"{v:.4g}" if isinstance(v, float) else str(v))
-        blocks += [Heading(heading), Table(shown, caption + more) if len(table) else Text(caption)]
-    return [*blocks, Heading("Figures")]
+    return folder / MOTION

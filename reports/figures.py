@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import isotonic_regression
 
 if TYPE_CHECKING:
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 SYNTHETIC = "synthetic captures, not people"
@@ -18,6 +19,7 @@ TEXT = 9  # points of all words and numbers of a figure; the page draws all figu
 WIDEST = 11.0  # inches that a page of 1200 pixels has room for
 LINE = 0.175  # inches that a line of it needs
 MARKERS = "osD^v"
+DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
 
 
 @dataclass(frozen=True)
@@ -26,15 +28,11 @@ class Picture:
 
     Attributes:
         name: of the files ``<name>.png`` and ``<name>.svg``.
-        kind: what it shows, the same for all groups.
-        group: the captures and protocol that it is about.
         caption: what is to be seen, with everything that was left out.
         folder: where the files are.
     """
 
     name: str
-    kind: str
-    group: str
     caption: str
     folder: Path
 
@@ -94,15 +92,15 @@ def width_of(names: Iterable[str]) -> float:
     return max(map(len, plain(names)), default=0) * TEXT * 0.0088
 
 
-def save(figure: Figure, folder: Path, name: str, kind: str, group: str, caption: str) -> Picture:
+def save(figure: Figure, folder: Path, name: str, group: str, caption: str) -> Picture:
     """Write a figure as PNG and SVG, all its text in one size; one of generated captures says so on its face."""
     import matplotlib
     from matplotlib.text import Text
 
     if "(synthetic)" in group:
         mark(figure)
-        caption = f"{caption} Synthetic: generated captures, not people."
-    picture = Picture(name, kind, group, caption, folder)
+        caption = f"{caption} Synthetic: {SYNTHETIC}."
+    picture = Picture(name, caption, folder)
     for ax in figure.axes:
         ax.tick_params(labelsize=TEXT)  # of ticks that are made while it is drawn, too
     for text in figure.findobj(Text):
@@ -111,6 +109,21 @@ def save(figure: Figure, folder: Path, name: str, kind: str, group: str, caption
         figure.savefig(picture.paths[1], metadata={"Date": None})
         figure.savefig(picture.paths[0], dpi=110)
     return picture
+
+
+def bars(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """What matplotlib draws as an interval: the ways down and up from each value, 0 where there is no interval."""
+    value = np.asarray(value)
+    return np.nan_to_num([value - np.asarray(low), np.asarray(high) - value]).clip(0)
+
+
+def log_ticks(axis: Axis, subs: tuple[int, ...] = (1, 2, 5)) -> None:
+    """Plain numbers at some multiples of each power of ten, on a log axis."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
 
 
 def mark(figure: Figure) -> None:

@@ -9,14 +9,12 @@ from bench.outcomes.results import Findings
 
 
 def illustrate(kind: str, tags: dict[str, str], findings: Findings, folder: Path) -> None:
-    """Draw what there is of a kind of run into a folder: confusions, or accuracy against touch seen."""
-    match kind:
-        case "cell":
-            from reports.details import confusion_figure
+    """Draw the confusions of a cell, or accuracy against touch seen of a stream, into a folder."""
+    from reports import details, figures, streaming
 
-            group = ", ".join(context_of(tags))
-            confusion_figure(findings.analysis, method_of(tags), group, folder, "confusion")
-        case "stream":
-            from reports.streaming import figure
-
-            figure([tags | findings.analysis], folder)
+    if kind == "cell":
+        group = ", ".join(context_of(tags))
+        figure, caption = details.confusion_figure(findings.analysis, method_of(tags), group)
+        figures.save(figure, folder, "confusion", group, caption)
+    elif kind == "stream":
+        streaming.figure([tags | findings.analysis], folder)

@@ -1,4 +1,4 @@
-"""Numbers as the report writes them: percent, points and p-values; ``-`` where there is none."""
+"""Numbers and names as the report writes them: percent, points, intervals, p-values; ``-`` where there is none."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ DESIGNED = (
 
 
 def notes_on(system: str, data: str) -> list[str]:
-    """What a reader must know of a system that a table names: footnotes.
+    """The footnotes of a system that a table names.
 
     Args:
         system: as tables name it.
         data: name of the corpus.
     """
-    own = data == "haart" and re.search(r"(?<![\w.])(reflex|touch)(?![\w.])", system) is not None
-    return [DESIGNED] * own + [MARKED] * system.endswith(MARK)
+    designed = data == "haart" and re.search(r"(?<![\w.])(reflex|touch)(?![\w.])", system) is not None
+    return [DESIGNED] * designed + [MARKED] * system.endswith(MARK)
 
 
 def listed(names: Sequence[str], most: int = 4) -> str:
@@ -34,48 +34,37 @@ def listed(names: Sequence[str], most: int = 4) -> str:
     return kept[0] if len(kept) == 1 else f"{', '.join(kept[:-1])} and {kept[-1]}"
 
 
-def sized(features: object, n: float) -> str:
-    """Features, and how many numbers they are."""
-    words = features if isinstance(features, str) else "-"
-    return words if pd.isna(n) else f"{words} ({n:.0f})"
+def number(value: float, digits: int = 1, sign: bool = False) -> str:
+    """A number with so many decimal places, and with its sign if that is wanted."""
+    return "-" if pd.isna(value) else f"{value:{'+' * sign}.{digits}f}"
 
 
-def with_sd(value: float, sd: float) -> str:
-    """A published number as it was printed, with its SD."""
-    return "-" if pd.isna(value) else f"{value:g}" + ("" if pd.isna(sd) else f" ± {sd:g}")
+def bounded(value: float, low: float, high: float, digits: int = 1, sign: bool = False) -> str:
+    """A number with its interval in brackets, if it has one."""
+    ends = "" if pd.isna(low) else f" [{number(low, digits, sign)}, {number(high, digits, sign)}]"
+    return number(value, digits, sign) + ends
 
 
-def one(value: float) -> str:
-    """With one decimal place."""
-    return "-" if pd.isna(value) else f"{value:.1f}"
+def span(low: float, high: float) -> str:
+    """The interval of a difference alone."""
+    return "-" if pd.isna(low) else f"[{low:+.1f}, {high:+.1f}]"
 
 
-def two(value: float) -> str:
-    """With two."""
-    return "-" if pd.isna(value) else f"{value:.2f}"
+def with_sd(value: float, sd: float, form: str = ".1f") -> str:
+    """A number with its standard deviation, if it has one."""
+    return "-" if pd.isna(value) else f"{value:{form}}" + ("" if pd.isna(sd) else f" ± {sd:{form}}")
 
 
-def count(value: float) -> str:
-    """A whole number."""
-    return "-" if pd.isna(value) else f"{value:.0f}"
+def whole(value: float) -> str:
+    """A whole number with spaces between the thousands."""
+    return "-" if pd.isna(value) else f"{value:,.0f}".replace(",", " ")
 
 
-def signed(value: float) -> str:
-    """With a sign."""
-    return "-" if pd.isna(value) else f"{value:+.1f}"
+def percent(share: float) -> str:
+    """A share in percent."""
+    return number(100 * share)
 
 
 def p_value(value: float) -> str:
     """A p-value."""
     return "-" if pd.isna(value) else "< 0.001" if value < 0.001 else f"{value:.3f}"
-
-
-def span(low: float, high: float) -> str:
-    """An interval."""
-    return "-" if pd.isna(low) else f"[{low:+.1f}, {high:+.1f}]"
-
-
-def bounded(value: float, low: float, high: float, sign: bool = False, digits: int = 1) -> str:
-    """A number with its interval."""
-    form = f"{'+' if sign else ''}.{digits}f"
-    return "-" if pd.isna(value) else f"{value:{form}}" + ("" if pd.isna(low) else f" [{low:{form}}, {high:{form}}]")

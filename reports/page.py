@@ -6,6 +6,7 @@ import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,21 +17,23 @@ from bench.outcomes.comparable import MARKED, depends_on_batch
 from bench.outcomes.runs import independent, of_kinds, rows_of, tracked, with_groups
 from bench.outcomes.store import Store
 from bench.scratch import owner, sweep
-from reports import fault_curves as behaviour
-from reports import published_tables as recomputed
+from reports import fault_curves
 from reports.candidates import Considered, chart_data, considered
 from reports.comparison import comparison, published, shown
-from reports.figures import Picture
+from reports.figures import save
 from reports.latex import latex
-from reports.layout import Block, Briefs, Chart, Heading, Table, Text, footnotes, markdown, page
-from reports.new_person import curves_of, newcomer_blocks
+from reports.layout import Table, markdown, page
+from reports.new_person import curves_of, new_person_sections
 from reports.numbers import listed, notes_on
-from reports.papers import published_blocks, recomputed_blocks
+from reports.papers import published_section, recomputed_section
 from reports.provenance import provenance, software
+from reports.published_tables import recomputed
+from reports.reference_rows import systems_by_subject
 from reports.reproduction import against
-from reports.run_groups import GROUPS, group_of, largest_groups
+from reports.run_groups import GROUPS, group_of, largest_groups, slug
+from reports.speed import speed_chart
 from reports.spreadsheet import write_sheet
-from reports.summary import EARLY, FAULTS, PEOPLE, STATISTICS, briefs
+from reports.summary import briefs
 
 ROWS = 300  # of a table on the page; the CSV files hold all
 
@@ -49,12 +52,12 @@ def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None
     Raises:
         InputError: the store holds no scored run, or the folder cannot be written.
     """
-    runs, papers = with_groups(tracked(store)), published()
+    runs = tracked(store)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         sweep(folder, ".")
         with tempfile.TemporaryDirectory(prefix=f".{owner()}", dir=folder) as beside:
-            written = _write(store, Path(beside), runs, papers, budgets or {})
+            written = _write(store, Path(beside), runs, budgets or {})
             (folder / "figures").mkdir(exist_ok=True)
             for name in written:  # a report that is stopped while it is made leaves the earlier one as it was
                 os.replace(Path(beside) / name, folder / name)
@@ -66,163 +69,114 @@ def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None
     return [folder / name for name in written]
 
 
-def _write(
-    store: Store, folder: Path, runs: pd.DataFrame, papers: pd.DataFrame, budgets: Mapping[str, float]
-) -> list[Path]:
+def _write(store: Store, folder: Path, runs: pd.DataFrame, budgets: Mapping[str, float]) -> list[Path]:
     """Write a report into an empty folder; its files, the page last, relative to the folder."""
     (folder / "figures").mkdir()
-    blocks, tables = assemble(store, runs, papers, folder / "figures", budgets)
+    values, tables = assemble(store, runs, folder / "figures", budgets)
     for name, table in tables.items():
         write_sheet(table, folder / f"{name}.csv")
-    (folder / "comparison.md").write_text(markdown(blocks, folder), encoding="utf-8")
+    (folder / "comparison.md").write_text(markdown("report.jinja", **values), encoding="utf-8")
     (folder / "comparison.tex").write_text(latex(tables["comparison"]), encoding="utf-8")
-    (folder / "index.html").write_text(page(blocks, blocks[0].text), encoding="utf-8")
-    pictures = [picture for b in blocks for picture in ([b] if isinstance(b, Picture) else getattr(b, "pictures", []))]
-    drawn = sorted(path.relative_to(folder) for picture in pictures for path in picture.paths)
-    tables_and_text = [*(f"{name}.csv" for name in tables), "comparison.md", "comparison.tex", "index.html"]
-    return [*drawn, *map(Path, tables_and_text)]
+    (folder / "index.html").write_text(page("report.jinja", **values), encoding="utf-8")
+    drawn = sorted(path.relative_to(folder) for path in (folder / "figures").iterdir())
+    texts = [*(f"{name}.csv" for name in tables), "comparison.md", "comparison.tex", "index.html"]
+    return [*drawn, *map(Path, texts)]
 
 
 def assemble(
-    store: Store, runs: pd.DataFrame, papers: pd.DataFrame, folder: Path, budgets: Mapping[str, float]
-) -> tuple[list[Block], dict[str, pd.DataFrame]]:
-    """All blocks of the report in order, and the tables that go into CSV files; figures are drawn into ``folder``."""
-    others = of_kinds(store, ("stress", "stream", "chip"))
+    store: Store, runs: pd.DataFrame, folder: Path, budgets: Mapping[str, float]
+) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
+    """What ``report.jinja`` shows, by name, and the tables that go into CSV files.
+
+    Args:
+        store: where the runs are.
+        runs: of the kind ``cell``, as `bench.outcomes.runs.tracked` makes them.
+        folder: where figures are drawn.
+        budgets: the most of each cost.
+    """
+    papers, others = published(), of_kinds(store, ("stress", "stream", "chip"))
+    kinds = {kind: independent(each) for kind, each in (others | {"cell": runs}).items()}
+    runs = with_groups(runs)
+    by_group = {str(group): systems_by_subject(store, part) for group, part in runs.groupby("group", sort=False)}
     largest, left_out = largest_groups(runs)
-    groups = {
-        g: group_of(store, part, others.get("chip"), papers, folder, i)
-        for i, (g, part) in enumerate(largest.items(), 1)
-    }
-    kinds = {kind: independent(found) for kind, found in (others | {"cell": runs}).items()}
-    choices = [considered(store, g, runs, budgets, kinds) for g in largest]
+    files = {name: f"{i}-{slug(name)}" for i, name in enumerate(largest, 1)}
+    groups = {name: group_of(store, part, by_group[name], folder, files[name]) for name, part in largest.items()}
+    answers = [considered(store, name, runs, budgets, kinds) for name in largest]
+    candidates = [answer for answer in answers if isinstance(answer, Considered)]
+    chart = chart_data(candidates, dict(zip(runs["system"], runs["model_name"], strict=True)), papers)
+    stresses, streams = (fault_curves.contexts(others.get(kind)) for kind in ("stress", "stream"))
     curves = curves_of(store, runs)
-    beside = against(papers, runs, store)
-    table = comparison(store, runs, papers)
-
-    blocks: list[Block] = [Heading(f"Which recogniser to take: {_corpora(runs)}", 1), *warnings(runs)]
-    blocks += [Heading("Verdict"), *(c.answer() if isinstance(c, Considered) else c for c in choices)]
-    if left_out:
-        which = listed([f"“{name}”" for name in left_out])
-        blocks.append(Text(f"The {GROUPS} largest groups of runs have a verdict here; without one: {which}."))
-    if drawn := [c for c in choices if isinstance(c, Considered)]:
-        models = dict(zip(runs["system"], runs["model_name"], strict=True))
-        chart = chart_data(drawn, models, papers)
-        pictures = [picture for group in groups.values() for picture in group.speed]
-        blocks += [Heading("Accuracy and cost"), Text(COST), Chart(chart, pictures)]
-    blocks += [Heading("Runs"), *run_blocks(table, [*largest, *left_out], len(runs), runs["system"].nunique())]
-    if said := briefs(store, groups, curves):
-        blocks += [Heading("In a sentence each"), Briefs(said)]
-    blocks += [Heading("Published numbers"), *published_blocks(beside)]
-    for title, found in {
-        EARLY: behaviour.stream_blocks(store, folder),
-        FAULTS: behaviour.stress_blocks(store, folder),
-        PEOPLE: [*newcomer_blocks(curves, folder), *(b for group in groups.values() for b in group.people)],
-        STATISTICS: [b for name, group in groups.items() if group.compared for b in _titled(name, group.compared)],
-        "Gestures": [b for name, group in groups.items() if group.details for b in _titled(name, group.details)],
-        "Published numbers, recomputed": recomputed_blocks(papers),
-    }.items():
-        blocks += [Heading(title), *found] if found else []
-    from_runs = provenance(pd.concat([runs, *map(with_groups, others.values())], ignore_index=True))
-    blocks += [Heading("Provenance"), *provenance_blocks(runs, from_runs)]
-    rows = [group.rows.assign(group=name) for name, group in groups.items()]
-    pairs = [group.pairs.assign(group=name) for name, group in groups.items()]
-    return blocks, {
-        "comparison": table,
-        "published": beside,
-        "recomputed": recomputed.recomputed(papers),
-        "statistics": pd.concat(rows, ignore_index=True),
-        "pairs": pd.concat(pairs, ignore_index=True),
-        "provenance": from_runs,
+    tables = {
+        "comparison": comparison(store, runs, papers, by_group=by_group),
+        "published": against(papers, runs, store),
+        "recomputed": recomputed(papers),
+        "statistics": pd.concat([g.rows.assign(group=name) for name, g in groups.items()], ignore_index=True),
+        "pairs": pd.concat([g.pairs.assign(group=name) for name, g in groups.items()], ignore_index=True),
+        "provenance": provenance(pd.concat([runs, *map(with_groups, others.values())], ignore_index=True)),
     }
-
-
-COST = (
-    "Every way in which a tracked system labels is a mark: whole captures, in Python or as C, or what it has seen of "
-    "them within a budget of time. Accuracy is the mean over subjects with its 95 % t-interval; seeds are averaged. "
-    "Times depend on the machine that is named under provenance."
-)
-
-
-def _titled(title: str, blocks: list[Block]) -> list[Block]:
-    return [Heading(title, 3), *blocks]
+    values = {
+        "title": f"Which recogniser to take: {_corpora(runs)}",
+        "synthetic": (runs["synthetic"] == "true").any(),
+        "failed": sorted(set(runs.loc[runs["folds_failed"] > 0, "system"])),
+        "on_batch": sorted({str(run["system"]) for run in rows_of(runs) if depends_on_batch(run)}),
+        "marked": MARKED,
+        "answers": answers,
+        "largest": GROUPS,
+        "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
+        "chart": chart,
+        "speed": [
+            save(figure, folder, f"{files[g['name']]}-speed", g["name"], caption)
+            for g in chart["groups"]
+            for figure, caption in [speed_chart(g, chart["costs"])]
+        ],
+        "runs": runs_section(tables["comparison"], [*largest, *left_out]),
+        "counts": (len(runs), runs["system"].nunique()),
+        "briefs": briefs(streams, stresses, groups, curves),
+        "published": published_section(tables["published"]),
+        "streams": fault_curves.stream_sections(store, streams, folder),
+        "stresses": fault_curves.stress_sections(stresses, folder),
+        "people": new_person_sections(curves, folder),
+        "groups": groups,
+        "few": statistics.FEW_SUBJECTS,
+        "recomputed": recomputed_section(tables["recomputed"]),
+        "provenance": provenance_section(runs, tables["provenance"]),
+    }
+    return values, tables
 
 
 def _corpora(runs: pd.DataFrame) -> str:
     return ", ".join(sorted(set(runs["data"] + np.where(runs["synthetic"] == "true", " (synthetic)", ""))))
 
 
-def warnings(runs: pd.DataFrame) -> list[Block]:
-    """What must be known before any number is read."""
-    blocks: list[Block] = []
-    if (runs["synthetic"] == "true").any():
-        blocks.append(
-            Text(
-                "Rows and figures marked (synthetic) come from generated captures and say nothing about people.",
-                warning=True,
-            )
-        )
-    if len(failed := runs[runs["folds_failed"] > 0]):
-        systems = ", ".join(sorted(set(failed["system"])))
-        blocks.append(
-            Text(f"Runs with failed folds are scored on the others and compared with nothing: {systems}.", warning=True)
-        )
-    if marked := sorted({str(run["system"]) for run in rows_of(runs) if depends_on_batch(run)}):
-        blocks.append(Text(f"{MARKED}: {', '.join(marked)}.", warning=True))
-    return blocks
-
-
-def run_blocks(table: pd.DataFrame, order: list[str], runs: int, systems: int) -> list[Block]:
-    """Every tracked run and unit, as far as the page has room.
+def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
+    """Every tracked run and unit, as far as the page has room, and the groups with few subjects.
 
     Args:
         table: as `reports.comparison.comparison` makes it.
         order: of the groups.
-        runs: number of them.
-        systems: number of them.
     """
-    said = Text(
-        f"{runs} tracked runs of {systems} systems. Numbers are compared only where data, subset, protocol and unit "
-        "agree: the rows under one heading of the table. Every interval is over subjects: people differ more than "
-        "captures of one person do."
-    )
-    caption = (
-        "Accuracy is pooled over the tested captures (or windows), its interval a bootstrap over subjects. p Holm is "
-        "of the paired Wilcoxon test against the best system, as under statistics; - where there is no test. Flash "
-        "counts learnt numbers, RAM the numbers in memory for one decision. Predict is one whole capture from raw "
-        "frames to label on one thread, feature extraction included; decision is the median touch that must be "
-        "observed plus computing time on that machine; the verdict's budget counts touch alone. Fit is the mean of a "
-        "fold without feature extraction. n is the number of tested subjects."
-    )
-    if (table["source"] == "reference").any():
-        caption += " Rows marked (reference) come with touchbench: costs that only runs tell are missing."
     table = table.sort_values("group", key=lambda names: names.map(order.index), kind="stable")
     together = table["group"] + table["unit"].map({"capture": ", whole captures", "window": ", single windows"})
-    kept = table
-    if len(table) > ROWS:
-        each = max(1, ROWS // together.nunique())
-        kept = table.groupby(together, sort=False).head(each)
-        caption += f" The first {each} rows of each group; all {len(table)} are in comparison.csv."
-    marks, notes = footnotes([notes_on(r.system, r.data) for r in kept.itertuples()])
-    few = [g for g in order if (table.loc[table["group"] == g, "subjects"] < statistics.FEW_SUBJECTS).any()]
-    warning = f"Fewer than {statistics.FEW_SUBJECTS} test subjects, so that intervals are hardly worth anything: "
-    return [
-        said,
-        *([Text(warning + "; ".join(few) + ".", warning=True)] if few else []),
-        Table(shown(kept), caption, groups=list(together[kept.index]), marks=marks, notes=notes),
-    ]
+    each = max(1, ROWS // together.nunique()) if len(table) > ROWS else len(table)
+    kept = table.groupby(together, sort=False).head(each)
+    remarks = [notes_on(r.system, r.data) for r in kept.itertuples()]
+    few = table.loc[table["subjects"] < statistics.FEW_SUBJECTS, "group"]
+    return {
+        "table": Table(shown(kept), remarks, groups=[*together[kept.index]]),
+        "few": [*few.unique()],
+        "all": len(table),
+        "each": each,
+        "reference": (table["source"] == "reference").any(),
+    }
 
 
-def provenance_blocks(runs: pd.DataFrame, table: pd.DataFrame) -> list[Block]:
+def provenance_section(runs: pd.DataFrame, table: pd.DataFrame) -> dict[str, Any]:
     """Corpora, versions, and the command of every run."""
-    kept = table.iloc[:ROWS]
-    caption = "The command that rebuilds each row, and what it ran on."
-    if len(table) > len(kept):
-        caption += f" The first {len(kept)} of {len(table)}; all are in provenance.csv."
     corpora = runs.groupby(["data", "synthetic", "corpus_digest"], sort=True).size().reset_index(name="runs")
     corpora["data"] += np.where(corpora.pop("synthetic") == "true", " (synthetic)", "")
-    return [
-        Text("This report is made by bench report from the MLflow store and the files in reports/ alone."),
-        Table(corpora.astype(str), "Corpora by content."),
-        Table(software(runs).astype(str), "Versions that runs were made with."),
-        Table(kept.astype(str), caption, code=("command",)),
-    ]
+    return {
+        "corpora": Table(corpora),
+        "versions": Table(software(runs)),
+        "commands": Table(table.iloc[:ROWS], code=("command",)),
+        "all": len(table),
+    }

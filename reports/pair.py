@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import pandas as pd
 
@@ -17,7 +16,7 @@ from reports.numbers import p_value, span
 from reports.reference_rows import accuracies, references
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Compared:
     """Two systems on the same captures under the same protocol; prints as a sentence each.
 
@@ -26,6 +25,13 @@ class Compared:
         other: the second one.
         on: data, subset and protocol, in words.
         accuracy: in percent of whole captures [subjects, 2], means over seeds; its columns are the two systems.
+        difference: accuracy of the first system less that of the second, mean over subjects, in points.
+        low: lower end of the 95 % t-interval of the difference over subjects; NaN for one subject.
+        high: upper end of it.
+        p: of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for one subject.
+        subjects: number of them.
+        gain: subjects on whom the first system is more accurate.
+        lose: subjects on whom the second system is more accurate.
     """
 
     system: str
@@ -33,48 +39,24 @@ class Compared:
     on: str
     accuracy: pd.DataFrame
 
-    @cached_property
-    def _test(self) -> dict[str, float]:
-        return statistics.paired(self.accuracy[self.system], self.accuracy[self.other])
+    difference: float = field(init=False)
+    low: float = field(init=False)
+    high: float = field(init=False)
+    p: float = field(init=False)
+    subjects: int = field(init=False)
+    gain: list[str] = field(init=False)
+    lose: list[str] = field(init=False)
 
-    @property
-    def difference(self) -> float:
-        """Accuracy of the first system less that of the second, mean over subjects, in points."""
-        return self._test["difference"]
-
-    @property
-    def low(self) -> float:
-        """Lower end of the 95 % t-interval of the difference over subjects; NaN for one subject."""
-        return self._test["low"]
-
-    @property
-    def high(self) -> float:
-        """Upper end of it."""
-        return self._test["high"]
-
-    @property
-    def p(self) -> float:
-        """Of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for one subject."""
-        return self._test["p"]
-
-    @property
-    def subjects(self) -> int:
-        """Number of subjects."""
-        return len(self.accuracy)
-
-    @property
-    def gain(self) -> list[str]:
-        """Subjects on whom the first system is more accurate."""
-        return self._where(1)
-
-    @property
-    def lose(self) -> list[str]:
-        """Subjects on whom the second system is more accurate."""
-        return self._where(-1)
-
-    def _where(self, sign: int) -> list[str]:
-        gained = (self.accuracy[self.system] - self.accuracy[self.other]).round(9)
-        return [str(subject) for subject in gained.index[gained * sign > 0]]
+    def __post_init__(self) -> None:
+        one, other = self.accuracy[self.system], self.accuracy[self.other]
+        gained = (one - other).round(9)
+        values = statistics.paired(one, other) | {
+            "subjects": len(self.accuracy),
+            "gain": [*map(str, gained.index[gained > 0])],
+            "lose": [*map(str, gained.index[gained < 0])],
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
         points = f"{abs(self.difference):.1f} points {'more' if self.difference >= 0 else 'less'} accurate"
@@ -104,12 +86,13 @@ def compared(store: Store, sides: Sequence[tuple[str, pd.DataFrame]]) -> Compare
     both = [group for group in groups[0] if group in groups[1]]
     names = " and ".join(name for name, _ in sides)
     if not both:
-        on = "; ".join(f"{name} on {', on '.join(found)}" for (name, _), found in zip(sides, groups, strict=True))
+        on = "; ".join(f"{name} on {', on '.join(each)}" for (name, _), each in zip(sides, groups, strict=True))
         raise InputError(f"{names} share no data, subset and protocol: {on}; run one of them where the other was run")
     if len(both) > 1:
         raise InputError(f"both have runs on {'; '.join(both)}; name one with data=, where=, target= or protocol=")
-    found = [(groups[i][both[0]], _accuracy(store, name, runs, both[0])) for i, (name, runs) in enumerate(sides)]
-    (system, one), (other, two) = found
+    (system, one), (other, two) = (
+        (each[both[0]], _accuracy(store, name, runs, both[0])) for each, (name, runs) in zip(groups, sides, strict=True)
+    )
     if system == other:
         raise InputError(f"both are {system}; give two systems")
     if set(one.index) != set(two.index):
@@ -120,15 +103,15 @@ def compared(store: Store, sides: Sequence[tuple[str, pd.DataFrame]]) -> Compare
 def _groups(name: str, runs: pd.DataFrame) -> dict[str, str]:
     """Groups in which a system has a complete run or a reference result, and its name there, with its marks."""
     complete = runs[runs["status"] == "FINISHED"]
-    found = {}
+    groups = {}
     for group, part in complete.groupby("group", sort=False):
         systems = [*dict.fromkeys(part["system"]), *references(part)]
         if matching := [system for system in systems if _is(name, system)]:
-            found[str(group)] = matching[0]
-    if not found:
-        known = sorted(set(complete["system"]))
-        raise InputError(f"no complete run of {name!r} is tracked; {nearest(name, known)}")
-    return found
+            groups[str(group)] = matching[0]
+    if not groups:
+        names = sorted(set(complete["system"]))
+        raise InputError(f"no complete run of {name!r} is tracked; {nearest(name, names)}")
+    return groups
 
 
 def _is(name: str, system: str) -> bool:

@@ -14,37 +14,31 @@ def command(run: dict) -> str:
     Args:
         run: a row of `bench.outcomes.runs.tracked`.
     """
-    if not isinstance(told := run.get("touchbench.arguments"), str):
+    if not isinstance(arguments := run.get("touchbench.arguments"), str):
         return "-"
-    words = [f"{key}={value}" for key, value in json.loads(told).items()]
+    words = [f"{key}={value}" for key, value in json.loads(arguments).items()]
     return shlex.join(["bench", run["touchbench.command"], *words])
 
 
 def provenance(runs: pd.DataFrame) -> pd.DataFrame:
     """One row per run: what it is, the command that repeats it, corpus, revision, machine and MLflow id."""
-    rows = [
+    machine = runs.reindex(columns=["git", "cpu", "threads"]).fillna("-").replace("", "-")
+    return pd.DataFrame(
         {
-            "group": run["group"],
-            "system": run["system"],
-            "seed": run["seed"],
-            "command": command(run),
-            "corpus digest": run["corpus_digest"][:16],
-            "git": _text(run, "git"),
-            "CPU, threads": f"{_text(run, 'cpu')}, {_text(run, 'threads')}",
-            "run": run["run_id"],
+            "group": runs["group"],
+            "system": runs["system"],
+            "seed": runs["seed"],
+            "command": [command(run) for run in runs.to_dict("records")],
+            "corpus digest": runs["corpus_digest"].str[:16],
+            "git": machine["git"],
+            "CPU, threads": machine["cpu"] + ", " + machine["threads"],
+            "run": runs["run_id"],
         }
-        for run in runs.to_dict("records")
-    ]
-    return pd.DataFrame(rows)
+    )
 
 
 def software(runs: pd.DataFrame) -> pd.DataFrame:
     """Versions that the runs were made with, the most frequent first."""
     columns = sorted(c for c in runs if c.startswith("version."))
-    found = runs[columns].fillna("-").value_counts().reset_index(name="runs")
-    return found.rename(columns=lambda c: c.removeprefix("version."))
-
-
-def _text(run: dict, key: str) -> str:
-    value = run.get(key)
-    return value if isinstance(value, str) and value else "-"
+    counted = runs[columns].fillna("-").value_counts().reset_index(name="runs")
+    return counted.rename(columns=lambda c: c.removeprefix("version."))

@@ -18,14 +18,15 @@ import pandas as pd
 HAART_TEST = {"constant": 35}
 HAART_WINDOWS = 46  # of 27 frames every 9 in 432
 COST_TEST = {"squeeze": 119}
-TABLES = {  # of Hughes et al. 2017: file, row of published.csv that it must agree with
-    "II": ("haart", "hughes2017-haart-cnn"),
-    "III": ("haart", "hughes2017-haart-cnn-rnn"),
-    "IV": ("haart", "hughes2017-haart-ae-rnn"),
-    "V": ("cost", "hughes2017-cost-cnn"),
-    "VI": ("cost", "hughes2017-cost-cnn-rnn"),
-    "VII": ("cost", "hughes2017-cost-ae-rnn"),
+TABLES = {  # of Hughes et al. 2017: corpus, row of published.csv that it must agree with, what is counted
+    "II": ("haart", "hughes2017-haart-cnn", "windows"),
+    "III": ("haart", "hughes2017-haart-cnn-rnn", "captures"),
+    "IV": ("haart", "hughes2017-haart-ae-rnn", "captures"),
+    "V": ("cost", "hughes2017-cost-cnn", "windows"),
+    "VI": ("cost", "hughes2017-cost-cnn-rnn", "parts of captures"),
+    "VII": ("cost", "hughes2017-cost-ae-rnn", "parts of captures"),
 }
+CORPORA = {"cost": "CoST", "haart": "HAART"}
 
 
 def table(name: str) -> pd.DataFrame:
@@ -44,10 +45,14 @@ def jung_counts() -> pd.DataFrame:
     return table("jung2017_table8").T
 
 
+def subjects_of_jung() -> pd.DataFrame:
+    """Accuracy in percent [classifiers, subjects] of Jung et al. 2017, Table 7."""
+    return 100 * table("jung2017_table7").T
+
+
 def hughes_percent(number: str) -> pd.DataFrame:
     """Percent of each actual class [actual, predicted] of a table of Hughes et al. 2017, ``II`` to ``VII``."""
-    rows = table(f"hughes2017_{TABLES[number][0]}").loc[number]
-    return rows.set_index("actual")
+    return table(f"hughes2017_{TABLES[number][0]}").loc[number].set_index("actual")
 
 
 def hughes_counts(number: str) -> tuple[pd.DataFrame, np.ndarray] | None:
@@ -124,31 +129,18 @@ def recomputed(papers: pd.DataFrame) -> pd.DataFrame:
     """
     claims = papers.set_index("id")["accuracy"]
     rows = [
-        _row("Albawi et al. 2018, Table 3", "windows", claims["albawi2018-headline"], measures(albawi_counts()), 0.05),
-        _row("Jung et al. 2017, Table 8", "captures", claims["jung2017-svm-rbf-all"], measures(jung_counts()), 0.5),
+        ("Albawi et al. 2018, Table 3", "windows", claims["albawi2018-headline"], measures(albawi_counts()), 0.05),
+        ("Jung et al. 2017, Table 8", "captures", claims["jung2017-svm-rbf-all"], measures(jung_counts()), 0.5),
     ]
-    units = {"II": "windows", "V": "windows", "VI": "parts of captures", "VII": "parts of captures"}
-    for number, (data, claim) in TABLES.items():
-        found = hughes_counts(number)
-        if found is None:
-            percent = hughes_percent(number).to_numpy()
-            found = {
-                "right": np.nan,
-                "of": np.nan,
-                "pooled": np.nan,
-                "macro_recall": percent.diagonal().mean(),
-                "macro_precision": np.nan,
-            }
-        else:
-            found = measures(*found)
-        name = f"Hughes et al. 2017, Table {number} ({'CoST' if data == 'cost' else 'HAART'})"
-        rows.append(_row(name, units.get(number, "captures"), claims[claim], found, 0.105))
-    return pd.DataFrame(rows)
-
-
-def _row(source: str, unit: str, claimed: float, found: dict[str, float], tolerance: float) -> dict[str, object]:
-    agrees = "-" if np.isnan(found["pooled"]) else "yes" if abs(found["pooled"] - claimed) <= tolerance else "no"
-    return {"source": source, "unit": unit, "claimed": claimed, **found, "agrees": agrees}
+    for number, (data, claim, unit) in TABLES.items():
+        counts = hughes_counts(number)
+        measured = {"macro_recall": hughes_percent(number).to_numpy().diagonal().mean()}
+        measured = dict.fromkeys(("right", "of", "pooled"), np.nan) | measured if counts is None else measures(*counts)
+        name = f"Hughes et al. 2017, Table {number} ({CORPORA[data]})"
+        rows.append((name, unit, claims[claim], measured, 0.105))
+    tables = pd.DataFrame([{"source": s, "unit": u, "claimed": c, **m} for s, u, c, m, _ in rows])
+    off = (tables["pooled"] - tables["claimed"]).abs() - [tolerance for *_, tolerance in rows]
+    return tables.assign(agrees=np.select([off.isna(), off <= 0], ["-", "yes"], "no"))
 
 
 def swaps(albawi: pd.DataFrame, jung: pd.DataFrame) -> pd.DataFrame:
@@ -165,44 +157,11 @@ def swaps(albawi: pd.DataFrame, jung: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for pair in [(), *itertools.combinations(names, 2)]:
         order = [dict([pair, pair[::-1]] if pair else []).get(n, n) for n in names]
-        own = _confusions(albawi.loc[order, order].to_numpy(dtype=float))
-        rows.append([*(pair or ("", "")), np.corrcoef(own, other)[0, 1]])
+        exchanged = _confusions(albawi.loc[order, order].to_numpy(dtype=float))
+        rows.append([*(pair or ("", "")), np.corrcoef(exchanged, other)[0, 1]])
     return pd.DataFrame(rows, columns=["first", "second", "correlation"]).sort_values("correlation", ascending=False)
 
 
 def _confusions(counts: np.ndarray) -> np.ndarray:
     share = counts / counts.sum(axis=1, keepdims=True)
     return (share + share.T)[np.triu_indices(len(share), 1)]
-
-
-def subjects_of_jung() -> pd.DataFrame:
-    """Accuracy in percent [classifiers, subjects] of Jung et al. 2017, Table 7."""
-    return 100 * table("jung2017_table7").T
-
-
-def findings(papers: pd.DataFrame) -> list[str]:
-    """What the tables show, in sentences that are made from them."""
-    rows = recomputed(papers).set_index("source")
-    own = rows.loc["Albawi et al. 2018, Table 3"]
-    found = swaps(albawi_counts(), jung_counts())
-    best, printed = found.iloc[0], found[found["first"] == ""].iloc[0]
-    said = [
-        f"The {own['claimed']:g} % of Albawi et al. 2018 is a macro precision ({own['macro_precision']:.2f} %): the "
-        f"mean over classes of correct windows among those given that label. Of all windows, {own['right']:.0f} of "
-        f"{own['of']:.0f} are labelled correctly, which is a pooled accuracy of {own['pooled']:.2f} %.",
-        f"In the same table the labels {best['first']} and {best['second']} are exchanged. As printed, its confusions "
-        f"correlate with those of Jung et al. 2017, Table 8, by {printed['correlation']:.2f}; with these two exchanged "
-        f"by {best['correlation']:.2f}, the highest of all {len(found) - 1} exchanges of two labels. CoST's own codes "
-        "are 11 squeeze and 12 stroke.",
-    ]
-    for source, row in rows[rows["agrees"] == "no"].iterrows():
-        if source.startswith("Hughes"):
-            said.append(
-                f"{source} gives {row['right']:.0f} of {row['of']:.0f} {row['unit']}, {row['pooled']:.1f} %; Table I "
-                f"of the same paper says {row['claimed']:g} %."
-            )
-    said.append(
-        "Totals of Hughes et al. 2017, Tables VI and VII, are the smallest that give the printed percentages; the "
-        "windows by class behind Table V are not known, so that only its macro recall can be told."
-    )
-    return said

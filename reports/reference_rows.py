@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import pandas as pd
 
 from bench.leaderboard.submissions import Submission
@@ -10,9 +12,23 @@ from bench.outcomes import scores
 from bench.outcomes.comparable import Row
 from bench.outcomes.runs import by_subject, independent, rows_of
 from bench.outcomes.store import Store
-from reports.leaderboard import reference
+from reports.leaderboard import reference_of
 
 REFERENCE = " (reference)"  # behind the name of such a system
+
+
+class BySubject(NamedTuple):
+    """What statistics compare in a group.
+
+    Attributes:
+        subjects: accuracy in percent [systems, subjects], best mean first.
+        seeds: the number of seeds behind each row, which is not known of a reference result.
+        references: the reference results among the rows, by name.
+    """
+
+    subjects: pd.DataFrame
+    seeds: pd.Series
+    references: dict[str, Submission]
 
 
 def references(runs: pd.DataFrame) -> dict[str, Submission]:
@@ -22,8 +38,8 @@ def references(runs: pd.DataFrame) -> dict[str, Submission]:
         runs: of one group, as `bench.outcomes.runs.with_groups` makes them.
     """
     first = rows_of(runs)[0]
-    answered = [task for task in TASKS.values() if _answers(first, task)]
-    return {one.about["system"] + REFERENCE: one for one in reference() if one.task in answered} if answered else {}
+    answered = [task.name for task in TASKS.values() if _answers(first, task)]
+    return {one.about["system"] + REFERENCE: one for name in answered for one in reference_of(name)}
 
 
 def accuracies(one: Submission) -> dict[str, float]:
@@ -31,10 +47,8 @@ def accuracies(one: Submission) -> dict[str, float]:
     return (100 * scores.per_subject(one.table).set_index("subject")["accuracy"]).to_dict()
 
 
-def systems_by_subject(
-    store: Store, runs: pd.DataFrame, beside: bool = True
-) -> tuple[pd.DataFrame, pd.Series, dict[str, Submission]]:
-    """What statistics compare: accuracy in percent [systems, subjects] of a group, with its reference results.
+def systems_by_subject(store: Store, runs: pd.DataFrame, beside: bool = True) -> BySubject:
+    """Accuracies of the systems of a group by subject, with its reference results.
 
     Left out are runs that depend on the batch, and reference results of systems that the store has a complete run of.
 
@@ -42,20 +56,16 @@ def systems_by_subject(
         store: where the runs are.
         runs: of one group, as `bench.outcomes.runs.with_groups` makes them.
         beside: whether reference results are wanted.
-
-    Returns:
-        The table, best mean first; the number of seeds behind each row, which is not known of a reference result; and
-        the reference results of the table by name.
     """
     subjects, seeds = by_subject(store, independent(runs))
     if not beside or not len(subjects):
-        return subjects, seeds, {}
+        return BySubject(subjects, seeds, {})
     others = {name: one for name, one in references(runs).items() if name.removesuffix(REFERENCE) not in subjects.index}
     table = {name: accuracies(one) for name, one in others.items()}
     table = {name: each for name, each in table.items() if set(each) == set(subjects.columns)}
-    found = pd.concat([subjects, pd.DataFrame(table, index=subjects.columns).T])
-    order = found.mean(axis=1).sort_values(ascending=False, kind="stable").index
-    return found.loc[order], seeds.reindex(order), {name: others[name] for name in table}
+    both = pd.concat([subjects, pd.DataFrame(table, index=subjects.columns).T])
+    order = both.mean(axis=1).sort_values(ascending=False, kind="stable").index
+    return BySubject(both.loc[order], seeds.reindex(order), {name: others[name] for name in table})
 
 
 def _answers(run: Row, task: Task) -> bool:

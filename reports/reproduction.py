@@ -13,9 +13,10 @@ import numpy as np
 import pandas as pd
 
 from bench.outcomes import scores, statistics
-from bench.outcomes.comparable import facts_of, seed_number
-from bench.outcomes.runs import predictions, subject_accuracy
+from bench.outcomes.comparable import Row, facts_of, seed_number
+from bench.outcomes.runs import predictions, rows_of, subject_accuracy
 from bench.outcomes.store import Store
+from reports.bootstrap import macro_interval
 from reports.comparison import SAME
 
 # unit_key of published.csv: prefix and name of the metric that is tracked for it.
@@ -27,6 +28,11 @@ UNITS = {
     "window macro precision": ("window_", "macro_precision"),
     "window macro recall": ("window_", "macro_recall"),
 }
+PAPER = (
+    "id reference year data subset protocol unit unit_key features n_features classifier accuracy sd confidence system"
+).split()
+PRINTED = {"accuracy": "published", "sd": "published_sd"}  # columns of the papers' file that are called otherwise here
+NOTHING = dict.fromkeys(("ours", "low", "high", "ours_sd", "subjects", "difference"), np.nan) | {"seed": ""}
 
 
 def against(papers: pd.DataFrame, runs: pd.DataFrame, store: Store) -> pd.DataFrame:
@@ -41,44 +47,20 @@ def against(papers: pd.DataFrame, runs: pd.DataFrame, store: Store) -> pd.DataFr
         runs: `bench.outcomes.runs.tracked`.
         store: where they are; predictions are read for units whose interval is not tracked.
     """
-    real = runs[runs["synthetic"] != "true"]
-    here = set(real["data"])
-    real = real.assign(base=real["model_name"])
-    real = real[real["base"].isin(papers["system"])]
-    own = {key: part.to_dict("records") for key, part in real.groupby([k.removesuffix("_key") for k in SAME])}
-    changed = real[real["system"] != real["base"]].rename(columns={"system": "as_run", "base": "system"})
-    others = {key: sorted(set(part["as_run"])) for key, part in changed.groupby([k.removesuffix("_key") for k in SAME])}
-    told = corrections().reindex(papers["id"])
+    real = runs[(runs["synthetic"] != "true") & runs["model_name"].isin(papers["system"])]
+    here = set(runs.loc[runs["synthetic"] != "true", "data"])
+    same = [*(k.removesuffix("_key") for k in SAME[:-1]), "model_name"]
+    ours = {key: rows_of(part) for key, part in real.groupby(same)}
     rows = []
-    for paper, correction in zip(papers.itertuples(), told.itertuples(), strict=True):
-        key = tuple(getattr(paper, k) for k in SAME)
+    for paper, correction in zip(papers.itertuples(), corrections().reindex(papers["id"]).itertuples(), strict=True):
+        as_printed = {PRINTED.get(c, c): getattr(paper, c) for c in PAPER}
+        as_printed |= {"table4": correction.table4, "table4_sd": correction.table4_sd}
         notes = [correction.correction] if isinstance(correction.correction, str) else []
-        about = {
-            c: getattr(paper, c)
-            for c in (
-                "id",
-                "reference",
-                "year",
-                "data",
-                "subset",
-                "protocol",
-                "unit",
-                "unit_key",
-                "features",
-                "n_features",
-                "classifier",
-                "accuracy",
-                "sd",
-                "confidence",
-                "system",
-            )
-        }
-        about = {"published" if k == "accuracy" else "published_sd" if k == "sd" else k: v for k, v in about.items()}
-        about |= {"table4": correction.table4, "table4_sd": correction.table4_sd}
-        found = [m for run in own.get(key, []) if (m := _measured(store, run, paper.unit_key))]
-        missing = _why_not(paper, here, others.get(key, []))
-        for ours in sorted(found, key=lambda m: seed_number(m["seed"])) or [{}]:
-            rows.append(about | _judged(paper, ours, notes, missing))
+        runs_of = sorted(ours.get(tuple(getattr(paper, k) for k in SAME), []), key=lambda run: seed_number(run["seed"]))
+        measured = [m for run in runs_of if run["system"] == paper.system and (m := _measured(store, run, paper))]
+        others = sorted({run["system"] for run in runs_of} - {paper.system})
+        for each in measured or [_nothing(paper, here, others)]:
+            rows.append(as_printed | NOTHING | each | {"note": "\n".join(notes + each["note"])})
     return pd.DataFrame(rows)
 
 
@@ -90,6 +72,8 @@ def corrections() -> pd.DataFrame:
 
 def verdict(published: float, low: float, high: float) -> str:
     """Where our interval lies beside a published number."""
+    if np.isnan(published):
+        return "no number published"
     if np.isnan(low):
         return "no interval"
     if low <= published <= high:
@@ -97,42 +81,32 @@ def verdict(published: float, low: float, high: float) -> str:
     return "above" if low > published else "below"
 
 
-def _judged(paper: object, ours: dict, notes: list[str], missing: tuple[str, list[str]]) -> dict[str, object]:
-    """Our side of a row."""
-    empty = {k: np.nan for k in ("ours", "low", "high", "ours_sd", "subjects", "difference")} | {"seed": ""}
-    if ours and ours["complete"]:
-        said = "no number published" if np.isnan(paper.accuracy) else verdict(paper.accuracy, ours["low"], ours["high"])
-        notes = notes + ours["notes"]
-        kept = {k: v for k, v in ours.items() if k not in ("notes", "complete", "folds")}
-        return empty | kept | {"difference": ours["ours"] - paper.accuracy, "verdict": said, "note": "\n".join(notes)}
-    said, why = missing
-    if ours:
-        why = [f"The run of seed {ours['seed']} lacks folds: {ours['folds']} are there."]
-    return empty | {"verdict": said, "note": "\n".join(notes + why)}
-
-
-def _why_not(paper: object, here: set[str], others: list[str]) -> tuple[str, list[str]]:
+def _nothing(paper: object, here: set[str], others: list[str]) -> Row:
     """The verdict on a published number that nothing stands beside, and why that is so."""
     if paper.data not in here:
-        return "data not here", []
+        return {"verdict": "data not here", "note": []}
     if "other" in (paper.protocol_key, paper.unit_key):
-        return "not run", ["Its protocol or unit is not published, so that nothing can stand beside it."]
-    return "not run", [f"Run with other parameters: {', '.join(others)}."] if others else []
+        why = ["Its protocol or unit is not published, so that nothing can stand beside it."]
+        return {"verdict": "not run", "note": why}
+    return {"verdict": "not run", "note": [f"Run with other parameters: {', '.join(others)}."] if others else []}
 
 
-def _measured(store: Store, run: dict, unit: str) -> dict[str, object] | None:
+def _measured(store: Store, run: Row, paper: object) -> Row | None:
     """Our number in a published unit with its interval over subjects, None if the run has no such unit."""
-    if unit not in UNITS:
+    if paper.unit_key not in UNITS:
         return None
-    prefix, metric = UNITS[unit]
+    prefix, metric = UNITS[paper.unit_key]
     if prefix == "vote_" and not run.get("windows", 0) > 0:  # one decision a capture is its vote
         prefix = ""
     value = 100 * run.get(f"{prefix}{metric}", np.nan)
     if np.isnan(value):
         return None
+    if run["status"] != "FINISHED":
+        folds = f"{run['folds']:.0f} of {run['folds'] + run['folds_failed']:.0f}"
+        why = [f"The run of seed {run['seed']} lacks folds: {folds} are there."]
+        return {"verdict": "not run", "note": why}
     low, high = _interval(store, run, prefix, metric)
     subjects = int(run.get("subjects", 0))
-    folds = f"{run['folds']:.0f} of {run['folds'] + run['folds_failed']:.0f}"
     notes = [f"{subjects} subjects: this interval is hardly worth anything."] * (subjects < statistics.FEW_SUBJECTS)
     if facts_of(run).official_split is False:
         notes.append("Our split is drawn at random, not the official one.")
@@ -142,15 +116,15 @@ def _measured(store: Store, run: dict, unit: str) -> dict[str, object] | None:
         "high": high,
         "ours_sd": 100 * run.get(f"{prefix}subject_accuracy_sd", np.nan),
         "subjects": subjects,
+        "difference": value - paper.accuracy,
         "seed": run["seed"],
-        "folds": folds,
         "run_id": run["run_id"],
-        "complete": run["status"] == "FINISHED",
-        "notes": notes,
+        "verdict": verdict(paper.accuracy, low, high),
+        "note": notes,
     }
 
 
-def _interval(store: Store, run: dict, prefix: str, metric: str) -> tuple[float, float]:
+def _interval(store: Store, run: Row, prefix: str, metric: str) -> tuple[float, float]:
     """In percent; as tracked, or from the run's predictions. NaN for a single subject, or where they are gone."""
     if metric == "subject_accuracy_mean":
         values = np.array(list(subject_accuracy(store, run).values()))
@@ -167,29 +141,3 @@ def _interval(store: Store, run: dict, prefix: str, metric: str) -> tuple[float,
     else:
         low, high = macro_interval(labelled, scores.classes_of(table), metric)
     return 100 * low, 100 * high
-
-
-def macro_interval(
-    labelled: pd.DataFrame, classes: list[str], metric: str, draws: int = 2000, seed: int = 0
-) -> tuple[float, float]:
-    """95 % bootstrap interval of macro precision or macro recall, whole subjects drawn with replacement.
-
-    Args:
-        labelled: decisions with ``subject``, ``true`` and ``predicted``.
-        classes: their names.
-        metric: ``macro_precision`` or ``macro_recall``; a class without a case counts 0, as in the score itself.
-        draws: of the bootstrap.
-        seed: of the draws.
-
-    Returns:
-        NaN, NaN for a single subject.
-    """
-    counts = np.array([scores.confusion(part, classes) for _, part in labelled.groupby("subject", sort=True)])
-    if len(counts) < 2:
-        return np.nan, np.nan
-    drawn = np.random.default_rng(seed).multinomial(len(counts), np.full(len(counts), 1 / len(counts)), draws)
-    pooled = np.einsum("ds,sij->dij", drawn, counts)
-    right = np.einsum("dii->di", pooled)
-    totals = pooled.sum(axis=1 if metric == "macro_precision" else 2)
-    low, high = np.quantile((right / np.maximum(totals, 1)).mean(axis=1), [0.025, 0.975])
-    return float(low), float(high)

@@ -1,4 +1,4 @@
-"""One group of runs, on the same captures under the same protocol: its statistics, subjects, costs and details."""
+"""One group of runs, on the same captures under the same protocol: its statistics, subjects and details."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from bench.outcomes import scores, statistics
-from bench.outcomes.comparable import COMPARABLE, facts_of, seed_number
-from bench.outcomes.runs import by_subject, independent, predictions, rows_of
+from bench.outcomes.comparable import facts_of, seed_number
+from bench.outcomes.runs import independent, predictions, rows_of
 from bench.outcomes.store import Store
-from reports import curves, details, ranks, speed
-from reports.figures import Picture
-from reports.layout import Block, Text
-from reports.reference_rows import systems_by_subject
+from reports import details, paired_statistics
+from reports.bootstrap import recall_interval
+from reports.figures import Picture, save
+from reports.layout import Table
+from reports.numbers import notes_on
+from reports.reference_rows import BySubject
 
 GROUPS = 3  # captures-and-protocol groups that get a verdict, statistics and figures
 SYSTEMS = 2  # systems of a group whose predictions are read and drawn
@@ -31,20 +34,32 @@ class Group:
         mixed: whether captures of one subject are on both sides of a fold.
         rows: the statistics, a row per system.
         pairs: those of every pair of the most accurate systems.
-        compared: blocks with the statistics.
-        people: the picture of the subjects.
-        speed: the pictures of accuracy against costs.
-        details: gestures, confusions, probabilities, training.
+        limits: what limits conclusions, in sentences.
+        compared: the statistics as text.
+        matrix: every pair as text; None where there are only two systems or one subject.
+        pictures: by kind: subjects, and those of `detail_figures`.
+        labels_only: systems whose predictions would be drawn, but hold no probabilities.
     """
 
     subjects: pd.DataFrame
     mixed: bool = False
     rows: pd.DataFrame = field(default_factory=pd.DataFrame)
     pairs: pd.DataFrame = field(default_factory=pd.DataFrame)
-    compared: list[Block] = field(default_factory=list)
-    people: list[Block] = field(default_factory=list)
-    speed: list[Picture] = field(default_factory=list)
-    details: list[Block] = field(default_factory=list)
+    limits: list[str] = field(default_factory=list)
+    compared: Table | None = None
+    matrix: Table | None = None
+    pictures: dict[str, Picture] = field(default_factory=dict)
+    labels_only: list[str] = field(default_factory=list)
+
+    @property
+    def few(self) -> bool:
+        """Whether there are too few subjects for any conclusion."""
+        return self.subjects.shape[1] < statistics.FEW_SUBJECTS
+
+    @property
+    def least_p(self) -> float:
+        """The smallest corrected p that a pair can have."""
+        return min(1, 2.0 ** (1 - self.subjects.shape[1]) * len(self.pairs))
 
 
 def largest_groups(runs: pd.DataFrame) -> tuple[dict[str, pd.DataFrame], list[str]]:
@@ -53,75 +68,52 @@ def largest_groups(runs: pd.DataFrame) -> tuple[dict[str, pd.DataFrame], list[st
     People stand before generated captures, protocols that say something of new persons before those that mix subjects,
     then the groups with most subjects, then those with most systems.
     """
-    mixed = pd.Series([facts_of(run).mixes_subjects for run in rows_of(runs)], runs.index)
-    size = (
-        runs.assign(mixed=mixed)
-        .groupby("group")
-        .agg(
-            synthetic=("synthetic", "max"),
-            mixed=("mixed", "max"),
-            subjects=("subjects", "max"),
-            systems=("system", "nunique"),
-        )
-    )
+    mixed = [facts_of(run).mixes_subjects for run in rows_of(runs)]
+    grouped = runs.assign(mixed=mixed).groupby("group")
+    size = grouped.agg({"synthetic": "max", "mixed": "max", "subjects": "max", "system": "nunique"})
     order = size.sort_values([*size], ascending=[True, True, False, False], kind="stable").index
     return {g: runs[runs["group"] == g] for g in order[:GROUPS]}, list(order[GROUPS:])
 
 
-def group_of(
-    store: Store, runs: pd.DataFrame, chips: pd.DataFrame | None, papers: pd.DataFrame, folder: Path, number: int
-) -> Group:
+def group_of(store: Store, runs: pd.DataFrame, compared: BySubject, folder: Path, name: str) -> Group:
     """Statistics and figures of the runs of one group.
 
     Args:
         store: where they are.
         runs: of the group, as `bench.outcomes.runs.with_groups` makes them.
-        chips: all runs of ``bench chip``, None where there is none.
-        papers: `reports.comparison.published`.
+        compared: `reports.reference_rows.systems_by_subject` of them.
         folder: where figures go.
-        number: of the group, in the names of files.
+        name: what the names of their files begin with.
     """
     group = runs["group"].iloc[0]
-    subjects, seeds, references = systems_by_subject(store, runs)
+    subjects = compared.subjects
     if not len(subjects):
-        return Group(subjects, compared=[Text("There is no complete run to compare.", warning=True)])
+        return Group(subjects)
     runs = independent(runs)
     first = runs[runs["status"] == "FINISHED"].iloc[0].to_dict()
-    own = subjects.drop(index=[*references])
-    kept = subjects.iloc[: statistics.RANKED]
     facts = facts_of(first)
-    ratio = facts.test_over_train
-    rows = statistics.against_best(kept, fold_table(store, runs, kept, ratio), ratio)
-    rows = rows.assign(seeds=rows["system"].map(seeds))
-    said = statistics.warnings(subjects.shape[1], len(kept), int(first["folds"]), facts.mixes_subjects)
-    compared: list[Block] = [
-        Text(line, warning=i == 0 and subjects.shape[1] < statistics.FEW_SUBJECTS) for i, line in enumerate(said)
-    ]
-    caption = f"{group}: every system against the best one, paired over {subjects.shape[1]} subjects. "
-    caption += ranks.STATISTICS
-    if len(subjects) > len(kept):
-        caption += f" The {len(kept)} most accurate of {len(subjects)} systems."
-    compared.append(ranks.statistics_table(rows, caption, first["data"]))
-    name = f"{number}-{slug(group)}"
-    pairs = statistics.pairs(kept.iloc[: statistics.PAIRED])
+    kept = subjects.iloc[: statistics.RANKED]
+    by_fold = fold_table(store, runs, kept, facts.test_over_train)
+    rows = statistics.against_best(kept, by_fold, facts.test_over_train)
+    rows = rows.assign(seeds=rows["system"].map(compared.seeds))
+    shown = paired_statistics.shown_statistics(rows)
+    pairs, matrix = statistics.pairs(kept.iloc[: statistics.PAIRED]), None
     if len(kept) > 2 and subjects.shape[1] > 1:
-        compared.append(ranks.matrix(kept.iloc[: statistics.PAIRED], pairs, group))
+        matrix = Table(paired_statistics.matrix([*kept.index[: statistics.PAIRED]], pairs))
         tested = statistics.friedman(kept)
-        compared.append(ranks.difference_diagram(tested, group, folder, f"{name}-ranks", len(subjects) - len(kept)))
         rows = rows.assign(mean_rank=rows["system"].map(tested.mean), friedman_p=tested.p)
-    points = speed.points(runs, own, papers)
-    if chips is not None and len(on_chip := chips.merge(runs[[*COMPARABLE]].drop_duplicates(), on=[*COMPARABLE])):
-        found = speed.chip_points(on_chip, lambda runs: by_subject(store, runs)[0])
-        points = pd.concat([points, found]).sort_values("accuracy", ascending=False, ignore_index=True)
+    figures, labels_only = detail_figures(store, runs, subjects.index.drop([*compared.references]), group)
+    figures["subjects"] = paired_statistics.strip_plot(subjects, group)
     return Group(
         subjects,
         facts.mixes_subjects,
         rows,
         pairs,
-        compared,
-        [ranks.strip_plot(subjects, group, folder, f"{name}-subjects")],
-        [speed.speed_chart(points, group, folder, f"{name}-speed")],
-        detail_figures(store, runs, own, group, folder, name),
+        statistics.warnings(subjects.shape[1], len(kept), int(first["folds"]), facts.mixes_subjects),
+        Table(shown, [notes_on(system, first["data"]) for system in rows["system"]]),
+        matrix,
+        {kind: save(drawn, folder, f"{name}-{kind}", group, caption) for kind, (drawn, caption) in figures.items()},
+        labels_only,
     )
 
 
@@ -136,49 +128,37 @@ def fold_table(store: Store, runs: pd.DataFrame, kept: pd.DataFrame, ratio: floa
 
 
 def detail_figures(
-    store: Store, runs: pd.DataFrame, subjects: pd.DataFrame, group: str, folder: Path, name: str
-) -> list[Block]:
-    """Figures that need predictions or histories, of the most accurate systems, one seed each, not the luckiest."""
-    complete = (
-        runs[runs["status"] == "FINISHED"]
-        .sort_values("seed", key=lambda c: c.map(seed_number))
-        .drop_duplicates("system")
-        .set_index("system")
-    )
-    chosen = {s: complete.loc[s].to_dict() | {"system": s} for s in subjects.index}
-    read = {}
-    for system in [*chosen][:SYSTEMS]:
-        if (found := predictions(store, chosen[system])) is not None:
-            read[system] = found
-    blocks: list[Block] = []
+    store: Store, runs: pd.DataFrame, systems: pd.Index, group: str
+) -> tuple[dict[str, tuple[Figure, str]], list[str]]:
+    """Figures that need predictions, of the most accurate systems, one seed each, not the luckiest.
+
+    Args:
+        store: where the runs are.
+        runs: of one group.
+        systems: their names, best first.
+        group: in words.
+
+    Returns:
+        Figures with captions, by kind; and the systems that give labels only, so that nothing can be calibrated.
+    """
+    complete = runs[runs["status"] == "FINISHED"].sort_values("seed", key=lambda c: c.map(seed_number), kind="stable")
+    lowest = complete.drop_duplicates("system").set_index("system", drop=False).loc[systems]
+    figures: dict[str, tuple[Figure, str]] = {}
     recalls, reliability = {}, {}
-    for i, (system, table) in enumerate(read.items(), 1):
+    for run in rows_of(lowest.iloc[:SYSTEMS]):
+        if (table := predictions(store, run)) is None:
+            continue
         labelled, classes = scores.captures(table), scores.classes_of(table)
-        if i == 1:
+        if not recalls:
             counts = scores.confusion(labelled, classes)
-            blocks.append(details.confusion_figure(counts, system, group, folder, f"{name}-confusion"))
-        recalls[system] = details.recall_interval(labelled, classes)
-        reliability[system] = details.calibration(table)
+            figures["confusion"] = details.confusion_figure(counts, run["system"], group)
+        recalls[run["system"]] = recall_interval(labelled, classes)
+        reliability[run["system"]] = details.calibration(table)
     if recalls:
-        blocks.insert(0, details.gesture_figure(recalls, group, folder, f"{name}-gestures"))
-        with_ = {s: found for s, found in reliability.items() if found}
-        without = [s for s in reliability if s not in with_]
-        if with_:
-            blocks.append(details.calibration_figure(with_, without, group, folder, f"{name}-calibration"))
-        else:
-            blocks.append(Text(f"Labels only, no probabilities to calibrate: {', '.join(without)}."))
-        words = f"Drawn are the {len(read)} most accurate systems, of each the run with the lowest seed"
-        blocks.insert(0, Text(f"{words}; confusions are those of the first."))
-    found = {}
-    networks = [run for run in chosen.values() if run["features"] == "raw frames"]
-    for run in networks[: 5 * SYSTEMS]:  # not all that read raw frames are trained in epochs
-        if len(found) < SYSTEMS and (history := curves.histories(store, run)):
-            found[run["system"]] = history
-    if found:
-        blocks.append(curves.training_figure(found, group, folder, f"{name}-training"))
-    if by_length := curves.lengths(store, runs):
-        blocks.append(curves.length_figure(by_length, group, folder, f"{name}-lengths"))
-    return blocks
+        figures["gestures"] = details.gesture_figure(recalls, group)
+    if calibrated := {s: table for s, table in reliability.items() if table}:
+        figures["calibration"] = details.calibration_figure(calibrated, group)
+    return figures, [system for system in reliability if system not in calibrated]
 
 
 def slug(text: str, most: int = 48) -> str:

@@ -10,23 +10,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from reports.figures import MARKERS
+from reports.figures import DASHES, MARKERS, bars
 
 if TYPE_CHECKING:
     from bench.outcomes.stability import Analysis
 
-DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
 NAME = 36  # characters of a line of a method's name
 PANELS = 4  # side by side
-NAMES = ("heat_map", "severities", "training_subjects", "capture_length")
-KINDS = ("png", "svg")
-
-
-def clear(folder: Path) -> None:
-    """Remove the figures of an earlier command."""
-    for name in NAMES:
-        for kind in KINDS:
-            (folder / f"stability_{name}.{kind}").unlink(missing_ok=True)
 
 
 def draw(analyses: list[Analysis], folder: Path) -> list[Path]:
@@ -38,11 +28,9 @@ def draw(analyses: list[Analysis], folder: Path) -> list[Path]:
         figures["severities"] = severities(analyses)
     if any(len(a.learning) > 1 for a in analyses):
         figures["training_subjects"] = training_subjects(analyses)
-    if any("frames" in set(a.conditions["factor"]) for a in analyses):
-        figures["capture_length"] = capture_length(analyses)
     paths = []
     for name, figure in figures.items():
-        for kind in KINDS:
+        for kind in ("png", "svg"):
             paths.append(folder / f"stability_{name}.{kind}")
             figure.savefig(paths[-1], dpi=130)
             figure.set_layout_engine("none")  # everything has its place now
@@ -113,57 +101,21 @@ def severities(analyses: list[Analysis]) -> Figure:
 
 def training_subjects(analyses: list[Analysis]) -> Figure:
     """Learning curve: accuracy against the number of training subjects, bars are intervals over tested subjects."""
-    figure, ax = _single()
-    for k, a in enumerate(analyses):
-        counts = a.learning["train_subjects"].to_numpy()
-        _with_bars(ax, k, counts + _aside(k, analyses) * np.ptp(counts), a.learning, a.method)
-    ax.set_xticks(counts, [f"{c:g}" for c in counts])
-    ax.set_xlabel("training subjects")
-    _name(
-        figure,
-        ", ".join(analyses[0].context),
-        "Accuracy by number of training subjects, 95 % intervals over tested subjects",
-    )
-    _legend(figure, ax)
-    return figure
-
-
-def capture_length(analyses: list[Analysis]) -> Figure:
-    """Clean accuracy against the length of a capture, in groups of about equal size."""
-    figure, ax = _single()
-    for k, a in enumerate(analyses):
-        part = a.conditions[a.conditions["factor"] == "frames"]
-        part = part.iloc[part["value"].map(_shortest).argsort()]
-        _with_bars(ax, k, np.arange(len(part)) + _aside(k, analyses) * len(part), part, a.method)
-    ax.set_xticks(range(len(part)), part["value"])
-    ax.set_xlabel("frames of a capture")
-    _name(figure, ", ".join(analyses[0].context), "Accuracy by length of the capture, 95 % intervals over subjects")
-    _legend(figure, ax)
-    return figure
-
-
-def _aside(k: int, analyses: list[Analysis]) -> float:
-    """By what share of the width a method's points stand beside their place, so that no bar hides another."""
-    return (k - (len(analyses) - 1) / 2) * min(0.01, 0.06 / len(analyses))
-
-
-def _shortest(frames: str) -> int:
-    return int(frames.split(" ")[0])
-
-
-def _single() -> tuple[Figure, object]:
     figure = Figure(figsize=(7, 4.6), layout="constrained")
     ax = figure.subplots()
-    ax.set_ylabel("captures labelled correctly, %")
+    counts = analyses[0].learning["train_subjects"].to_numpy()
+    step = min(0.01, 0.06 / len(analyses)) * np.ptp(counts)  # aside, so that no bar hides another
+    for k, a in enumerate(analyses):
+        middle, low, high = (100 * a.learning[name].to_numpy() for name in ("accuracy", "low", "high"))
+        x = a.learning["train_subjects"] + (k - (len(analyses) - 1) / 2) * step
+        ax.errorbar(x, middle, yerr=bars(middle, low, high), capsize=3, elinewidth=0.8, label=a.method, **_style(k))
+    ax.set_xticks(counts, [f"{c:g}" for c in counts])
+    ax.set(xlabel="training subjects", ylabel="captures labelled correctly, %")
     ax.grid(alpha=0.3)
-    return figure, ax
-
-
-def _with_bars(ax: object, k: int, x: np.ndarray, rows: pd.DataFrame, label: str) -> None:
-    middle = 100 * rows["accuracy"].to_numpy()
-    bars = np.abs(100 * rows[["low", "high"]].to_numpy().T - middle)
-    bars = None if np.isnan(bars).all() else np.nan_to_num(bars)
-    ax.errorbar(np.asarray(x, dtype=float), middle, yerr=bars, capsize=3, elinewidth=0.8, label=label, **_style(k))
+    words = "Accuracy by number of training subjects, 95 % intervals over tested subjects"
+    _name(figure, ", ".join(analyses[0].context), words)
+    _legend(figure, ax)
+    return figure
 
 
 def _style(k: int) -> dict[str, object]:

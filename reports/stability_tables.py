@@ -11,7 +11,8 @@ from bench.errors import InputError
 from bench.outcomes import scores
 from bench.outcomes.stability import ALPHA, CLEAN, FAMILIES, Analysis, families, ranks, seeds
 from reports import stability_figures as figures
-from reports.layout import md_table
+from reports.layout import Table, markdown
+from reports.numbers import bounded, number, percent
 from reports.spreadsheet import write_sheet
 
 TOP = 10  # rows of a table
@@ -34,24 +35,25 @@ def write(analyses: list[Analysis], folder: Path) -> list[Path]:
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        figures.clear(folder)  # of what was asked for before
+        for old in folder.glob("stability_*.[ps][nv]g"):  # of an earlier command
+            old.unlink()
         paths = []
         for name, table in tables.items():
             paths.append(folder / f"stability_{name}.csv")
             write_sheet(table, paths[-1])
         paths.append(folder / "stability.md")
-        paths[-1].write_text(markdown(analyses))
+        shown = [(heading, note, Table(table) if len(table) else None) for heading, note, table in sections(analyses)]
+        text = markdown("stability.jinja", context=title(analyses[0]), sections=shown)
+        paths[-1].write_text(text, encoding="utf-8")
         return paths + figures.draw(analyses, folder)
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
 
 
 def _joined(analyses: list[Analysis], name: str) -> pd.DataFrame:
-    parts = []
-    for a in analyses:
-        part = getattr(a, name)
-        parts.append(_in_context(a, part.assign(system=a.system, seed=a.seed)[["system", "seed", *part.columns]]))
-    return pd.concat(parts, ignore_index=True)
+    parts = [(a, getattr(a, name)) for a in analyses]
+    named = [(a, part.assign(system=a.system, seed=a.seed)[["system", "seed", *part.columns]]) for a, part in parts]
+    return pd.concat([_in_context(a, part) for a, part in named], ignore_index=True)
 
 
 def _in_context(one: Analysis, table: pd.DataFrame) -> pd.DataFrame:
@@ -64,19 +66,9 @@ def title(one: Analysis) -> str:
     return ", ".join(one.context)
 
 
-def markdown(analyses: list[Analysis]) -> str:
-    """What the console shows, as a page."""
-    lines = ["# Stability", "", f"{title(analyses[0])}.", ""]
-    if "(synthetic)" in analyses[0].context[0]:
-        lines += ["Generated captures: this says nothing about people.", ""]
-    for heading, note, table in sections(analyses):
-        lines += [f"## {heading}", "", *([note, ""] if note else []), *([md_table(table), ""] if len(table) else [])]
-    return "\n".join(lines)
-
-
 def sections(analyses: list[Analysis]) -> list[tuple[str, str, pd.DataFrame]]:
     """Heading, remark and table (of text) of everything that is shown to a reader, in percent and points."""
-    found = [
+    parts = [
         (
             "Clean",
             f"Chance is the share of the most frequent class: {percent(analyses[0].chance)} %.",
@@ -84,46 +76,40 @@ def sections(analyses: list[Analysis]) -> list[tuple[str, str, pd.DataFrame]]:
         )
     ]
     if len(table := _condition_table(analyses)):
-        found.append(("By class, condition and length", "Accuracy in percent; subjects are in the CSV.", table))
+        parts.append(("By class, condition and length", "Accuracy in percent; subjects are in the CSV.", table))
     if len(analyses[0].curves):
         note = "Accuracy in percent at severities 1 to 5, mean loss in points, and the lowest severity at which the "
         note += "accuracy is significantly below the method's own."
         worst = pd.concat([_worst_faults(a) for a in analyses], ignore_index=True)
-        found.append(("Faults that cost most", note, worst))
+        parts.append(("Faults that cost most", note, worst))
         note = "Interpolated between severities 1 to 5; 0 is the clean accuracy, >5 stands for never."
-        found.append(("Severity at which half of the margin over chance is lost", note, _half_table(analyses)))
+        parts.append(("Severity at which half of the margin over chance is lost", note, _half_table(analyses)))
     for a in analyses:
         faulty = a.slices["fault"] != ""
-        found.append((f"Failing slices: {a.method}", _about_tests(a.slices, ~faulty), _slice_table(a, ~faulty)))
+        parts.append((f"Failing slices: {a.method}", _tests_words(a.slices, ~faulty), _slice_table(a, ~faulty)))
         if faulty.any():
             table = _slice_table(a, faulty & ~_as_such(a.slices) & ~_before(a.slices))
             heading = f"What fails under a fault and not before, where the fault as such does not yet: {a.method}"
-            found.append((heading, _about_tests(a.slices, faulty), table))
+            parts.append((heading, _tests_words(a.slices, faulty), table))
     if len(analyses) > 1 and len(analyses[0].curves):
-        found.append(
+        parts.append(
             ("Ranks", "By mean accuracy over severities; Kendall's tau with the clean order.", _rank_table(analyses))
         )
     if len(varied := seeds(analyses)):
         shown = varied.assign(**{c: varied[c].map(percent) for c in ("accuracy", "sd", "lowest", "highest")})
         shown["changed"] = [f"{r.changed} of {r.captures} ({percent(r.share_changed)} %)" for r in varied.itertuples()]
-        found.append(("Seeds", "", shown[["system", "seeds", "accuracy", "sd", "lowest", "highest", "changed"]]))
+        parts.append(("Seeds", "", shown[["system", "seeds", "accuracy", "sd", "lowest", "highest", "changed"]]))
     if any(len(a.learning) > 1 for a in analyses):
-        found.append(("Fewer training subjects", "", _learning_table(analyses)))
-    return found
-
-
-def percent(share: float) -> str:
-    """A share in percent with one decimal."""
-    return "-" if pd.isna(share) else f"{100 * share:.1f}"
+        parts.append(("Fewer training subjects", "", _learning_table(analyses)))
+    return parts
 
 
 def _clean_table(analyses: list[Analysis]) -> pd.DataFrame:
     rows = []
     for a in analyses:
         low, high = scores.subject_interval(a.units)
-        row = {"method": a.method, "captures": str(len(a.units)), "accuracy [95 %]": percent(a.clean)}
-        if np.isfinite(low):
-            row["accuracy [95 %]"] += f" [{percent(low)}, {percent(high)}]"
+        accuracy = bounded(100 * a.clean, 100 * low, 100 * high)
+        row = {"method": a.method, "captures": str(len(a.units)), "accuracy [95 %]": accuracy}
         for factor, part in a.conditions.groupby("factor", sort=False):
             worst = part.loc[part["accuracy"].idxmin()]
             row[f"worst {factor}"] = f"{worst['value']}: {percent(worst['accuracy'])}"
@@ -169,14 +155,14 @@ def _half_table(analyses: list[Analysis]) -> pd.DataFrame:
     return text.assign(**{"severities 1 to 5": amounts}).rename_axis("fault").reset_index()
 
 
-def _about_tests(found: pd.DataFrame, mask: pd.Series) -> str:
+def _tests_words(slices: pd.DataFrame, mask: pd.Series) -> str:
     """How many slices were tested and failed, and what the number of subjects cannot show."""
-    tested, failing = found[mask & found["tested"]], found[mask & found["failing"]]
+    tested, failing = slices[mask & slices["tested"]], slices[mask & slices["failing"]]
     words = [
         f"{len(failing)} of {len(tested)} tested slices are below the method's own accuracy (Benjamini-Hochberg, "
         f"corrected p <= {ALPHA})."
     ]
-    if untested := int((mask & ~found["tested"]).sum()):
+    if untested := int((mask & ~slices["tested"]).sum()):
         words.append(f"{untested} more have too few captures or subjects to be significant, however low they are.")
     several = tested[tested["subjects"] > 1]
     if len(several):
@@ -190,27 +176,27 @@ def _about_tests(found: pd.DataFrame, mask: pd.Series) -> str:
     return " ".join(words)
 
 
-def _as_such(found: pd.DataFrame) -> pd.Series:
+def _as_such(slices: pd.DataFrame) -> pd.Series:
     """Slices under a fault that fails at that severity with all captures together, and those faults themselves."""
-    whole = found["kind"] == "fault"
-    failing = found[whole & found["failing"]]
-    return whole | pd.MultiIndex.from_frame(found[["fault", "severity"]]).isin(
+    alone = slices["kind"] == "fault"
+    failing = slices[alone & slices["failing"]]
+    return alone | pd.MultiIndex.from_frame(slices[["fault", "severity"]]).isin(
         pd.MultiIndex.from_frame(failing[["fault", "severity"]])
     )
 
 
-def _before(found: pd.DataFrame) -> pd.Series:
+def _before(slices: pd.DataFrame) -> pd.Series:
     """Slices under a fault that fail without it."""
-    failing = set(found.loc[found["failing"] & (found["fault"] == ""), "slice"])
-    return (found["fault"] != "") & _bare(found).isin(failing)
+    failing = set(slices.loc[slices["failing"] & (slices["fault"] == ""), "slice"])
+    return (slices["fault"] != "") & _bare(slices).isin(failing)
 
 
-def _bare(found: pd.DataFrame) -> pd.Series:
+def _bare(slices: pd.DataFrame) -> pd.Series:
     """Names of slices without the fault."""
-    words = found[["slice", "fault", "amount"]].to_numpy()
+    words = slices[["slice", "fault", "amount"]].to_numpy()
     return pd.Series(
         [name.removesuffix(f"{fault} {amount}").removesuffix(", ") for name, fault, amount in words],
-        found.index,
+        slices.index,
         dtype=object,
     )
 
@@ -241,14 +227,14 @@ def _slice_table(a: Analysis, mask: pd.Series) -> pd.DataFrame:
 def _rank_table(analyses: list[Analysis]) -> pd.DataFrame:
     table = ranks(analyses)
     text = table.drop(columns=["fault", "kendall_tau"]).map(lambda v: "-" if pd.isna(v) else f"{v:g}")
-    tau = table["kendall_tau"].map(lambda v: "-" if pd.isna(v) else f"{v:.2f}")
-    return pd.concat([table["fault"].replace(CLEAN, "clean"), text, tau.rename("Kendall's tau")], axis=1)
+    text.insert(0, "fault", table["fault"].replace(CLEAN, "clean"))
+    return text.assign(**{"Kendall's tau": [number(v, 2) for v in table["kendall_tau"]]})
 
 
 def _learning_table(analyses: list[Analysis]) -> pd.DataFrame:
     shown = {
         a.method: {
-            f"{r.train_subjects:g}": f"{percent(r.accuracy)} [{percent(r.low)}, {percent(r.high)}]"
+            f"{r.train_subjects:g}": bounded(100 * r.accuracy, 100 * r.low, 100 * r.high)
             for r in a.learning.itertuples()
         }
         for a in analyses

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from bench.errors import InputError
-from bench.outcomes.comparable import comparable, context_of, method_of
+from bench.outcomes.comparable import Row, comparable, context_of, method_of
 from bench.outcomes.store import Store
-from reports.figures import MARKERS
+from reports.figures import DASHES, MARKERS, bars, log_ticks
 from reports.spreadsheet import write_sheet
 
-DASHES = ("-", "--", "-.", ":")
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature
-TOLD = ("data", "synthetic", "subset", "target", "protocol_label", "start")  # of a run, in its tables
+CONTEXT = ("system", "data", "synthetic", "subset", "target", "protocol_label", "start")  # of a run, in its tables
+LEFT_LABEL = "ms of touch seen; a capture that has ended keeps its label"
+RIGHT_LABEL = "mean ms of touch seen before the label"
 
 
 def write_streaming(store: Store, run_ids: list[str], folder: Path) -> list[Path]:
@@ -31,15 +35,19 @@ def write_streaming(store: Store, run_ids: list[str], folder: Path) -> list[Path
     Raises:
         InputError: the folder cannot be written.
     """
-    rows = [stream_of(store, run_id) for run_id in run_ids]
+    runs = [store.run(run_id) for run_id in run_ids]
+    rows = [
+        stream_of(store, run.data.params | run.data.tags | run.data.metrics | {"run_id": run.info.run_id})
+        for run in runs
+    ]
     if not rows:
         return []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         paths = []
         for name, table in (("streaming", "instants"), ("stopping", "stopping")):
-            about = [{k: row[k] for k in ("system", *TOLD)} for row in rows]
-            parts = [row[table].assign(**a)[[*a, *row[table]]] for row, a in zip(rows, about, strict=True)]
+            contexts = [{k: row[k] for k in CONTEXT} for row in rows]
+            parts = [row[table].assign(**c)[[*c, *row[table]]] for row, c in zip(rows, contexts, strict=True)]
             paths.append(folder / f"{name}.csv")
             write_sheet(pd.concat(parts, ignore_index=True), paths[-1])
         return paths + figure(rows, folder)
@@ -47,18 +55,15 @@ def write_streaming(store: Store, run_ids: list[str], folder: Path) -> list[Path
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
 
 
-def stream_of(store: Store, run_id: str) -> dict[str, object]:
-    """Tags of a run, its tables ``instants`` and ``stopping``, and the learned point ``adaptive``."""
-    run = store.run(run_id)
-    tables = {n: pd.read_csv(store.fetched(run_id, f"{n}.csv")) for n in ("instants", "stopping")}
-    metrics = run.data.metrics
-    point = {"mean_ms": metrics["adaptive_ms"]}
-    point |= {k: metrics.get(f"adaptive_{k}", float("nan")) for k in ("accuracy", "low", "high")}
-    about = run.data.tags | {"corpus_digest": run.data.params["corpus_digest"]}
-    return about | {"start": run.data.params["stream.start"], "adaptive": point} | tables
+def stream_of(store: Store, run: Row) -> dict[str, Any]:
+    """A run with its tables ``instants`` and ``stopping``, and the learned point ``adaptive``."""
+    tables = {n: pd.read_csv(store.fetched(run["run_id"], f"{n}.csv")) for n in ("instants", "stopping")}
+    point = {"mean_ms": run["adaptive_ms"]}
+    point |= {k: run.get(f"adaptive_{k}", np.nan) for k in ("accuracy", "low", "high")}
+    return {**run, "start": run["stream.start"], "adaptive": point, **tables}
 
 
-def figure(rows: list[dict[str, object]], folder: Path) -> list[Path]:
+def figure(rows: list[dict[str, Any]], folder: Path) -> list[Path]:
     """Write what `draw` draws as ``streaming.png`` and ``.svg``."""
     fig = draw(rows)
     paths = [folder / "streaming.png", folder / "streaming.svg"]
@@ -67,7 +72,7 @@ def figure(rows: list[dict[str, object]], folder: Path) -> list[Path]:
     return paths
 
 
-def draw(rows: list[dict[str, object]]) -> object:
+def draw(rows: list[dict[str, Any]]) -> Figure:
     """Accuracy against time seen, and fixed windows beside adaptive stopping; a row of panels for each comparable set.
 
     Left, the shade behind a line is the bootstrap interval over subjects. Systems differ by marker and dashes, not only
@@ -77,70 +82,59 @@ def draw(rows: list[dict[str, object]]) -> object:
     Args:
         rows: as `stream_of` gives them.
     """
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Rectangle
-    from matplotlib.ticker import LogLocator, NullFormatter
 
     groups: dict[tuple, list[dict]] = {}
     for row in rows:
         groups.setdefault((*comparable(row), row["start"]), []).append(row)
     systems = list(dict.fromkeys(method_of(row) for row in rows))
-    names = len(systems) + 3
-    fig = Figure(figsize=(11, 4.4 * len(groups) + 0.22 * names), layout="constrained")
+    fig = Figure(figsize=(11, 4.4 * len(groups) + 0.22 * (len(systems) + 3)), layout="constrained")
     axes = fig.subplots(len(groups), 2, squeeze=False, sharey="row")
-    for (seen, mean), (group, members) in zip(axes, groups.items(), strict=True):
+    looks = {
+        system: {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "linestyle": DASHES[i % len(DASHES)]}
+        for i, system in enumerate(systems)
+    }
+    for (seen, mean), members in zip(axes, groups.values(), strict=True):
         low, high = (1000 / rate for rate in PUBLISHED_PER_SECOND[::-1])
         seen.axvspan(low, high, color="0.85", zorder=0)
         for row in members:
-            kind = systems.index(method_of(row))
-            look = {"color": f"C{kind % 10}", "marker": MARKERS[kind % len(MARKERS)], "markersize": 5}
-            fixed, stopping, point = row["instants"], row["stopping"].sort_values("mean_ms"), row["adaptive"]
-            seen.plot(fixed["ms"], 100 * fixed["accuracy"], DASHES[kind % len(DASHES)], **look)
-            seen.fill_between(fixed["ms"], 100 * fixed["low"], 100 * fixed["high"], alpha=0.12, color=look["color"])
-            mean.plot(fixed["mean_ms"], 100 * fixed["accuracy"], "-", **look)
-            mean.plot(
-                stopping["mean_ms"], 100 * stopping["accuracy"], "--", **look, markerfacecolor="white", linewidth=1
-            )
-            accuracy = 100 * point["accuracy"]
-            bars = [[max(accuracy - 100 * point["low"], 0)], [max(100 * point["high"] - accuracy, 0)]]
-            mean.errorbar(
-                point["mean_ms"],
-                accuracy,
-                yerr=None if point["low"] != point["low"] else bars,
-                fmt="*",
-                markersize=15,
-                color=look["color"],
-                markeredgecolor="black",
-                capsize=3,
-                zorder=5,
-            )
+            _lines(seen, mean, row, looks[method_of(row)] | {"markersize": 5})
         data, subset, protocol = context_of(members[0])
-        begin = "from the onset" if group[-1] == "onset" else "from the middle of the capture"
+        begin = "from the onset" if members[0]["start"] == "onset" else "from the middle of the capture"
         seen.set_title(f"{data}, {subset}\n{protocol}", fontsize=9)
         mean.set_title(f"{begin}\nfixed windows and adaptive stopping", fontsize=9)
-        seen.set_xlabel("ms of touch seen; a capture that has ended keeps its label")
-        mean.set_xlabel("mean ms of touch seen before the label")
-        seen.set_ylabel("captures labelled correctly, %")
+        seen.set(xlabel=LEFT_LABEL, ylabel="captures labelled correctly, %")
+        mean.set(xlabel=RIGHT_LABEL)
         for ax in (seen, mean):
             ax.set_xscale("log")
-            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            ax.xaxis.set_major_formatter("{x:g}")
-            ax.xaxis.set_minor_formatter(NullFormatter())
+            log_ticks(ax.xaxis)
             ax.grid(alpha=0.3)
     handles = [
-        Line2D([], [], color=f"C{i % 10}", marker=MARKERS[i % len(MARKERS)], linestyle=DASHES[i % len(DASHES)])
-        for i in range(len(systems))
-    ]
-    handles += [
+        *(Line2D([], [], **look) for look in looks.values()),
         Rectangle((0, 0), 1, 1, color="0.85"),
         Line2D([], [], color="0.3", marker="o", markerfacecolor="white", linestyle="--", linewidth=1),
         Line2D([], [], color="0.3", marker="*", markersize=13, markeredgecolor="black", linestyle=""),
     ]
-    told = [
+    labels = [
+        *systems,
         "left: one decision at published rates, {} to {} a second".format(*PUBLISHED_PER_SECOND),
         "right: adaptive stopping, one point a threshold (line: fixed windows)",
         "right: stopped at the threshold learned on training subjects",
     ]
-    fig.legend(handles, systems + told, loc="outside lower left", fontsize=8, frameon=False, handlelength=4)
+    fig.legend(handles, labels, loc="outside lower left", fontsize=8, frameon=False, handlelength=4)
     return fig
+
+
+def _lines(seen: Any, mean: Any, row: dict[str, Any], look: dict[str, Any]) -> None:
+    """One system in both panels."""
+    fixed, stopping, point = row["instants"], row["stopping"].sort_values("mean_ms"), row["adaptive"]
+    seen.plot(fixed["ms"], 100 * fixed["accuracy"], **look)
+    seen.fill_between(fixed["ms"], 100 * fixed["low"], 100 * fixed["high"], alpha=0.12, color=look["color"])
+    mean.plot(fixed["mean_ms"], 100 * fixed["accuracy"], **look | {"linestyle": "-"})
+    dashed = look | {"linestyle": "--", "markerfacecolor": "white", "linewidth": 1}
+    mean.plot(stopping["mean_ms"], 100 * stopping["accuracy"], **dashed)
+    accuracy, low, high = (100 * np.array([point[k]]) for k in ("accuracy", "low", "high"))
+    star = {"fmt": "*", "markersize": 15, "color": look["color"], "markeredgecolor": "black", "zorder": 5}
+    ends = None if np.isnan(low[0]) else bars(accuracy, low, high)
+    mean.errorbar(point["mean_ms"], accuracy, yerr=ends, capsize=3, **star)

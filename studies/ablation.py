@@ -103,7 +103,7 @@ def drawn(table: pd.DataFrame, out: Path) -> None:
         axis.spines[["top", "right"]].set_visible(False)
     context = ", ".join(table.loc[0, ["data", "protocol"]])
     caption = f"{context}: what every addition does to accuracy, early labels, faults and size"
-    save(figure, out, "ablation", "ablation", context, caption)
+    save(figure, out, "ablation", context, caption)
 
 
 def main(words: list[str]) -> pd.DataFrame:

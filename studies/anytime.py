@@ -31,7 +31,7 @@ def drawn(table: pd.DataFrame, out: Path) -> None:
         axis.set_xlabel("seconds of search")
     context = ", ".join(table.loc[0, ["data", "subset", "target", "protocol"]])
     caption = f"{context}: band: 95 % interval over subjects; flash of the largest system of all folds"
-    save(figure, out, "anytime", "anytime", context, caption)
+    save(figure, out, "anytime", context, caption)
 
 
 def main(words: list[str]) -> pd.DataFrame:

@@ -104,7 +104,7 @@ def drawn(curves: dict[str, pd.DataFrame], context: str, out: Path) -> None:
         axis.spines[["top", "right"]].set_visible(False)
     axes[0][1].legend(loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False)
     caption = f"{context}: training subjects in groups, each left out once; dots mark the epoch to choose."
-    save(figure, out, "epochs", "epochs", context, caption)
+    save(figure, out, "epochs", context, caption)
 
 
 def main(words: list[str]) -> pd.DataFrame:

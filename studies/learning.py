@@ -131,7 +131,7 @@ def compared(points: pd.DataFrame, labels: pd.DataFrame, context: str, until: in
     axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False)
     axis.spines[["top", "right"]].set_visible(False)
     caption = f"{context}: accuracy against training subjects; the law a + b n^-c with its 95 % interval over subjects."
-    save(figure, out, "learning", "learning", context, caption)
+    save(figure, out, "learning", context, caption)
     return pd.DataFrame(rows)
 
 

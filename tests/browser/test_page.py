@@ -11,8 +11,7 @@ import pytest
 
 from bench.outcomes.store import connect
 from reports.page import write_report
-from tests.reports.store import made_up, tracked_run
-from tests.reports.test_behaviour import other_run, stressed
+from tests.reports.store import made_up, stressed, tracked_run
 
 pytestmark = pytest.mark.live
 PACKAGES = Path(__file__).parents[2] / "build" / "browser"  # npm install --prefix build/browser, as in .ci/run
@@ -49,7 +48,7 @@ def folder(tmp_path_factory):
             tracked_run(store, "ta2015_rf", made_up(3), protocol="challenge", protocol_label="challenge", **HAART)
             tracked_run(store, "svm · jung54", made_up(6))
             for system, lost in (("svm", 0.1), ("rf", 0.2)):
-                other_run(store, "stress", system, stressed(0.7, {"noise": lost, "shift": 0.05}), at=1)
+                stressed(store, system, 0.7, {"noise": lost, "shift": 0.05})
             write_report(store, Path("report"), {"flash": 100.0, "predict": 2.0})
     finally:
         os.chdir(before)

@@ -104,3 +104,33 @@ def tracked_run(store, system, predictions, failed=0, history=(), cost=1.0, **ab
         store.end(child, "FINISHED")
     store.end(run, "FAILED" if failed else "FINISHED")
     return run
+
+
+def other_run(store, kind, system, metrics, params=(), status="FINISHED", **tags):
+    """Store a run of ``bench stress`` or ``bench stream``: its tags, parameters and metrics alone."""
+    about = {"touchbench.depends_on_batch": "false", "data": "haart", "synthetic": "false", "subset": "all"}
+    about |= {"target": "gesture", "protocol": "loso", "protocol_label": "LOSO (10 subjects)", "seed": "0"}
+    run = store.create(system, about | {"touchbench.kind": kind, "system": system} | tags)
+    store.log(run, metrics, {"corpus_digest": "d"} | dict(params))
+    store.end(run, status)
+    return run
+
+
+def stressed(store, system, accuracy, losses, more=(), **about):
+    """A stress run with losses by fault."""
+    metrics = {"accuracy": accuracy, "failing_slices": 3, "tested_slices": 40, "worst.subject": accuracy / 2}
+    metrics |= {f"loss.{fault}": loss for fault, loss in losses.items()} | dict(more)
+    return other_run(store, "stress", system, metrics, {"faults": ",".join(losses)}, **about)
+
+
+def streamed(store, system, start="onset", hop="None", **metrics):
+    """A stream run with its tables."""
+    metrics = {"accuracy": 0.7, "adaptive_accuracy": 0.65, "adaptive_ms": 812.0, "mean_ms": 900.0} | metrics
+    metrics |= {"decide_ms_p50": 1.04, "decide_ms_p95": 2.0}
+    run = other_run(store, "stream", system, metrics, {"stream.start": start, "stream.hop_ms": hop})
+    table = pd.DataFrame({"ms": [100.0, 900], "mean_ms": [100.0, 900], "accuracy": [0.4, 0.7], "low": 0.3, "high": 0.8})
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("instants", "stopping"):
+            table.to_csv(Path(folder) / f"{name}.csv", index=False)
+        store.keep(run, Path(folder))
+    return run

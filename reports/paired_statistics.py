@@ -1,0 +1,72 @@
+"""Systems beside each other, subject by subject: tables of paired tests and a strip plot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from bench.outcomes import statistics
+from reports.figures import LINE, new_figure, plain, width_of
+from reports.numbers import bounded, number, p_value, span
+
+
+def shown_statistics(rows: pd.DataFrame) -> pd.DataFrame:
+    """`bench.outcomes.statistics.against_best` as text."""
+    frame = {
+        "system": rows["system"],
+        "mean over subjects %": rows["accuracy"].map(number),
+        "difference": [bounded(r.difference, r.low, r.high, sign=True) for r in rows.itertuples()],
+        "corrected": [span(r.nb_low, r.nb_high) for r in rows.itertuples()],
+        "p corrected": rows["nb_p"].map(p_value),
+        "p Wilcoxon": rows["p"].map(p_value),
+        "p Holm": rows["p_holm"].map(p_value),
+        "dz": [bounded(r.dz, r.dz_low, r.dz_high, digits=2, sign=True) for r in rows.itertuples()],
+        "r": [number(v, 2, sign=True) for v in rows["rank_biserial"]],
+    }
+    if "seeds" in rows:
+        frame["seeds"] = [number(v, 0) for v in rows["seeds"]]
+    return pd.DataFrame(frame)
+
+
+def matrix(systems: list[str], pairs: pd.DataFrame) -> pd.DataFrame:
+    """Every pair of systems: the difference above the diagonal, the corrected p below it.
+
+    Args:
+        systems: best first.
+        pairs: `bench.outcomes.statistics.pairs` of them.
+    """
+    position = {name: i for i, name in enumerate(systems)}
+    cells = np.full((len(systems), len(systems)), "\N{MIDDLE DOT}", dtype=object)
+    for row in pairs.itertuples():
+        i, j = position[row.system], position[row.other]
+        cells[i, j], cells[j, i] = number(row.difference, sign=True), p_value(row.p_holm)
+    frame = pd.DataFrame(cells, columns=[str(i) for i in range(1, len(systems) + 1)])
+    frame.insert(0, "system", [f"{i} {name}" for i, name in enumerate(systems, 1)])
+    return frame
+
+
+def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
+    """A mark for the accuracy of each subject, with the mean and its t-interval; and the caption.
+
+    Args:
+        subjects: accuracy in percent [systems, subjects], best first; `statistics.RANKED` of them are drawn.
+        group: captures and protocol, in words.
+    """
+    kept = subjects.iloc[: statistics.RANKED]
+    margins = (width_of(kept.index) + 0.25, 0.15, 0.5, 0.35)
+    figure, axes = new_figure((9.5, LINE * 1.5 * len(kept) + 0.85), margins=margins, title=group)
+    ax = axes[0, 0]
+    values, rows = kept.to_numpy(dtype=float), np.arange(len(kept))
+    ax.plot(values.ravel(), rows.repeat(values.shape[1]), "|", color="0.35", markersize=8, markeredgewidth=1)
+    low, high = np.array([statistics.interval(v) for v in values]).T.clip(0, 100)
+    ax.hlines(rows, low, high, color="tab:blue", linewidth=3, alpha=0.35, zorder=1)
+    ax.plot(values.mean(axis=1), rows, "o", color="tab:blue", markersize=5)
+    ax.set_yticks(rows, plain(kept.index))
+    ax.set(ylim=(len(kept) - 0.4, -0.6), xlabel="captures of the subject labelled correctly, %")
+    ax.grid(axis="x", alpha=0.25)
+    left = len(subjects) - len(kept)
+    return figure, (
+        f"Each tick is one of {subjects.shape[1]} subjects, the dot their mean, the bar its 95 % t-interval. Seeds are "
+        "averaged." + (f" {left} systems of lower accuracy are left out." if left else "")
+    )

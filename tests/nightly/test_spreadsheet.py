@@ -1,0 +1,62 @@
+"""No file that a command writes for people holds a formula, whatever the names of a corpus."""
+
+import csv
+import re
+
+import pandas as pd
+import pytest
+
+from bench.cli import main
+
+pytestmark = pytest.mark.nightly
+EVIL = "=HYPERLINK(1)"
+
+
+def test_names_of_a_corpus_are_no_formulas_in_what_people_open(tmp_path, capsys):
+    rows = [
+        (s, g, r, f, r * 3 + f + 40 * (g != "tap"))
+        for s in (EVIL, "@b", "-c")
+        for g in ("tap", EVIL)
+        for r in (0, 1)
+        for f in range(3)
+    ]
+    pd.DataFrame(rows, columns=["subject", "gesture", "repetition", "frame", "ch1"]).to_csv("evil.csv", index=False)
+    assert main("data import table evil.csv name=evil grid=1x1 rate_hz=10 full_scale=255".split()) == 0
+    system = ["data=evil", "model=bayes", "features=jung28"]
+    for line in (
+        "run",
+        "report",
+        "stress faults=noise",
+        "stream out=streamed",
+        "fit out=saved",
+        "predict saved evil.csv out=labels.csv",
+    ):
+        name, *more = line.split()
+        assert main([name, *([] if name in ("report", "predict") else system), *more]) == 0
+    seen = [
+        *tmp_path.glob("report/*.csv"),
+        *tmp_path.glob("stress/*.csv"),
+        *tmp_path.glob("streamed/*.csv"),
+        tmp_path / "labels.csv",
+    ]
+    texts = {}
+    for path in seen:
+        with path.open(newline="", encoding="utf-8") as f:
+            texts[path] = [cell for each in csv.reader(f) for cell in each]
+        assert not [c for c in texts[path] if re.match(r"[=@\t\r]|[+-][a-zA-Z]", c)], path
+    assert len(seen) > 10 and any(f"'{EVIL}" in cells for cells in texts.values())
+    assert main(["extract", "data=evil", "features=jung28", "out=features.csv"]) == 0  # for programs: as it is
+    assert set(pd.read_csv("features.csv")["gesture"]) == {"tap", EVIL}
+
+
+def test_a_path_that_looks_like_an_option_can_be_labelled(capsys):
+    table = pd.DataFrame({"subject": [1, 1, 2, 2] * 3, "gesture": ["a", "b"] * 6, "frame": 0, "ch1": range(12)})
+    table["repetition"] = table.index // 4
+    table.to_csv("t.csv", index=False)
+    assert main("data import table t.csv name=t grid=1x1 rate_hz=10 full_scale=255".split()) == 0
+    assert main("fit data=t model=bayes features=jung28 out=saved".split()) == 0
+    capsys.readouterr()
+    for name in ("subject=3.csv", "out=3.csv"):
+        table.to_csv(name, index=False)
+        assert main(["predict", "saved", name]) == 0 and len(capsys.readouterr().out.splitlines()) == 13
+    assert main(["predict", "saved", "out=4.csv"]) == 2

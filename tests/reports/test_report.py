@@ -1,0 +1,340 @@
+"""The report as a whole: golden tables of one store that holds what real ones hold, and what the page must not do."""
+
+import os
+import re
+import shutil
+import socket
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.cli import main
+from bench.errors import InputError
+from bench.leaderboard.tasks import HAART
+from bench.outcomes.comparable import BATCH, CONDITIONS, MARK
+from bench.outcomes.runs import by_subject, independent, tracked, with_groups
+from bench.outcomes.store import connect
+from reports import candidates, page
+from reports.comparison import comparison, published
+from reports.layout import Table, markdown, md_escape
+from reports.layout import page as html
+from tests.reports.store import made_up, streamed, stressed, tracked_run, with_hits
+
+GOLDEN = Path(__file__).parent / "golden"  # TOUCHBENCH_GOLDEN=write writes it anew: read the difference
+HOSTILE = 'svm[x=<script>alert(1)</script>|"&*_] · `a`'
+ON_HAART = {"data": "haart", "synthetic": "false"}
+LOSO = ON_HAART | {"corpus_digest": HAART, "protocol_label": "LOSO (10 subjects)"}
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Figures are made, but what is drawn is nothing: most of the time would go there."""
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
+
+
+def typed(system):
+    return {"touchbench.command": "run", "touchbench.arguments": f'{{"data": "haart", "model": "{system}"}}'}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, empty_store):
+    """The report on a store with references, seeds, windows, marks, few subjects, failed folds and hostile names."""
+    place = tmp_path_factory.mktemp("report")
+    shutil.copy(empty_store, place / "mlflow.db")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        patch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{place / 'mlflow.db'}")
+        patch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
+        store = connect()
+        for i, system in enumerate(("mine · touch", "svm · jung54", "hughes2017_cnn")):
+            table = made_up(10, skill=0.4 + 0.2 * i, seed=i, windows=1 + 2 * (i == 2))
+            tracked_run(store, system, table, cost=3.0**i, **LOSO, **typed(system))
+        tracked_run(store, "svm · jung54", made_up(10, seed=9), seed=1, **LOSO)
+        tracked_run(store, "batchy", with_hits([19] * 10), **LOSO, **{BATCH: "true"})
+        tracked_run(store, "told", with_hits([10] * 10), **LOSO, **{CONDITIONS: "substrate,cover"})
+        challenge = ON_HAART | {"protocol": "challenge", "protocol_label": "challenge"}
+        tracked_run(store, "ta2015_rf", made_up(3), **challenge)
+        tracked_run(store, "ta2015_rf[trees=9]", made_up(3, seed=1), official_split="false", **challenge)
+        tracked_run(store, "gaus2015_rf", made_up(8), failed=2, **challenge)
+        tracked_run(store, HOSTILE, made_up(7), subset="variant == 'rough'")
+        stressed(store, "svm", 0.6, {"noise": 0.1, "shift": 0.234}, {"half_margin.shift": 2.25})
+        streamed(store, "svm", accuracy_at_500_ms=0.5)
+        page.write_report(store, Path("report"), {"flash": 50.0})
+    return place / "report"
+
+
+def check_golden(name, text):
+    if os.environ.get("TOUCHBENCH_GOLDEN") == "write":
+        GOLDEN.mkdir(exist_ok=True)
+        (GOLDEN / name).write_text(text)
+    assert text == (GOLDEN / name).read_text()
+
+
+def test_tables_of_markdown_and_latex_are_golden(folder):
+    ids = dict.fromkeys(re.findall(r"\b[0-9a-f]{32}\b", (folder / "provenance.csv").read_text()), "ID")
+    tables = "\n".join(re.findall(r"(?:^\|.*\n)+", (folder / "comparison.md").read_text(), re.M))
+    check_golden("tables.md", re.sub(r"\b[0-9a-f]{32}\b", lambda m: ids.get(m[0], m[0]), tables))
+    tables = re.findall(r"\\begin\{tabular\}.*?\\end\{tabular\}", (folder / "comparison.tex").read_text(), re.DOTALL)
+    check_golden("tables.tex", "\n".join(tables) + "\n")
+
+
+@pytest.mark.parametrize("name", ["comparison", "published", "statistics", "pairs", "recomputed"])
+def test_csv_files_are_golden(folder, name):
+    table = pd.read_csv(folder / f"{name}.csv").drop(columns="run_id", errors="ignore")
+    if os.environ.get("TOUCHBENCH_GOLDEN") == "write":
+        GOLDEN.mkdir(exist_ok=True)
+        table.to_csv(GOLDEN / f"{name}.csv", index=False, float_format="%.10g")
+    pd.testing.assert_frame_equal(table, pd.read_csv(GOLDEN / f"{name}.csv"), rtol=1e-8, check_dtype=False)
+
+
+class Parsed(HTMLParser):
+    """What a page would fetch, its text, and tags that are never closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.loaded, self.scripts, self.open, self.words, self.ids = [], 0, [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        found = dict(attributes)
+        self.scripts += tag == "script"
+        self.ids += [found["id"]] if "id" in found else []
+        self.loaded += [found[k] for k in ("src", "srcset", "data", "poster", "action") if k in found]
+        self.loaded += [found[k] for k in ("href", "xlink:href") if k in found and found[k][0] != "#"]
+        if tag not in ("meta", "br", "img", "input"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        self.handle_endtag(tag)
+
+    def handle_endtag(self, tag):
+        if tag in self.open:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_the_page_loads_nothing_is_whole_and_names_are_text(folder):
+    text = (folder / "index.html").read_text(encoding="utf-8")
+    parsed = Parsed(text)
+    assert not parsed.open and not parsed.loaded and len(set(parsed.ids)) == len(parsed.ids)
+    assert "<script>alert" not in text and parsed.scripts == 2  # the data of the chart and the chart
+    assert {link for link in re.findall(r'href="#([^"]+)"', text)} <= set(parsed.ids)
+    assert "default-src 'none'" in text and "http" not in "".join(
+        re.findall(r"(?:src|href)\s*=\s*[\"']?([^\"'>]*)", text)
+    )
+    words = " ".join(" ".join(parsed.words).split())
+    assert HOSTILE in words
+    for row in published().itertuples():
+        assert " ".join(row.classifier.split()) in words and row.reference in words
+    for table in re.findall(r"(?:^\|.*\n)+", (folder / "comparison.md").read_text(), re.M):
+        assert len({len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}) == 1
+
+
+def test_every_part_of_the_page_is_there(folder):
+    text = (folder / "index.html").read_text(encoding="utf-8")
+    heads = [*re.findall(r'<h2 id="([^"]+)"', text)]
+    wanted = "verdict accuracy-and-cost runs in-a-sentence-each published-numbers early-decisions faults people "
+    wanted += "statistics gestures published-numbers-recomputed provenance"
+    assert heads == wanted.split() and text.index("<nav") > text.index(f'id="{heads[0]}"')
+    files = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+    kinds = {Path(f).stem.rsplit("-", 1)[1] for f in files if f.endswith(".svg")}
+    assert kinds == {"speed", "subjects", "gestures", "confusion", "calibration", "1"}
+    assert "0-stress-1" in str(files) and "0-stream-1" in str(files)
+    warnings = " ".join(re.findall(r'<p class="warning">(.*?)</p>', text, re.DOTALL))
+    for fact in ("(synthetic)", "gaus2015_rf", f"batchy {MARK}", "Fewer than 6", "verdicts rest"):
+        assert fact in warnings
+    hidden, shown = (
+        set(re.findall(rf'<tbody{c}>\s*<tr class="group"><th[^>]*><span>(CoST|HAART):', text))
+        for c in (' class="away"', "")
+    )
+    assert hidden == {"CoST"} and shown == {"HAART"} and 'type="checkbox"' in text
+    verdict = text[text.index('class="answer"') :].split("</div>")[0]
+    assert MARK not in verdict and "substrate, cover) (uses" not in text
+
+
+def test_batch_and_references_in_the_tables(folder):
+    rows = pd.read_csv(folder / "statistics.csv")
+    loso = rows[rows["group"].str.contains("LOSO")]
+    assert f"batchy {MARK}" not in set(loso["system"]) and "reflex (reference)" in set(loso["system"])
+    assert "svm · jung54 (reference)" not in set(loso["system"])  # the store has it itself
+    table = pd.read_csv(folder / "comparison.csv")
+    by_system = table[(table["unit"] == "capture") & (table["combined"] != "majority vote")].set_index("system")
+    expected = loso.set_index("system")["p_holm"]
+    assert by_system.loc["mine · touch", "p_holm"] == pytest.approx(expected["mine · touch"])
+    seeds = table.loc[table["system"] == "svm · jung54", "seed"].tolist()
+    assert seeds == sorted(seeds) and set(table["folds"].dropna()) >= {"8/10", "10/10"}
+
+
+def test_numbers_are_those_of_the_predictions(store):
+    tracked_run(store, "a", table := made_up(5, windows=3, seed=4), cost=2.0)
+    row = comparison(store, tracked(store), published()).set_index("combined").loc["mean probability"]
+    probabilities = table.groupby("capture")[["p_pat", "p_rub", "p_tap"]].mean()
+    hit = probabilities.idxmax(axis=1).str[2:] == table.groupby("capture")["true"].first()
+    assert row["accuracy"] == pytest.approx(100 * hit.mean()) and row["low"] <= row["accuracy"] <= row["high"]
+    people = hit.groupby(probabilities.index // 100).mean()
+    assert row[["subject_mean", "subject_sd"]].tolist() == pytest.approx([100 * people.mean(), 100 * people.std()])
+    assert (row["flash_bytes"], row["fit_seconds"], row["captures"], row["subjects"]) == (8000, 6, 60, 5)
+
+
+def test_pairs_by_hand(quick, store):
+    # All of seven subjects lose one capture of 20: p = 2 / 2 ** 7, times three pairs.
+    for i, name in enumerate("bcd"):
+        tracked_run(store, name, with_hits([17 - i] * 7))
+    page.write_report(store, Path("report"))
+    pairs = pd.read_csv("report/pairs.csv").set_index(["system", "other"])
+    assert [*pairs.index] == [("b", "c"), ("b", "d"), ("c", "d")]
+    assert pairs["difference"].tolist() == pytest.approx([5, 10, 5]) and pairs["gain"].tolist() == [7, 7, 7]
+    assert pairs.loc[("b", "c"), "p_holm"] == pytest.approx(6 / 2**7) and not pairs["lose"].any()
+    text = Path("report/index.html").read_text()
+    assert re.search(r"<td>\+5.0</td>\s*<td>\+10.0</td>", text) and "<td>0.047</td>" in text  # the matrix
+
+
+@pytest.mark.parametrize(
+    ("predictions", "failed"),
+    [
+        (made_up(1), 0),
+        (made_up(2, per_class=1, gestures=("only",)), 0),
+        (made_up(3, hard=True), 0),
+        (made_up(8, folds=4), 0),
+        (made_up(4), 1),
+    ],
+)
+def test_one_subject_one_class_labels_only_folds_of_several_and_no_complete_run(quick, store, predictions, failed):
+    for i in (0, 1):
+        tracked_run(store, f"s{i}", predictions, failed=failed, protocol_label="LOSO")
+    page.write_report(store, Path("report"))
+    text = Path("report/index.html").read_text()
+    assert not Parsed(text).open and ("no complete run" in text) == bool(failed)
+    hard = np.isin(predictions.filter(like="p_").to_numpy(), (0, 1)).all()
+    assert ("Labels only" in text) == bool(hard) and (
+        "calibration.png" in str([*Path("report/figures").iterdir()])
+    ) != (hard or failed)
+    rows = pd.read_csv("report/statistics.csv") if not failed else pd.DataFrame()
+    if predictions["fold"].nunique() < predictions["subject"].nunique():
+        assert np.isfinite(rows["nb_low"].iloc[1]) and rows["nb_p"].iloc[1] == 1
+
+
+def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypatch):
+    def files():
+        return {p: p.read_bytes() for p in Path("report").rglob("*") if p.is_file()}
+
+    tracked_run(store, "a", made_up(3))
+    Path("report/figures").mkdir(parents=True)
+    for name in ("9-old-speed.png", "mine.png"):
+        Path("report/figures", name).touch()
+    page.write_report(store, Path("report"))
+    assert {"9-old-speed.png", "mine.png"} & {p.name for p in files()} == {"mine.png"}
+    before = files()
+    tracked_run(store, "b", made_up(3, seed=1))
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(page, "latex", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
+        page.write_report(store, Path("report"))
+    assert files() == before
+    left = Path("report", f".{socket.gethostname()}-{2**22 + 1}-abc")  # of a process that was killed; no PID is so high
+    left.mkdir()
+    page.write_report(store, Path("report"))
+    assert files() != before and not left.exists()
+
+
+def test_nothing_tracked_and_nothing_written_are_one_line(quick, store, capsys):
+    with pytest.raises(InputError):
+        page.write_report(store, Path("report"))
+    tracked_run(store, "a", made_up(3))
+    Path("taken").touch()
+    with pytest.raises(InputError, match="taken"):
+        page.write_report(store, Path("taken"))
+    assert main(["report", "out=there"]) == 0 and "there/index.html" in capsys.readouterr().out
+
+
+def test_corpora_of_one_name_newer_runs_and_seeds(store):
+    whole = tracked_run(store, "a", made_up(3), corpus_digest="1" * 64)
+    tracked_run(store, "a", made_up(3), corpus_digest="1" * 64, failed=1)  # newer, and hides no complete one
+    for seed in (10, 9, 100):
+        tracked_run(store, "b", made_up(3), corpus_digest="2" * 64, seed=seed)
+    runs = with_groups(tracked(store))
+    assert {g.rpartition(" ")[2] for g in runs["group"]} == {"1" * 8, "2" * 8}
+    assert runs.loc[runs["system"] == "a", "run_id"].tolist() == [whole]
+    table = comparison(store, runs, published())
+    assert table.loc[table["system"] == "b", "seed"].tolist() == ["9", "10", "100"]
+
+
+def test_markup_in_names_is_text(tmp_path):
+    assert md_escape("a|b *c* [d](e) <f>\ng") == r"a\|b \*c\* \[d\](e) \<f\> g"
+    frame = pd.DataFrame({"<img src=x>": ["a", "b"], "a|b": ["<b>", "x|`y`"]})
+    values = {
+        "context": "<i>",
+        "sections": [("h", "", Table(frame, [["<u>"], []], code=("a|b",), groups=["g|", "g|"]))],
+    }
+    text = html("stability.jinja", "<title>", **values)
+    assert not re.search("<(i|b|u|img)[ >]", text) and "<code>&lt;b&gt;</code>" in text and "&lt;u&gt;" in text
+    lines = markdown("stability.jinja", **values).splitlines()
+    assert r"| on | \<img src=x\> | a\|b | notes |" in lines and r"| g\| | b | `` x\|`y` `` |  |" in lines
+
+
+def verdicts(store, budgets):
+    raw = tracked(store)
+    runs = with_groups(raw)
+    return candidates.considered(store, runs["group"].iloc[0], runs, budgets, {"cell": independent(raw)}), runs
+
+
+def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, capsys):
+    """Costs are 4, 40 and 400 kB; the last is far more accurate, so that only a budget makes another the choice."""
+    for i, system in enumerate(("svm", "rf", "ta2015_rf[trees=9]")):
+        about = {
+            "touchbench.command": "run",
+            "touchbench.arguments": f'{{"data": "synth", "protocol": "loso", "model": "{system}"}}',
+        }
+        tracked_run(store, system, made_up(8, skill=0.3 + 0.25 * i, seed=i), cost=10.0**i, **about)
+    for budget, system in (({}, "ta2015_rf[trees=9]"), ({"flash": 100.0}, "rf"), ({"flash": 10.0}, "svm")):
+        answer, runs = verdicts(store, budget)
+        assert answer.choice.table["system"][answer.choice.chosen] == system in answer.lines[0]
+        words = [f"max_flash={v:g}kB" for v in budget.values()]
+        assert answer.command == " ".join(["bench choose data=synth where=all target=gesture protocol=loso", *words])
+        assert main(answer.command.split()[1:]) == 0
+        printed = capsys.readouterr().out
+        assert all(line in printed for line in answer.lines)
+    answer, runs = verdicts(store, {"flash": 100.0})
+    data = candidates.chart_data([answer], dict(zip(runs["system"], runs["model_name"], strict=True)), published())
+    (group,) = data["groups"]
+    flash = [c.startswith("kB of flash") for c in data["costs"]].index(True)
+    assert [b for b in group["budgets"] if b] == [group["budgets"][flash]] == [100]
+    marks = {p["name"]: (p["chosen"], p["out"], p["kind"], p["x"][flash]) for p in group["points"]}
+    assert marks == {
+        "svm": (False, False, "other", 4.0),
+        "rf": (True, False, "other", 40.0),
+        "ta2015_rf[trees=9]": (False, True, "changed", 400.0),
+    }
+    people = by_subject(store, runs)[0].loc["rf"]
+    half = 2.364624 * people.std() / np.sqrt(8)  # Student's t, 7 degrees of freedom
+    y = next(p["y"] for p in group["points"] if p["name"] == "rf")
+    assert y == pytest.approx([people.mean(), max(people.mean() - half, 0), min(people.mean() + half, 100)], rel=1e-4)
+    tracked_run(store, "svm", made_up(8), corpus_digest="e" * 64)
+    assert verdicts(store, {})[0].command == ""  # its words would mean runs on another version of the corpus, too
+
+
+def test_one_system_is_no_choice_a_lost_table_is_told_and_the_chart_has_room(store):
+    run = tracked_run(store, "svm", made_up(8, windows=2))
+    answer, runs = verdicts(store, {})
+    assert "svm" in answer.lines[0] and "no other" in answer.lines[0]
+    store.path(run, runs["artifacts"].iloc[0], "predictions.parquet").unlink()
+    lost, _ = verdicts(store, {})
+    assert type(lost) is candidates.Answer and "predictions.parquet of svm" in lost.lines[0]
+
+
+def test_of_many_candidates_the_chart_keeps_the_best_and_those_on_a_front(store, monkeypatch):
+    monkeypatch.setattr(candidates, "MOST", 3)
+    for i in range(6):
+        tracked_run(store, f"s{i}", made_up(3, skill=0.9 - 0.15 * i, seed=i), cost=10.0 - i)
+    answer, runs = verdicts(store, {})
+    (group,) = candidates.chart_data([answer], dict.fromkeys(runs["system"], ""), published())["groups"]
+    table = answer.choice.table.sort_values("flash")
+    front = set(table[table["accuracy"] > table["accuracy"].cummax().shift(fill_value=-1)]["system"])
+    best = set(answer.choice.table.sort_values("accuracy").tail(3)["system"])
+    names = {p["name"] for p in group["points"]}
+    assert best | front <= names and group["left"] == 6 - len(names)

@@ -1,0 +1,168 @@
+"""What the page says in a sentence, and the curves behind it, against numbers that are known beforehand."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from bench.cli import main
+from bench.errors import InputError
+from bench.outcomes.runs import of_kinds, tracked
+from reports import new_person
+from reports.fault_curves import contexts, stream_sections, stress_sections
+from reports.new_person import WITHOUT, curve_of, curves_of, enough, new_person_sections
+from reports.run_groups import Group
+from reports.streaming import write_streaming
+from reports.summary import briefs, early, faults, people, shots, told_apart
+from tests.reports.store import made_up, streamed, stressed, tracked_run
+
+EVEN, ODD, BOTH = [70, 60] * 6, [60, 70] * 6, {"noise": 0.1, "shift": 0.234}
+
+
+def group(rows, mixed=False):
+    """Accuracies of systems by name, a number per subject."""
+    table = pd.DataFrame(rows, dtype=float).T
+    return Group(table.loc[table.mean(axis=1).sort_values(ascending=False, kind="stable").index], mixed)
+
+
+@pytest.mark.parametrize(
+    ("rows", "facts", "absent"),
+    [
+        # Twelve differences of one sign: p = 2 / 2 ** 12, Holm's correction doubles it. As many of either sign: p = 1.
+        (
+            {"rf": EVEN, "xgb": ODD, "svm": [50] * 12},
+            ["rf beats svm;", "xgb cannot be told apart from rf", "12 sub"],
+            [],
+        ),
+        ({"rf": [90] * 12, "xgb": ODD, "svm": EVEN}, ["rf beats xgb and svm"], ["apart"]),
+        ({"a": EVEN, "b": ODD}, ["b cannot be told apart from a"], ["beats"]),
+        ({"a": [60] * 10, "b": range(50, 60)}, ["a beats b"], ["apart"]),  # ten of one sign: p = 2 / 2 ** 10
+        ({"a": [1, 2]}, ["nothing to be compared"], ["beats"]),
+        ({"a": [1, 2, 3], "b": [3, 2, 1]}, ["3 subjects are too few", "2 systems"], ["beats"]),
+    ],
+)
+def test_who_beats_whom(rows, facts, absent):
+    words = told_apart(group(rows))
+    assert all(fact in words for fact in facts) and not any(word in words for word in absent)
+
+
+def test_mixed_subjects_people_and_topics():
+    assert "new person" in told_apart(group({"a": [60] * 10, "b": range(50, 60)}, mixed=True))
+    pair = {"here": group({"a": [60, 80], "b": [50, 50]})}
+    assert re.findall(r"\ba\b|\d+\.\d|subject \d", people(pair)) == ["a", "60.0", "subject 0", "80.0", "subject 1", "a"]
+    assert briefs({}, {}, {}, []) == [] and [topic for topic, _ in briefs({}, {}, pair, [])] == ["People", "Statistics"]
+
+
+def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lowest_seed(store, tmp_path):
+    stressed(store, "svm", 0.5, BOTH)
+    whole = stressed(store, "svm", 0.6, BOTH, {"half_margin.shift": 2.25})
+    stressed(store, "svm", 0.6, {"noise": 0.3})
+    stressed(store, "svm", 0.9, BOTH, status="FAILED")
+    stressed(store, "svm", 0.9, BOTH, seed="1")
+    forest = stressed(store, "rf", 0.7, {"noise": 0.05})
+    stressed(store, "rf", 0.7, BOTH, subset="cover == 'none'")
+    stressed(store, "rf", 0.7, BOTH, data="synth", synthetic="true")
+    named = contexts(of_kinds(store, ["stress"])["stress"])
+    (first, runs), *rest = named.items()
+    assert [r["run_id"] for r in runs] == [forest, whole] and first.endswith("only the lowest seed of each system")
+    assert ["cover" in name for name, _ in rest] == [True, False] and "(synthetic)" in rest[1][0]
+    _, picture, table = stress_sections(named, tmp_path)[0]
+    drawn = picture.paths[1].read_text()
+    assert all(f">{text}</text>" in drawn for text in ("23", "10", "5", "-", "svm (60 % clean)", "rf (70 % clean)"))
+    row = table.frame.set_index("method").loc["svm"]
+    assert row["half of the margin is lost at"] == "shift 2.2" and row["failing of tested slices"] == "3 of 40"
+    assert row["worst subject"] == "30.0" and table.frame["method"].tolist() == ["rf", "svm"]
+
+
+def test_who_loses_least_under_faults(store):
+    stressed(store, "svm", 0.8, {"noise": 0.3, "dead_taxels": 0.1})
+    stressed(store, "rf", 0.7, {"noise": 0.05, "dead_taxels": 0.15})
+    stressed(store, "tree", 0.9, {"noise": 0.01})  # met fewer faults: not comparable
+    words = faults(contexts(tracked(store, "stress")))
+    assert re.findall(r"rf|svm|tree|dead taxels|\d+\.\d", words) == ["rf", "10.0", "svm", "20.0", "dead taxels", "15.0"]
+    assert faults({}) == ""
+
+
+def test_early_decisions_by_start_and_hop(store, tmp_path):
+    for start, hop, system in (("onset", "None", "svm"), ("onset", "None", "rf"), ("middle", "125.0", "svm")):
+        streamed(store, system, start, hop, accuracy_at_500_ms=0.5, adaptive_accuracy=0.66 if system == "svm" else 0.6)
+    named = contexts(tracked(store, "stream"))
+    (first, picture, table), (second, *_) = stream_sections(store, named, tmp_path)
+    assert set(table.frame["method"]) == {"rf", "svm"} and picture.paths[0].exists() and "middle" not in first
+    assert "middle" in second and "125.0 ms" in second
+    row = table.frame.set_index("method").loc["svm"]
+    assert (row["250 ms"], row["500 ms"], row["adaptive"], row["after ms"]) == ("-", "50.0", "66.0", "812")
+    assert row["decision ms p50 / p95"] == "1.0 / 2.0"
+    words = early(named)
+    assert re.findall(r"svm|rf|\b\d+\.\d|\d+ ms", words) == ["svm", "70.0", "66.0", "812 ms"]
+    late = {"here": [run | {"adaptive_ms": 900.0} for run in next(iter(named.values()))]}
+    assert "66.0" not in early(late) and "saving" in early(late) and early({}) == ""
+
+
+def test_tables_and_figure_of_streams_are_rebuilt_from_the_store(store, tmp_path):
+    ids = [streamed(store, "=evil", start) for start in ("onset", "middle")]
+    paths = write_streaming(store, ids, tmp_path / "out")
+    assert [p.name for p in paths] == ["streaming.csv", "stopping.csv", "streaming.png", "streaming.svg"]
+    table = pd.read_csv(paths[0])
+    assert table["start"].tolist() == ["onset"] * 2 + ["middle"] * 2 and set(table["system"]) == {"'=evil"}
+    assert table["accuracy"].tolist() == [0.4, 0.7] * 2 and "from the middle" in paths[3].read_text()
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="out="):
+        write_streaming(store, ids, tmp_path / "file" / "x")
+    assert write_streaming(store, [], tmp_path / "none") == []
+
+
+def test_gains_of_shots_are_paired_and_who_loses_is_named(monkeypatch):
+    by_known = {"0": [80.0, 60.0, 70.0], "2": [90.0, 70.0, 65.0], WITHOUT: [82.0, 58.0, 70.0]}
+    shots_of = {"0": ("0", "False"), "2": ("2", "False"), WITHOUT: ("0", "True")}
+    rows = [{"protocol.shots": s, "protocol.unlabelled": u, "of": k, "seed": "0"} for k, (s, u) in shots_of.items()]
+    found = lambda store, row: dict(zip("abc", by_known[row["of"]], strict=True))  # noqa: E731
+    monkeypatch.setattr(new_person, "subject_accuracy", found)
+    long = curve_of(None, pd.DataFrame(rows))
+    curve = long.set_index("known")
+    assert curve.index.tolist() == ["0", WITHOUT, "2"] and curve["accuracy"].tolist() == pytest.approx([70, 70, 75])
+    gain = np.array([10.0, 10, -5])
+    low, high = stats.t.interval(0.95, 2, gain.mean(), stats.sem(gain))
+    assert curve.loc["2", ["gain", "gain_low", "gain_high"]].tolist() == pytest.approx([5, low, high])
+    assert curve.loc["2", "worse"] == "c (-5.0)" and curve.loc[WITHOUT, "worse"] == "b (-2.0)"
+    assert f"2 known captures of each class change the accuracy of s by +5.0 [{low:+.1f}, {high:+.1f}]" in shots(
+        [("here", {"s": long})]
+    )
+    assert shots([("here", {"s": long[long["known"] != "2"]})]) == ""
+
+
+def test_the_fewest_shots_that_are_enough():
+    table = pd.DataFrame({"0": [50.0, 60, 55], "1": [78.0, 82, 81], "3": [80.0, 82, 82], "5": [81.0, 82, 81]})
+    assert enough(table) == "3"  # to the best, 3 or 5 at 81.33: 1 loses 1 +- 0.58
+    assert enough(table.assign(**{"1": [81.0, 82, 81]})) == "1"
+
+
+def test_runs_of_a_new_person_become_curves_with_those_that_are_drawn_alike(store, tmp_path):
+    for shots_, unlabelled, draws in (
+        ("0", False, 5),
+        ("0", True, 5),
+        ("1", False, 2),
+        ("3", False, 2),
+        ("1", False, 5),
+    ):
+        about = {"protocol.shots": shots_, "protocol.unlabelled": unlabelled, "protocol.draws": draws}
+        about |= {"protocol.weight": 10, "protocol.seed": 0, "protocol.source": "", "protocol.classes": ""}
+        name = f"personal[{shots_}, {unlabelled}, {draws}]"
+        about |= {"protocol": name, "protocol_label": name}
+        tracked_run(store, "lda", made_up(3, skill=0.5 + 0.1 * int(shots_)), **about)
+    runs = tracked(store).assign(protocol_name="personal")
+    curves = curves_of(store, runs)
+    known = [by_system["lda"]["known"].tolist() for _, by_system in curves]
+    assert known == [["0", WITHOUT, "1", "3"], ["0", WITHOUT, "1"]]
+    assert curves_of(store, runs[:1]) == [] == curves_of(store, runs.assign(protocol_name="loso"))
+    _, picture, table = new_person_sections(curves, tmp_path)[0]
+    assert "Synthetic" in picture.caption and all(path.exists() for path in picture.paths)
+    assert table.frame["gain"][0] == "-" and table.frame["enough"][0] in ("0", "1", "3")
+
+
+@pytest.mark.parametrize("command", ["stress", "stream"])
+def test_commands_that_do_not_adapt_refuse_a_new_person(command, tmp_path, capsys):
+    words = f"{command} data=synth data.subjects=2 model=lda protocol=personal protocol.shots=1 out={tmp_path}"
+    assert main(words.split()) == 2 and "protocol=personal" in capsys.readouterr().err
