@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pandas as pd
 
+from bench.leaderboard.submissions import Submission
+from bench.leaderboard.tasks import TASKS, Task
 from bench.outcomes import scores
 from bench.outcomes.comparable import Row
 from bench.outcomes.runs import by_subject, independent, rows_of
 from bench.outcomes.store import Store
-from bench.outcomes.submissions import Submission
-from bench.plan.tasks import TASKS, Task
 from reports.leaderboard import reference
 
 REFERENCE = " (reference)"  # behind the name of such a system

@@ -14,7 +14,7 @@ from threading import Thread
 import pytest
 
 from bench.cli import main
-from bench.commands.help import COMMANDS
+from bench.options import COMMANDS
 from bench.outcomes.store import connect
 from tests.commands.test_server import free_port
 from tests.conftest import BENCH

@@ -64,7 +64,7 @@ def test_the_largest_seed_works(capsys):
         ["predict", "a" * 300, "x.csv"],
         ["data", "import", "cost", "a" * 300],
         ["check", f"baseline={'a' * 300}"],
-        ["gallery", f"out={'a' * 300}"],
+        ["report", f"out={'a' * 300}"],
         ["demo", f"out={'a' * 300}"],
         ["extract", "data=synth", "data.subjects=2", "features=jung28", f"out={'a' * 300}.csv"],
         ["fit", "data.subjects=2", "out=a\0b"],

@@ -11,7 +11,7 @@ from sklearn.model_selection import LeaveOneGroupOut, cross_val_score
 
 import bench
 from bench.cli import main
-from bench.commands.help import COMMANDS
+from bench.options import COMMANDS
 from bench.work.fold import decisions
 from models.search.tuning import Search
 from tests.chip.compiled import lacking

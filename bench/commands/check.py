@@ -14,6 +14,7 @@ from bench.arguments import KEYS as RUN_KEYS
 from bench.commands.printing import failures
 from bench.commands.run import evaluated
 from bench.errors import InputError
+from bench.options import keys
 from bench.outcomes import gate
 from bench.outcomes.baseline import NAMES, Measured, read, text
 from bench.outcomes.gate import Verdict
@@ -22,7 +23,7 @@ from bench.outcomes.store import Store, connect
 from bench.plan.cells import Cell, cells
 
 OPTIONS = {"baseline": "reports/baseline.json", "update": False, "run": True, "junit": ""}
-KEYS = RUN_KEYS | OPTIONS.keys() | gate.LIMITS.keys()
+KEYS = keys("check")
 
 
 def check(arguments: list[str]) -> int:

@@ -13,7 +13,7 @@ import bench
 from bench.arguments import parse
 from bench.cli import main
 from bench.commands.choose import Chosen, _print
-from bench.commands.help import SMALL
+from bench.options import SMALL
 from bench.costs import quantity
 from bench.errors import InputError
 from bench.outcomes.choice import apart, candidates, decide, sentences
