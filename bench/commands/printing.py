@@ -78,29 +78,27 @@ def led() -> Iterator[None]:
 
 
 def writable(folder: Path) -> Path:
-    """Make the folder before anything is run.
+    """Make the folder of ``out=`` before anything is run.
 
     Raises:
         InputError: it cannot be.
     """
-    try:
+    with unwritable(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as e:
-        raise InputError(f"out={folder}: {folder} cannot be written ({e.strerror}); choose another folder") from e
     return folder
 
 
 @contextmanager
 def unwritable(out: Path) -> Iterator[None]:
-    """Refuse a place that cannot be written, in one line.
+    """Refuse a place that cannot be written, in one line; what was there stays.
 
     Raises:
-        InputError: it cannot be; what was there stays.
+        InputError: it cannot be.
     """
     try:
         yield
     except OSError as e:
-        if e.errno == errno.ENAMETOOLONG:
+        if e.errno == errno.ENAMETOOLONG:  # which has a line of its own
             raise
         raise InputError(f"out={out}: {e.filename or out} cannot be written ({e.strerror or e}); choose another") from e
 

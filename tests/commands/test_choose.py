@@ -13,9 +13,9 @@ import bench
 from bench.arguments import parse
 from bench.cli import main
 from bench.commands.choose import Chosen, _print
-from bench.options import SMALL
 from bench.costs import quantity
 from bench.errors import InputError
+from bench.options import SMALL
 from bench.outcomes.choice import apart, candidates, decide, sentences
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
