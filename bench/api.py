@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from html import escape
-from io import StringIO
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pandas as pd
-from rich.console import Console
 
 from bench.arguments import check_key, items, jobs_of
 from bench.commands import audit as _audit
@@ -22,11 +18,12 @@ from bench.commands import run as _run
 from bench.commands import stream as _stream
 from bench.commands import stress as _stress
 from bench.commands import tune as _tune
-from bench.commands.printing import grid, output, system_in_tables
+from bench.commands.printing import output, system_in_tables
 from bench.commands.smallest import smallest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
+from bench.options import keys
 from bench.outcomes.runs import selected, tracked, with_groups, without_runs
 from bench.outcomes.store import connect
 from bench.plan.cells import cells, corpus_variants
@@ -39,26 +36,18 @@ from reports.latex import latex as latex
 from reports.leaderboard import OWN, reference, scores_of
 from reports.pair import Compared, compared
 
-WORDS = ("task", "system", "data", "subset", "target", "protocol", "seed", "origin")  # columns of text that matter
-SAID_BY_TASK = ("data", "subset", "protocol")
-NAMED = {"accuracy %": "accuracy", "behind the best": "behind"}  # columns of numbers that matter, by their heading
-NUMBERS = NAMED | {
-    "macro-F1 %": "macro_f1",
-    "early %": "adaptive_accuracy",
-    "after ms": "adaptive_ms",
-    "flash kB": "flash_bytes",
-    "predict ms": "predict_ms_p50",
-}
-MOST = 4  # tables that are named
-FIRST = ("system", "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes", "predict_ms_p50")
-SHOWN = (*FIRST, "seed", "folds", "run_id", "subset", "target", "data", "protocol")  # of what `run` returns
+NUMBERS = ("accuracy", "low", "high", "behind", "subject_sd", "macro_f1", "adaptive_accuracy", "adaptive_ms")
+COSTS = ("flash_bytes", "predict_ms_p50")
+WORDS = ("origin", "seed", "folds", "run_id", "subset", "target", "data", "protocol")
+SHOWN = ("task", "system", *NUMBERS, *COSTS, *WORDS)  # columns that matter
+RENAMED = {"accuracy_low": "low", "accuracy_high": "high", "subject_accuracy_sd": "subject_sd"}
 ON = ("data", "where", "target", "protocol")
 SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in percent
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a command found: prints as its table, holds more of them.
+    """The result of a command: prints as its table, holds more of them.
 
     Attributes:
         table: one row per run.
@@ -74,42 +63,17 @@ class Found:
         return self.more[name]
 
     def __repr__(self) -> str:
-        rows, said = self._shown()
-        out = StringIO()
-        if rows:
-            spare = [name for name in rows[0] if name not in (*WORDS, *NAMED)]
-            grid(Console(file=out, width=output().width), said, rows, WORDS, spare[::-1])
-        names = [repr(name) for name in self.more]
-        others = f" and {len(names) - MOST} others" if len(names) > MOST else ""
-        tables = f"\nmore tables: {', '.join(names[:MOST])}{others}" if names else ""
-        return f"{out.getvalue() or 'nothing was found; '}all {len(self.table.columns)} columns: .table{tables}"
+        text = _short(self.table).to_string(index=False, float_format="{:.1f}".format, line_width=output().width)
+        return "\n".join(filter(None, [text, self._rest()]))
 
     def _repr_html_(self) -> str:
-        rows, said = self._shown()
-        return f"<p>{escape(said)}</p>{pd.DataFrame(rows).to_html(index=False)}"
+        html = _short(self.table).to_html(index=False, float_format="{:.1f}".format)
+        return f"{html}<p>{escape(self._rest())}</p>"
 
-    def _shown(self) -> tuple[list[dict[str, str]], str]:
-        """The columns that matter, as text; what all rows share stands in the title."""
-        table = self.table
-        known = [c for c in WORDS if c in table and not (c in SAID_BY_TASK and "task" in table)]
-        shared = [c for c in known if c != "system" and len(table) > 1 and table[c].nunique() == 1]
-        rows = []
-        for row in table.to_dict("records"):
-            numbers = {heading: _number(row, name) for heading, name in NUMBERS.items() if name in table}
-            rows.append({c: str(row[c]) for c in known if c not in shared} | numbers)
-        title = ", ".join(str(table[c].iloc[0]) for c in shared)
-        intervals = "in brackets 95 % intervals over subjects" if any("[" in "".join(r.values()) for r in rows) else ""
-        return rows, "; ".join(filter(None, [title, intervals])) or "what was found"
-
-
-def _number(row: dict[Hashable, Any], name: str) -> str:
-    """A number with its 95 % interval where the row has one; bytes as kB."""
-    unit = 1000 if name.endswith("bytes") else 1
-    ends = [row.get(each.format(name), np.nan) for each in ("{}_low", "{}_high")]
-    if name == "accuracy" and "low" in row:
-        ends = [row["low"], row["high"]]
-    interval = "" if pd.isna(ends).any() else f" [{ends[0] / unit:.1f}, {ends[1] / unit:.1f}]"
-    return "-" if pd.isna(row[name]) else f"{row[name] / unit:.1f}{interval}"
+    def _rest(self) -> str:
+        names = [repr(name) for name in self.more]
+        more = f"; more tables: {', '.join(names[:4])}{', ...' * (len(names) > 4)}" if names else ""
+        return f"all {len(self.table.columns)} columns: .table{more}"
 
 
 def corpus(data: str = "synth", where: str = "", target: str = "gesture", **parameters: object) -> Corpus:
@@ -182,7 +146,7 @@ def run(**values: object) -> pd.DataFrame:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    return _short(table_of(_run.evaluated_values(_values(values, _run.KEYS))))
+    return _short(table_of(_run.evaluated_values(_values(values, keys("run")))))
 
 
 def plans(**values: object) -> list[Plan]:
@@ -197,8 +161,8 @@ def plans(**values: object) -> list[Plan]:
     Raises:
         InputError: something in the values or the data cannot be used.
     """
-    keys = _values(values, _run.KEYS)
-    return planned(cells(keys), jobs_of(keys))
+    typed = _values(values, keys("run"))
+    return planned(cells(typed), jobs_of(typed))
 
 
 def tune(**values: object) -> pd.DataFrame:
@@ -215,7 +179,7 @@ def tune(**values: object) -> pd.DataFrame:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    return _short(table_of(_tune.searched(_values(values, _tune.KEYS))))
+    return _short(table_of(_tune.searched(_values(values, keys("tune")))))
 
 
 def stress(**values: object) -> Found:
@@ -230,18 +194,16 @@ def stress(**values: object) -> Found:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    outcomes, _ = _stress.stressed(_values(values, _stress.KEYS))
+    outcomes, _ = _stress.stressed(_values(values, keys("stress")))
     good = [outcome for outcome in outcomes if outcome.findings]
-    analyses = [outcome.analysis for outcome in good]
     names = {"faults": "curves", "conditions": "conditions", "slices": "slices", "learning": "learning"}
     more = {
-        name: pd.concat([getattr(a, part).assign(method=a.method) for a in analyses], ignore_index=True)
+        name: _joined([(o.analysis.method, getattr(o.analysis, part)) for o in good], "method")
         for name, part in names.items()
-        if analyses
+        if good
     }
     if good:
-        labels = [result.table.assign(method=o.analysis.method) for o in good for result in o.results]
-        more["labels"] = pd.concat(labels, ignore_index=True)
+        more["labels"] = _joined([(o.analysis.method, r.table) for o in good for r in o.results], "method")
     return Found(table_of(outcomes), more)
 
 
@@ -255,11 +217,10 @@ def stream(**values: object) -> Found:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    known = _stream.KEYS - {"source", "window_ms"}
-    outcomes, _ = _stream.streamed(_values(values, known))
-    good = [(o.findings.tables, system_in_tables(o)) for o in outcomes if o.findings]
+    outcomes, _ = _stream.streamed(_values(values, keys("stream") - {"source"}))
+    good = [(system_in_tables(o), o.findings.tables) for o in outcomes if o.findings]
     more = {
-        name: pd.concat([tables[f"{name}.csv"].assign(system=system) for tables, system in good], ignore_index=True)
+        name: _joined([(system, tables[f"{name}.csv"]) for system, tables in good], "system")
         for name in ("instants", "stopping")
         if good
     }
@@ -276,7 +237,7 @@ def fit(**values: object) -> Fitted:
     Raises:
         InputError: something in the values or the data cannot be used.
     """
-    return _fit.trained(_values(values, _fit.KEYS))[0]
+    return _fit.trained(_values(values, keys("fit")))[0]
 
 
 def audit(**values: object) -> pd.DataFrame:
@@ -291,7 +252,7 @@ def audit(**values: object) -> pd.DataFrame:
     Raises:
         InputError: something in the values cannot be used, or a system cannot be made; nothing was checked.
     """
-    audits = _audit.audited_values(_values(values, _audit.KEYS))
+    audits = _audit.audited_values(_values(values, keys("audit")))
     return pd.DataFrame([{"system": cell.system(), **asdict(v)} for cell, verdicts in audits for v in verdicts])
 
 
@@ -312,8 +273,8 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
     Raises:
         InputError: something in the values cannot be used, or nothing is tracked for them.
     """
-    given = _values(values, _choose.KEYS)
-    return _short(table_of(smallest(given))) if "over" in given else _choose.chosen(given)
+    typed = _values(values, keys("choose"))
+    return _short(table_of(smallest(typed))) if "over" in typed else _choose.chosen(typed)
 
 
 def results(of: str = "", full: bool = False, **values: object) -> pd.DataFrame | Found:
@@ -334,18 +295,18 @@ def results(of: str = "", full: bool = False, **values: object) -> pd.DataFrame 
     """
     if of:
         return _reference(of, values | ({"full": full} if full else {}))
-    given = _values(values, set(_choose.AMONG))
+    typed = _values(values, _choose.AMONG)
     store = connect()
     runs = tracked(store)
-    asked = {key: items(key, value) for key, value in given.items()}
-    for lacking in without_runs([runs], asked):
+    among = {key: items(key, value) for key, value in typed.items()}
+    for lacking in without_runs([runs], among):
         warn(f"warning: {lacking}: no run of it is tracked")
-    runs = selected(runs, asked)
+    runs = selected(runs, among)
     if not len(runs):
         raise InputError("no run is tracked for these values; make some with bench.run")
     if full:
         return runs.reset_index(drop=True)
-    return comparison(store, runs, published(), beside=not {"model", "features"} & set(given))
+    return comparison(store, runs, published(), beside=not {"model", "features"} & set(typed))
 
 
 def compare(system: str | Mapping[str, object], other: str | Mapping[str, object], **values: object) -> Compared:
@@ -366,32 +327,37 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
     Raises:
         InputError: a system has no complete run, or the two were not run on the same data, subset and protocol.
     """
-    on = _values(values, set(ON))
+    on = _values(values, ON)
     store = connect()
     runs = with_groups(tracked(store))
     sides = []
     for one in (system, other):
-        given = {} if isinstance(one, str) else _values(dict(one), _run.KEYS)
-        asked = {key: items(key, value) for key, value in (on | given).items() if key in ON}
-        name = one if isinstance(one, str) else _system({k: v for k, v in given.items() if k not in ON})
-        sides.append((name, selected(runs, asked)))
+        typed = {} if isinstance(one, str) else _values(one, keys("run"))
+        among = {key: items(key, value) for key, value in (on | typed).items() if key in ON}
+        name = one if isinstance(one, str) else _system({k: v for k, v in typed.items() if k not in ON})
+        sides.append((name, selected(runs, among)))
     return compared(store, sides)
 
 
-def _system(given: dict[str, object]) -> str:
+def _joined(tables: list[tuple[str, pd.DataFrame]], column: str) -> pd.DataFrame:
+    """Tables below each other, their names in a column."""
+    return pd.concat([table.assign(**{column: name}) for name, table in tables], ignore_index=True)
+
+
+def _system(values: dict[str, object]) -> str:
     """The name of the one system that some values mean."""
-    names = {cell.system() for cell in cells(given)}
-    if len(names) > 1:
-        raise InputError(f"{given} are {len(names)} systems; give one")
-    return names.pop()
+    systems = {cell.system() for cell in cells(values)}
+    if len(systems) > 1:
+        raise InputError(f"{values} are {len(systems)} systems; give one")
+    return systems.pop()
 
 
 def _reference(of: str, values: dict[str, object]) -> Found:
     if of != OWN or values:
         what = f"{of!r}: give {OWN!r}" if of != OWN else f"{next(iter(values))}=: not with {OWN!r}"
         raise InputError(f"{what}, or nothing for the runs of the store")
-    found = reference()
-    return Found(scores_of(found), {f"{one.task.name}/{one.name}": one.table for one in found})
+    results = reference()
+    return Found(scores_of(results), {f"{one.task.name}/{one.name}": one.table for one in results})
 
 
 def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
@@ -399,8 +365,7 @@ def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
     rows = []
     for outcome in outcomes:
         plan, cell = outcome.plan, outcome.plan.cell
-        measured = {k: 100 * v if any(s in k for s in SHARES) else v for k, v in outcome.metrics.items()}
-        about: dict[str, object] = {
+        row: dict[str, object] = {
             "system": system_in_tables(outcome),
             "data": cell.data + (" (synthetic)" if plan.corpus.synthetic else ""),
             "subset": cell.where or "all",
@@ -408,20 +373,20 @@ def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
             "protocol": plan.label,
             "seed": "none" if cell.seed is None else str(cell.seed),
         }
-        counts = {"folds": f"{len(outcome.results)}/{len(plan.folds)}", "run_id": outcome.run_id}
-        rows.append(about | measured | counts)
+        row |= {k: 100 * v if any(s in k for s in SHARES) else v for k, v in outcome.metrics.items()}
+        rows.append(row | {"folds": f"{len(outcome.results)}/{len(plan.folds)}", "run_id": outcome.run_id})
     return pd.DataFrame(rows)
 
 
 def _short(table: pd.DataFrame) -> pd.DataFrame:
     """The columns that matter, the first and the last ones most: where it is narrow, pandas leaves out the others."""
-    named = table.rename(columns={"accuracy_low": "low", "accuracy_high": "high", "subject_accuracy_sd": "subject_sd"})
+    named = table.rename(columns=RENAMED)
     return named[[name for name in SHOWN if name in named]]
 
 
-def _values(given: dict[str, object], known: set[str]) -> dict[str, object]:
+def _values(values: Mapping[str, object], known: Collection[str]) -> dict[str, object]:
     """Keyword arguments as the command line has them; None is the same as not given."""
-    values = {key.replace("__", "."): value for key, value in given.items() if value is not None}
-    for key in values:
+    typed = {key.replace("__", "."): value for key, value in values.items() if value is not None}
+    for key in typed:
         check_key(key, known)
-    return values
+    return typed

@@ -3,26 +3,38 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import SupportsInt, TypeVar, overload
+from pathlib import Path
+from typing import TypeVar, overload
 
+from bench.costs import quantity
 from bench.errors import InputError, nearest
+from bench.options import keys, options
 
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
 BACKEND = {"jobs", "cluster"}  # where folds are done, which changes no result
-KEYS = {"data", "where", "target", "seed", *BACKEND, *PARTS}  # of every command that runs folds
+KEYS = keys("run")
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 Usual = TypeVar("Usual")
 LARGEST, LARGEST_SEED = 10**6, 2**32 - 1  # of a whole number, of a seed, which NumPy and scikit-learn bound
+BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
+READERS: dict[type, tuple[str, Callable[[str], object]]] = {
+    bool: ("true or false", BOOLEANS.__getitem__),
+    int: ("a whole number", int),
+    float: ("a number", float),
+    tuple: ("names joined by +", lambda text: tuple(text.split("+"))),
+    str: ("text", str),
+}
 
 
-def parse(arguments: list[str], known: set[str]) -> dict[str, str]:
+def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, str]:
     """Split ``key=value`` arguments.
 
     Args:
         arguments: what was typed.
-        known: keys that may appear; those of `PARTS` and ``data`` may also be dotted.
+        known: keys that may appear, see `bench.options.keys`; those of `PARTS` and ``data`` may also be dotted. None
+            takes every key.
 
     Raises:
         InputError: an argument without ``=``, a key given twice, or an unknown key.
@@ -31,34 +43,35 @@ def parse(arguments: list[str], known: set[str]) -> dict[str, str]:
     for argument in arguments:
         key, equals, value = argument.partition("=")
         if not equals or not key or not value:
-            raise InputError(f"{argument!r} is not key=value; keys: {', '.join(sorted(known))}")
+            raise InputError(f"{argument!r} is not key=value; keys: {', '.join(sorted(known or ()))}")
         if key in values:
-            raise InputError(f"{key}= is given twice; write {key}={values[key]},{value} for both")
-        check_key(key, known)
+            raise InputError(f"{key}= is given twice; give it once, several values as {key}={values[key]},{value}")
+        if known is not None:
+            check_key(key, known)
         values[key] = value
     return values
 
 
-def options_of(given: list[str], known: tuple[str, ...]) -> dict[str, str]:
-    """Options of a command that has arguments without a name as well.
+def parse_words(arguments: Sequence[str], known: Collection[str], most: int) -> tuple[list[str], dict[str, str]]:
+    """Split arguments of a command that takes words without a key first, such as names of files.
+
+    Args:
+        arguments: what was typed.
+        known: keys of the options.
+        most: words that there may be; a word with ``=`` is one if it is a file, or if its key is unknown.
 
     Raises:
-        InputError: one that is not known, or is given twice.
+        InputError: as `parse`, of what follows the words.
     """
-    values: dict[str, str] = {}
-    for option in given:
-        name, _, value = option.partition("=")
-        if name in known and not value:
-            raise InputError(f"{name}= has no value; give one, or leave it out")
-        if name not in known:
-            raise InputError(f"{option!r}: no such option; {nearest(name, known)}")
-        if name in values:
-            raise InputError(f"{name}= is given twice; give it once")
-        values[name] = value
-    return values
+    words = []
+    for argument in arguments[:most]:
+        if "=" in argument and argument.partition("=")[0] in known and not Path(argument).is_file():
+            break
+        words.append(argument)
+    return words, parse(arguments[len(words) :], known)
 
 
-def check_key(key: str, known: set[str]) -> None:
+def check_key(key: str, known: Collection[str]) -> None:
     """Refuse a key that means nothing here.
 
     Raises:
@@ -68,24 +81,42 @@ def check_key(key: str, known: set[str]) -> None:
         raise InputError(f"no key is called {key!r}; {nearest(key, known)}")
 
 
+def setting(command: str, key: str, values: Values) -> object:
+    """A value of the type that the table of options names, or its default.
+
+    Raises:
+        InputError: it is no such value, or none of those that the table lists.
+    """
+    option = options(command)[key]
+    if key not in values:
+        return option.default
+    value = values[key]
+    if option.type == "number":
+        return number(key, value)
+    if option.type == "amount":
+        return quantity(key, value)
+    if option.values and (text := text_of(value)) not in option.values:
+        raise InputError(f"{key}={text}: give {' or '.join(option.values)}")
+    return convert(key, value, 0 if option.type == "count" else option.default)
+
+
 def items(key: str, value: object) -> list:
     """The values between commas, or of a list.
 
     Raises:
         InputError: there is nothing between two of them, or nothing at all.
     """
-    if not isinstance(value, str):
-        several = isinstance(value, list) or (isinstance(value, tuple) and "." not in key)  # a parameter may be a tuple
-        found = list(value) if isinstance(value, list | tuple) and several else [value]
-        if not found:
-            raise InputError(f"{key}=[]: give at least one value")
-        return found
-    if key == "where":  # a query may hold commas
-        return [value]
-    words = value.split(",")
-    if not all(words):
-        raise InputError(f"{key}={value}: there is nothing between two commas")
-    return words
+    if isinstance(value, str):
+        if key == "where":  # a condition may hold commas
+            return [value]
+        values = value.split(",")
+        if not all(values):
+            raise InputError(f"{key}={value}: there is nothing between two commas")
+        return values
+    several = isinstance(value, list) or (isinstance(value, tuple) and "." not in key)  # a parameter may be a tuple
+    if several and not value:
+        raise InputError(f"{key}=[]: give at least one value")
+    return [*value] if several else [value]  # type: ignore[misc]
 
 
 @overload
@@ -107,28 +138,20 @@ def convert(key: str, given: object, default: object) -> object:
     if given == () and isinstance(default, tuple):
         return given
     text = given if isinstance(given, str) else text_of(given)
-    read: Callable[[str], object]
-    if default is None or text == "None":
-        kind, read = "a whole number or None", lambda t: None if t == "None" else int(t)
-        if default is not None:
-            raise InputError(f"{key}=None: give a value such as {default!r}")
-    elif isinstance(default, bool):
-        kind, read = "true or false", {"true": True, "false": False}.__getitem__
-    elif isinstance(default, int):
-        kind, read = "a whole number" + (" from 0 on" if key.endswith("seed") else ""), int
-    elif isinstance(default, float):
-        kind, read = "a number", float
-    elif isinstance(default, tuple):
-        kind, read = "names joined by +", lambda t: tuple(t.split("+"))
-    else:
-        kind, read = "text", str
+    if text == "None" and default is None:
+        return None
+    if text == "None":
+        raise InputError(f"{key}=None: give a value such as {default!r}")
+    usual, seed = 0 if default is None else default, key.endswith("seed")
+    words, read = next((reader for kind, reader in READERS.items() if isinstance(usual, kind)), READERS[str])
     try:
         value = read(text)
-        if key.endswith("seed") and isinstance(value, int | float) and value < 0:
+        if seed and isinstance(value, int | float) and value < 0:
             raise ValueError(key)
     except (ValueError, KeyError) as e:
-        raise InputError(f"{key}={text[:60]}: give {kind}, such as {default}") from e
-    most = LARGEST_SEED if key.endswith("seed") else LARGEST
+        words += " or None" if default is None else " from 0 on" if seed else ""
+        raise InputError(f"{key}={text[:60]}: give {words}, such as {default}") from e
+    most = LARGEST_SEED if seed else LARGEST
     if isinstance(value, int) and abs(value) > most:
         raise InputError(f"{key}={text[:60]}: give {most} at most")
     return value
@@ -177,19 +200,13 @@ def backend_of(values: Values) -> Backend:
     """
     cluster = str(values.get("cluster", ""))
     if cluster and "jobs" in values:
-        raise InputError(f"jobs={values['jobs']}: with cluster=, its workers say how many they are; leave jobs= out")
+        raise InputError(f"jobs={values['jobs']}: the workers of cluster= fix it; leave jobs= out")
     return Backend(jobs_of(values), cluster)
 
 
 def jobs_of(values: Values) -> int | None:
     """Worker processes that were asked for."""
-    if "jobs" not in values:
-        return None
-    try:
-        given = values["jobs"]
-        return int(given) if isinstance(given, SupportsInt) else int(str(given))
-    except (ValueError, TypeError) as e:
-        raise InputError(f"jobs={values['jobs']}: give a whole number of worker processes") from e
+    return convert("jobs", values["jobs"], 0) if "jobs" in values else None
 
 
 def typed(command: str, arguments: Mapping[str, str]) -> str:

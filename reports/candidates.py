@@ -112,12 +112,12 @@ def chart_data(answers: list[Considered], models: Mapping[str, str], papers: pd.
         kept = _drawn(each.choice)
         points = []
         for i, row in zip(kept.index, kept.to_dict("records"), strict=True):
-            system, unit = row["system"], row["unit"]
+            system = row["system"]
             kind = "published" if system in published else "changed" if models[system] in published else "other"
             low, high = statistics.interval(each.subjects.loc[i].to_numpy(dtype=float))
             points.append(
                 {
-                    "name": system + ("" if unit == "capture" else f" ({SAID.get(unit, unit)})"),
+                    "name": named(row),
                     "kind": "chip" if row["kind"] == "chip" else kind,
                     "verdict": row["verdict"],
                     "chosen": i == each.choice.chosen,

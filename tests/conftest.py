@@ -1,5 +1,7 @@
 """What tests share: folders of their own, one prepared store for all, folds without processes, small ragged corpora."""
 
+import contextlib
+import io
 import os
 import shutil
 import sys
@@ -28,6 +30,10 @@ patient = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow, Hea
 settings.register_profile("ci", parent=settings(), max_examples=20, derandomize=True, **patient)
 settings.register_profile("nightly", parent=settings(), max_examples=1000, **patient)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+def pytest_addoption(parser):
+    parser.addoption("--golden", action="store_true", help="write what commands print into tests/commands/golden")
 
 
 @pytest.fixture(autouse=True)
@@ -134,6 +140,43 @@ def runs(kind):
 def predictions(store, run):
     """The table of a run."""
     return pd.read_parquet(store.fetched(run.info.run_id, "predictions.parquet"))
+
+
+SMALL = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]
+SIX = {  # commands of the runs of `six_runs`
+    "run": [["run", *SMALL, "model=tree,bayes", "features=jung28"], ["run", *SMALL, "model=lda", "features=touch"]],
+    "stress": [["stress", *SMALL, "model=tree", "features=jung28", "faults=noise"]],
+    "stream": [["stream", *SMALL, "model=tree", "features=jung28", "hop_ms=900"]],
+    "tune": [["tune", *SMALL, "model=tree", "features=jung54", "model.level=1,9", "inner=2"]],
+}
+
+
+def done(arguments):
+    """Exit code and output of a command; its errors where there is one."""
+    from bench.cli import main
+
+    out, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+        code = main([*arguments])
+    return code, out.getvalue() + errors.getvalue() * (code > 1)
+
+
+@pytest.fixture(scope="session")
+def six_runs(tmp_path_factory, empty_store):
+    """A folder whose store has six small runs, and what their commands printed, by command."""
+    folder, printed = tmp_path_factory.mktemp("six"), {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TOUCHBENCH_HOME", str(folder / "home"))
+        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        patch.chdir(folder)
+        patch.setattr("bench.outcomes.store.create", lambda path: shutil.copy(empty_store, path))
+        patch.setattr("bench.work.loop.Processes", InProcess)
+        patch.setattr("bench.commands.printing.WIDTH", 250)
+        for name, commands in SIX.items():
+            results = [done(command) for command in commands]
+            assert not any(code for code, _ in results), results
+            printed[name] = "".join(text for _, text in results)
+    return folder, printed
 
 
 @pytest.fixture

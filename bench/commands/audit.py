@@ -7,10 +7,9 @@ from collections.abc import Iterator
 
 from bench.arguments import Values, parse, typed
 from bench.commands.printing import grid, output, say, then
+from bench.options import keys
 from bench.plan.cells import Cell, cells
 from bench.work.audit import FAILED, PASSED, SKIPPED, Verdict, audited, refuse
-
-KEYS = {"model", "features", "seed"}
 
 
 def audit(arguments: list[str]) -> int:
@@ -19,13 +18,13 @@ def audit(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments cannot be used, or a system cannot be made.
     """
-    passed = []
-    for cell, verdicts in audited_values(parse(arguments, KEYS)):
+    failed = False
+    for cell, verdicts in audited_values(parse(arguments, keys("audit"))):
         show(cell, verdicts)
-        passed.append(all(verdict.result != FAILED for verdict in verdicts))
-    if all(passed):
+        failed |= any(verdict.result == FAILED for verdict in verdicts)
+    if not failed:
         then(typed("run", cell.arguments()))
-    return 0 if all(passed) else 1
+    return int(failed)
 
 
 def audited_values(values: Values) -> Iterator[tuple[Cell, list[Verdict]]]:
@@ -34,25 +33,19 @@ def audited_values(values: Values) -> Iterator[tuple[Cell, list[Verdict]]]:
     Raises:
         InputError: something in the values cannot be used, or a system cannot be made; nothing was checked.
     """
-    asked = cells(values)
-    for cell in asked:
+    systems = cells(values)
+    for cell in systems:
         refuse(cell)
-    for cell in asked:
+    for cell in systems:
         yield cell, audited(cell)
 
 
 def show(cell: Cell, verdicts: list[Verdict]) -> None:
     """Print the checks of one system, and how many passed."""
     rows = [{"check": v.check, "result": v.result, "reason": v.sentence} for v in verdicts]
-    places = [place for place, v in enumerate(verdicts) if v.result == FAILED]
-    grid(
-        output(),
-        f"Audit of {cell.system()} on generated captures (synthetic)",
-        rows,
-        ("check", "result", "reason"),
-        (),
-        places,
-    )
-    counts = Counter(v.result for v in verdicts)
+    failed = [i for i, verdict in enumerate(verdicts) if verdict.result == FAILED]
+    title = f"Audit of {cell.system()} on generated captures (synthetic)"
+    grid(output(), title, rows, ("check", "result", "reason"), bold=failed)
+    counts = Counter(verdict.result for verdict in verdicts)
     words = ", ".join(f"{counts[result]} {result}" for result in (PASSED, FAILED, SKIPPED) if counts[result])
     say(f"{cell.system()}: {words}; {sum(v.seconds for v in verdicts):.1f} s")

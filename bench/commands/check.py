@@ -12,6 +12,7 @@ from bench.arguments import KEYS as RUN_KEYS
 from bench.commands.printing import failures, say
 from bench.commands.run import evaluated
 from bench.errors import InputError
+from bench.options import keys
 from bench.outcomes import gate
 from bench.outcomes.baseline import Measured, read, text
 from bench.outcomes.runs import needed, rows_of, tracked
@@ -20,7 +21,7 @@ from bench.plan.cells import Cell, cells
 from bench.scratch import replacing
 
 OPTIONS = {"baseline": "reports/baseline.json", "update": False, "run": True, "junit": ""}
-KEYS = RUN_KEYS | OPTIONS.keys() | gate.LIMITS.keys()
+KEYS = keys("check")
 
 
 def check(arguments: list[str]) -> int:

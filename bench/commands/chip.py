@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from bench.arguments import KEYS as RUN_KEYS
-from bench.arguments import Values, backend_of, items, parse
+from bench.arguments import Values, backend_of, items, parse, setting
 from bench.commands.printing import show, then
-from bench.errors import InputError
+from bench.options import keys
 from bench.plan.cells import cells
 from bench.work.chip import OnChip
 from bench.work.loop import Outcome, execute, prepared
-
-KEYS = RUN_KEYS | {"bits"}
 
 
 def chip(arguments: list[str]) -> int:
@@ -19,8 +16,7 @@ def chip(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used, or a program is not installed.
     """
-    outcomes = measured(parse(arguments, KEYS))
-    code = show(outcomes)
+    code = show(measured(parse(arguments, keys("chip"))))
     then("bench choose by=cycles")
     return code
 
@@ -31,9 +27,8 @@ def measured(values: Values) -> list[Outcome[None]]:
     Raises:
         InputError: something in the values or the data cannot be used, or a program is not installed.
     """
-    bits = dict.fromkeys(str(b) for b in items("bits", values.get("bits", "32")))
-    if wrong := [b for b in bits if b not in ("32", "8")]:
-        raise InputError(f"bits={wrong[0]}: give 32 or 8")
+    bits = [setting("chip", "bits", {"bits": each}) for each in items("bits", values.get("bits", "32"))]
+    experiments = [OnChip(int(str(each))) for each in dict.fromkeys(bits)]
     backend = backend_of(values)
-    asked = cells({k: v for k, v in values.items() if k != "bits"})
-    return execute(prepared(asked, [OnChip(int(b)) for b in bits], backend.jobs), backend)
+    todo = cells({key: value for key, value in values.items() if key != "bits"})
+    return execute(prepared(todo, experiments, backend.jobs), backend)

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.arguments import BACKEND, Values, convert, items, parse, typed
-from bench.arguments import KEYS as RUN_KEYS
-from bench.commands.help import SMALL
 from bench.commands.printing import grid, one_label, output, say, show, then
 from bench.costs import BUDGETS, COSTS, quantity
 from bench.errors import InputError, nearest
+from bench.options import SMALL, keys
 from bench.outcomes.choice import KINDS, Candidates, Choice, amount, candidates, decide, points, sentences
 from bench.outcomes.comparable import MARK, MARKED
 from bench.outcomes.runs import of_kinds, without_runs
@@ -24,7 +23,7 @@ from bench.outcomes.store import connect
 from bench.progress import warn
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
-KEYS = RUN_KEYS | {"over", "inner", "by", "margin", "shots", "unit", "clock", "batch", *BUDGETS}
+KEYS = keys("choose")
 RUNNING = {*BACKEND, "inner", "seed"}  # keys that are of use with over= alone
 FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
 

@@ -1,21 +1,18 @@
 """The command ``bench completion``: a script for a shell, and what that script asks for at each TAB.
 
-A TAB starts this once and must be answered at once, so nothing heavy is imported: keys are read off the help texts,
-values off the registry and the data folder.
+A TAB starts this once and must be answered at once, so nothing heavy is imported: keys come from `bench.options`,
+values from there, the registry and the data folder.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
-from bench.commands.help import COMMANDS
-from bench.costs import BUDGETS, COSTS
 from bench.errors import InputError, nearest
+from bench.options import COMMANDS, FAULTS, Option, options
 from bench.registry import names
 from bench.scratch import home
 
-KEY = re.compile(r"(?<![\w.])((?:[a-z]+\.)?[a-z_]+)=")
 ANSWER = "answer"  # bench completion answer WORD... prints what the last of the words may become
 SHELLS = {
     "bash": """\
@@ -60,20 +57,6 @@ complete -c bench -f -a "(__bench_answer)"
 complete -c bench -n "not string length -q -- (__bench_answer)" -F
 """,
 }
-LISTED = {  # values of keys that are no names of the registry
-    "bits": ("32", "8"),
-    "inner": ("3", "loso"),
-    "labels": ("no", "yes"),
-    "model.device": ("cpu", "cuda"),
-    "model.person": ("centre", "scale", "pool"),
-    "model.repair": ("stuck", "dead", "offset"),
-    "model.scale": ("peak",),
-    "run": ("true", "false"),
-    "start": ("onset", "middle"),
-    "stopping": ("yes", "no"),
-    "update": ("true", "false"),
-}
-PLUS = {"model.faults", "model.person", "model.repair"}  # keys whose names a + joins; elsewhere a comma makes a list
 
 
 def completion(arguments: list[str]) -> int:
@@ -103,64 +86,44 @@ def answer(words: list[str]) -> list[str]:
     *before, word = words or [""]
     if not before:
         return [name for name in (*COMMANDS, *(["--help", "--version"] if word else [])) if name.startswith(word)]
-    command = before[0]
-    if command not in COMMANDS:
+    if before[0] not in COMMANDS:
         return []
+    table = _options(before)
     key, equals, value = word.partition("=")
     if not equals:
-        given = {w.partition("=")[0] for w in before[1:]}
-        said = _words(before) or [f"{k}=" for k in keys(before) if k not in given]
-        return [each for each in [*said, *(["--help"] if word else [])] if each.startswith(word)]
-    joint = "+" if key in PLUS else ","
+        typed = {w.partition("=")[0] for w in before}
+        choices = _words(before) or [f"{k}=" for k in table if k not in typed]
+        return [each for each in [*choices, *(["--help"] if word else [])] if each.startswith(word)]
+    joint = table[key].joint if key in table else ","
     done, comma, last = value.rpartition(joint)
-    return [f"{key}={done}{comma}{v}" for v in values(key) if v.startswith(last) and v not in done.split(joint)]
+    return [f"{key}={done}{comma}{v}" for v in values(key, table) if v.startswith(last) and v not in done.split(joint)]
 
 
-def keys(before: list[str]) -> list[str]:
-    """The keys of a command: those that head a line of its help, or that its usage names.
-
-    Args:
-        before: the words that are typed, a command and what follows.
-    """
-    text = COMMANDS[before[0]][2]
-    usage = f"bench {' '.join(before[:2])}" if before[0] == "data" else f"bench {before[0]}"
-    found: list[str] = []
-    for line in text.splitlines():
-        if line.startswith(usage):
-            found += KEY.findall(line.split("  ")[0])
-        elif heads := re.match(rf"  ((?:{KEY.pattern}\S*\s+)+)", line):
-            found += KEY.findall(heads[1])
-    if "max_flash" in found:
-        found += BUDGETS
-    if "Keys of bench run" in text:
-        found += keys(["run"])
-    if "model" in found and before[0] != "choose":  # which takes those of the protocol alone
-        told = [line for line in COMMANDS["run"][2].splitlines() if not line.startswith("  bench")]
-        found += re.findall(r"\b(model\.[a-z]+)=", "\n".join(told))
-    return [key for key in dict.fromkeys(found) if key != "key"]
+def _options(before: list[str]) -> dict[str, Option]:
+    """The keys that may follow: those of the command, or of an action of ``bench data``, and what many models take."""
+    table = options("-".join(before[:2])) if before[0] == "data" else options(before[0])
+    if "model" in table and before[0] != "choose":  # which takes those of the protocol alone
+        table |= {key: option for key, option in options("run").items() if key.startswith("model.")}
+    return table
 
 
-def values(key: str) -> Iterable[str]:
+def values(key: str, table: Mapping[str, Option]) -> Iterable[str]:
     """What a key may be, as far as it is a name."""
     rooms = {"model": "models", "features": "features", "protocol": "protocols"}
     if key in rooms:
         return sorted(names(rooms[key]))
     if key in ("data", "protocol.source"):
         return ["synth", *corpora()]
-    if key in ("faults", "model.faults"):
-        return faults()
-    return COSTS if key == "by" else LISTED.get(key, ())
+    if key == "model.faults":
+        return FAULTS.split()
+    if key in table and table[key].type == "yes":
+        return ("yes", "no")
+    return table[key].values if key in table else ()
 
 
 def corpora() -> list[str]:
     """Names of imported corpora."""
     return sorted(path.parent.name for path in (home() / "corpora").glob("*/current"))
-
-
-def faults() -> list[str]:
-    """Names of faults, of which the help has all; their code takes most of a second to load."""
-    listed = re.search(r"faults= +(.*?);\s+default all", COMMANDS["stress"][2], flags=re.DOTALL)
-    return re.findall(r"[a-z_]+", listed[1]) if listed else []
 
 
 def _words(before: list[str]) -> list[str]:

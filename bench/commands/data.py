@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.arguments import convert
-from bench.commands.help import SMALL
+from bench.arguments import convert, parse, setting
+from bench.commands.printing import then, unwritable, writable
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
 from bench.corpora.read.cost import write
 from bench.corpora.read.limits import briefly
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
+from bench.options import SMALL, keys
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.scratch import home
 
 ACTIONS = ("import", "show", "verify", "export")
-OUT = "look"
 
 
 def data(arguments: list[str]) -> int:
@@ -32,37 +32,21 @@ def data(arguments: list[str]) -> int:
     match arguments:
         case []:
             return listed()
-        case ["import", kind, source, *options]:
-            return read(kind, Path(source), _options(options))
-        case ["show", name, *options] if "=" not in name:
-            return show(name, _options(options))
-        case ["show", *_]:
-            raise InputError(f"bench data show: say which corpus, as in bench data show synth; known: {_known()}")
+        case ["import", kind, source, *rest]:
+            return read(kind, Path(source), parse(rest, None))  # the reader knows its options
+        case ["show", name, *rest] if "=" not in name:
+            return show(name, parse(rest, None))
         case ["verify", name]:
             return check(name)
-        case ["export", name, target, *options]:
-            return export(name, Path(target), _options(options))
+        case ["export", name, target, *rest]:
+            return export(name, Path(target), parse(rest, None))
+        case ["show", *_]:
+            raise InputError(f"bench data show: name a corpus: {', '.join(['synth', *imported()])}")
         case [name, *_] if name in ("synth", *imported()):
             raise InputError(f"bench data {name}: say what to do with it, such as bench data show {name}")
         case [word, *_] if word not in ACTIONS:
             raise InputError(f"bench data {word}: {nearest(word, ACTIONS)}; see bench data --help")
     raise InputError(f"bench data {' '.join(arguments)}: not understood; see bench data --help")
-
-
-def _known() -> str:
-    return ", ".join(["synth", *imported()])
-
-
-def _options(arguments: list[str]) -> dict[str, str]:
-    options = {}
-    for argument in arguments:
-        key, equals, value = argument.partition("=")
-        if not equals or not key or not value:
-            raise InputError(f"{argument!r} is not key=value; see bench data --help")
-        if key in options:
-            raise InputError(f"{key}= is given twice; give it once")
-        options[key] = value
-    return options
 
 
 def listed() -> int:
@@ -80,19 +64,20 @@ def listed() -> int:
             f"  columns: {row['columns']}\n"
             f"  digest:  {row['digest']}\n  source:  {row['source']}\n  licence: {row['licence']}"
         )
-    print(f"\nnext: bench data show {(imported() or ['synth'])[0]}")
+    print()
+    then(f"bench data show {(imported() or ['synth'])[0]}")
     return 0
 
 
-def show(name: str, options: dict[str, str]) -> int:
+def show(name: str, values: dict[str, str]) -> int:
     """Print what a corpus holds, and draw it."""
-    out, where, target = Path(options.pop("out", OUT)), options.pop("where", ""), options.pop("target", "gesture")
-    found = looked(name, where, target, out, options.pop("capture", None), dict(options))
-    print(found)
-    if told := [] if name == "synth" else open_corpus(name, {}).info["warnings"]:
-        print(f"\nWarnings of the import: {len(told)}", *told, sep="\n  ")
-    print(f"\nfigures, an animation and a page that holds them all; open: {(out / 'index.html').resolve().as_uri()}")
-    print(f"next: bench run data={name} protocol=loso {SMALL}")
+    where, target, out = (str(setting("data-show", key, values)) for key in ("where", "target", "out"))
+    parameters: dict[str, object] = {key: value for key, value in values.items() if key not in keys("data-show")}
+    print(looked(name, where, target, Path(out), values.get("capture"), parameters))
+    if warnings := [] if name == "synth" else open_corpus(name, {}).info["warnings"]:
+        print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
+    print(f"\nfigures, an animation and a page that holds them all; open: {Path(out, 'index.html').resolve().as_uri()}")
+    then(f"bench run data={name} protocol=loso {SMALL}")
     return 0
 
 
@@ -112,22 +97,18 @@ def looked(
     Raises:
         InputError: the corpus is not here, something in the values cannot be used, or the folder cannot be written.
     """
-    from bench.commands.printing import writable
-    from reports.corpus_page import place, write
+    from reports.corpus_page import place
+    from reports.corpus_page import write as draw
 
     number = None if capture is None else convert("capture", capture, 0)
     corpus = captures_of(name, one_variant(name, parameters), where, target)
     if number is not None:
-        place(corpus, number)
+        place(corpus, number)  # refuses one that is not there
+    result = survey(corpus)
     if out is not None:
-        writable(out)
-    found = survey(corpus)
-    if out is not None:
-        try:
-            write(corpus, found, out, number)
-        except (PermissionError, IsADirectoryError) as e:
-            raise InputError(f"out={out}: {e.filename} cannot be written ({e.strerror}); choose another folder") from e
-    return found
+        with unwritable(writable(out)):
+            draw(corpus, result, out, number)
+    return result
 
 
 def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
@@ -136,38 +117,37 @@ def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
     Raises:
         InputError: one that is not known, is given twice, or has several values.
     """
-    given: dict[str, object] = {}
+    dotted: dict[str, object] = {}
     for key, value in parameters.items():
-        if (full := f"data.{key.removeprefix('data.')}") in given:
+        if (full := f"data.{key.removeprefix('data.')}") in dotted:
             raise InputError(f"{key}= is given twice; give it once")
-        given[full] = value
-    variant, *more = corpus_variants(given, name, [name])
+        dotted[full] = value
+    variant, *more = corpus_variants(dotted, name, [name])
     if more:
         raise InputError("one corpus at a time; give one value of each parameter")
     return variant
 
 
-def read(kind: str, source: Path, options: dict[str, str]) -> int:
-    """Import a corpus, with a line for its warnings, one for what it replaces and one for what was found."""
-    before = _held(options.get("name", kind))
-    corpus = import_corpus(kind, source, options)
+def read(kind: str, source: Path, values: dict[str, str]) -> int:
+    """Import a corpus, with a line for its warnings, one for what it replaces and one for what it holds."""
+    before = _stored(values.get("name", kind))
+    corpus = import_corpus(kind, source, values)
     if corpus.info["warnings"]:
         print(f"warning: {briefly(corpus.info['warnings'], f'bench data show {corpus.name}')}", file=sys.stderr)
     if before and before[1] != corpus.digest:
         print(f"{corpus.name}: replaces {before[0]} captures, digest {before[1][:16]}")
-    kind = "synthetic " if corpus.synthetic else ""
     print(
-        f"{corpus.name}: {len(corpus)} {kind}captures, {len(set(corpus.subjects))} subjects, "
-        f"{len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of {corpus.grid[0]}x{corpus.grid[1]} "
-        f"at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}"
+        f"{corpus.name}: {len(corpus)} {'synthetic ' if corpus.synthetic else ''}captures, "
+        f"{len(set(corpus.subjects))} subjects, {len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of "
+        f"{corpus.grid[0]}x{corpus.grid[1]} at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}"
     )
     usual = float(np.median(corpus.lengths)) / corpus.rate_hz
-    print(f"the median capture lasts {usual:.2g} s: where it did not, the rate is wrong, and all times will be")
-    print(f"next: bench data show {corpus.name}")
+    print(f"the median capture lasts {usual:.2g} s; if that looks wrong, rate_hz is wrong, and so are all times")
+    then(f"bench data show {corpus.name}")
     return 0
 
 
-def _held(name: str) -> tuple[int, str] | None:
+def _stored(name: str) -> tuple[int, str] | None:
     """Captures and digest of what is stored under a name, if it can be read."""
     try:
         corpus = open_corpus(name, {}) if name in imported() else None
@@ -180,9 +160,9 @@ def check(name: str) -> int:
     """Print a line for every file of a stored corpus, read anew, and whether it is what was stored."""
     files = verify(name)
     width = max(map(len, files), default=0)
-    for file, wrong in files.items():
-        told = f"damaged: {wrong.removeprefix(f'{file} ')}" if wrong else "as it was stored"
-        print(f"{file:{width}}  {told}")
+    for file, damage in files.items():
+        state = f"damaged: {damage.removeprefix(f'{file} ')}" if damage else "as it was stored"
+        print(f"{file:{width}}  {state}")
     if any(files.values()):
         print(f"{name}: damaged; " + ("generated again when it is used" if name == "synth" else "import it again"))
         return 1
@@ -190,33 +170,24 @@ def check(name: str) -> int:
     return 0
 
 
-def export(name: str, target: Path, options: dict[str, str]) -> int:
+def export(name: str, target: Path, values: dict[str, str]) -> int:
     """Write a corpus in the format of CoST.csv."""
-    if (form := options.pop("format", "cost")) != "cost":
-        raise InputError(f"format={form}: only format=cost can be written")
-    corpus = open_corpus(name, one_variant(name, dict(options)))
+    setting("data-export", "format", values)
+    corpus = open_corpus(name, one_variant(name, {key: value for key, value in values.items() if key != "format"}))
     write(corpus, target)
     kind = "synthetic " if corpus.synthetic else ""
-    print(
-        f"{target}: {len(corpus)} {kind}captures, {len(corpus.frames)} rows at {corpus.rate_hz:g} Hz, digest "
-        f"{corpus.digest[:16]}"
-    )
+    size = f"{len(corpus)} {kind}captures, {len(corpus.frames)} rows"
+    print(f"{target}: {size} at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}")
     if corpus.synthetic:
         print("the column synthetic marks them as generated; leave it in, and results of them say so")
     words = ["cost", str(target), "name=copy"]
     if corpus.info.get("format") != "cost":
-        grid = "x".join(map(str, corpus.grid))
-        words = [
-            "table",
-            *words[1:],
-            f"grid={grid}",
-            f"rate_hz={_exact(corpus.rate_hz)}",
-            f"full_scale={_exact(corpus.full_scale)}",
-        ]
-    print(f"next: bench data import {shlex.join(words)}")
+        words = ["table", *words[1:], f"grid={corpus.grid[0]}x{corpus.grid[1]}"]
+        words += [f"rate_hz={_exact(corpus.rate_hz)}", f"full_scale={_exact(corpus.full_scale)}"]
+    then(f"bench data import {shlex.join(words)}")
     return 0
 
 
 def _exact(number: float) -> str:
-    """A number as it is read back, a whole one without decimals."""
+    """A number as it is read back, one without a fraction as a whole number."""
     return repr(float(number)).removesuffix(".0")

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
 from bench.arguments import parse
-from bench.commands.gallery import CORPUS, done
+from bench.commands.printing import led, writable
+from bench.options import SMALL, keys
 
-SHOWN = (*CORPUS, "protocol=loso")
+SYNTH = ("data=synth", "data.subjects=6", "data.variants=normal", "data.repetitions=2", "protocol=loso")
 RUNS = (
-    ("run", *SHOWN, "model=tree,bayes,lda,svm", "features=jung28"),
-    ("run", *SHOWN, "model=lda", "features=touch", "model.window=0.5"),
+    ("run", *SYNTH, "model=tree,bayes,lda,svm", "features=jung28"),
+    ("run", *SYNTH, "model=lda", "features=touch", "model.window=0.5"),
 )
 BUDGETS = ("max_flash=64kB", "max_decision=300ms")
 VERDICTS = (
@@ -24,7 +28,7 @@ REPLAYED = 2  # of the most accurate systems
 NEXT = (
     "bench data import table my.csv name=mine grid=8x8 rate_hz=54 full_scale=1023",
     "bench run data=mine protocol=loso model=rf features=jung54",
-    "bench run data=mine protocol=loso model=lda features=touch model.window=1.0 model.repair=stuck+dead",
+    f"bench run data=mine protocol=loso {SMALL}",
     "bench choose data=mine protocol=loso max_flash=64kB",
 )
 
@@ -35,10 +39,16 @@ def demo(arguments: list[str]) -> int:
     Raises:
         InputError: the arguments cannot be used, or the folder cannot be written.
     """
-    out = Path(parse(arguments, {"out"}).get("out", "demo"))
-    print("synthetic: all captures are generated; what comes out says nothing about people")
-    if code := done(out, _steps()):
-        return code
+    from bench.cli import main
+
+    out = writable(Path(parse(arguments, keys("demo")).get("out", "demo")))
+    print("synthetic: all captures are generated; the results say nothing about people")
+    with inside(out), led():
+        for step in _steps():
+            print(f"\n$ bench {shlex.join(step)}", flush=True)
+            if code := main([*step]):
+                return code
+            os.environ.pop("MLFLOW_TRACKING_URI", None)  # MLflow sets it
     print(f"\nThe page with all of it (synthetic): {(out / 'report' / 'index.html').resolve().as_uri()}")
     print("With captures of your own, in the columns subject, gesture, frame and one for each taxel:")
     print(*(f"  {step}" for step in NEXT), sep="\n", flush=True)
@@ -49,8 +59,8 @@ def _steps() -> Iterator[tuple[str, ...]]:
     """The commands; which systems are replayed and stressed depends on what the first ones find."""
     yield from RUNS
     best = _best()
-    for place, arguments in enumerate(best, 1):
-        yield ("stream", *arguments, f"out=stream/{place}")
+    for number, arguments in enumerate(best, 1):
+        yield ("stream", *arguments, f"out=stream/{number}")
     yield ("stress", *best[0], FAULTS)
     yield ("report", *BUDGETS)  # so that the page says what the last verdict says
     yield from VERDICTS
@@ -64,3 +74,16 @@ def _best() -> list[list[str]]:
     table = candidates(connect(), {}).table.sort_values("accuracy", ascending=False, kind="stable")
     best = [json.loads(text) for text in table["arguments"][:REPLAYED]]
     return [[f"{key}={value}" for key, value in arguments.items()] for arguments in best]
+
+
+@contextlib.contextmanager
+def inside(folder: Path) -> Iterator[None]:
+    """Work in a folder with a store of its own there."""
+    before = os.environ.pop("MLFLOW_TRACKING_URI", None)
+    try:
+        with contextlib.chdir(folder):
+            yield
+    finally:
+        os.environ.pop("MLFLOW_TRACKING_URI", None)
+        if before is not None:
+            os.environ["MLFLOW_TRACKING_URI"] = before

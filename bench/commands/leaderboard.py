@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from bench.arguments import labelled, options_of, parse, typed
+from bench.arguments import labelled, parse, typed
 from bench.commands.printing import say, then
 from bench.commands.rerun import rerun
 from bench.corpora.read.limits import called
@@ -13,6 +13,7 @@ from bench.errors import InputError
 from bench.leaderboard import answers, marks, submissions
 from bench.leaderboard.submissions import ABOUT, Submission
 from bench.leaderboard.tasks import Task, task_of
+from bench.options import keys
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.progress import warn
@@ -21,7 +22,6 @@ from reports.leaderboard import NOT_VERIFIED, board, note, reference
 from reports.provenance import command as command_of
 
 OPTIONS = ("task", "who", "out", "run", "batch")
-SUBMIT = {*OPTIONS, "model", "features", "seed"}
 
 
 def submit(arguments: list[str]) -> int:
@@ -31,7 +31,7 @@ def submit(arguments: list[str]) -> int:
         InputError: something in the arguments cannot be used, no stored run answers the task, or the folder cannot be
             written.
     """
-    values = parse(arguments, SUBMIT)
+    values = parse(arguments, keys("submit"))
     needs = {"task": "a frozen task", "who": 'whose result it is, as in who="A. Name, Lab"', "out": "a new folder"}
     for key, what in needs.items():
         if key not in values:
@@ -81,7 +81,7 @@ def leaderboard(arguments: list[str]) -> int:
         InputError: something in the arguments cannot be used, or the page cannot be written.
     """
     options = [a for a in arguments if a.startswith(("out=", "rerun="))]
-    values = options_of(options, ("out", "rerun"))
+    values = parse(options, keys("leaderboard"))
     folders = [Path(a) for a in arguments if a not in options]
     if "rerun" in values:
         if "out" in values:

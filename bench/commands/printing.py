@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,12 +21,12 @@ from bench.progress import console
 if TYPE_CHECKING:
     from bench.work.loop import Outcome
 
-FAILED = 3  # folds or systems that are named
+NAMED = 3  # folds or systems that a line names
 WIDTH = 100  # columns of a file or a log, which has no width of its own
 WORDS = 34  # columns of text, before it takes more lines rather than the place of another column
 COMPARED = ("cell", "stream", "chip")  # kinds of run whose best one is marked
 ACCURACY = ("captures", "clean", "whole", "in C")  # what kinds of run call the accuracy of whole captures
-NAMES = {"captures": "accuracy %", "windows": "of windows", "flash": "flash kB"}
+HEADINGS = {"captures": "accuracy %", "windows": "of windows", "flash": "flash kB"}
 SPARE = (  # columns that a narrow terminal does not get, the first to go first
     "own hop ms",
     "mean ms",
@@ -63,7 +64,7 @@ def say(*lines: str) -> None:
 def then(*commands: str) -> None:
     """Print what to type next."""
     if commands and not _led[0]:
-        say(*(f"{'next: ' if not place else '      '}{command}" for place, command in enumerate(commands)))
+        say(*(f"{'      ' if i else 'next: '}{command}" for i, command in enumerate(commands)))
 
 
 @contextmanager
@@ -77,16 +78,29 @@ def led() -> Iterator[None]:
 
 
 def writable(folder: Path) -> Path:
-    """Make the folder before anything is run.
+    """Make the folder of ``out=`` before anything is run.
+
+    Raises:
+        InputError: it cannot be.
+    """
+    with unwritable(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+@contextmanager
+def unwritable(out: Path) -> Iterator[None]:
+    """Refuse a place that cannot be written, in one line; what was there stays.
 
     Raises:
         InputError: it cannot be.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        yield
     except OSError as e:
-        raise InputError(f"out={folder}: {folder} cannot be written ({e.strerror}); choose another folder") from e
-    return folder
+        if e.errno == errno.ENAMETOOLONG:  # which has a line of its own
+            raise
+        raise InputError(f"out={out}: {e.filename or out} cannot be written ({e.strerror or e}); choose another") from e
 
 
 def grid(
@@ -97,57 +111,57 @@ def grid(
     spare: Sequence[str] = (),
     bold: Collection[int] = (),
 ) -> None:
-    """Print a table that fits; what it has no room for is named below it.
+    """Print a table that fits; headings of columns that it has no room for stand below it.
 
     Args:
         out: where; its width counts.
         title: above the table.
         rows: text by heading; all have the same headings. A column without any text but dashes is not shown.
-        left: headings of text, which stands left; numbers stand right.
+        left: headings of text, which is aligned left; numbers are aligned right.
         spare: headings that may be left out, the first to go first.
-        bold: places of rows that stand out.
+        bold: numbers of rows that stand out.
     """
     names = [n for n in rows[0] if n not in spare or any(row[n] not in ("-", "") for row in rows)]
     wide = {n: max(cell_len(text) for text in (n, *(row[n] for row in rows))) for n in names}
     wide |= {n: min(wide[n], WORDS) for n in left if n in wide}  # words go on in the next line
-    gone = []
+    dropped: list[str] = []
     for name in (n for n in spare if n in names):
         if sum(wide[n] + 3 for n in names) + 1 <= out.width:
             break
         names.remove(name)
-        gone.append(name)
+        dropped.append(name)
     table = Table()
     for name in names:
         table.add_column(escape(name), justify="left" if name in left else "right", overflow="fold")
-    for place, row in enumerate(rows):  # rich would take svm[C=8.0] for markup
-        table.add_row(*(escape(row[n]) for n in names), style="bold" if place in bold else None)
+    for i, row in enumerate(rows):  # rich would take svm[C=8.0] for markup
+        table.add_row(*(escape(row[n]) for n in names), style="bold" if i in bold else None)
     out.print(title, style="bold", markup=False, highlight=False)
     out.print(table)
-    if gone:
-        needed = sum(wide[n] + 3 for n in [*names, *gone]) + 1
-        words = f"columns left out: {', '.join(gone)}; a terminal {needed} wide has room for them"
+    if dropped:
+        needed = sum(wide[n] + 3 for n in [*names, *dropped]) + 1
+        words = f"columns left out: {', '.join(dropped)}; a terminal {needed} wide has room for them"
         out.print(words, style="dim", markup=False, highlight=False)
 
 
 def contexts(outcomes: Sequence[Outcome]) -> list[list[int]]:
-    """Places of the runs that were measured, those together that may be compared: same captures, same protocol."""
-    found: dict[tuple, list[int]] = {}
-    for place, outcome in enumerate(outcomes):
+    """Numbers of the runs that were measured, grouped by captures and protocol: only these may be compared."""
+    groups: dict[tuple, list[int]] = {}
+    for i, outcome in enumerate(outcomes):
         if outcome.findings:
             same = {**outcome.tags, "corpus_digest": outcome.plan.corpus.digest, **outcome.experiment.options()}
-            found.setdefault(comparable(same), []).append(place)
-    return list(found.values())
+            groups.setdefault(comparable(same), []).append(i)
+    return list(groups.values())
 
 
 def best(outcomes: Sequence[Outcome]) -> list[int]:
-    """Places of the most accurate complete runs of each context in which there is something to compare."""
-    found = []
-    for places in contexts(outcomes):
-        whole = [p for p in places if not outcomes[p].errors and not depends_on_batch(outcomes[p].tags)]
-        if len(whole) > 1:
-            most = max(outcomes[p].metrics["accuracy"] for p in whole)
-            found += [p for p in whole if outcomes[p].metrics["accuracy"] == most]
-    return found
+    """Numbers of the most accurate complete runs of each context in which there is something to compare."""
+    winners = []
+    for group in contexts(outcomes):
+        complete = [i for i in group if not outcomes[i].errors and not depends_on_batch(outcomes[i].tags)]
+        if len(complete) > 1:
+            most = max(outcomes[i].metrics["accuracy"] for i in complete)
+            winners += [i for i in complete if outcomes[i].metrics["accuracy"] == most]
+    return winners
 
 
 def show(outcomes: Sequence[Outcome]) -> int:
@@ -170,14 +184,13 @@ def show(outcomes: Sequence[Outcome]) -> int:
 
 def one_label(outcomes: Sequence[Outcome]) -> None:
     """Warn of systems that give every test capture of a fold, though of several classes, one and the same label."""
-    named = []
+    systems = []
     for outcome in outcomes:
         tables = [captures(result.table) for result in outcome.results]
         if count := sum(t["true"].nunique() > 1 and t["predicted"].nunique() == 1 for t in tables):
-            named.append(f"{outcome.plan.cell.system()} in {count} of {len(tables)} folds")
-    if named:
-        more = f" and {len(named) - FAILED} more systems" if len(named) > FAILED else ""
-        say(f"warning: every test capture of a fold gets one and the same label: {'; '.join(named[:FAILED])}{more}")
+            systems.append(f"{outcome.plan.cell.system()} in {count} of {len(tables)} folds")
+    if systems:
+        say(f"warning: every test capture of a fold gets one and the same label: {_first(systems, 'more systems')}")
 
 
 def system_in_tables(outcome: Outcome) -> str:
@@ -187,49 +200,47 @@ def system_in_tables(outcome: Outcome) -> str:
 
 def failures(outcomes: Sequence[Outcome]) -> int:
     """Print which folds failed and where the first traceback is; the exit code."""
-    failed = {f"{_named(o)}: fold {name}": where for o in outcomes for name, where in o.errors.items()}
-    if not failed:
-        return 0
-    more = f" and {len(failed) - FAILED} more" if len(failed) > FAILED else ""
-    console.print(
-        f"{len(failed)} failed: {'; '.join([*failed][:FAILED])}{more}; the traceback of the first is in "
-        f"{next(iter(failed.values()))}",
-        style="bold red",
-        markup=False,
-        highlight=False,
-        soft_wrap=True,
-    )
-    return 1
+    failed = {f"{_title(o)}: fold {name}": where for o in outcomes for name, where in o.errors.items()}
+    if failed:
+        words = f"{len(failed)} failed: {_first([*failed], 'more')}; the traceback of the first is in "
+        line = words + next(iter(failed.values()))
+        console.print(line, style="bold red", markup=False, highlight=False, soft_wrap=True)
+    return int(bool(failed))
 
 
-def _named(outcome: Outcome) -> str:
+def _first(names: Sequence[str], rest: str) -> str:
+    """The first names, and how many more there are."""
+    return "; ".join(names[:NAMED]) + (f" and {len(names) - NAMED} {rest}" if len(names) > NAMED else "")
+
+
+def _title(outcome: Outcome) -> str:
     cell = outcome.plan.cell
     return f"{cell.system()}, {cell.data}, {cell.protocol}"
 
 
 def _rows(out: Console, outcomes: Sequence[Outcome]) -> None:
-    """What they are all on stands above the table, what differs in it."""
-    abouts = []
+    """A table of runs: what they share stands above it, what differs in columns."""
+    contexts_of = []
     for outcome in outcomes:
         cell, star = outcome.plan.cell, "*" * outcome.plan.corpus.synthetic
         subset = (cell.where or "all") + (f", {cell.target}" if cell.target != "gesture" else "")
-        abouts.append({"data": cell.data + star, "subset": subset, "protocol": str(cell.protocol)})
-    differing = [name for name in abouts[0] if len({about[name] for about in abouts}) > 1]
+        contexts_of.append({"data": cell.data + star, "subset": subset, "protocol": str(cell.protocol)})
+    differing = [name for name in contexts_of[0] if len({context[name] for context in contexts_of}) > 1]
     marked = best(outcomes) if outcomes[0].experiment.kind in COMPARED else []
     rows = []
-    for place, (outcome, about) in enumerate(zip(outcomes, abouts, strict=True)):
-        row = {"system": system_in_tables(outcome) + " (best)" * (place in marked)}
-        row |= {name: about[name] for name in differing} | _measured(outcome)
-        rows.append(row | {"folds": f"{len(outcome.results)}/{len(outcome.plan.folds)}"})
+    for i, (outcome, context) in enumerate(zip(outcomes, contexts_of, strict=True)):
+        row = {"system": system_in_tables(outcome) + " (best)" * (i in marked)}
+        row |= {name: context[name] for name in differing} | _measured(outcome)
+        row["folds"] = f"{len(outcome.results)}/{len(outcome.plan.folds)}"
+        rows.append({HEADINGS.get(name, name): text for name, text in row.items()})
     title = outcomes[0].experiment.heading
     if not differing:
         data, subset, protocol = context_of(outcomes[0].tags)
         title = f"{data}, {'all captures' if subset == 'all' else subset}, {protocol}\n{title}"
-    if any("[" in row.get(name, "") for row in rows for name in ACCURACY):
+    if any("[" in row.get(HEADINGS.get(name, name), "") for row in rows for name in ACCURACY):
         title += "; in brackets 95 % intervals over subjects"
-    named = [{NAMES.get(name, name): text for name, text in row.items()} for row in rows]
-    spare = [NAMES.get(name, name) for name in SPARE]
-    grid(out, title, named, ("system", *abouts[0], "worst fault"), spare, marked)
+    spare = [HEADINGS.get(name, name) for name in SPARE]
+    grid(out, title, rows, ("system", *contexts_of[0], "worst fault"), spare, marked)
 
 
 def _measured(outcome: Outcome) -> dict[str, str]:
@@ -250,4 +261,4 @@ def _choices(out: Console, outcome: Outcome) -> None:
     for fold, row in outcome.chosen.items():
         cells = {n: row.get(n, "") for n in names}
         rows.append({"fold": fold} | {n: f"{c:.4g}" if isinstance(c, float) else str(c) for n, c in cells.items()})
-    grid(out, f"Chosen in each training part: {_named(outcome)}", rows, ("fold", *names), names[::-1])
+    grid(out, f"Chosen in each training part: {_title(outcome)}", rows, ("fold", *names), names[::-1])

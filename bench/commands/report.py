@@ -14,6 +14,7 @@ from bench.arguments import parse
 from bench.commands.printing import then
 from bench.costs import BUDGETS, quantity
 from bench.errors import InputError
+from bench.options import keys
 from bench.outcomes.store import connect, store_uri
 
 HERE = "127.0.0.1"
@@ -44,7 +45,7 @@ def report(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments cannot be used, or the folder cannot be written.
     """
-    values = parse(arguments, {"out", *BUDGETS})
+    values = parse(arguments, keys("report"))
     budgets = {BUDGETS[key]: quantity(key, values[key]) for key in BUDGETS if key in values}
     from reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
@@ -64,13 +65,11 @@ def ui(arguments: list[str]) -> int:
     Raises:
         InputError: a port that is not a number or is in use, or a store that cannot be opened.
     """
-    port = parse(arguments, {"port"}).get("port", "5000")
+    port = parse(arguments, keys("ui")).get("port", "5000")
     if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
         raise InputError(f"port={port[:60]}: give a number from 1 to 65535")
     if _answers(port):
-        raise InputError(
-            f"port={port}: another server answers there; give another, such as port={int(port) % 65535 + 1}"
-        )
+        raise InputError(f"port={port}: another server answers there; give port={int(port) % 65535 + 1}")
     store = connect()
     shown = store.keep_view("touchbench", VIEW)
     # MLflow's front page is about language models; this one is the table of runs.

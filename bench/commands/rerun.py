@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.arguments import PARTS, parse
-from bench.commands.gallery import inside
+from bench.commands.demo import inside
 from bench.commands.printing import led, say, then
 from bench.commands.tune import OPTIONS as SEARCH
 from bench.corpora.read.limits import quoted

@@ -16,7 +16,11 @@ def run(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
-    outcomes = evaluated_values(parse(arguments, KEYS))
+    return printed(evaluated_values(parse(arguments, KEYS)))
+
+
+def printed(outcomes: list[Outcome]) -> int:
+    """Print evaluations, whichever command made them; the exit code."""
     code = show(outcomes)
     one_label(outcomes)
     then("bench choose")
@@ -28,10 +32,10 @@ def evaluated_values(values: Values) -> list[Outcome]:
     return evaluated(cells(values), backend_of(values))
 
 
-def evaluated(asked: list[Cell], backend: Backend) -> list[Outcome]:
+def evaluated(todo: list[Cell], backend: Backend) -> list[Outcome]:
     """Cells, evaluated.
 
     Raises:
         InputError: something in the cells or the data cannot be used; nothing was run.
     """
-    return execute(prepared(asked, [Evaluation()], backend.jobs), backend, illustrate)
+    return execute(prepared(todo, [Evaluation()], backend.jobs), backend, illustrate)

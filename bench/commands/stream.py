@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from bench.arguments import KEYS as RUN_KEYS
-from bench.arguments import Values, backend_of, items, number, parse
+from bench.arguments import KEYS, Values, backend_of, items, number, parse
 from bench.commands.printing import say, show, then, writable
 from bench.errors import InputError
+from bench.options import keys
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.progress import warn
@@ -17,9 +17,7 @@ from bench.work.stream import Stream
 from reports.illustrations import illustrate
 from reports.streaming import write_streaming
 
-OPTIONS = {"hop_ms", "start", "out"}
-KEYS = RUN_KEYS | OPTIONS | {"source", "window_ms"}
-LONGEST_WINDOW = 86_400_000.0  # ms
+OWN = keys("stream") - KEYS
 
 
 def stream(arguments: list[str]) -> int:
@@ -28,17 +26,13 @@ def stream(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
-    values = parse(arguments, KEYS)
+    values = parse(arguments, keys("stream"))
     if "source" in values:
         from bench.work.live import live
 
         if sys.stdin is None:
             raise InputError(f"source={values['source']}: standard input is closed; send frames to it")
-        if "window_ms" in values and number("window_ms", values["window_ms"]) > LONGEST_WINDOW:
-            raise InputError(f"window_ms={values['window_ms'][:60]}: give at most {LONGEST_WINDOW:g}, a day")
         return live(values)
-    if "window_ms" in values:
-        raise InputError(f"window_ms={values['window_ms']}: only with source=-; leave it out")
     outcomes, out = streamed(values)
     code = show(outcomes)
     paths = write_streaming(connect(), [o.run_id for o in outcomes if o.findings], out)
@@ -57,11 +51,11 @@ def streamed(values: Values) -> tuple[list[Outcome], Path]:
     hop = number("hop_ms", values["hop_ms"]) if "hop_ms" in values else None
     replays = [Stream(hop, start) for start in dict.fromkeys(items("start", values.get("start", "onset")))]
     backend = backend_of(values)
-    todo = prepared(cells({k: v for k, v in values.items() if k not in OPTIONS}), replays, backend.jobs)
+    todo = prepared(cells({k: v for k, v in values.items() if k not in OWN}), replays, backend.jobs)
     out = writable(Path(str(values.get("out", "report"))))
     for name in dict.fromkeys(plan.cell.data for plan, _ in todo if len(set(plan.corpus.lengths)) == 1):
         warn(
-            f"warning: {name}: all captures are equally long; features that grow with duration were never seen at "
-            "another one, so a capture that is not whole yet may look like nothing that was ever seen"
+            f"warning: {name}: all captures have the same length, so features that grow with duration were trained on "
+            "one duration only; labels of captures that are not complete yet may be wrong"
         )
     return execute(todo, backend, illustrate), out

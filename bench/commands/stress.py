@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from bench.arguments import KEYS as RUN_KEYS
-from bench.arguments import Values, backend_of, convert, items, parse
+from bench.arguments import KEYS, Values, backend_of, convert, items, parse
 from bench.commands.printing import contexts, say, show, then, writable
 from bench.corpora.faults import Fault, known
 from bench.errors import InputError, nearest
+from bench.options import keys
 from bench.outcomes import stability
 from bench.outcomes.stability import Analysis
 from bench.outcomes.store import connect
@@ -18,8 +18,7 @@ from bench.work.loop import Outcome, execute, prepared
 from bench.work.stress import Stress
 from reports import stability_tables
 
-OPTIONS = {"faults", "train_subjects", "out"}
-KEYS = RUN_KEYS | OPTIONS
+OWN = keys("stress") - KEYS
 
 
 def stress(arguments: list[str]) -> int:
@@ -28,12 +27,12 @@ def stress(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
-    outcomes, out = stressed(parse(arguments, KEYS))
+    outcomes, out = stressed(parse(arguments, keys("stress")))
     code = show(outcomes)
     for folder, members in grouped(outcomes, out).items():
         title = stability_tables.title(members[0].analysis)
         say(f"{title}: which subjects, classes, conditions and faults fail: {folder / 'stability.md'}, with figures")
-    say("model.faults=all, or the names of some faults, trains a system on captures with them")
+    say("model.faults=all trains a system on damaged copies, too")
     then("bench report")
     return code
 
@@ -45,9 +44,8 @@ def stressed(values: Values) -> tuple[list[Outcome[Analysis]], Path]:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
     experiment = Stress(_faults(values), _counts(values))
-    asked = cells({k: v for k, v in values.items() if k not in OPTIONS})
     backend = backend_of(values)
-    todo = prepared(asked, [experiment], backend.jobs)
+    todo = prepared(cells({k: v for k, v in values.items() if k not in OWN}), [experiment], backend.jobs)
     out = writable(Path(str(values.get("out", "stress"))))
     outcomes = execute(todo, backend)
     for folder, members in grouped(outcomes, out).items():
@@ -57,27 +55,28 @@ def stressed(values: Values) -> tuple[list[Outcome[Analysis]], Path]:
 
 def grouped(outcomes: list[Outcome[Analysis]], out: Path) -> dict[Path, list[Outcome[Analysis]]]:
     """What went well by the folder of its tables: one for each corpus, subset and protocol."""
-    found: dict[Path, list[Outcome[Analysis]]] = {}
-    for places in (each := contexts(outcomes)):
-        members, folder = [outcomes[place] for place in places], out
-        if len(each) > 1:
+    folders: dict[Path, list[Outcome[Analysis]]] = {}
+    groups = contexts(outcomes)
+    for rows in groups:
+        members, folder = [outcomes[row] for row in rows], out
+        if len(groups) > 1:
             words = " ".join(members[0].analysis.context)
             name = re.sub(r"[^A-Za-z0-9]+", "-", words).strip("-").lower()
-            folder = out / name if out / name not in found else out / f"{name}-{len(found) + 1}"
-        found[folder] = members
-    return found
+            folder = out / name if out / name not in folders else out / f"{name}-{len(folders) + 1}"
+        folders[folder] = members
+    return folders
 
 
 def _faults(values: Values) -> tuple[Fault, ...]:
     """Faults that were asked for, all without ``faults=``, in the order in which they are known."""
-    there = known()
-    asked = items("faults", values["faults"]) if "faults" in values else list(there)
-    if asked == [stability.CLEAN]:
+    faults = known()
+    chosen = items("faults", values["faults"]) if "faults" in values else list(faults)
+    if chosen == [stability.CLEAN]:
         return ()
-    for name in asked:
-        if name not in there:
-            raise InputError(f"faults={name}: not known; {nearest(name, there)}")
-    return tuple(fault for name, fault in there.items() if name in asked)
+    for name in chosen:
+        if name not in faults:
+            raise InputError(f"faults={name}: not known; {nearest(name, faults)}")
+    return tuple(fault for name, fault in faults.items() if name in chosen)
 
 
 def _counts(values: Values) -> tuple[int, ...]:
@@ -98,5 +97,4 @@ def _write(folder: Path, members: list[Outcome[Analysis]]) -> None:
         for path in paths:
             store.keep(outcome.run_id, path, "stability")
         if seeds := stability.seeds([a for a in analyses if a.system == analysis.system]).to_dict("records"):
-            found = {"seed_accuracy_sd": seeds[0]["sd"], "seed_labels_changed": seeds[0]["changed"]}
-            store.log(outcome.run_id, found)
+            store.log(outcome.run_id, {"seed_accuracy_sd": seeds[0]["sd"], "seed_labels_changed": seeds[0]["changed"]})

@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from bench.arguments import quoted
+from bench.commands.printing import then
 from bench.errors import InputError
 from bench.registry import names
 from reports.comparison import published
@@ -29,10 +30,10 @@ def systems(arguments: list[str]) -> int:
         print(f"\n{reference}")
         for row in part.itertuples():
             print(f"  {_number(row)}  {row.id}\n    {row.command}")
-    there = int((rows["command"].str[:1] != "-").sum())
-    print(f"\n{len(rows)} published numbers, in percent, ± SD over subjects; {there} have a command.")
-    print("Which data, subset and unit they mean: reports/published.csv")
-    print("next: bench report, which puts what was run beside them")
+    repeatable = int((rows["command"].str[:1] != "-").sum())
+    print(f"\n{len(rows)} published numbers, in percent, ± SD over subjects; {repeatable} have a command.")
+    print("Data, subset and unit of each: reports/published.csv")
+    then("bench report")
     return 0
 
 

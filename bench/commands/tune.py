@@ -6,11 +6,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from bench import contract
-from bench.arguments import KEYS as RUN_KEYS
 from bench.arguments import Values, backend_of, convert, items, parse, text_of
 from bench.commands.printing import one_label, show, then
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
+from bench.options import keys
 from bench.plan.cells import Cell, cells
 from bench.registry import parameters
 from bench.work.loop import Outcome
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from models.search.space import How, Space, Tuning
 
 OPTIONS: How = {"trials": 50, "inner": "3", "budget": float("inf")}
-KEYS = RUN_KEYS | OPTIONS.keys()
+KEYS = keys("tune")
 
 
 def tune(arguments: list[str]) -> int:

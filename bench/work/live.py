@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bench.work.saved import Recogniser
 
 HOP_MS = 125.0  # 8 decisions a second; the systems in the literature make 6 to 9
-OPTIONS = ("source", "model", "hop_ms", "window_ms")
+OPTIONS = ("source", "model", "hop_ms")
 CHARACTERS = 32  # most of a number; a line has at most as many for each channel, its end included
 NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
@@ -45,13 +45,11 @@ def live(values: dict[str, str]) -> int:
     from bench.work.saved import load
 
     hop_ms = number("hop_ms", values.get("hop_ms", str(HOP_MS)))
-    window_ms = number("window_ms", values["window_ms"]) if "window_ms" in values else None
     recogniser = load(values["model"])
     frame_ms = 1000 / recogniser.rate_hz
-    for key, ms in (("hop_ms", hop_ms), ("window_ms", window_ms)):
-        if ms is not None and ms < frame_ms:
-            raise InputError(f"{key}={ms:g}: one frame takes {frame_ms:.4g} ms; give at least that")
-    longest = recogniser.longest if window_ms is None else int(window_ms / frame_ms + 1e-6)
+    if hop_ms < frame_ms:
+        raise InputError(f"hop_ms={hop_ms:g}: one frame takes {frame_ms:.4g} ms; give at least that")
+    longest = recogniser.longest
     rows, cols = recogniser.grid
     print(
         f"frames of {rows}x{cols} from 0 to {recogniser.full_scale:g}, {recogniser.rate_hz:g} a second are taken for "

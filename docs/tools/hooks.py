@@ -28,7 +28,7 @@ sys.path[:0] = [str(TOOLS), str(TOOLS.parent.parent)]
 import examples  # noqa: E402
 
 from bench.cli import main  # noqa: E402
-from bench.commands.help import COMMANDS  # noqa: E402
+from bench.options import COMMANDS  # noqa: E402
 
 printed: dict[str, list[str] | str] = {}
 

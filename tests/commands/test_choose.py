@@ -9,9 +9,9 @@ import pytest
 from bench.arguments import parse
 from bench.cli import main
 from bench.commands.choose import Chosen, _print, chosen
-from bench.commands.help import SMALL
 from bench.commands.smallest import smallest
 from bench.errors import InputError
+from bench.options import SMALL
 from bench.outcomes.choice import Candidates, decide
 from bench.outcomes.comparable import MARKED
 from bench.outcomes.store import connect

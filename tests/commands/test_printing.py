@@ -3,20 +3,21 @@
 import io
 import re
 import shlex
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from bench.arguments import quoted
+from bench.arguments import parse, quoted
 from bench.cli import main
 from bench.commands import printing
 from bench.commands.run import evaluated_values
+from bench.options import keys
 from bench.outcomes.comparable import BATCH, MARKED
-from tests.conftest import predictions, runs
-
-SMALL = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]
+from bench.plan.cells import cells
+from tests.conftest import SMALL, predictions, runs
 
 
 def drawn(rows, width, **options):
@@ -30,37 +31,33 @@ def drawn(rows, width, **options):
     st.integers(1, 30),
     st.integers(40, 120),
 )
-def test_no_heading_is_lost_without_a_word_and_no_line_is_too_long(names, longest, width):
-    spare = [f"{name}{place}" for place, name in enumerate(names)]
-    rows = [{"system": "s" * longest} | {name: "1" * longest for name in spare}]
-    said = drawn(rows, width, left=("system",), spare=spare)
-    table, _, rest = said.partition("columns left out: ")
-    assert all(len(line) <= width for line in said.splitlines())
-    for name in spare:
-        assert (name in table) != (name in rest), name
-    whole = (
-        1 + sum(3 + max(len(name), longest) for name in spare) + 3 + min(max(longest, len("system")), printing.WORDS)
-    )
-    assert bool(rest) == (whole > width)
+def test_columns_left_out_are_named_in_order_and_no_line_is_too_long(names, longest, width):
+    spare = [f"{name}{i}" for i, name in enumerate(names)]
+    rows = [{"system": "s" * longest, "empty": "-"} | {name: "1" * longest for name in spare}]
+    text = drawn(rows, width, left=("system",), spare=["empty", *spare])
+    table, _, rest = text.partition("columns left out: ")
+    assert all(len(line) <= width for line in text.splitlines()) and "empty" not in text
+    left_out = [name for name in spare if name not in table]
+    assert left_out == spare[: len(left_out)] and all(name in " ".join(rest.split()) for name in left_out)
+    needed = sum(3 + max(len(name), longest) for name in spare) + 1
+    needed += 3 + min(max(longest, len("system")), printing.WORDS)
+    assert bool(rest) == (needed > width)
+    if rest:
+        assert int(re.search(r"a terminal (\d+) wide", " ".join(rest.split()))[1]) == needed
 
 
-def test_columns_go_in_the_order_in_which_they_are_spared_and_no_sooner_than_needed():
-    rows = [{"system": "x", "a": "1" * 20, "b": "2" * 20, "c": "3" * 20, "empty": "-"}]
-    assert "columns left out: b;" in drawn(rows, 70, spare=["empty", "b", "a"])
-    assert "columns left out: b, a;" in drawn(rows, 40, spare=["empty", "b", "a"])
-    said = drawn(rows, 80, spare=["empty", "b", "a"])
-    assert "left out" not in said and "empty" not in said  # a column of dashes has nothing to show
-    said = " ".join(drawn(rows, 40, spare=["b", "a"]).split())
-    needed = int(re.search(r"a terminal (\d+) wide", said)[1])
-    assert "left out" not in drawn(rows, needed, spare=["b", "a"])
-    assert "left out" in drawn(rows, needed - 1, spare=["b", "a"])
-
-
-def test_a_name_that_is_markup_or_long_is_all_there():
+def test_a_name_that_is_markup_or_long_is_printed_in_full():
     name = "svm[C=8.0,kernel=[bold]rbf] " + "x" * 60
-    said = drawn([{"system": name, "n": "1"}], 50, left=("system",))
-    inner = "".join(line.split("│")[1].strip() for line in said.splitlines() if line.startswith("│"))
+    text = drawn([{"system": name, "n": "1"}], 50, left=("system",))
+    inner = "".join(line.split("│")[1].strip() for line in text.splitlines() if line.startswith("│"))
     assert inner.replace(" ", "") == name.replace(" ", "")
+
+
+def next_commands(text):
+    """Commands that a command printed to type next, and of each its words."""
+    lines = text.splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("next: "))
+    return [shlex.split(line.removeprefix("next: "))[1:] for line in lines[start:] if line.lstrip("next: ")]
 
 
 ONE = """
@@ -78,26 +75,12 @@ class One(ClassifierMixin, BaseEstimator):
 """
 
 
-def test_a_system_that_says_one_label_only_is_not_named_without_a_word(tmp_path, capsys):
+def test_run_marks_the_best_and_warns_of_one_label_and_what_it_prints_next_can_be_typed(tmp_path, capsys):
     (tmp_path / "one.py").write_text(ONE)
-    assert main(["run", *SMALL, f"model={tmp_path / 'one.py'}:One"]) == 0
-    said = capsys.readouterr()
-    assert said.out.count("one and the same label") == 1 and "One in 3 of 3 folds" in said.out
-    assert main(["run", *SMALL, "model=bayes,lda", "features=jung28"]) == 0
-    said = capsys.readouterr()
-    assert "same label" not in said.out
-
-
-def next_commands(said):
-    """Commands that a command said to type next, and of each its words."""
-    lines = said.splitlines()
-    start = next(i for i, line in enumerate(lines) if line.startswith("next: "))
-    return [shlex.split(line.removeprefix("next: "))[1:] for line in lines[start:] if line.lstrip("next: ")]
-
-
-def test_run_marks_the_best_and_what_it_says_to_type_can_be_typed(capsys):
-    assert main(["run", *SMALL, "model=bayes,lda,tree", "features=jung28"]) == 0
-    said = capsys.readouterr().out
+    assert main(["run", *SMALL, "model=bayes,lda,one.py:One", "features=jung28"]) == 0
+    text = capsys.readouterr().out
+    (warning,) = [line for line in text.splitlines() if line.startswith("warning: ")]
+    assert "One in 3 of 3 folds" in warning and "lda" not in warning
     store, found = runs("cell")
     shares = {}
     for run in found:  # pooled over captures, counted here by hand
@@ -107,34 +90,33 @@ def test_run_marks_the_best_and_what_it_says_to_type_can_be_typed(capsys):
         shares[run.data.tags["system"]] = 100 * (labels == table["true"]).mean()
     top = max(shares.values())
     for system, share in shares.items():
-        (row,) = [line for line in said.splitlines() if line.startswith(f"│ {system}")]
+        (row,) = [line for line in text.splitlines() if line.startswith(f"│ {system}")]
         assert ("(best)" in row) == (share == top) and f"{share:.1f} [" in row
-    assert all(len(line) <= 100 for line in said.splitlines() if line[:1] in "┏┃┡│└")
-    commands = next_commands(said)
+    commands = next_commands(text)
     assert commands == [["choose"]]
-    assert main(commands[0]) == 0
-    said = capsys.readouterr().out
-    (fit,) = next_commands(said)
+    assert main([*commands[0], "model=bayes,lda"]) == 0
+    (fit,) = next_commands(capsys.readouterr().out)
     assert fit[0] == "fit" and "out=chosen" in fit
     assert main([*fit, "stopping=no"]) == 0
     predict, export = next_commands(capsys.readouterr().out)
     assert predict == ["predict", "chosen", "new.csv"] and export == ["export", "chosen", "out=in_c"]
-    assert main(export) == 0
+    assert main(export) == 0 and main([*export[:2], "out=small", "bits=8"]) == 0
+    for folder, kind in {"in_c": "float", "small": "int8_t"}.items():
+        assert f"typedef {kind} weight_t" in Path(folder, "tables.h").read_text()
 
 
 def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys):
-    values = {"data": "synth", "data.subjects": 3, "data.variants": ("normal",), "data.repetitions": 1, "jobs": 1}
-    outcomes = evaluated_values(values | {"model": ["bayes", "lda", "tree"], "features": "jung28"})
+    values = parse([*SMALL, "model=bayes,lda,tree", "features=jung28"], keys("run"))
+    outcomes = evaluated_values(values)
     top = max(outcomes, key=lambda outcome: outcome.metrics["accuracy"])
     top.tags[BATCH] = "true"
     assert printing.show(outcomes) == 0
-    said = capsys.readouterr().out
-    name = top.plan.cell.system()
-    assert f"│ {name} † " in said and f"{name} † (best)" not in said and "(best)" in said
-    assert MARKED in said.splitlines()
+    text, name = capsys.readouterr().out, top.plan.cell.system()
+    assert f"│ {name} † " in text and f"{name} † (best)" not in text and "(best)" in text
+    assert MARKED in text.splitlines()
 
 
-def test_commands_inside_another_one_do_not_say_what_comes_next(capsys):
+def test_commands_inside_another_one_do_not_print_what_comes_next(capsys):
     with printing.led():
         printing.then("bench run")
     assert not capsys.readouterr().out
@@ -142,20 +124,10 @@ def test_commands_inside_another_one_do_not_say_what_comes_next(capsys):
     assert capsys.readouterr().out == "next: bench run\n"
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        "variant == 'rough'",
-        "a == 'it\"s'",
-        "x == '$HOME'",
-        "plain",
-        "two words",
-        "a == '`ls`'",
-        "wow!",
-        "x == 'a!b'",
-        "\\",
-    ],
-)
+VALUES = r"""variant == 'rough'; a == 'it"s'; x == '$HOME'; plain; two words; a == '`ls`'; wow!; \; x == 'a!b'"""
+
+
+@pytest.mark.parametrize("value", VALUES.split("; "))
 def test_a_value_is_quoted_so_that_a_shell_hands_it_over(value):
     assert shlex.split(f"where={quoted(value)}") == [f"where={value}"]
 
@@ -164,10 +136,5 @@ def test_systems_prints_commands_that_can_be_pasted(capsys):
     assert main(["systems"]) == 0
     lines = [line.strip() for line in capsys.readouterr().out.splitlines() if line.strip().startswith("bench run")]
     assert len(lines) > 40 and not [line for line in lines if "'\"'\"'" in line]
-    assert "bench run data=cost where=\"variant == 'rough'\" protocol=loso model=jung2014_bayes" in lines
-    from bench.arguments import parse
-    from bench.commands.run import KEYS
-    from bench.plan.cells import cells
-
     for line in lines:
-        assert cells(parse(shlex.split(line)[2:], KEYS))
+        assert cells(parse(shlex.split(line)[2:], keys("run")))
