@@ -262,7 +262,7 @@ def test_a_worse_trial_is_given_up_unless_it_is_much_smaller_or_the_better_one_i
     corpus = noisy()
     small = {"model": "lda", "columns": 0.25, "lda.shrinkage": 0.9}
     monkeypatch.setattr(study.Study, "worse", lambda self, tried: True)
-    monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], {"model": "lda", "lda.shrinkage": 0.9}, small])
+    monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], {"model": "lda", "columns": 0.5, "lda.shrinkage": 0.9}, small])
     free = searched(corpus, 3).tried_
     assert [t.state for t in free] == ["complete", "pruned", "complete"]
     monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], small])
