@@ -26,12 +26,8 @@ from models.sizes import sizes
 from tests.conftest import random_corpus, with_other_values
 
 SEARCHES = {"auto", "jung2014_svm", "jung2017_tree", "jung2017_svm_linear", "jung2017_svm_rbf", "ta2015_svm"}
-SLOW = {
-    "hughes2015_softmax",
-    "gaus2015_rf",
-    "gaus2015_boost",
-    "ta2015_rf",
-} | SEARCHES  # their parts are here with less to learn
+SLOW = SEARCHES | {"hughes2015_softmax", "gaus2015_rf", "gaus2015_boost", "ta2015_rf", "jung2017_nn"}
+SLOW |= {"touchnet", "ren2023_transformer"}  # the parts of most are here with less to learn
 QUICK = {
     "rf": {"trees": 10},
     "et": {"trees": 10},
@@ -51,12 +47,16 @@ def flattened(series):
     return series.reshape(len(series), -1)
 
 
+def linear(frames, rows, cols, classes):
+    return nn.Sequential(nn.Flatten(), nn.Linear(frames * rows * cols, classes))
+
+
 COMPOSED = {
     "rf on gaus": lambda: rf(Gaus(), trees=10),
     "rf on ta273": lambda: rf(Ta273(), trees=10),
     "softmax on hughes36": lambda: softmax(Hughes36(states=2, iterations=2, epochs=1)),
     "series": lambda: FromSeries(make_pipeline(FunctionTransformer(flattened), KNeighborsClassifier(3)), "both", 12),
-    "module": lambda: FromTorch(lambda *size: nn.Sequential(nn.Flatten(), nn.LazyLinear(size[-1])), 5, epochs=2),
+    "module": lambda: FromTorch(linear, 5, epochs=2),
     "lda on windows": lambda: made("lda", window=0.1, **HARSH),
     "svm for a person": lambda: made("svm", person=("centre", "scale", "pool"), turns=1),
     "cnn85 on damaged copies": lambda: made("cnn85", **HARSH),
