@@ -37,6 +37,7 @@ def test_signed_ranks_of_many_subjects_and_of_none_that_differ():
     assert statistics.wilcoxon(many) == pytest.approx(stats.wilcoxon(many).pvalue)
     assert statistics.wilcoxon(np.zeros(8)) == 1 and np.isnan(statistics.wilcoxon(np.ones(1)))
     assert statistics.wilcoxon(np.array([0, 0, 0.1, 0])) == 1
+    assert statistics.wilcoxon(np.array([0.0, 0, 1, 2, 3, -4])) == 14 / 16  # zeros take no rank
 
 
 def test_interval_is_scipys_paired_t_interval():
