@@ -1,5 +1,6 @@
 """Files that look right and are not are refused in one line; files that look wrong and are right are read."""
 
+import os
 import zipfile
 
 import numpy as np
@@ -315,11 +316,18 @@ def test_archives_that_are_none_too_large_or_packed_without_bounds(tmp_path, mon
     refused("haart", archive(tmp_path), "larger")
 
 
-def test_an_array_that_is_not_of_the_size_that_its_header_says(tmp_path):
-    for old, new in ((b"(3, 1, 2)", b"(9, 1, 2)"), (b"(3, 1, 2)", b"(1, 1, 2)"), (b"<f8", b"|O8")):
-        with zipfile.ZipFile(npz(tmp_path)) as packed:
+class Stealing:
+    def __reduce__(self):
+        return os.mkdir, ("stolen",)
+
+
+def test_an_array_that_is_pickled_or_not_of_the_size_that_its_header_says(tmp_path):
+    for old, new in ((b"(3, 1, 2)", b"(9, 1, 2)"), (b"(3, 1, 2)", b"(2, 1, 2)"), (b"<f8", b"|O8")):
+        with zipfile.ZipFile(npz(tmp_path, offsets=[0, 1, 2])) as packed:
             parts = {name: packed.read(name).replace(old, new) for name in packed.namelist()}
         refused("table", archive(tmp_path, name="my.npz", parts=parts), "my.npz")
+    refused("table", npz(tmp_path, gesture=np.array(["pat", Stealing()], dtype=object)), "my.npz")
+    assert not os.path.exists("stolen")
 
 
 def test_files_that_are_no_files(tmp_path):
