@@ -16,6 +16,7 @@ from features import cache as kept
 from features.cache import cache_key
 from features.jung28 import Jung28
 from features.jung54 import Jung54
+from features.touch import TouchFeatures
 from tests.conftest import random_corpus
 
 
@@ -137,8 +138,8 @@ def test_frames_that_are_changed_under_an_open_corpus_fill_no_cache(stored, corp
 
 
 def test_a_fit_rounds_alike_whether_features_were_kept_or_are_computed(stored):
-    computed, kept_ones = (Jung28().transform(stored) for _ in range(2))
+    computed, kept_ones = (TouchFeatures().transform(stored) for _ in range(2))
     assert computed.to_numpy().flags.f_contiguous == kept_ones.to_numpy().flags.f_contiguous
     weights = np.random.default_rng(0).normal(size=(computed.shape[1], 7))
     kept._read.cache_clear()
-    assert (computed.to_numpy() @ weights == Jung28().transform(stored).to_numpy() @ weights).all()
+    assert (computed.to_numpy() @ weights == TouchFeatures().transform(stored).to_numpy() @ weights).all()
