@@ -117,6 +117,8 @@ def write(corpus: Corpus, path: Path) -> None:
         InputError: the corpus does not fit the format, or the file cannot be written.
     """
     path, captures = Path(path), corpus.captures
+    if not path.name or (path.exists() and not path.is_file()):  # a device would be replaced, a pipe waited for
+        raise InputError(f"{path} cannot be written (it is not a plain file); name a file")
     if corpus.grid != (8, 8) or corpus.frames.dtype != np.uint16:
         rows, cols = corpus.grid
         raise InputError(
