@@ -27,7 +27,7 @@ class FeatureSet(TransformerMixin, BaseEstimator):
     """Turns a `Corpus` into a DataFrame [captures, n_features] with named columns.
 
     A feature set gives ``extract(corpus)``, which learns nothing. One that also learns has ``learns = True`` and
-    its own ``fit`` and ``transform``; what it computes without learning it takes from `transform` of this class.
+    its own ``fit`` and ``transform``; what it computes without learning it takes from `unlearnt`.
 
     For a stored corpus the table of all its captures is kept in the data folder, under the digest of the corpus, the
     parameters and the source code that the values depend on, so folds and models share it and a change of code or data
@@ -51,6 +51,10 @@ class FeatureSet(TransformerMixin, BaseEstimator):
 
         Those of pieces and copies of captures (`bench.corpora.steps`) are labelled by capture and copy.
         """
+        return self.unlearnt(X)
+
+    def unlearnt(self, X: Corpus) -> pd.DataFrame:
+        """The table of `extract`, kept or computed; unlike `transform` never renamed by scikit-learn's set_output."""
         table = of_corpus(self, X)
         stored = origin(X)
         return table.set_axis(labels(stored.index, stored.piece // COPY)) if stored.steps else table

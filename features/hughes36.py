@@ -122,7 +122,7 @@ class Hughes36(FeatureSet):
                 frames = _standardised(observe(part), *self.standard_[i])
                 likelihood = self.models_[i].log_likelihood(frames, part.lengths) / part.lengths[:, None]
                 columns[block, i * classes : (i + 1) * classes] = np.maximum(likelihood, LEAST_LIKELY)
-        others = super().transform(X)[self.level_]
+        others = self.unlearnt(X)[self.level_]
         likelihoods = pd.DataFrame(columns, others.index, self.names_[: 2 * classes])
         return pd.concat([likelihoods, others], axis=1)
 

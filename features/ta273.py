@@ -70,7 +70,7 @@ class Ta273(FeatureSet):
     def transform(self, X: Corpus) -> pd.DataFrame:
         """Features of each capture [captures, n_features]."""
         crossings = crossings_per_second(mean_pressure(X), X.lengths, self.levels_, X.rate_hz)
-        others = super().transform(X)
+        others = self.unlearnt(X)
         crossed = pd.DataFrame(crossings, others.index, _CROSSINGS)
         return pd.concat([others, crossed], axis=1)[self.names_]
 

@@ -1,22 +1,15 @@
 """Gesture-level features against loops, and what may be learnt."""
 
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sklearn.base import clone
-from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LinearRegression
 
-from bench import source
-from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.synth import generate
-from bench.errors import InputError
 from features import hughes36
 from features.hughes36 import Hughes36, moments
 from tests.conftest import random_corpus
@@ -26,11 +19,6 @@ GRIDS = [(8, 8), (3, 5), (1, 4), (5, 1), (1, 1)]
 
 def quick(**parameters):
     return Hughes36(**{"states": 2, "iterations": 2, "epochs": 1, **parameters})
-
-
-def corpus_of(arrays, gestures=None, rate=100.0, full_scale=1023.0):
-    about = pd.DataFrame({"subject": ["1"] * len(arrays), "gesture": gestures or ["pat"] * len(arrays)})
-    return Corpus.from_captures(arrays, about, rate, full_scale=full_scale)
 
 
 def naive(frames, rate, full_scale):
@@ -185,22 +173,6 @@ def learnt(features):
     ]
 
 
-def test_only_the_training_captures_are_learnt_from(corpus):
-    part = np.arange(0, len(corpus), 2)
-    before = quick().fit(corpus[part], corpus.gestures[part])
-    arrays = [a if i in part else a[::-1] * 0 + 1023 for i, a in enumerate(corpus)]
-    other = Corpus.from_captures(arrays, corpus.captures, corpus.rate_hz)
-    after = quick().fit(other[part], corpus.gestures[part])
-    assert all(np.array_equal(a, b) for a, b in zip(learnt(before), learnt(after), strict=True))
-    detached = corpus[part].detached()
-    assert all(
-        np.array_equal(a, b)
-        for a, b in zip(learnt(before), learnt(quick().fit(detached, detached.gestures)), strict=True)
-    )
-    whole = quick().fit(corpus, corpus.gestures)
-    assert not any(np.array_equal(a, b) for a, b in zip(learnt(before)[-4:], learnt(whole)[-4:], strict=True))
-
-
 def test_models_follow_the_labels_that_are_passed(corpus):
     own = quick().fit(corpus, corpus.gestures)
     shuffled = np.random.default_rng(0).permutation(corpus.gestures)
@@ -237,19 +209,6 @@ def test_likelihoods_are_per_frame_of_what_training_frames_standardise(corpus):
             np.testing.assert_allclose(table.filter(like=f"hmm_{kind}_").iloc[i], expected.clip(-100), rtol=1e-6)
 
 
-def test_a_slice_has_the_rows_of_the_whole(corpus, monkeypatch):
-    features = quick(states=3).fit(corpus, corpus.gestures)
-    whole = features.transform(corpus)
-    assert list(whole.columns) == list(features.get_feature_names_out())
-    chosen = np.array([7, 3, 20, 3])
-    pd.testing.assert_frame_equal(
-        features.transform(corpus[chosen]), whole.iloc[chosen].reset_index(drop=True), rtol=1e-9, atol=1e-9
-    )
-    assert features.transform(corpus[np.array([], dtype=int)]).shape == (0, 14)
-    monkeypatch.setattr(hughes36, "FRAMES_TO_SCORE", 50)
-    pd.testing.assert_frame_equal(features.transform(corpus), whole, rtol=1e-9, atol=1e-9)
-
-
 def test_a_stored_corpus_gives_what_one_in_memory_gives(corpus, tmp_path, monkeypatch):
     write_folder(corpus, tmp_path / "c")
     stored = open_folder(tmp_path / "c")
@@ -271,24 +230,3 @@ def test_the_seed_decides_and_other_random_numbers_stay(corpus):
     again, other = (quick(seed=s).fit(corpus, corpus.gestures) for s in (0, 1))
     assert all(np.array_equal(a, b) for a, b in zip(learnt(first), learnt(again), strict=True))
     assert not np.array_equal(first.encoder_[0][0], other.encoder_[0][0])
-
-
-def test_parameters_clones_and_what_is_not_fitted(corpus):
-    for name in ("states", "iterations", "epochs"):
-        wrong = Hughes36(**{name: 0})
-        with pytest.raises(InputError, match=f"features.{name}=0: give at least 1"):
-            wrong.check()
-        with pytest.raises(InputError):
-            wrong.fit(corpus, corpus.gestures)
-    Hughes36(1, 1, 1).check()
-    for ask in (lambda f: f.transform(corpus), lambda f: f.get_feature_names_out()):
-        with pytest.raises(NotFittedError):
-            ask(quick())
-    assert Hughes36.learns and clone(quick(seed=4)).get_params() == quick(seed=4).get_params()
-    assert len(quick(states=1).fit(corpus, corpus.gestures).models_[0].transition_[0]) == 1
-
-
-def test_importing_the_module_imports_no_torch():
-    code = "import sys, features.hughes36; sys.exit('torch' in sys.modules)"
-    root = str(source.Path(source.__file__).parents[1])
-    assert subprocess.run([sys.executable, "-c", code], cwd=root, check=False).returncode == 0

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
@@ -20,27 +20,6 @@ RATES = [8.0, 12.0, 54.0, 135.0]
 STEPWISE = "change rise relative_change net_change one_way speed flow explained flow_row flow_col likeness".split()
 SPECTRAL = "total change row col relative_change net_change flow_row flow_col half_area".split()
 BANDS = [0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32]  # 32nds of half the rate
-
-
-def corpus_of(arrays, rate=54.0, full_scale=1024.0):
-    about = pd.DataFrame({"subject": ["1"] * len(arrays), "gesture": ["pat"] * len(arrays)})
-    return Corpus.from_captures(arrays, about, rate, full_scale=full_scale)
-
-
-def row_of(frames, rate=54.0, full_scale=1024.0):
-    return TouchFeatures().transform(corpus_of([frames], rate, full_scale)).iloc[0]
-
-
-def ragged(seed, grid, real=False, lengths=(1, 2, 3, 10, 80), sparse=True):
-    """One capture of each length; in some frames nobody touches the sensor, in others only some taxels."""
-    rng = np.random.default_rng(seed)
-    found = []
-    for length in lengths:
-        values = rng.integers(0, 1024, (length, *grid)) * 1.0
-        if sparse:
-            values *= rng.random(values.shape) < 1.4 * rng.random((length, 1, 1))
-        found.append((values * 0.37).astype(np.float32) if real else values.astype(np.uint16))
-    return found
 
 
 def gradient(q):
@@ -266,20 +245,6 @@ def test_a_taxel_that_never_changes_has_no_spread_in_time(length):
     np.testing.assert_allclose(found, np.log(1e-4), atol=5e-3)
 
 
-@pytest.mark.parametrize("grid", GRIDS)
-@pytest.mark.parametrize("frames", [1, 2, 3, 80])
-@pytest.mark.parametrize("value", [0, 7, 1023])
-def test_constant_captures(frames, value, grid):
-    for kind in (np.uint16, np.float32):
-        row = row_of(np.full((frames, *grid), value, kind), full_scale=1023.0)
-        assert np.isfinite(row).all()
-        still = row.filter(regex="_(step|step_sd|crossings|turns|skewness|centroid|.*_ms|range|correlation)$")
-        assert len(still) == 19 * 5 + 9 + 18 + 3 and (still.abs() < 1e-12).all()
-        assert (row.filter(regex="_kurtosis$") == 3).all()
-        assert row["peak_mean"] == pytest.approx(np.log(value / 1023 + 1e-4), abs=1e-6)
-        assert row["half_area_mean"] == (value > 0) and row["likeness_mean"] == (frames > 1)
-
-
 def test_one_frame_has_no_steps_and_no_spectrum():
     row = row_of(ragged(3, (6, 6), lengths=[1])[0])
     steps = row[[name for name in row.index if name.rsplit("_", 1)[0] in STEPWISE]]
@@ -299,35 +264,6 @@ def test_names_and_count():
         corpus = random_corpus(subjects=1, per_class=1, grid=grid)
         features = TouchFeatures().fit(corpus)
         assert features.transform(corpus).columns.equals(names) and list(features.get_feature_names_out()) == [*names]
-
-
-@given(st.integers(0, 1000), st.sampled_from([*GRIDS, (5, 7), (2, 1)]))
-@example(0, (1, 1))
-def test_rounding_does_not_depend_on_the_other_captures(seed, grid):
-    rng = np.random.default_rng(seed)  # values so different in size that their sums are rounded
-    lengths = rng.choice([1, 2, 3, 9, 9, 30, 70], 12)
-    arrays = [(rng.random((length, *grid)) ** 20).astype(np.float32) for length in lengths]
-    corpus = corpus_of(arrays, full_scale=0.7)
-    whole = TouchFeatures().transform(corpus)
-    for i, frames in enumerate(arrays):
-        row = whole.iloc[i : i + 1].reset_index(drop=True)
-        assert TouchFeatures().transform(corpus[i : i + 1]).equals(row)
-        assert TouchFeatures().transform(corpus_of([frames], full_scale=0.7)).equals(row)
-    order = rng.permutation(len(corpus))
-    assert TouchFeatures().transform(corpus[order]).equals(whole.iloc[order].reset_index(drop=True))
-
-
-def test_a_slice_has_the_rows_of_the_whole(corpus, monkeypatch):
-    whole = TouchFeatures().transform(corpus)
-    chosen = np.array([7, 3, 20, 3])
-    assert TouchFeatures().transform(corpus[chosen]).equals(whole.iloc[chosen].reset_index(drop=True))
-    assert TouchFeatures().transform(corpus[np.array([], dtype=int)]).equals(whole.iloc[:0])
-    asked = []
-    statistics = touch.statistics
-    monkeypatch.setattr(touch, "statistics", lambda *a: (asked.append(len(a[0])), statistics(*a))[1])
-    monkeypatch.setattr(touch, "RUN", 7 * 64)
-    monkeypatch.setattr(touch, "BATCH", 1)
-    assert TouchFeatures().transform(corpus).equals(whole) and asked == [1] * 36
 
 
 @given(st.integers(0, 1000), st.sampled_from(GRIDS))
