@@ -1,4 +1,4 @@
-"""The 208 features of Balli Altuglu and Altun 2015 (ICMI), as told in Hughes et al. 2017 (section II), and SFFS."""
+"""The 208 features of Balli Altuglu and Altun 2015 (ICMI), after Hughes et al. 2017 (section II), and SFFS."""
 
 from __future__ import annotations
 
@@ -246,11 +246,8 @@ def statistics(touch: Touch, signal: np.ndarray) -> list[np.ndarray]:
 
 
 def _median(touch: Touch, signal: np.ndarray) -> np.ndarray:
-    median = np.empty((len(touch.lengths), signal.shape[1]))
-    for i, (first, length) in enumerate(zip(touch.first.tolist(), touch.lengths.tolist(), strict=True)):
-        ranked = np.sort(signal[first : first + length].T, axis=1)
-        median[i] = (ranked[:, (length - 1) // 2] + ranked[:, length // 2]) / 2
-    return median
+    ordered = touch.ascending(np.ascontiguousarray(signal.T)).T
+    return (ordered[touch.first + (touch.lengths - 1) // 2] + ordered[touch.first + touch.lengths // 2]) / 2
 
 
 def _hurst(touch: Touch, signal: np.ndarray, still: np.ndarray) -> np.ndarray:
@@ -259,8 +256,8 @@ def _hurst(touch: Touch, signal: np.ndarray, still: np.ndarray) -> np.ndarray:
     n = SHORTEST_CHUNK
     for x in range(int(touch.lengths.max()).bit_length()):
         chunks = touch.lengths // n
-        has = np.flatnonzero(chunks)
-        if not len(has):
+        long = np.flatnonzero(chunks)  # captures of at least n frames
+        if not len(long):
             break
         offset = np.cumsum(chunks) - chunks
         owner = np.repeat(np.arange(len(chunks)), chunks)
@@ -271,10 +268,10 @@ def _hurst(touch: Touch, signal: np.ndarray, still: np.ndarray) -> np.ndarray:
         np.cumsum(chunk, axis=1, out=chunk)
         moves = deviation > still[owner]
         ratio = (chunk.max(axis=1) - chunk.min(axis=1)) * moves / np.where(moves, deviation, 1)
-        count = np.add.reduceat(moves, offset[has], axis=0, dtype=np.float64)
-        known = count > 0
-        y = np.log2(np.where(known, np.add.reduceat(ratio, offset[has], axis=0), 1) / np.maximum(count, 1))
-        sums[:, has] += known * np.stack([np.ones_like(y), np.full_like(y, x), y, np.full_like(y, x * x), x * y])
+        count = np.add.reduceat(moves, offset[long], axis=0, dtype=np.float64)
+        defined = count > 0
+        y = np.log2(np.where(defined, np.add.reduceat(ratio, offset[long], axis=0), 1) / np.maximum(count, 1))
+        sums[:, long] += defined * np.stack([np.ones_like(y), np.full_like(y, x), y, np.full_like(y, x * x), x * y])
         n *= 2
     points, x, y, xx, xy = sums
     line = points > 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -26,8 +26,8 @@ def constant(X: pd.DataFrame | np.ndarray) -> np.ndarray:
 class FeatureSet(TransformerMixin, BaseEstimator):
     """Turns a `Corpus` into a DataFrame [captures, n_features] with named columns.
 
-    A feature set gives ``extract(corpus)``, which learns nothing. One that also learns says so with ``learns`` and has
-    its own ``fit`` and ``transform``; what it computes without learning it takes from `transform` of this class.
+    A feature set gives ``extract(corpus)``, which learns nothing. One that also learns has ``learns = True`` and
+    its own ``fit`` and ``transform``; what it computes without learning it takes from `unlearnt`.
 
     For a stored corpus the table of all its captures is kept in the data folder, under the digest of the corpus, the
     parameters and the source code that the values depend on, so folds and models share it and a change of code or data
@@ -51,9 +51,13 @@ class FeatureSet(TransformerMixin, BaseEstimator):
 
         Those of pieces and copies of captures (`bench.corpora.steps`) are labelled by capture and copy.
         """
+        return self.unlearnt(X)
+
+    def unlearnt(self, X: Corpus) -> pd.DataFrame:
+        """The table of `extract`, kept or computed; unlike `transform` never renamed by scikit-learn's set_output."""
         table = of_corpus(self, X)
-        known = origin(X)
-        return table.set_axis(labels(known.index, known.piece // COPY)) if known.steps else table
+        stored = origin(X)
+        return table.set_axis(labels(stored.index, stored.piece // COPY)) if stored.steps else table
 
     def get_feature_names_out(self, input_features: object = None) -> np.ndarray:
         """Names of the columns, str [n_features], once fitted."""
@@ -77,11 +81,11 @@ def labels(capture: np.ndarray, copy: np.ndarray) -> pd.MultiIndex:
     return pd.MultiIndex(levels, codes, names=["capture", "copy"], verify_integrity=False)
 
 
-def one_of(parameter: str, value: str, known: Iterable[str]) -> None:
+def one_of(parameter: str, value: str, values: Sequence[str]) -> None:
     """Check a parameter that has a few values.
 
     Raises:
         InputError: it is none of them.
     """
-    if value not in known:
-        raise InputError(f"features.{parameter}={value}: give {' or '.join(known)}")
+    if value not in values:
+        raise InputError(f"features.{parameter}={value}: give {' or '.join(values)}")

@@ -27,60 +27,60 @@ PIECES = ("of capture", "piece")  # columns of a kept table that tell its rows, 
 
 def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
     """Features of each capture [captures, n_features]: kept for a stored corpus, computed for one in memory."""
-    known, visible = origin(X), features.conditions
+    stored, visible = origin(X), features.conditions
     X = X.blind(visible)
-    if not known.digest or known.path is None:
+    if not stored.digest or stored.path is None:
         return features.extract(X)
-    about = _about(features, known.digest, known.steps)
-    path = _path(about)
+    contents = _contents(features, stored.digest, stored.steps)
+    path = _path(contents)
     try:
-        table = _read(path, about)
+        table = _read(path, contents)
     except Exception:  # not there yet, or damaged: pyarrow raises a dozen types where bytes mean nothing
         if not _writable(path.parent):
             return features.extract(X)
-        whole = open_folder(known.path)
-        if whole.digest != known.digest:  # replaced by another corpus while this one is mapped
+        corpus = open_folder(stored.path)
+        if corpus.digest != stored.digest:  # replaced by another corpus while this one is mapped
             return features.extract(X)
-        table = _by_column(_extracted(features, whole.blind(visible), known.steps))
-        _keep(table, path, about)
-    if not known.steps:
-        return table.iloc[known.index].reset_index(drop=True)
-    places = pd.MultiIndex.from_arrays([known.index, known.piece])
-    rows = pd.MultiIndex.from_frame(table[[*PIECES]]).get_indexer(places)
+        table = _by_column(_extracted(features, corpus.blind(visible), stored.steps))
+        _keep(table, path, contents)
+    if not stored.steps:
+        return table.iloc[stored.index].reset_index(drop=True)
+    pieces = pd.MultiIndex.from_arrays([stored.index, stored.piece])
+    rows = pd.MultiIndex.from_frame(table[[*PIECES]]).get_indexer(pieces)
     return table.iloc[rows].drop(columns=[*PIECES])
 
 
 def after(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | None:
     """Kept features of what steps make of every capture of a stored corpus, with `PIECES`; None if there are none."""
-    known = origin(X)
-    if not known.digest or known.path is None or known.steps or not steps:
+    stored = origin(X)
+    if not stored.digest or stored.path is None or stored.steps or not steps:
         return None
-    about = _about(features, known.digest, steps)
+    contents = _contents(features, stored.digest, steps)
     try:
-        return _read(_path(about), about)
+        return _read(_path(contents), contents)
     except Exception:  # not there, or damaged: as above
         return None
 
 
 def is_kept(features: BaseEstimator, X: Corpus, steps: tuple = ()) -> bool:
     """Whether what steps make of the captures of a stored corpus has features that are kept."""
-    known = origin(X)
-    if not known.digest or known.path is None:
+    stored = origin(X)
+    if not stored.digest or stored.path is None:
         return False
-    return _path(_about(features, known.digest, (*known.steps, *steps))).exists()
+    return _path(_contents(features, stored.digest, (*stored.steps, *steps))).exists()
 
 
-def _extracted(features: BaseEstimator, whole: Corpus, steps: tuple) -> pd.DataFrame:
+def _extracted(features: BaseEstimator, corpus: Corpus, steps: tuple) -> pd.DataFrame:
     """Features of all captures of a corpus; after steps, with columns that tell of which piece."""
     if not steps:
-        return features.extract(whole)
+        return features.extract(corpus)
     parts = []
-    for block in blocks(whole):
-        part = whole[block]
+    for block in blocks(corpus):
+        part = corpus[block]
         for step in steps:
             part = step(part)
-        known = origin(part)
-        parts.append(features.extract(part).assign(**dict(zip(PIECES, (known.index, known.piece), strict=True))))
+        source = origin(part)
+        parts.append(features.extract(part).assign(**dict(zip(PIECES, (source.index, source.piece), strict=True))))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -94,34 +94,34 @@ def _by_column(table: pd.DataFrame) -> pd.DataFrame:
 
 def cache_key(features: BaseEstimator, digest: str, steps: tuple = ()) -> str:
     """Hash of corpus, steps, class, parameters and source code."""
-    return _key(_about(features, digest, steps))
+    return _key(_contents(features, digest, steps))
 
 
-def _about(features: BaseEstimator, digest: str, steps: tuple) -> tuple[str, ...]:
+def _contents(features: BaseEstimator, digest: str, steps: tuple) -> tuple[str, ...]:
     """What a table is computed from."""
     kind = type(features)
-    said = (digest, kind.__name__, repr(sorted(features.get_params().items())))
+    inputs = (digest, kind.__name__, repr(sorted(features.get_params().items())))
     if not steps:
-        return *said, source_digest(kind)
-    return *said, source_digest(kind, *(code for step in steps for code in step.code())), repr(steps)
+        return *inputs, source_digest(kind)
+    return *inputs, source_digest(kind, *(code for step in steps for code in step.code())), repr(steps)
 
 
-def _path(about: tuple[str, ...]) -> Path:
+def _path(contents: tuple[str, ...]) -> Path:
     """Where a table is kept."""
-    return home() / "features" / f"{_key(about)}.parquet"
+    return home() / "features" / f"{_key(contents)}.parquet"
 
 
-def _key(about: tuple[str, ...]) -> str:
-    return hashlib.sha256("\n".join(about).encode()).hexdigest()[:32]
+def _key(contents: tuple[str, ...]) -> str:
+    return hashlib.sha256("\n".join(contents).encode()).hexdigest()[:32]
 
 
 @lru_cache(maxsize=4)
-def _read(path: Path, about: tuple[str, ...]) -> pd.DataFrame:
+def _read(path: Path, contents: tuple[str, ...]) -> pd.DataFrame:
     """A stored table; its name is made of all that it depends on, so it need not be read twice."""
     stamp(path)  # a folder would be read as a table in parts, a pipe would wait for ever
     table = pd.read_parquet(path)
-    said, table.attrs = table.attrs, {}
-    if said != {"about": list(about), "sum": _sum(table)}:
+    attributes, table.attrs = table.attrs, {}
+    if attributes != {"about": list(contents), "sum": _sum(table)}:
         raise Damaged(f"{path.name} differs from what was kept")
     return table
 
@@ -146,15 +146,15 @@ def _writable(folder: Path) -> bool:
     return os.access(folder, os.W_OK)
 
 
-def _keep(table: pd.DataFrame, path: Path, about: tuple[str, ...]) -> None:
+def _keep(table: pd.DataFrame, path: Path, contents: tuple[str, ...]) -> None:
     """Write beside the final name and rename; where that cannot be done the values are merely computed again."""
     beside = None
     try:
         handle, beside = tempfile.mkstemp(prefix=f".{owner()}", dir=path.parent)
         os.close(handle)
-        said = table.copy(deep=False)
-        said.attrs = {"about": about, "sum": _sum(table)}
-        said.to_parquet(beside, index=False)
+        signed = table.copy(deep=False)
+        signed.attrs = {"about": contents, "sum": _sum(table)}
+        signed.to_parquet(beside, index=False)
         os.replace(beside, path)
     except OSError:  # such as a full disk
         if beside:

@@ -1,4 +1,4 @@
-"""The features of Gaus et al. 2015 (ICMI), as told in Hughes et al. 2017, section II."""
+"""The features of Gaus et al. 2015 (ICMI), as described in Hughes et al. 2017, section II."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from features.base import FeatureSet
-from features.signals import Touch, table
+from features.signals import Touch, table, taxel_names
 
 FAMILIES = ("sd", "bmh", "msd", "smmhh", "lbptop")
 RANGES = ("none", "touch", "high")
@@ -67,11 +67,11 @@ class Gaus(FeatureSet):
         """Refuse parameters that cannot be, before anything is run.
 
         Raises:
-            InputError: ``families`` is empty, or has one that is not known or there twice.
+            InputError: ``families`` is empty, or has an unknown or repeated one.
         """
-        given = self.families if isinstance(self.families, (tuple, list)) else ()
-        if not given or any(family not in FAMILIES or given.count(family) > 1 for family in given):
-            text = "+".join(map(str, given)) or self.families
+        families = self.families if isinstance(self.families, (tuple, list)) else ()
+        if not families or any(family not in FAMILIES or families.count(family) > 1 for family in families):
+            text = "+".join(map(str, families)) or self.families
             raise InputError(f"features.families={text}: give some of {'+'.join(FAMILIES)}, each once")
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
@@ -87,8 +87,8 @@ class Gaus(FeatureSet):
 @cache
 def names(rows: int, cols: int, families: frozenset[str] = frozenset(FAMILIES)) -> pd.Index:
     """Names of the features of some families on a grid."""
-    taxels = _places(rows, cols)
-    cells = [f"{r}x{c}_{place}" for r, c in _levels(rows, cols) for place in _places(r, c)]
+    taxels = taxel_names(rows, cols)
+    cells = [f"{r}x{c}_{cell}" for r, c in _levels(rows, cols) for cell in taxel_names(r, c)]
     named = {
         "sd": [*product(RANGES, ("mean", "sd", "max")), *((name, "taxels") for name in RANGES)],
         "bmh": [(taxel,) for taxel in taxels],
@@ -96,12 +96,8 @@ def names(rows: int, cols: int, families: frozenset[str] = frozenset(FAMILIES)) 
         "smmhh": product(cells, [f"run{i}" for i in range(1, LONGEST_RUN + 1)]),
         "lbptop": product(PLANES, [f"{i:02d}" for i in range(len(UNIFORM) + 1)]),
     }
-    asked = [family for family in FAMILIES if family in families]
-    return pd.Index(["_".join((family, *parts)) for family in asked for parts in named[family]])
-
-
-def _places(rows: int, cols: int) -> list[str]:
-    return [f"r{r}c{c}" for r, c in product(range(1, rows + 1), range(1, cols + 1))]
+    ordered = [family for family in FAMILIES if family in families]
+    return pd.Index(["_".join((family, *parts)) for family in ordered for parts in named[family]])
 
 
 def _levels(rows: int, cols: int) -> list[tuple[int, int]]:
@@ -121,11 +117,10 @@ def _sd(touch: Touch, values: np.ndarray) -> np.ndarray:
     touched = values - np.repeat(lowest, touch.lengths, axis=1) > rise
     touched |= high
     count = _in_ranges(touched, high)
-    mean = touch.mean(count)
-    spread = np.sqrt(touch.mean((count - mean[touch.capture]) ** 2))
-    over_time = np.stack([mean, spread, np.maximum.reduceat(count, touch.first)], axis=2)
+    spread = np.sqrt(touch.variance(count))
+    over_time = np.stack([touch.mean(count), spread, np.maximum.reduceat(count, touch.first)], axis=2)
     ever = _in_ranges(*(np.logical_or.reduceat(signal, touch.first, axis=1) for signal in (touched, high)))
-    return np.column_stack([over_time.reshape(len(mean), -1), ever]) / touch.taxels
+    return np.column_stack([over_time.reshape(len(ever), -1), ever]) / touch.taxels
 
 
 def _half(touch: Touch, values: np.ndarray) -> np.ndarray:
@@ -144,7 +139,7 @@ def _bmh(touch: Touch, values: np.ndarray) -> np.ndarray:
 
 
 def _msd(touch: Touch, values: np.ndarray) -> np.ndarray:
-    ordered = _sorted(touch, values)
+    ordered = touch.ascending(values)
     lowest, highest = ordered[:, touch.first], ordered[:, touch.first + touch.lengths - 1]
     q1, median, q3 = (_quantile(touch, ordered, quarters) for quarters in (1, 2, 3))
     total = np.add.reduceat(values, touch.first, axis=1, dtype=np.float64)
@@ -158,17 +153,8 @@ def _msd(touch: Touch, values: np.ndarray) -> np.ndarray:
     spread = np.where(variance > 0, variance, 1)  # equal values have an exact mean and no variance at all
     skewness = third / spread**1.5
     kurtosis = np.where(variance > 0, fourth / spread**2 - 3, 0)
-    found = [mean, median, lowest, highest, total / touch.rate_hz, q1, q3, q3 - q1, variance, skewness, kurtosis]
-    return np.stack(found, axis=-1).transpose(1, 0, 2).reshape(len(touch.lengths), -1)
-
-
-def _sorted(touch: Touch, signals: np.ndarray) -> np.ndarray:
-    """Signals [n, frames], each capture in ascending order."""
-    ordered = signals.copy()
-    for first, length in zip(touch.first.tolist(), touch.lengths.tolist(), strict=True):
-        # a radix sort of 16-bit integers, three times as fast as the default
-        ordered[:, first : first + length].sort(axis=1, kind="stable" if signals.itemsize == 2 else None)
-    return ordered
+    columns = [mean, median, lowest, highest, total / touch.rate_hz, q1, q3, q3 - q1, variance, skewness, kurtosis]
+    return np.stack(columns, axis=-1).transpose(1, 0, 2).reshape(len(touch.lengths), -1)
 
 
 def _quantile(touch: Touch, ordered: np.ndarray, quarters: int) -> np.ndarray:
@@ -187,7 +173,7 @@ def _smmhh(touch: Touch, values: np.ndarray) -> np.ndarray:
     # An interpolated percentile lies between two neighbours in order: what exceeds it exceeds the lower one, and no
     # rounding is needed. The 0 of the first frame, which is no step, comes first in order.
     position = touch.first + np.where(touch.lengths > 1, 1 + 3 * (touch.lengths - 2) // 4, 0)
-    much = moved > np.repeat(_sorted(touch, moved)[:, position], touch.lengths, axis=1)
+    much = moved > np.repeat(touch.ascending(moved)[:, position], touch.lengths, axis=1)
     return _runs(touch, much)
 
 
@@ -236,10 +222,10 @@ def _patterns(grid: np.ndarray, axes: tuple[int, int]) -> np.ndarray:
     """Local binary patterns on one plane wherever all neighbours exist."""
 
     def shifted(by: tuple[int, int]) -> np.ndarray:
-        place = [slice(None)] * 3
+        window = [slice(None)] * 3
         for axis, step in zip(axes, by, strict=True):
-            place[axis] = slice(1 + step, max(grid.shape[axis] - 1 + step, 1 + step))
-        return grid[tuple(place)]
+            window[axis] = slice(1 + step, max(grid.shape[axis] - 1 + step, 1 + step))
+        return grid[tuple(window)]
 
     centre = shifted((0, 0))
     patterns = np.zeros(centre.shape, dtype=np.uint8)

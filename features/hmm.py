@@ -26,8 +26,8 @@ class Steps:
     Attributes:
         sequence: int64 [sequences], the sequences from the longest to the shortest.
         spans: begin and end of each time step in that order.
-        frame: int64 [frames], the frame at each place of that order.
-        place: int64 [frames], the place of each frame in it.
+        frame: int64 [frames], the frame at each position of that order.
+        position: int64 [frames], the position of each frame in it.
     """
 
     def __init__(self, lengths: np.ndarray) -> None:
@@ -38,8 +38,8 @@ class Steps:
         self.spans = list(pairwise(edges.tolist()))
         time = np.repeat(np.arange(len(running)), running)
         self.frame = first[np.arange(edges[-1]) - edges[time]] + time
-        self.place = np.empty_like(self.frame)
-        self.place[self.frame] = np.arange(edges[-1])
+        self.position = np.empty_like(self.frame)
+        self.position[self.frame] = np.arange(edges[-1])
 
 
 def forward(
@@ -144,16 +144,16 @@ class GaussianHMMs:
             emission = emission[:, steps.frame]
             transition = self.transition_[owner].transpose(1, 2, 0).copy()
             state, scale = forward(emission, self.start_[owner].T.copy(), transition, steps)
-            likelihood = np.add.reduceat(best + np.log(scale)[steps.place], begin)
+            likelihood = np.add.reduceat(best + np.log(scale)[steps.position], begin)
             self.history_[iteration] = np.bincount(classes, weights=likelihood)
 
             future = backward(emission, scale, transition, steps)
             emission *= future
             emission /= scale  # the evidence for each state from its frame on
-            ahead = emission[:, steps.place]
+            ahead = emission[:, steps.position]
             ahead[:, begin] = 0  # no transition leads to a first frame
             share = state * future
-            state, share = state[:, steps.place], share[:, steps.place]
+            state, share = state[:, steps.position], share[:, steps.position]
             for i, part in enumerate(parts):
                 inner = slice(part.start, part.stop - 1), slice(part.start + 1, part.stop)
                 moves = self.transition_[i] * (state[:, inner[0]] @ ahead[:, inner[1]].T)
@@ -174,7 +174,7 @@ class GaussianHMMs:
         transition = self.transition_[owner].transpose(1, 2, 0).copy()
         _, scale = forward(emission[:, steps.frame], self.start_[owner].T.copy(), transition, steps)
         begin = np.cumsum(lengths) - lengths
-        per_frame = (best + np.log(scale)[steps.place]).reshape(classes, -1)
+        per_frame = (best + np.log(scale)[steps.position]).reshape(classes, -1)
         return np.add.reduceat(per_frame, begin, axis=1).T
 
     def _begin(self, parts: list[np.ndarray]) -> None:
@@ -207,10 +207,10 @@ class GaussianHMMs:
 
     def _maximise(self, i: int, share: np.ndarray, first: np.ndarray, moves: np.ndarray, both: np.ndarray) -> None:
         occupied = share.sum(axis=1)
-        known = occupied > SMALLEST_SHARE
-        mean, square = np.split(share[known] @ both / occupied[known, None], 2, axis=1)
-        self.mean_[i, known] = mean
-        self.variance_[i, known] = np.maximum(square - mean**2, VARIANCE_FLOOR)
+        occurs = occupied > SMALLEST_SHARE
+        mean, square = np.split(share[occurs] @ both / occupied[occurs, None], 2, axis=1)
+        self.mean_[i, occurs] = mean
+        self.variance_[i, occurs] = np.maximum(square - mean**2, VARIANCE_FLOOR)
         self.start_[i] = _floored(first.sum(axis=1))
         left = moves.sum(axis=1) > SMALLEST_SHARE
         self.transition_[i, left] = _floored(moves[left])

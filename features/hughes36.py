@@ -122,7 +122,7 @@ class Hughes36(FeatureSet):
                 frames = _standardised(observe(part), *self.standard_[i])
                 likelihood = self.models_[i].log_likelihood(frames, part.lengths) / part.lengths[:, None]
                 columns[block, i * classes : (i + 1) * classes] = np.maximum(likelihood, LEAST_LIKELY)
-        others = super().transform(X)[self.level_]
+        others = self.unlearnt(X)[self.level_]
         likelihoods = pd.DataFrame(columns, others.index, self.names_[: 2 * classes])
         return pd.concat([likelihoods, others], axis=1)
 
@@ -161,10 +161,10 @@ def _some_frames(corpus: Corpus, most: int, seed: int) -> np.ndarray:
     """Frames at equal distances through all captures, as shares of full scale, float32 [at most ``most``, taxels]."""
     total = int(corpus.lengths.sum())
     count = min(total, most)
-    place = (np.arange(count) + np.random.default_rng(seed).random()) * total // count
+    frame = (np.arange(count) + np.random.default_rng(seed).random()) * total // count
     end = np.cumsum(corpus.lengths)
-    capture = np.searchsorted(end, place, side="right")
-    within = place - (end - corpus.lengths)[capture]
+    capture = np.searchsorted(end, frame, side="right")
+    within = frame - (end - corpus.lengths)[capture]
     stored, starts = storage(corpus)
     frames = stored[starts[capture] + within.astype(np.int64)].reshape(count, -1)
     return frames.astype(np.float32) / np.float32(corpus.full_scale)
@@ -227,12 +227,11 @@ def _standardised(frames: np.ndarray, mean: np.ndarray, sd: np.ndarray) -> np.nd
 def _level(touch: Touch) -> list[np.ndarray]:
     floor = FLOOR * touch.full_scale
     least = np.minimum.reduceat(touch.values, touch.first, axis=0).sum(axis=1, dtype=np.float64)
-    mean = touch.mean(touch.total)
-    sd = np.sqrt(touch.mean((touch.total - mean[touch.capture]) ** 2)) / touch.taxels
+    sd = np.sqrt(touch.variance(touch.total)) / touch.taxels
     frequency, amplitude = _dominant(touch)
     row, col = np.divmod(touch.values.argmax(axis=1), touch.grid[1])
     return [
-        np.log(np.maximum(mean - least, 0) + floor),
+        np.log(np.maximum(touch.mean(touch.total) - least, 0) + floor),
         sd,
         np.log(sd + floor),
         frequency,

@@ -1,4 +1,4 @@
-"""The 28 features of Jung et al. 2014 (ICMI), as told in Jung et al. 2017, section 4.1."""
+"""The 28 features of Jung et al. 2014 (ICMI), as described in Jung et al. 2017, section 4.1."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 from features.base import FeatureSet, one_of
 from features.signals import Touch, table
+
+PEAKS = {"crossings": "f22_peaks_mean_plus_sd", "maxima": "f22_peaks"}  # name of feature 22
 
 
 class Jung28(FeatureSet):
@@ -33,7 +35,7 @@ class Jung28(FeatureSet):
     Row and column features follow the grid.
 
     Args:
-        area: ``frame`` or ``capture``: whose maximum the half of features 20 and 21 refers to. The paper does not say.
+        area: ``frame`` or ``capture``: whose maximum the half of features 20 and 21 refers to; open in the paper.
         peaks: ``crossings`` or ``maxima``: feature 22 as above, or the frames whose mean pressure is greater than both
             neighbours', as in 2017. The text of 2014 had another count than that of 2017; mean + 1 SD is our reading.
     """
@@ -49,7 +51,7 @@ class Jung28(FeatureSet):
             InputError: ``area`` or ``peaks`` is none of its values.
         """
         one_of("area", self.area, ("frame", "capture"))
-        one_of("peaks", self.peaks, ("crossings", "maxima"))
+        one_of("peaks", self.peaks, [*PEAKS])
 
     def keeps(self, frames: int, taxels: int) -> int:
         """The summed pressure of each frame, which is compared with its mean, and two frames.
@@ -64,35 +66,34 @@ class Jung28(FeatureSet):
         return table(corpus, _names(*corpus.grid, self.peaks), self._columns)
 
     def _columns(self, touch: Touch) -> list[np.ndarray]:
-        if self.peaks == "maxima":
-            return first_columns(touch, self.area, touch.local_maxima(touch.total))
-        mean = touch.mean(touch.total)
-        spread = np.sqrt(touch.mean((touch.total - mean[touch.capture]) ** 2))
-        return first_columns(touch, self.area, touch.upward_crossings(touch.total, mean + spread))
+        peaks = touch.local_maxima(touch.total) if self.peaks == "maxima" else crossings(touch)
+        return first_columns(touch, self.area, peaks)
 
 
 @cache
 def _names(rows: int, cols: int, peaks: str) -> pd.Index:
-    named = first_names(rows, cols, "displacement")
-    if peaks == "crossings":
-        named[named.index("f22_peaks")] = "f22_peaks_mean_plus_sd"
-    return pd.Index(named)
+    return pd.Index(first_names(rows, cols, "displacement", PEAKS[peaks]))
 
 
-def first_names(rows: int, cols: int, moved: str) -> list[str]:
-    """Names of features 1-28 on a grid; ``moved`` is what 24-27 are called."""
+def crossings(touch: Touch) -> np.ndarray:
+    """Feature 22 of 2014: upward crossings of mean + 1 SD of the summed pressure [captures]."""
+    return touch.upward_crossings(touch.total, touch.mean(touch.total) + np.sqrt(touch.variance(touch.total)))
+
+
+def first_names(rows: int, cols: int, moved: str, peaks: str) -> list[str]:
+    """Names of features 1-28 on a grid; ``moved`` is the word for 24-27, ``peaks`` the name of 22."""
     side = [f"f04_row{i}_pressure" for i in range(1, rows + 1)] + [f"f12_col{i}_pressure" for i in range(1, cols + 1)]
     return [
         *("f01_mean_pressure", "f02_max_pressure", "f03_pressure_variability"),
         *side,
-        *("f20_contact_area", "f21_peak_contact_area", "f22_peaks", "f23_mean_crossings"),
+        *("f20_contact_area", "f21_peak_contact_area", peaks, "f23_mean_crossings"),
         *(f"f24_row_{moved}_mean", f"f25_row_{moved}_sum", f"f26_col_{moved}_mean", f"f27_col_{moved}_sum"),
         "f28_duration",
     ]
 
 
 def first_columns(touch: Touch, area: str, peaks: np.ndarray) -> list[np.ndarray]:
-    """Features 1-28, with feature 22 given, as arrays [captures] or [captures, n]."""
+    """Features 1-28, with feature 22 as ``peaks``, as arrays [captures] or [captures, n]."""
     rows, cols = touch.grid
     highest = np.maximum.reduceat(touch.peak, touch.first)
     covered = touch.area if area == "frame" else touch.share_above(highest[touch.capture] * 0.5)

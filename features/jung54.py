@@ -9,10 +9,15 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from features.base import FeatureSet, one_of
-from features.jung28 import first_columns, first_names
+from features.jung28 import PEAKS, first_columns, first_names
 from features.signals import Touch, table, weighted
 
 BINS = 8
+LATER = (  # names of features 29-43
+    *(f"f{29 + i}_values_bin{i + 1}" for i in range(BINS)),
+    *("f37_spatial_peaks_mean", "f38_spatial_peaks_variance", "f39_peak_distance", "f40_peak_distance_change"),
+    *("f41_row_derivative", "f42_col_derivative", "f43_derivative"),
+)
 EDGE_DEGREES = 5.0
 SHORTEST_STEP = 1e-6  # taxels
 
@@ -39,7 +44,7 @@ class Jung54(FeatureSet):
     By definition f43 = f3 / taxels, f1 is the mean of the row and of the column pressures, and f29-36 sum to 1.
 
     Args:
-        area: ``frame`` or ``capture``: whose maximum the half of features 20 and 21 refers to. The paper does not say.
+        area: ``frame`` or ``capture``: whose maximum the half of features 20 and 21 refers to; open in the paper.
     """
 
     def __init__(self, area: str = "frame") -> None:
@@ -78,11 +83,9 @@ class Jung54(FeatureSet):
 def names(rows: int, cols: int) -> pd.Index:
     """Names of the features on a grid."""
     named = [
-        *first_names(rows, cols, "travel"),
-        *(f"f{29 + i}_values_bin{i + 1}" for i in range(BINS)),
-        *("f37_spatial_peaks_mean", "f38_spatial_peaks_variance", "f39_peak_distance", "f40_peak_distance_change"),
-        *("f41_row_derivative", "f42_col_derivative", "f43_derivative", "f44_variance"),
-        *("f45_up_right", "f46_up_left", "f47_down_left", "f48_down_right"),
+        *first_names(rows, cols, "travel", PEAKS["maxima"]),
+        *LATER,
+        *("f44_variance", "f45_up_right", "f46_up_left", "f47_down_left", "f48_down_right"),
         *("f49_step_mean", "f50_step_sd", "f51_step_sum", "f52_step_range", "f53_row_frequency", "f54_col_frequency"),
     ]
     return pd.Index(named)
@@ -92,8 +95,6 @@ def spatial_peaks(touch: Touch, highest: np.ndarray) -> list[np.ndarray]:
     """Features 37-40, and the mean absolute change over time of the number of peaks."""
     frame, row, col = touch.spatial_peaks(0.75 * highest[touch.capture])
     count = np.bincount(frame, minlength=len(touch.total)).astype(np.float64)
-    mean = touch.mean(count)
-    variance = touch.mean((count - mean[touch.capture]) ** 2)
     middle = touch.centre[frame]
     distance = np.hypot(row + 1 - middle[:, 0], col + 1 - middle[:, 1])
     summed = np.bincount(frame, weights=distance, minlength=len(count))
@@ -103,16 +104,13 @@ def spatial_peaks(touch: Touch, highest: np.ndarray) -> list[np.ndarray]:
     both[touch.first] = False
     change = touch.sum(np.abs(touch.step(per_frame)) * both) / np.maximum(touch.sum(both), 1)
     count_change = touch.step_mean(np.abs(touch.step(count)))
-    return [mean, variance, touch.sum(summed) / np.maximum(peaks, 1), change, count_change]
+    return [touch.mean(count), touch.variance(count), touch.sum(summed) / np.maximum(peaks, 1), change, count_change]
 
 
 def derivatives(touch: Touch) -> list[np.ndarray]:
     """Features 41 and 42."""
-    rows, cols = touch.grid
-    return [
-        touch.step_mean(weighted(np.abs(touch.step(touch.rows)))) / (rows * cols),
-        touch.step_mean(weighted(np.abs(touch.step(touch.cols)))) / (rows * cols),
-    ]
+    sides = (touch.rows, touch.cols)
+    return [touch.step_mean(weighted(np.abs(touch.step(side)))) / touch.taxels for side in sides]
 
 
 def _variance(touch: Touch) -> np.ndarray:

@@ -101,14 +101,14 @@ class Discriminant:
     """
 
     def __init__(self, values: np.ndarray, label: np.ndarray, train: np.ndarray) -> None:
-        known, member = np.unique(label[train], return_inverse=True)
+        classes, member = np.unique(label[train], return_inverse=True)
         centre, spread = values[train].mean(axis=0), values[train].std(axis=0)
         varies = ~constant(values[train])
         standard = (values - centre) * varies / np.where(varies, spread, 1)
         self.test, self.truth = standard[~train], label[~train]
-        self.known = known
+        self.classes = classes
         count = np.bincount(member)
-        belongs = (member == np.arange(len(known))[:, None]).astype(np.float64)
+        belongs = (member == np.arange(len(classes))[:, None]).astype(np.float64)
         self.means = belongs @ standard[train] / count[:, None]
         within = standard[train] - self.means[member]
         self.covariance = within.T @ within / len(member) + LDA_RIDGE * np.eye(len(centre))
@@ -116,7 +116,7 @@ class Discriminant:
 
     def hits(self, sets: np.ndarray) -> np.ndarray:
         """How many test captures each set of columns int [sets, size] gets right, int [sets]."""
-        batch = max(2**22 // (len(self.test) * len(self.known) + sets.shape[1] ** 2), 1)
+        batch = max(2**22 // (len(self.test) * len(self.classes) + sets.shape[1] ** 2), 1)
         return np.concatenate([self._hits(sets[i : i + batch]) for i in range(0, len(sets), batch)])
 
     def _hits(self, sets: np.ndarray) -> np.ndarray:
@@ -129,7 +129,7 @@ class Discriminant:
         sparse[position.reshape(sets.shape), np.arange(len(sets))[:, None]] = weights
         score = (self.test[:, columns] @ sparse.reshape(len(columns), -1)).reshape(-1, *offset.shape)
         score += offset
-        return np.count_nonzero(self.known[score.argmax(axis=2)] == self.truth[:, None], axis=0)
+        return np.count_nonzero(self.classes[score.argmax(axis=2)] == self.truth[:, None], axis=0)
 
 
 def _float(parts: list[Discriminant], columns: int, selected: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pandas as pd
@@ -70,6 +70,18 @@ class Touch:
     def mean(self, signal: np.ndarray) -> np.ndarray:
         """Mean over the frames of each capture."""
         return (self.sum(signal).T / self.lengths).T
+
+    def variance(self, signal: np.ndarray) -> np.ndarray:
+        """Population variance over the frames of each capture."""
+        return self.mean((signal - self.mean(signal)[self.capture]) ** 2)
+
+    def ascending(self, signals: np.ndarray) -> np.ndarray:
+        """Signals [n, frames] with the values of each capture in ascending order."""
+        ordered = signals.copy()
+        for first, length in zip(self.first.tolist(), self.lengths.tolist(), strict=True):
+            # a radix sort of 16-bit integers, three times as fast as the default
+            ordered[:, first : first + length].sort(axis=1, kind="stable" if signals.itemsize == 2 else None)
+        return ordered
 
     def step_mean(self, signal: np.ndarray) -> np.ndarray:
         """Mean over the steps of each capture of a signal that is 0 in first frames; 0 for one frame."""
@@ -177,15 +189,15 @@ class Touch:
             wins = flat[:-distance] >= flat[distance:]
             keep[:-distance] &= wins
             keep[distance:] &= ~wins
-        frame, place = np.divmod(np.flatnonzero(keep), (rows + 1) * wide)
-        return frame, *np.divmod(place, wide)
+        frame, taxel = np.divmod(np.flatnonzero(keep), (rows + 1) * wide)
+        return frame, *np.divmod(taxel, wide)
 
     def at_highest(self, signal: np.ndarray) -> np.ndarray:
         """Value of a signal in the first frame with the highest total of each capture."""
         highest = np.maximum.reduceat(self.total, self.first)
-        found = np.flatnonzero(self.total == highest[self.capture])
-        _, position = np.unique(self.capture[found], return_index=True)
-        return signal[found[position]]
+        frames = np.flatnonzero(self.total == highest[self.capture])
+        _, position = np.unique(self.capture[frames], return_index=True)
+        return signal[frames[position]]
 
     def local_maxima(self, signal: np.ndarray) -> np.ndarray:
         """Number of frames with a value greater than both neighbours in time."""
@@ -223,6 +235,11 @@ def weighted(signal: np.ndarray, weights: np.ndarray | None = None) -> np.ndarra
     if weights is None:
         weights = np.ones(signal.shape[1], dtype=signal.dtype)
     return np.einsum("ij,j->i", signal, weights)
+
+
+def taxel_names(rows: int, cols: int) -> list[str]:
+    """``r1c1``, ``r1c2``, ... in reading order."""
+    return [f"r{r}c{c}" for r, c in product(range(1, rows + 1), range(1, cols + 1))]
 
 
 @cache

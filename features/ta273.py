@@ -10,12 +10,13 @@ from scipy.fft import dct, rfft
 
 from bench.corpora.corpus import Corpus
 from features.base import FeatureSet, one_of
-from features.signals import Touch, blocks, table
+from features.signals import Touch, blocks, table, taxel_names
 
 BINS = 16
 LEVELS = 16
 POINTS = 128
 COEFFICIENTS = 20
+_CROSSINGS = [f"level{i}_crossings" for i in range(1, LEVELS + 1)]
 
 
 class Ta273(FeatureSet):
@@ -69,8 +70,8 @@ class Ta273(FeatureSet):
     def transform(self, X: Corpus) -> pd.DataFrame:
         """Features of each capture [captures, n_features]."""
         crossings = crossings_per_second(mean_pressure(X), X.lengths, self.levels_, X.rate_hz)
-        others = super().transform(X)
-        crossed = pd.DataFrame(crossings, others.index, [f"level{i}_crossings" for i in range(1, LEVELS + 1)])
+        others = self.unlearnt(X)
+        crossed = pd.DataFrame(crossings, others.index, _CROSSINGS)
         return pd.concat([others, crossed], axis=1)[self.names_]
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
@@ -94,14 +95,14 @@ def crossings_per_second(signal: np.ndarray, lengths: np.ndarray, levels: np.nda
         rate_hz: frames per second.
     """
     # Between two frames every level from the lower to the higher of their places is crossed once.
-    place = np.searchsorted(levels, signal)
-    low, high = np.minimum(place[1:], place[:-1]), np.maximum(place[1:], place[:-1])
+    above = np.searchsorted(levels, signal)  # number of levels below the signal
+    low, high = np.minimum(above[1:], above[:-1]), np.maximum(above[1:], above[:-1])
     capture = np.repeat(np.arange(len(lengths)), lengths)
     inside = (capture[1:] == capture[:-1]) & (low < high)
     size = (len(lengths), len(levels) + 1)
     count = np.zeros(size)
-    for place, sign in ((low, 1), (high, -1)):
-        cell = capture[1:][inside] * size[1] + place[inside]
+    for edge, sign in ((low, 1), (high, -1)):
+        cell = capture[1:][inside] * size[1] + edge[inside]
         count += sign * np.bincount(cell, minlength=size[0] * size[1]).reshape(size)
     return count.cumsum(axis=1)[:, :-1] * (rate_hz / lengths)[:, None]
 
@@ -157,19 +158,18 @@ def _resample(touch: Touch, signal: np.ndarray) -> np.ndarray:
 @cache
 def _names(rows: int, cols: int) -> pd.Index:
     named = _unlearnt(rows, cols).tolist()
-    place = 8 + BINS
-    return pd.Index([*named[:place], *(f"level{i}_crossings" for i in range(1, LEVELS + 1)), *named[place:]])
+    named[8 + BINS : 8 + BINS] = _CROSSINGS
+    return pd.Index(named)
 
 
 @cache
 def _unlearnt(rows: int, cols: int) -> pd.Index:
-    taxels = [f"r{r}c{c}" for r in range(1, rows + 1) for c in range(1, cols + 1)]
     return pd.Index(
         [
             *("frames", "mean_pressure", "max_pressure", "median_pressure", "pressure_sd", "derivative"),
             *("temporal_peaks", "mean_crossings"),
             *(f"values_bin{i + 1}" for i in range(BINS)),
-            *(f"{taxel}_{what}" for what in ("mean", "sd", "pressed") for taxel in taxels),
+            *(f"{taxel}_{what}" for what in ("mean", "sd", "pressed") for taxel in taxel_names(rows, cols)),
             *(f"fft{i}" for i in range(1, COEFFICIENTS + 1)),
             *(f"dct{i}" for i in range(COEFFICIENTS)),
             "frequency",

@@ -66,17 +66,17 @@ class TouchFeatures(FeatureSet):
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Features [captures, 427], float32."""
-        found = np.zeros((len(corpus), len(names())), dtype=np.float32)
+        table = np.zeros((len(corpus), len(names())), dtype=np.float32)
         if len(corpus):
-            values, place = _signals_of(corpus)
+            values, first = _signals_of(corpus)
             stored, starts = storage(corpus)
             for rows in _batches(corpus):
                 length = corpus.lengths[rows[0]]
                 frames = np.arange(length)
                 raw = stored[starts[rows][:, None] + frames].reshape(len(rows), length, -1)
                 shares = raw.astype(np.float32) / np.float32(corpus.full_scale)
-                found[rows] = statistics(values[place[rows][:, None] + frames], shares, corpus.rate_hz)
-        return pd.DataFrame(found, columns=names(), copy=False)
+                table[rows] = statistics(values[first[rows][:, None] + frames], shares, corpus.rate_hz)
+        return pd.DataFrame(table, columns=names(), copy=False)
 
     def keeps(self, frames: int, taxels: int) -> int:
         """A ring of signals, two frames, and of each taxel mean, squares about it and largest of two halves.
@@ -105,33 +105,25 @@ def names() -> pd.Index:
 def _signals_of(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
     """Signals of all frames that captures have, each frame once, and where those of each capture begin."""
     starts = storage(corpus)[1]
-    order = np.argsort(starts, kind="stable")
-    place = np.empty(len(corpus), dtype=np.int64)
-    parts, done = [], 0
-    begin = end = -1
-    for i in [*order.tolist(), None]:
-        start = None if i is None else int(starts[i])
-        if start is None or start > end:
-            if end > begin:
-                parts.append(_signals_between(corpus, begin, end))
-                done += end - begin
-            if i is None:
-                break
-            begin = end = start
-        place[i] = done + start - begin
-        end = max(end, start + int(corpus.lengths[i]))
-    return np.concatenate(parts), place
+    lowest, ends = starts.min(), starts + corpus.lengths
+    opened = np.zeros(ends.max() - lowest + 1, dtype=np.int64)  # captures that begin less those that end
+    np.add.at(opened, starts - lowest, 1)
+    np.add.at(opened, ends - lowest, -1)
+    covered = opened.cumsum() > 0
+    runs = lowest + np.flatnonzero(np.diff(covered, prepend=False)).reshape(-1, 2)
+    values = np.concatenate([_signals_between(corpus, begin, end) for begin, end in runs.tolist()])
+    return values, (covered.cumsum() - 1)[starts - lowest]
 
 
 def _signals_between(corpus: Corpus, begin: int, end: int) -> np.ndarray:
     stored = storage(corpus)[0]
     size = max(1, RUN // max(1, corpus.grid[0] * corpus.grid[1]))
-    found = np.empty((end - begin, len(SIGNALS)))
+    values = np.empty((end - begin, len(SIGNALS)))
     for first in range(begin, end, size):
         before = max(first - 1, begin)
         frames = stored[before : min(first + size, end)].astype(np.float32) / np.float32(corpus.full_scale)
-        found[first - begin : first - begin + size] = signals(frames)[first - before :]
-    return found
+        values[first - begin : first - begin + size] = signals(frames)[first - before :]
+    return values
 
 
 def _batches(corpus: Corpus) -> Iterator[np.ndarray]:
@@ -222,13 +214,13 @@ def _flow(p: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
 def _gradient(p: np.ndarray, axis: int) -> np.ndarray:
     """Half the difference of the neighbours along a side, 0 at the edges; of two taxels, their difference."""
     q = np.moveaxis(p, axis, 1)
-    found = np.zeros_like(p)
-    out = np.moveaxis(found, axis, 1)
+    gradient = np.zeros_like(p)
+    out = np.moveaxis(gradient, axis, 1)
     if q.shape[1] == 2:
         out[:] = (q[:, 1] - q[:, 0])[:, None]
     elif q.shape[1] > 2:
         out[:, 1:-1] = (q[:, 2:] - q[:, :-2]) * np.float32(0.5)
-    return found
+    return gradient
 
 
 def _dot(signal: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -271,9 +263,9 @@ def statistics(x: np.ndarray, shares: np.ndarray, rate_hz: float) -> np.ndarray:
         turns = (step[:, 1:] * step[:, :-1] < 0).sum(axis=1) / max(n - 2, 1)
         of_steps = [size.sum(axis=1) / (n - 1), step.std(axis=1), crossings, turns]
     of_signals = [*_quantiles(x), mean, sd, *of_steps, skewness, kurtosis.clip(0, 30)]
-    own = centred[:, :, CENTRE]
+    centre = centred[:, :, CENTRE]
     product = variance[:, CENTRE[0]] * variance[:, CENTRE[1]]
-    together = (own[:, :, 0] * own[:, :, 1]).sum(axis=1) / n / np.sqrt(product + 1e-9)
+    together = (centre[:, :, 0] * centre[:, :, 1]).sum(axis=1) / n / np.sqrt(product + 1e-9)
     return np.concatenate(
         [
             *of_signals,
@@ -290,13 +282,13 @@ def statistics(x: np.ndarray, shares: np.ndarray, rate_hz: float) -> np.ndarray:
 def _quantiles(x: np.ndarray) -> list[np.ndarray]:
     """Linear between the two values next to each."""
     ordered = np.sort(x, axis=1)
-    found = []
+    quantiles = []
     for q in QUANTILES:
         at = (x.shape[1] - 1) * q / 100
         low = int(at)
         high = min(low + 1, x.shape[1] - 1)
-        found.append(ordered[:, low] * (1 - (at - low)) + ordered[:, high] * (at - low))
-    return found
+        quantiles.append(ordered[:, low] * (1 - (at - low)) + ordered[:, high] * (at - low))
+    return quantiles
 
 
 def _spectrum(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
@@ -327,16 +319,9 @@ def _lagged(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
     n = x.shape[1]
     variance = (x * x).mean(axis=1)
     varies = variance > 1e-12
-    found = []
-    for seconds in LAGS_S:
-        lag = max(1, round(seconds * rate_hz))
-        if lag < n:
-            found.append(
-                np.where(varies, (x[:, lag:] * x[:, :-lag]).sum(axis=1) / n / np.where(varies, variance, 1), 0)
-            )
-        else:
-            found.append(np.zeros_like(variance))
-    return found
+    lags = [max(1, round(seconds * rate_hz)) for seconds in LAGS_S]  # of a lag beyond the capture the sum is empty
+    sums = [(x[:, lag:] * x[:, : max(n - lag, 0)]).sum(axis=1) for lag in lags]
+    return [np.where(varies, each / n / np.where(varies, variance, 1), 0) for each in sums]
 
 
 def _space(shares: np.ndarray) -> list[np.ndarray]:
@@ -348,11 +333,11 @@ def _space(shares: np.ndarray) -> list[np.ndarray]:
     at = np.linspace(0, taxels - 1, SPREAD)
     low = at.astype(int)
     high, part = np.minimum(low + 1, taxels - 1), at - low
-    found = []
+    columns = []
     for values in (mean, np.sqrt(variance), shares.max(axis=1).astype(np.float64)):
         ordered = -np.sort(-values, axis=1)
-        found.append(np.log(ordered[:, low] * (1 - part) + ordered[:, high] * part + EPS))
+        columns.append(np.log(ordered[:, low] * (1 - part) + ordered[:, high] * part + EPS))
         share = values / np.maximum(values.sum(axis=1, keepdims=True), 1e-9)
         entropy = -(share * np.log(share + 1e-9)).sum(axis=1, keepdims=True)
-        found.append(entropy / max(np.log(taxels), 1e-9) if taxels > 1 else 0 * entropy)
-    return found
+        columns.append(entropy / max(np.log(taxels), 1e-9) if taxels > 1 else 0 * entropy)
+    return columns

@@ -9,13 +9,13 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from features.base import FeatureSet
-from features.jung28 import first_columns, first_names
-from features.jung54 import BINS, derivatives, spatial_peaks
+from features.jung28 import PEAKS, crossings, first_columns, first_names
+from features.jung54 import BINS, LATER, derivatives, spatial_peaks
 from features.signals import Touch, table
 
 
 class Wingerden45(FeatureSet):
-    """The 28 features of 2014 and 17 more; which 17, the abstract does not say.
+    """The 28 features of 2014 and 17 more; the abstract does not name them.
 
     Jung et al. 2017 call their features 29-43 slight adaptations of these, so they are taken from there; two measures
     of motion make up the number. The numbers are for 8 x 8 taxels.
@@ -37,9 +37,7 @@ class Wingerden45(FeatureSet):
 
 
 def _columns(touch: Touch) -> list[np.ndarray]:
-    mean = touch.mean(touch.total)
-    spread = np.sqrt(touch.mean((touch.total - mean[touch.capture]) ** 2))
-    columns = first_columns(touch, "frame", touch.upward_crossings(touch.total, mean + spread))
+    columns = first_columns(touch, "frame", crossings(touch))
     *peaks, peak_change = spatial_peaks(touch, columns[1])
     change = touch.change / touch.taxels
     mean_change = touch.step_mean(change)
@@ -58,12 +56,5 @@ def _columns(touch: Touch) -> list[np.ndarray]:
 
 @cache
 def _names(rows: int, cols: int) -> pd.Index:
-    first = first_names(rows, cols, "displacement")
-    first[first.index("f22_peaks")] = "f22_peaks_mean_plus_sd"
-    named = [
-        *(f"f{29 + i}_values_bin{i + 1}" for i in range(BINS)),
-        *("f37_spatial_peaks_mean", "f38_spatial_peaks_variance", "f39_peak_distance", "f40_peak_distance_change"),
-        *("f41_row_derivative", "f42_col_derivative", "f43_derivative"),
-        *("f44_change_variance", "f45_spatial_peaks_change"),
-    ]
-    return pd.Index(first + named)
+    first = first_names(rows, cols, "displacement", PEAKS["crossings"])
+    return pd.Index([*first, *LATER, "f44_change_variance", "f45_spatial_peaks_change"])

@@ -1,15 +1,14 @@
 """Splits by capture: a test subject's other captures are trained on, so scores are optimistic for a new person.
 
-On CoST this is worth about ten points of accuracy (docs/systems.md, protocols); every label says so.
+On CoST this is worth about ten points of accuracy (docs/systems.md, protocols); every label states it.
 """
-
-from collections.abc import Iterator
 
 import numpy as np
 from sklearn.model_selection import StratifiedKFold, StratifiedShuffleSplit
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from protocols.subjects import Folds
 
 
 class CaptureKFold:
@@ -32,7 +31,7 @@ class CaptureKFold:
         """Number of folds."""
         return self.folds
 
-    def split(self, X: Corpus, y: object = None, groups: object = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
         """Yield (train, test) capture indices, every class spread over all folds.
 
         Raises:
@@ -69,7 +68,7 @@ class Holdout:
         """One."""
         return 1
 
-    def split(self, X: Corpus, y: object = None, groups: object = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
         """Yield the one (train, test) pair of capture indices.
 
         Raises:

@@ -1,12 +1,10 @@
 """The split of the 2015 challenge, or the nearest thing that a corpus allows."""
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from protocols.subjects import natural_order
+from protocols.subjects import Folds, natural_order
 
 
 class Challenge:
@@ -27,7 +25,7 @@ class Challenge:
 
     def label(self, corpus: Corpus) -> str:
         """The words that stand in every row of results."""
-        if _declared(corpus):
+        if self.official_split(corpus):
             split = corpus.captures["split"]
             return f"challenge split, declared ({(split == 'train').sum()} / {(split == 'test').sum()} captures)"
         train = _training_subjects(corpus)
@@ -36,22 +34,20 @@ class Challenge:
 
     def official_split(self, corpus: Corpus) -> bool:
         """Whether the corpus declares the split of the challenge."""
-        return _declared(corpus)
+        return "split" in corpus.captures and bool(corpus.captures["split"].isin(["train", "test"]).any())
 
     def get_n_splits(self, X: Corpus, y: object = None, groups: object = None) -> int:
         """1 where the corpus declares its split, else the number of repeats."""
-        return 1 if _declared(X) else self.repeats
+        return 1 if self.official_split(X) else self.repeats
 
-    def split(
-        self, X: Corpus, y: object = None, groups: np.ndarray | None = None
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
         """Yield (train, test) capture indices.
 
         Raises:
             InputError: the declared split has an empty side or a subject on both, or there is only one subject.
         """
         groups = np.asarray(X.subjects if groups is None else groups)
-        if _declared(X):
+        if self.official_split(X):
             split = X.captures["split"].to_numpy(dtype=object)
             train, test = np.flatnonzero(split == "train"), np.flatnonzero(split == "test")
             if not len(train) or not len(test):
@@ -70,13 +66,8 @@ class Challenge:
         usable = _eligible(X)
         for repeat in range(self.repeats):
             order = np.random.default_rng([self.seed, repeat]).permutation(len(subjects))
-            chosen = {subjects[i] for i in order[: _training_subjects(X)]}
-            train = np.isin(groups, list(chosen))
+            train = np.isin(groups, [subjects[i] for i in order[: _training_subjects(X)]])
             yield np.flatnonzero(train & usable), np.flatnonzero(~train & usable)
-
-
-def _declared(corpus: Corpus) -> bool:
-    return "split" in corpus.captures and bool(corpus.captures["split"].isin(["train", "test"]).any())
 
 
 def _is_cost(corpus: Corpus) -> bool:

@@ -1,4 +1,4 @@
-"""A new person of whom some captures are known: leave one subject out, and calibrate on a part of theirs."""
+"""A new person with some calibration captures: leave one subject out, and calibrate on a part of theirs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from protocols.subjects import LOSO, natural_order
+from protocols.subjects import LOSO, Folds, natural_order
+
+Pairs = list[tuple[np.ndarray, np.ndarray]]  # positions of the calibration, and of the captures tested after it
 
 WEIGHT = 10  # as of a system that adapts (docs/people.md)
 APART = {"subject", "gesture", "repetition", "split", "skin"}  # columns that are no conditions
@@ -59,15 +61,14 @@ class Personal:
 
     def label(self, corpus: Corpus) -> str:
         """The words that stand in every row of results."""
-        seen = "half of the captures without labels" if self.unlabelled else f"{self._fewest(corpus)}{self.shots} shots"
+        half = "half of the captures without labels"
+        shots = half if self.unlabelled else f"{self._fewest(corpus)}{self.shots} shots"
         drawn = f", {self.draws} draws" if self.shots else ""
         drawn += f", counted {self.weight} times" if self.shots and self.weight != WEIGHT else ""
         drawn += f", seed {self.seed}" if self.seed and (self.shots or self.unlabelled) else ""
-        return f"personal, {seen}{drawn}{self._conditions(corpus)} ({len(set(corpus.subjects))} subjects)"
+        return f"personal, {shots}{drawn}{self._conditions(corpus)} ({len(set(corpus.subjects))} subjects)"
 
-    def split(
-        self, X: Corpus, y: np.ndarray | None = None, groups: np.ndarray | None = None
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
         """Yield (train, test) capture indices, without the shots, subjects in natural order.
 
         Raises:
@@ -76,25 +77,23 @@ class Personal:
         self.check()
         yield from LOSO().split(X, y, groups)
 
-    def calibrations(
-        self, X: Corpus, y: np.ndarray | None = None, groups: np.ndarray | None = None
-    ) -> Iterator[list[list[tuple[np.ndarray, np.ndarray]]]]:
-        """Of each fold and draw, pairs of indices: captures that are known of the subject, and those tested then."""
+    def calibrations(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Iterator[list[Pairs]]:
+        """Of each fold and draw, pairs of indices: captures of the subject to calibrate on, and those tested then."""
         labels = (X.gestures if y is None else np.asarray(y)).astype(str)
         who = (X.subjects if groups is None else np.asarray(groups)).astype(str)
         for name in natural_order(who):
-            own = np.flatnonzero(who == name)
-            parts = [own[labels[own] == name] for name in natural_order(labels[own])]
+            captures = np.flatnonzero(who == name)
+            parts = [captures[labels[captures] == gesture] for gesture in natural_order(labels[captures])]
             halves = self._halves(X, parts)
             if self.unlabelled:
                 yield [[(halves[0], halves[1]), (halves[1], halves[0])]]
             elif not self.shots:
-                yield [[(own[:0], own)]]
+                yield [[(captures[:0], captures)]]
             else:
                 yield [self._draw(X, parts, halves, draw) for draw in range(1, self.draws + 1)]
 
     def _halves(self, X: Corpus, parts: list[np.ndarray]) -> list[np.ndarray]:
-        """The captures of a subject, given class by class, in two halves; the odd ones go to either in turn."""
+        """The captures of a subject, class by class, in two halves; the odd ones go to either in turn."""
         halves: list[list[np.ndarray]] = [[], []]
         for number, part in enumerate(parts):
             mixed = self._rng(X, part, 0).permutation(part)
@@ -102,14 +101,12 @@ class Personal:
             halves[1 - number % 2].append(mixed[1::2])
         return [np.sort(np.concatenate(half)) for half in halves]
 
-    def _draw(
-        self, X: Corpus, parts: list[np.ndarray], halves: list[np.ndarray], draw: int
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _draw(self, X: Corpus, parts: list[np.ndarray], halves: list[np.ndarray], draw: int) -> Pairs:
         orders = [self._rng(X, part, draw).permutation(part) for part in parts]
         pairs = []
         for half, other in (halves, halves[::-1]):
-            known = [order[np.isin(order, half)][: self.shots] for order in orders]
-            pairs.append((np.sort(np.concatenate(known)), other))
+            shots = [order[np.isin(order, half)][: self.shots] for order in orders]
+            pairs.append((np.sort(np.concatenate(shots)), other))
         return pairs
 
     def _rng(self, X: Corpus, part: np.ndarray, draw: int) -> np.random.Generator:
@@ -127,8 +124,8 @@ class Personal:
         names = [c for c in corpus.captures if c not in APART and c not in corpus.target.split("+")]
         if not names or not (self.shots or self.unlabelled):
             return ""
-        about = corpus.captures[names].astype(str).assign(class_=corpus.gestures.astype(str))
-        kinds = about.agg(" ".join, axis=1).to_numpy()
+        conditions = corpus.captures[names].astype(str).assign(class_=corpus.gestures.astype(str))
+        kinds = conditions.agg(" ".join, axis=1).to_numpy()
         halves = [pair for draws in Personal(unlabelled=True, seed=self.seed).calibrations(corpus) for pair in draws[0]]
-        same = any(np.isin(kinds[tested], kinds[known]).any() for known, tested in halves)
+        same = any(np.isin(kinds[tested], kinds[shots]).any() for shots, tested in halves)
         return ", under the same conditions" if same else ", under other conditions"

@@ -8,6 +8,8 @@ from sklearn.model_selection import GroupKFold
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 
+Folds = Iterator[tuple[np.ndarray, np.ndarray]]  # positions of training and of test captures
+
 
 def natural_order(names: np.ndarray) -> list[str]:
     """Distinct names, those that are whole numbers first and by value: 1, 2, 10, rather than 1, 10, 2."""
@@ -25,9 +27,7 @@ class LOSO:
         """Number of subjects."""
         return len(set(X.subjects if groups is None else groups))
 
-    def split(
-        self, X: Corpus, y: object = None, groups: np.ndarray | None = None
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
         """Yield (train, test) capture indices, subjects in natural order.
 
         Raises:
@@ -64,9 +64,7 @@ class SubjectKFold:
         """Number of folds."""
         return self.folds
 
-    def split(
-        self, X: Corpus, y: object = None, groups: np.ndarray | None = None
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
         """Yield (train, test) capture indices.
 
         Raises:

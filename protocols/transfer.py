@@ -14,15 +14,16 @@ from bench.corpora.library import open_corpus, open_joined
 from bench.corpora.skins import OWN, SOURCE
 from bench.errors import InputError, nearest
 from bench.registry import parameters
-from protocols.personal import WEIGHT, Personal
+from protocols.personal import WEIGHT, Pairs, Personal
+from protocols.subjects import Folds
 
 
-class Transfer:
+class Transfer(Personal):
     """Train on all captures of another corpus, test on those of ``data=``, on the classes that both have.
 
     Both are brought to what both skins can give (`bench.corpora.skins`): shares of full scale, the lower of their rates
     and, each way, the fewer of their taxels. A finer one that is trained on would teach what the coarser cannot show,
-    and the other way round. With ``shots`` or ``unlabelled`` some captures of each tested person are known, as of
+    and the other way round. With ``shots`` or ``unlabelled`` each tested person calibrates, as in
     `protocols.personal.Personal`.
 
     Args:
@@ -46,17 +47,9 @@ class Transfer:
         weight: int = WEIGHT,
         seed: int = 0,
     ) -> None:
+        super().__init__(shots, draws, unlabelled, weight, seed)
         self.source = source
         self.classes = classes
-        self.shots = shots
-        self.draws = draws
-        self.unlabelled = unlabelled
-        self.weight = weight
-        self.seed = seed
-
-    @property
-    def _personal(self) -> Personal:
-        return Personal(self.shots, self.draws, self.unlabelled, self.weight, self.seed)
 
     def joined(self, corpus: Corpus) -> Corpus:
         """The captures of ``data=``, and behind them those of the source, both as a skin that is as coarse as either.
@@ -64,14 +57,14 @@ class Transfer:
         Raises:
             InputError: there is no such source, or too few classes are shared.
         """
-        self._personal.check()
+        self.check()
         if corpus.target != "gesture":
             raise InputError(f"protocol=transfer tells gestures apart, not {corpus.target}; leave target= out")
         if not self.source:
             raise InputError("protocol=transfer needs protocol.source=, the corpus that is trained on; see bench data")
-        name, *given = re.split(r"\+(?=[a-z_]+=)", self.source)
+        name, *pairs = re.split(r"\+(?=[a-z_]+=)", self.source)
         try:
-            source = open_corpus(name, _generator(name, given))
+            source = open_corpus(name, _generator(name, pairs))
         except InputError as e:
             raise InputError(f"protocol.source={self.source}: {e}") from e
         return open_joined(corpus, source, self._names())
@@ -87,31 +80,27 @@ class Transfer:
 
     def label(self, corpus: Corpus) -> str:
         """The words that stand in every row of results."""
-        own = corpus.captures["skin"].to_numpy() == OWN
-        seen = self._personal.label(corpus[own]).removeprefix("personal, ").rpartition(" (")[0]
-        told = f", {seen}" if self.shots or self.unlabelled else ""
-        of = [f"{len(set(corpus.subjects[part]))} subjects" for part in (~own, own)]
+        target = corpus.captures["skin"].to_numpy() == OWN
+        personal = super().label(corpus[target]).removeprefix("personal, ").rpartition(" (")[0]
+        calibration = f", {personal}" if self.shots or self.unlabelled else ""
+        people = [f"{len(set(corpus.subjects[part]))} subjects" for part in (~target, target)]
         count = len(set(corpus.gestures))
-        return f"transfer from {self.source} ({of[0]}), {count} shared classes{told} ({of[1]})"
+        return f"transfer from {self.source} ({people[0]}), {count} shared classes{calibration} ({people[1]})"
 
-    def split(
-        self, X: Corpus, y: np.ndarray | None = None, groups: np.ndarray | None = None
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
         """Yield one (train, test): the source, and all of ``data=``."""
         skin = X.captures["skin"].to_numpy()
         yield np.flatnonzero(skin == SOURCE), np.flatnonzero(skin == OWN)
 
-    def calibrations(
-        self, X: Corpus, y: np.ndarray | None = None, groups: np.ndarray | None = None
-    ) -> Iterator[list[list[tuple[np.ndarray, np.ndarray]]]]:
-        """Of each draw, pairs of indices for every tested subject: captures that are known, and those tested then."""
-        own = np.flatnonzero(X.captures["skin"].to_numpy() == OWN)
-        people = list(self._personal.calibrations(X[own], None if y is None else np.asarray(y)[own]))
+    def calibrations(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Iterator[list[Pairs]]:
+        """Of each draw, pairs of indices for every tested subject: captures to calibrate on, and those tested then."""
+        target = np.flatnonzero(X.captures["skin"].to_numpy() == OWN)
+        people = list(super().calibrations(X[target], None if y is None else np.asarray(y)[target]))
         draws = [chain.from_iterable(pairs) for pairs in zip(*people, strict=True)]
-        yield [[(own[known], own[tested]) for known, tested in draw] for draw in draws]
+        yield [[(target[shots], target[tested]) for shots, tested in draw] for draw in draws]
 
 
-def _generator(name: str, given: list[str]) -> dict[str, object]:
+def _generator(name: str, pairs: list[str]) -> dict[str, object]:
     """Parameters of the generated corpus from ``rows=6`` and the like; an imported one has none.
 
     Raises:
@@ -120,14 +109,14 @@ def _generator(name: str, given: list[str]) -> dict[str, object]:
     from bench.corpora.synth import generate
 
     if name != "synth":
-        if given:
+        if pairs:
             raise InputError(f"only synth has parameters, not {name}")
         return {}
-    usual = parameters(generate)
-    found = dict(usual)
-    for pair in given:
+    defaults = parameters(generate)
+    values = dict(defaults)
+    for pair in pairs:
         key, _, text = pair.partition("=")
-        if key not in usual:
-            raise InputError(f"synth has no parameter {key!r}; {nearest(key, usual)}")
-        found[key] = convert(key, text, usual[key])
-    return found
+        if key not in defaults:
+            raise InputError(f"synth has no parameter {key!r}; {nearest(key, defaults)}")
+        values[key] = convert(key, text, defaults[key])
+    return values

@@ -5,12 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.errors import InputError
 from features.jung54 import Jung54
 from features.ta273 import Ta273, crossings_per_second
 from features.wingerden45 import Wingerden45
-from tests.conftest import random_corpus
-from tests.features.test_jung import GRIDS, LEVELS, corpus_of, ragged
+from tests.features.captures import GRIDS, LEVELS, corpus_of, near, ragged
 
 
 def naive(frames, rate, full_scale, levels):
@@ -54,56 +52,13 @@ def test_features_equal_a_loop_over_the_definitions(seed, grid, scale, where):
         levels = full_scale * np.arange(1, 17) / 17
     assert table.shape == (3, 8 + 16 + 16 + 3 * grid[0] * grid[1] + 41)
     for i, frames in enumerate(corpus):
-        np.testing.assert_allclose(table.iloc[i], naive(frames, 100.0, full_scale, levels), rtol=1e-5, atol=1e-6)
-
-
-def test_counts():
-    corpus = random_corpus()
-    assert Ta273().fit(corpus).transform(corpus).shape == (36, 273)
-    assert len(Ta273().fit(corpus).get_feature_names_out()) == len(set(Ta273().fit(corpus).names_)) == 273
-    assert Wingerden45().fit(corpus).transform(corpus).shape == (36, 45)
+        near(table.iloc[i], naive(frames, 100.0, full_scale, levels), atol=1e-6)
 
 
 def test_crossings_by_hand():
     signal = np.array([0.0, 2.0, 1.0, 5.0, 0.0, 9.0])  # two captures of 4 and 2 frames; none between them is counted
-    found = crossings_per_second(signal, np.array([4, 2]), np.array([0.5, 1.5, 7.0]), rate_hz=8.0)
-    np.testing.assert_allclose(found, [[2, 6, 0], [4, 4, 4]])
-
-
-def test_levels_are_learnt_from_the_training_captures_alone(corpus):
-    train = np.flatnonzero(corpus.subjects != "2")
-    changed = corpus.frames.copy()
-    for i in np.flatnonzero(corpus.subjects == "2"):
-        changed[corpus.starts[i] : corpus.starts[i] + corpus.lengths[i]] = 1000
-    other = corpus.changed(frames=changed)
-    learned = [Ta273().fit(c[train]).levels_ for c in (corpus, other)]
-    assert np.array_equal(*learned)
-    assert not np.array_equal(learned[0], Ta273().fit(other).levels_)
-
-
-@pytest.mark.parametrize("frames", [1, 2, 3, 50])
-@pytest.mark.parametrize("value", [0, 7, 1023])
-@pytest.mark.parametrize("kind", [np.uint16, np.float32])
-@pytest.mark.parametrize("features", [Ta273, Wingerden45])
-def test_constant_captures_are_finite(features, frames, value, kind):
-    corpus = corpus_of([np.full((frames, 8, 8), value, dtype=kind)] * 2)
-    assert np.isfinite(features().fit(corpus).transform(corpus).to_numpy()).all()
-
-
-@given(st.integers(0, 1000), st.sampled_from(GRIDS))
-def test_rounding_does_not_depend_on_the_other_captures(seed, grid):
-    corpus = corpus_of(ragged(seed, grid, 0, 1023))
-    for features in (Ta273().fit(corpus), Wingerden45()):
-        whole = features.transform(corpus)
-        for i in range(len(corpus)):
-            np.testing.assert_allclose(
-                features.transform(corpus[i : i + 1]).iloc[0], whole.iloc[i], rtol=1e-12, atol=1e-12
-            )
-
-
-def test_a_level_that_is_none():
-    with pytest.raises(InputError, match="features.levels=all: give training or fixed"):
-        Ta273("all").check()
+    crossings = crossings_per_second(signal, np.array([4, 2]), np.array([0.5, 1.5, 7.0]), rate_hz=8.0)
+    near(crossings, [[2, 6, 0], [4, 4, 4]])
 
 
 @given(st.integers(0, 10_000), st.sampled_from(GRIDS))

@@ -1,0 +1,178 @@
+"""Promises of every feature set: names, slices, rounding, constant captures, wrong parameters, no leaks."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+
+from bench import source
+from bench.errors import InputError
+from features import hughes36, signals, touch
+from features.balli import Balli
+from features.gaus import Gaus
+from features.hughes36 import Hughes36
+from features.jung28 import Jung28
+from features.jung54 import Jung54
+from features.selection import Subset
+from features.ta273 import Ta273
+from features.touch import TouchFeatures
+from features.wingerden45 import Wingerden45
+from tests.conftest import random_corpus, with_other_values
+from tests.features.captures import GRIDS, corpus_of, row_of
+
+quick = Hughes36(states=2, iterations=2, epochs=1)
+WIDTH = {  # columns for 8 x 8 taxels and three gestures
+    Jung28(): 28,
+    Jung28("capture", "maxima"): 28,
+    Jung54("capture"): 54,
+    Wingerden45(): 45,
+    Balli(0): 208,
+    Balli(12): 12,
+    Gaus(): 1382,
+    Gaus(("bmh", "lbptop")): 241,
+    Ta273(): 273,
+    TouchFeatures(): 427,
+    Subset(Jung28(), 6): 6,
+    quick: 14,
+}
+EXACT = [Jung28(), Jung54(), Wingerden45(), Balli(0), Gaus(), TouchFeatures()]  # to the last bit
+LEARNING = [Balli(5), Ta273(), Subset(Jung28(), 4), quick]
+
+
+def equal(table, other, exact=True):
+    if exact:
+        pd.testing.assert_frame_equal(table, other, check_exact=True)
+    else:
+        pd.testing.assert_frame_equal(table, other, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("features", WIDTH, ids=str)
+def test_columns_and_slices(features, corpus, monkeypatch):
+    features = clone(features)
+    with pytest.raises(NotFittedError):
+        features.get_feature_names_out()
+    table = features.fit_transform(corpus, corpus.gestures)
+    assert table.shape == (36, WIDTH[next(f for f in WIDTH if repr(f) == repr(features))]) and table.columns.is_unique
+    assert list(features.get_feature_names_out()) == list(table.columns) and np.isfinite(table).all(axis=None)
+    again = clone(features).set_output(transform="pandas").fit_transform(corpus, corpus.gestures)
+    assert again.equals(table) and repr(clone(features).get_params()) == repr(features.get_params())
+    exact = not isinstance(features, (Hughes36, Ta273))
+    rows = np.array([7, 3, 20, 3])
+    equal(features.transform(corpus[rows]), table.iloc[rows].reset_index(drop=True), exact)
+    assert features.transform(corpus[:0]).shape == (0, table.shape[1])
+    monkeypatch.setattr(signals, "blocks", lambda c, blocks=signals.blocks: blocks(c, values=50 * 64))
+    monkeypatch.setattr(hughes36, "FRAMES_TO_SCORE", 50)
+    monkeypatch.setattr(touch, "RUN", 7 * 64)
+    monkeypatch.setattr(touch, "BATCH", 1)
+    assert len(signals.blocks(corpus)) > 5
+    equal(features.transform(corpus), table, exact)
+
+
+@pytest.mark.parametrize("features", [*EXACT, Ta273()], ids=str)
+@settings(max_examples=6)
+@given(st.integers(0, 1000), st.sampled_from([*GRIDS, (5, 7), (2, 1)]))
+def test_rounding_does_not_depend_on_the_other_captures(features, seed, grid):
+    rng = np.random.default_rng(seed)  # values so different in size that their sums are rounded
+    arrays = [(rng.random((length, *grid)) ** 30).astype(np.float32) for length in rng.permutation([1, 1, 2, 9, 9, 30])]
+    corpus = corpus_of(arrays, full_scale=0.7)
+    table = features.fit(corpus).transform(corpus)
+    for i in range(len(corpus)):
+        row = table.iloc[i : i + 1].reset_index(drop=True)
+        equal(features.transform(corpus[i : i + 1]), row, features in EXACT)
+
+
+CONSTANT = {  # columns that are 0 for constant captures
+    Jung28(): "displacement|crossings|variability",
+    Jung54(): "travel|crossings|derivative|_step_|frequency|f44",
+    Wingerden45(): "displacement|crossings|derivative|change",
+    Balli(0): "_(ar.|mobility|complexity)$",
+    Gaus(): "smmhh|variance|skewness|kurtosis|iqr|_sd$|sd_touch",
+    Ta273(): "_sd$|_crossings|derivative|fft|frequency|temporal",
+    TouchFeatures(): "_(step|step_sd|crossings|turns|skewness|centroid|.*_ms|range|correlation)$",
+}
+
+
+@pytest.mark.parametrize("grid", [(8, 8), (1, 4), (1, 1)])
+@pytest.mark.parametrize("features", CONSTANT, ids=str)
+def test_constant_captures(features, grid):
+    for frames in (1, 2, 3, 50):
+        for value, kind in [(0, np.uint16), (7, np.uint16), (65535, np.uint16), (1023, np.float32), (0.1, np.float32)]:
+            row = row_of(clone(features), np.full((frames, *grid), value, kind), full_scale=max(value, 1023.0))
+            still = row.filter(regex=CONSTANT[features])
+            assert np.isfinite(row).all() and len(still) > 3 and (still.abs() < 1e-12).all()
+            mean = row.filter(regex="^(f01_mean_pressure|mean_pressure_mean|msd_r1c1_mean|mean_pressure)$")
+            assert (abs(mean - value) < 1e-6 * max(value, 1)).all()
+            pressed = row.filter(regex="^(f20_contact_area|sd_high_mean|half_area_mean|solidity_mean|bmh)")
+            assert (pressed == (value > 0)).all()
+            if isinstance(features, TouchFeatures):
+                assert (row.filter(regex="_kurtosis$") == 3).all() and row["likeness_mean"] == (frames > 1)
+                assert row["peak_mean"] == pytest.approx(np.log(value / max(value, 1023) + 1e-4), abs=1e-6)
+            elif isinstance(features, Balli):
+                assert (row.filter(regex="_hurst$") == 0.5).all()
+                assert row["area_mean"] == (value > 0) * grid[0] * grid[1]
+            elif isinstance(features, Gaus):
+                planes = [min(grid) >= 3, min(frames, grid[1]) >= 3, min(frames, grid[0]) >= 3]
+                assert row.filter(regex="lbptop_.._57").tolist() == planes
+                assert row.filter(regex="lbptop").sum() == sum(planes)
+
+
+@pytest.mark.parametrize("features", LEARNING, ids=str)
+def test_only_training_captures_are_learnt_from(features):
+    corpus = random_corpus(5, 4, grid=(3, 4))
+    test = corpus.subjects == "2"
+    changed = with_other_values(corpus, np.flatnonzero(test))
+    gestures = np.where(test, "pat", corpus.gestures)
+    changed = changed.changed(captures=changed.captures.assign(gesture=gestures))
+    fitted = clone(features).fit(corpus[~test], corpus.gestures[~test])
+    blind = clone(features).fit(changed[~test], gestures[~test])
+    leaky = clone(features).fit(changed, gestures)
+    table = fitted.transform(corpus)
+    assert table.equals(blind.transform(corpus)) and not table.equals(leaky.transform(corpus))
+    if not isinstance(features, Hughes36):
+        assert table.equals(clone(features).fit(corpus[~test]).transform(corpus))  # labels are the gestures
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (Jung28("frames"), "features.area=frames: give frame or capture"),
+        (Jung28(peaks="2014"), "features.peaks=2014: give crossings or maxima"),
+        (Jung54("frames"), "features.area=frames"),
+        (Ta273("all"), "features.levels=all: give training or fixed"),
+        (Balli(-1), "features.selected=-1"),
+        *((Hughes36(**{name: 0}), f"features.{name}=0") for name in ("states", "iterations", "epochs")),
+        (Subset(Jung28(), 0), "count=0"),
+        *(
+            (Gaus(f), "features.families=")
+            for f in [(), ("",), ("sd", "lbp"), ("sd", "bmh", "sd"), "sd", None, (["sd"],)]
+        ),
+    ],
+    ids=str,
+)
+def test_wrong_parameters_are_one_line(wrong, message, corpus):
+    uses = [lambda: wrong.fit(corpus, corpus.gestures)]
+    uses += [wrong.check] if hasattr(wrong, "check") else []
+    uses += [] if wrong.learns else [lambda: wrong.transform(corpus)]
+    for use in uses:
+        with pytest.raises(InputError) as error:
+            use()
+        assert message in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("features", [Balli(3), quick, Subset(Jung28(), 2)], ids=str)
+def test_what_is_not_fitted_cannot_transform(features, corpus):
+    with pytest.raises(NotFittedError):
+        clone(features).transform(corpus)
+
+
+def test_imports_are_light():
+    code = "import sys, features; heavy = {'numpy', 'pandas', 'sklearn', 'scipy'} & set(sys.modules)\n"
+    code += "import features.hughes36; sys.exit(bool(heavy) or 'torch' in sys.modules)"
+    root = str(source.Path(source.__file__).parents[1])
+    assert subprocess.run([sys.executable, "-c", code], cwd=root, check=False).returncode == 0
