@@ -45,22 +45,22 @@ def met(cell: Cell, corpus: Corpus, fold: Fold) -> Iterator[Met]:
     if calibration is None:
         yield Met(fold.name, general, fold.test, fitted(general, corpus[train]))
         return
-    is_fitted = contract.adapts(general) or not calibration.labelled
-    seconds = fitted(general, corpus[train]) if is_fitted else {}
+    adapts = contract.adapts(general)
+    refits = calibration.labelled and not adapts
+    seconds = {} if refits else fitted(general, corpus[train])
     for number, draw in enumerate(calibration.draws, 1):
         name = fold.name if len(calibration.draws) == 1 else f"{fold.name} draw {number}"
         for shots, tested in draw:
             if not len(tested):
                 continue
             if not len(shots):  # of a person with one capture
-                if not is_fitted:
-                    seconds, is_fitted = fitted(general, corpus[train]), True
+                seconds = seconds or fitted(general, corpus[train])
                 yield Met(name, general, tested, seconds)
-            elif not is_fitted:
+            elif refits:
                 estimator = cell.estimator()
                 both = np.concatenate([train, np.repeat(shots, calibration.weight)])
                 yield Met(name, estimator, tested, fitted(estimator, corpus[both]))
-            elif contract.adapts(general):
+            elif adapts:
                 part = corpus[shots]
                 began = time.perf_counter()
                 estimator = contract.adapted(general, part, part.gestures if calibration.labelled else None)
