@@ -199,32 +199,15 @@ def surely(table):
     return table.assign(settled=table.filter(like="p_").max(axis=1))
 
 
-def waited(rows=4000, seed=0):
-    """Captures decided on three times, two classes; the later label is right, the earlier one where it is sure."""
-    rng = np.random.default_rng(seed)
-    sure = rng.random(rows) < 0.5
-    true = rng.integers(0, 2, rows)
-    right = sure | (rng.random(rows) < 0.5)  # an unsure label is a guess
-    first, tables = (np.where(sure, 0.9, 0.6), right), []
-    for instant, (top, hit) in enumerate([first, first, (0.9, 1)]):
-        label = np.where(hit, true, 1 - true)
-        p_a = np.where(label == 0, top, 1 - np.asarray(top))
-        columns = {"fold": "f", "capture": np.arange(rows), "true": np.array(["a", "b"])[true], "instant": instant}
-        tables.append(pd.DataFrame(columns | {"frames": 10 * 2**instant, "p_a": p_a, "p_b": 1 - p_a}))
-    table = pd.concat(tables).sort_values(["capture", "instant"], kind="stable", ignore_index=True)
-    return table, np.repeat(sure, 3)
-
-
-def test_waiting_is_worth_what_it_gained_in_training():
-    """An unsure label is right half of the time and always in the end: half a point; a sure one gains nothing."""
-    waiting = Waiting.fit(waited()[0], 100.0)
-    other, sure = waited(seed=1)
-    gain = waiting(other, 100.0)
-    first = (other["instant"] == 0).to_numpy()
-    assert gain[first & ~sure].mean() == pytest.approx(0.5, abs=0.06)
-    assert gain[first & sure].mean() == pytest.approx(0, abs=0.06)
-    assert abs(gain[(other["instant"] == 2).to_numpy()].mean()) < 0.06
-    assert len(waiting.weights) == len(STATE)
+def test_waiting_is_the_ridge_regression_of_what_the_last_decision_gains():
+    corpus = coded_corpus(subjects=1)
+    table = replayed(Rising().fit(corpus, corpus.gestures), corpus, "x", np.arange(6), np.array([2, 4, 12]))
+    variables = np.column_stack([Waiting(tuple(row))(table, 80.0) for row in np.eye(len(STATE))])
+    right = (table["frames"] >= 4).to_numpy(float)  # as Rising is made
+    last = np.array([float(corpus.lengths[capture] >= 4) for capture in table["capture"]])
+    gram = variables.T @ variables + 0.01 * np.eye(len(STATE))
+    expected = np.linalg.solve(gram, variables.T @ (last - right))
+    np.testing.assert_allclose(Waiting.fit(table, 80.0).weights, expected, atol=1e-8)
 
 
 def test_the_variables_of_a_decision_by_hand():
@@ -241,17 +224,9 @@ def test_the_variables_of_a_decision_by_hand():
     ]
     gains = [Waiting(tuple(row))(table, 80.0) for row in np.eye(len(STATE))]
     np.testing.assert_allclose(np.column_stack(gains), by_hand, atol=1e-12)
-
-
-def test_hopeless_captures_are_not_waited_for():
-    """Where the last label is no better, an unsure one is settled at once, though its confidence never rises."""
-    table, _ = waited()
-    for name in ("p_a", "p_b"):  # the last decision is the first one
-        table[name] = table.groupby("capture")[name].transform("first")
-    plain = Calibration(100.0, 400.0, 1.0, 1.0)
-    table = weighed(table, plain, Waiting.fit(table, 100.0), 100.0)
-    assert table["confidence"].min() < 0.65 and table["settled"].min() > 0.95
-    assert set(stopped(table, 0.95)["frames"]) == {10}
+    unsure = weighed(table, Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.6, -1.0, *[0.0] * 9)), 80.0)
+    assert unsure["settled"].tolist() == pytest.approx([0.9, 0.8, 1, 1])  # 1 - 0.6 + the largest probability, at most 1
+    assert unsure["confidence"].tolist() == pytest.approx([0.5, 0.4, 0.6, 0.6])
 
 
 def test_stopping_as_calculated_by_hand():
@@ -411,12 +386,9 @@ def test_a_replay_from_the_middle_sees_no_first_half(leveled):
 @pytest.mark.parametrize(
     ("arguments", "fact"),
     [
-        (["hop_ms=0"], "hop_ms=0"),
         (["hop_ms=1"], "hop_ms=1: one frame takes 7.407 ms"),
-        (["start=end"], "start=end"),
         (["out=/dev/null/x"], "/dev/null/x"),
         (["data.subjects=2"], "one subject"),
-        (["source=file", "model=x"], "source=file"),
         (["source=-"], "model="),
         (["source=-", "model=nothing"], "nothing"),
         (["source=-", "model=x", "data=haart"], "data="),
