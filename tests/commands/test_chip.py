@@ -128,9 +128,8 @@ def test_a_chip_is_measured():
     metrics = run.data.metrics
     assert metrics["chip_table_bytes"] == pytest.approx(metrics["flash_bytes"], rel=0.1)
     assert metrics["chip_ram_bytes"] == pytest.approx(metrics["ram_bytes"], rel=0.1)
-    assert (
-        metrics["chip_ram_bytes"] + 4096 < metrics["chip_program_ram_bytes"] < metrics["chip_ram_bytes"] + 4096 + 8192
-    )
+    room = metrics["chip_program_ram_bytes"] - metrics["chip_ram_bytes"]  # a stack of 4 kB and the library of C
+    assert 4096 < room < 4096 + 8192
     assert 50 < metrics["chip_stack_bytes"] < 2000
     assert metrics["chip_code_bytes"] + metrics["chip_table_bytes"] < metrics["chip_flash_bytes"] < 64e3
     assert 1000 < metrics["chip_frame_instructions"] < metrics["chip_most_instructions"] < 1e6
