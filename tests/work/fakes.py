@@ -100,14 +100,23 @@ class Level(ClassifierMixin, BaseEstimator):
     """Nearest class mean of the pressure."""
 
     def fit(self, X, y):
-        level = np.array([frames.mean() for frames in X])
+        X, y = self.training(X, np.asarray(y))
+        level = self.level(X)
         self.classes_ = np.unique(y)
         self.means_ = np.array([level[y == c].mean() for c in self.classes_])
         return self
 
+    def training(self, X, y):
+        return X, y
+
+    def level(self, X):
+        return np.array([self.of(frames) for frames in X])
+
+    def of(self, frames):
+        return frames.mean()
+
     def predict_proba(self, X):
-        level = np.array([frames.mean() for frames in X])
-        return softmax(-np.abs(level[:, None] - self.means_) / 10, axis=1)
+        return softmax(-np.abs(self.level(X)[:, None] - self.means_) / 10, axis=1)
 
     def predict(self, X):
         return self.classes_[self.predict_proba(X).argmax(axis=1)]

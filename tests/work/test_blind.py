@@ -58,9 +58,8 @@ class Reads(Mean):
 class Centred(Mean):
     """Measures pressure from the mean of the captures that it is given together."""
 
-    def predict_proba(self, X):
-        proba = super().predict_proba(X) / super().predict_proba(X).mean(axis=0)
-        return proba / proba.sum(axis=1, keepdims=True)
+    def level(self, X):
+        return super().level(X) - super().level(X).mean()
 
 
 class Cover(Mean):

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections import deque
-from itertools import islice, repeat
 from types import SimpleNamespace
 
 import numpy as np
@@ -37,11 +36,6 @@ def test_a_decision_every_hop_and_one_where_a_capture_ends(lengths, hop_ms, long
         assert [f[0] for f in window] == [100 * c + i for i in range(seen)][-longest:]
 
 
-def test_an_endless_stream_needs_no_more_than_the_window():
-    decided = islice(decided_at(repeat(np.zeros(2)), 100.0, 50.0, 7), 2000)
-    assert all(len(window) == min(seen, 7) for _, seen, window in decided)
-
-
 def test_a_decision_is_out_before_the_next_frame_is_read():
     source = iter([np.zeros(2)] * 10)
     for _, seen, _ in decided_at(source, 100.0, 30.0, 5):
@@ -53,13 +47,7 @@ def test_lines_are_frames_and_what_is_none_is_named():
     text = b"1,2,3\n 4 5\t6\r\n\n\n7, 8 ,9.5\n"
     frames = list(frames_of(io.BytesIO(text), 3, 10.0))
     assert [f if f is None else f.tolist() for f in frames] == [[1, 2, 3], [4, 5, 6], None, None, [7, 8, 9.5]]
-    for line, fact in {
-        b"1,2": "2 values instead of 3",
-        b"1,x,3": "'x'",
-        b"1,-1,3": "-1 ",
-        b"1,11,3": "11 .*full scale 10",
-        b"1" * 500: "longer than",
-    }.items():
+    for line, fact in {b"1,2": "2 values", b"1,x,3": "'x'", b"1,-1,3": "-1 ", b"1,11,3": "11 .*full scale 10"}.items():
         frames = frames_of(io.BytesIO(b"1,2,3\n" + line + b"\n1,2,3\n"), 3, 10.0)
         assert next(frames) is not None
         with pytest.raises(InputError, match=f"line 2: .*{fact}"):
