@@ -92,6 +92,10 @@ class Audited:
         test = np.setdiff1d(np.arange(len(corpus)), train)
         return next(met(self.cell, corpus, Fold("audit", train, test))).estimator
 
+    def refitted(self, corpus: Corpus, train: np.ndarray) -> pd.DataFrame:
+        """Predictions of the probe captures by a new system that is fitted to a part of some captures."""
+        return predicted(self.fitted(corpus, train), self.probe)
+
     @cached_property
     def first(self) -> contract.System:
         """The system, fitted to the training captures."""
@@ -102,22 +106,12 @@ class Audited:
         """Its predictions of the probe captures."""
         return predicted(self.first, self.probe)
 
-    @cached_property
-    def repeats(self) -> str:
-        """How a second fit to the same captures differs; empty where it does not."""
-        return difference(self.expected, predicted(self.fitted(self.corpus, self.train), self.probe))
-
     @property
     def is_seeded(self) -> bool:
         """Whether it declares random training by a parameter ``seed`` or ``random_state``."""
-        params = parameters(self.cell.estimator())
+        params: dict[str, object] = getattr(self.cell.estimator(), "get_params", dict)()
         named = any(k.split("__")[-1] in ("seed", "random_state") and v is not None for k, v in params.items())
         return self.cell.seed is not None or (self.cell.has_objects and named)
-
-
-def parameters(estimator: contract.System) -> dict[str, object]:
-    """``get_params()`` of a system; none where it has no such method."""
-    return estimator.get_params() if hasattr(estimator, "get_params") else {}
 
 
 def predicted(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:
@@ -129,10 +123,8 @@ def predicted(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:
     table, proba = contract.decide(estimator, corpus)
     names = np.asarray(estimator.classes_).astype(str)
     mean = pd.DataFrame(np.asarray(proba, dtype=np.float64), columns=names).groupby(table["capture"].to_numpy()).mean()
-    if not np.isfinite(mean.to_numpy()).all():
-        raise ValueError(
-            f"{int((~np.isfinite(mean)).any(axis=1).sum())} captures have probabilities that are not finite"
-        )
+    if not (finite := np.isfinite(mean.to_numpy()).all(axis=1)).all():
+        raise ValueError(f"{(~finite).sum()} captures have probabilities that are not finite")
     if len(mean) != len(corpus):
         raise ValueError(f"{len(corpus)} captures have {len(mean)} predictions")
     return mean
@@ -199,7 +191,7 @@ def equal_seeds(subject: Audited) -> Answer:
     """Two fits to the same captures."""
     hint = "" if subject.is_seeded else "; give it a parameter seed"
     return passed_if(
-        subject.repeats,
+        difference(subject.expected, subject.refitted(subject.corpus, subject.train)),
         "two fits to the same captures predict the same",
         f"two fits to the same captures differ{hint}",
     )
@@ -208,7 +200,7 @@ def equal_seeds(subject: Audited) -> Answer:
 def training_order(subject: Audited) -> Answer:
     """A fit to the training captures in another order."""
     order = np.random.default_rng(0).permutation(subject.train)
-    other = predicted(subject.fitted(subject.corpus, order), subject.probe)
+    other = subject.refitted(subject.corpus, order)
     share = float((subject.expected.idxmax(axis=1) == other.idxmax(axis=1)).mean())
     if share < 1 and subject.is_seeded:
         return SKIPPED, f"training is random (seed); in another order {100 * share:.0f} % of the labels are equal"
@@ -221,9 +213,9 @@ def shuffled_labels(subject: Audited) -> Answer:
     """Accuracy on test subjects after training on shuffled labels."""
     corpus, rng = subject.corpus, np.random.default_rng(0)
     names = corpus.gestures.copy()
-    for who in TRAINED:  # within a subject, so that every class stays in every inner fold
-        mine = np.flatnonzero(corpus.subjects.astype(str) == who)
-        names[mine] = rng.permutation(names[mine])
+    for name in TRAINED:  # within a subject, so that every class stays in every inner fold
+        rows = np.flatnonzero(corpus.subjects.astype(str) == name)
+        names[rows] = rng.permutation(names[rows])
     shuffled = corpus.changed(captures=corpus.captures.assign(gesture=names))
     tested = corpus[subject.test]
     hits, usual = (
@@ -231,10 +223,10 @@ def shuffled_labels(subject: Audited) -> Answer:
         for one in (subject.fitted(shuffled, subject.train), subject.first)
     )
     most = int(binom.interval(LEVEL, len(tested), 1 / len(set(tested.gestures)))[1])
-    sentence = (
-        f"after training on shuffled labels {hits} of {len(tested)} test captures are correct, on true ones {usual}"
+    return FAILED if hits > most else PASSED, (
+        f"after training on shuffled labels {hits} of {len(tested)} test captures are correct, on true ones {usual}; "
+        f"chance gives 0 to {most} ({100 * LEVEL:g} % interval)"
     )
-    return FAILED if hits > most else PASSED, f"{sentence}; chance gives 0 to {most} ({100 * LEVEL:g} % interval)"
 
 
 def clones(subject: Audited) -> Answer:
@@ -281,7 +273,7 @@ def other_test_captures(subject: Audited) -> Answer:
     names[test] = rng.permutation(names[test])
     other = corpus.changed(frames=frames, captures=corpus.captures.assign(gesture=names))
     return passed_if(
-        difference(subject.expected, predicted(subject.fitted(other, subject.train), subject.probe)),
+        difference(subject.expected, subject.refitted(other, subject.train)),
         "other values and labels of test captures change no prediction",
         "other values and labels of test captures change what is learned",
     )
@@ -301,10 +293,8 @@ def one_frame(subject: Audited) -> Answer:
     lengths = np.where(np.arange(len(corpus)) % 5 == 0, 1, corpus.lengths)
     estimator = subject.fitted(corpus.changed(lengths=lengths))
     predicted(estimator, subject.probe.changed(lengths=np.ones(len(subject.probe), dtype=np.int64)))
-    return (
-        PASSED,
-        f"it fits with {int((lengths == 1).sum())} captures of one frame and predicts {len(subject.probe)} of them",
-    )
+    count = int((lengths == 1).sum())
+    return PASSED, f"it fits with {count} captures of one frame and predicts {len(subject.probe)} of them"
 
 
 def saved(subject: Audited) -> Answer:
@@ -334,7 +324,7 @@ class Check:
     Attributes:
         name: in the table.
         answer: the function that checks it.
-        needs: the check without which this one says nothing; empty for none.
+        needs: the check without which this one is not applicable; empty for none.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Systems as C for a microcontroller: what the C answers, and what it takes."""
+"""Systems as C for a microcontroller: labels of the C, and its bytes and instructions."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class OnChip(Experiment[None]):
             )
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-        """What the C says of each test capture beside what Python says; bytes and instructions."""
+        """Labels of the test captures by the C and by Python; bytes and instructions."""
         from bench.work.saved import Recogniser
 
         train, test = corpus[fold.train], corpus[fold.test]
@@ -92,20 +92,20 @@ class OnChip(Experiment[None]):
             effects = batch_effects(estimator, corpus, fold.test, predicted)
         table = scores.captures(predicted).rename(columns={"predicted": "python"})
         table = table.assign(start=0, frames=test.lengths)
-        found = Recogniser(estimator, train, UNTAUGHT)
+        recogniser = Recogniser(estimator, train, UNTAUGHT)
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            for file, text in files_of(found, self.bits, "a fold of bench chip").items():
+            for file, text in files_of(recogniser, self.bits, "a fold of bench chip").items():
                 (folder / file).write_text(text, encoding="utf-8")
-            asked = compiled(folder, len(found.classes))
-            own = np.array([asked(frames) for frames in test])
+            in_c = compiled(folder, len(recogniser.classes))
+            proba = np.array([in_c(frames) for frames in test])
             metrics |= measured(folder)
         table[[f"p_{name}" for name in scores.classes_of(predicted)]] = np.float32(0)
-        table[[f"p_{name}" for name in found.classes]] = own
-        counted = footprint(estimator, corpus)
-        if self.bits != 32:  # counted of what Python has
-            del counted["flash_bytes"]
-        return FoldResult(fold.name, table, metrics | counted, batch_effects=effects)
+        table[[f"p_{name}" for name in recogniser.classes]] = proba
+        sizes = footprint(estimator, corpus)
+        if self.bits != 32:  # the size of the Python system
+            del sizes["flash_bytes"]
+        return FoldResult(fold.name, table, metrics | sizes, batch_effects=effects)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy in C and in Python, and costs."""
@@ -115,9 +115,8 @@ class OnChip(Experiment[None]):
         """Accuracy in C and in Python over all folds, captures that they label otherwise, and costs."""
         predictions = table_of(results)
         labelled = scores.captures(predictions)
-        found = scores.summary(predictions, plan.corpus.rate_hz) | _compared(results) | costs(results)
-        tables = {"predictions.parquet": predictions, "per_subject.csv": scores.per_subject(labelled)}
-        return Findings(found, tables)
+        metrics = scores.summary(predictions, plan.corpus.rate_hz) | _compared(results) | costs(results)
+        return Findings(metrics, {"predictions.parquet": predictions, "per_subject.csv": scores.per_subject(labelled)})
 
     def row(self, metrics: dict[str, float]) -> dict[str, str]:
         """Accuracies, and what the chip needs."""
@@ -141,9 +140,9 @@ class OnChip(Experiment[None]):
 
 def _compared(results: list[FoldResult]) -> dict[str, float]:
     labelled = scores.captures(table_of(results))
-    own, python = labelled["predicted"], table_of(results)["python"].to_numpy()
+    true, in_c, python = (labelled[name].to_numpy() for name in ("true", "predicted", "python"))
     return {
-        "accuracy": float((labelled["true"] == own).mean()),
-        "python_accuracy": float((labelled["true"].to_numpy() == python).mean()),
-        "other_labels": int((own.to_numpy() != python).sum()),
+        "accuracy": float((true == in_c).mean()),
+        "python_accuracy": float((true == python).mean()),
+        "other_labels": int((in_c != python).sum()),
     }

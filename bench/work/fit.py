@@ -8,7 +8,7 @@ import time
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,10 +24,9 @@ from bench.work.bar import Bar
 from bench.work.evaluation import Evaluation
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.machine import this_machine
-from bench.work.replay import INNER, Replay, Stopping, learned, unlearnable
+from bench.work.replay import Replay, Stopping, learned, unlearnable
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
 from bench.work.workers import fill_cache
-from models.search.inner_folds import inner_folds
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
@@ -92,17 +91,17 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
     fill_cache(plan.cell, plan.corpus)
     with tempfile.TemporaryDirectory() as folder, telling(Path(folder), "fit"), Bar(Path(folder)):
         with computing(threads):
-            settled = _stopping(cell, corpus) if stopping else None
+            learned_stopping = _stopping(cell, corpus) if stopping else None
             metrics = fitted(estimator, corpus)
     with computing(1):
-        spent = latency(estimator, corpus, int(corpus.lengths.max()))[:2]
-    metrics = costs([FoldResult("", None, metrics | footprint(estimator, corpus), *spent)])
+        milliseconds = latency(estimator, corpus, int(corpus.lengths.max()))[:2]
+    metrics = costs([FoldResult("", None, metrics | footprint(estimator, corpus), *milliseconds)])
 
     import mlflow
 
     from bench.work.saved import Recogniser, by_value, quiet
 
-    recogniser = Recogniser(estimator, corpus, settled)
+    recogniser = Recogniser(estimator, corpus, learned_stopping)
     plugins = [part.name for part in (cell.model, cell.features) if part]
     model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.packages())
     by_value()
@@ -118,21 +117,14 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
         with quiet(), reached(), mlflow.start_run(run_id=run_id):
             saved = mlflow.pyfunc.log_model(name="model", **model)
             if out is not None:  # last, so that what is killed before can be repeated: the folder is not there yet
-                _save(model, out)
+                with made_whole(out) as beside:
+                    mlflow.pyfunc.save_model(str(beside), **model)
     return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus))
 
 
 def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
     """How sure the system of a cell may be, and when it can decide; None where its captures cannot teach it."""
-    gestures, subjects = corpus.gestures, corpus.subjects.astype(str)
-    why = unlearnable(gestures, subjects)
-    if not why:
-        try:
-            for inner, _ in inner_folds(subjects, INNER):
-                contract.check_training(cell.estimator(), corpus[inner], gestures[inner])
-        except InputError as e:
-            why = str(e)
-    if why:
+    if why := unlearnable(cell.estimator(), corpus):
         warn(f"warning: no calibration and no threshold go with the model: {why}")
         return None
     return learned(cell.estimator, corpus, np.arange(len(corpus)), Replay())[0]
@@ -145,11 +137,11 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
         model: where it was saved.
         recogniser: what was saved there.
         corpus: some captures of the person.
-        y: their class names; None where they are not known.
+        y: their class names; None without labels.
         out: a folder that is new or empty.
 
     Raises:
-        InputError: the system cannot adapt, a class that it does not know, or the folder cannot be written.
+        InputError: the system cannot adapt, a class is none of its own, or the folder cannot be written.
     """
     import mlflow
 
@@ -166,25 +158,15 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
     if unknown := sorted({str(name) for name in y} - set(recogniser.classes)) if y is not None else []:
         raise InputError(f"gesture {unknown[0]} is none that {model} knows: {', '.join(recogniser.classes)}")
     began = time.perf_counter()
-    own = copy(recogniser)
-    own.adapted = True
-    own.estimator = contract.adapted(recogniser.estimator, corpus, y)
-    spent = time.perf_counter() - began
+    personal = copy(recogniser)
+    personal.adapted = True
+    personal.estimator = contract.adapted(recogniser.estimator, corpus, y)
+    seconds = time.perf_counter() - began
     by_value()
     with quiet():
         needed = Path(mlflow.pyfunc.get_model_dependencies(model)).read_text(encoding="utf-8").splitlines()
-        arguments = own.model([], corpus[0][:EXAMPLE_FRAMES]) | {"pip_requirements": [n for n in needed if n.strip()]}
-        _save(arguments, out)
-    return spent
-
-
-def _save(model: dict[str, Any], out: Path) -> None:
-    """Save a model as a folder.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    import mlflow
-
-    with made_whole(out) as beside:
-        mlflow.pyfunc.save_model(str(beside), **model)
+        packages = [line for line in needed if line.strip()]
+        model_arguments = personal.model([], corpus[0][:EXAMPLE_FRAMES]) | {"pip_requirements": packages}
+        with made_whole(out) as beside:
+            mlflow.pyfunc.save_model(str(beside), **model_arguments)
+    return seconds

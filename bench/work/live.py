@@ -52,8 +52,8 @@ def live(values: dict[str, str]) -> int:
     longest = recogniser.longest
     rows, cols = recogniser.grid
     print(
-        f"frames of {rows}x{cols} from 0 to {recogniser.full_scale:g}, {recogniser.rate_hz:g} a second are taken for "
-        f"granted; at most the last {longest * frame_ms:g} ms of a capture are seen",
+        f"expecting frames of {rows}x{cols}, values 0 to {recogniser.full_scale:g}, at {recogniser.rate_hz:g} Hz; "
+        f"decisions use at most the last {longest * frame_ms:g} ms of a capture",
         file=sys.stderr,
     )
     if recogniser.stopping is not None and not recogniser.stopping.saves:
@@ -62,29 +62,29 @@ def live(values: dict[str, str]) -> int:
     out.writerow(["capture", "ms", "label", "confidence", "settled"])
     sys.stdout.flush()
     frames = frames_of(sys.stdin.buffer, rows * cols, recogniser.full_scale)
-    current, settled, stood = 0, False, deque[tuple[int, str]]()
+    current, settled, labels = 0, False, deque[tuple[int, str]]()
     for capture, seen, window in decided_at(frames, recogniser.rate_hz, hop_ms, longest):
         if capture != current:
-            current, settled, stood = capture, False, deque()
-        label, confidence, how = recogniser.decision(_corpus(window, recogniser), earlier(stood, seen))
-        stood.append((seen, label))
-        settled = settled or recogniser.is_settled(how)
-        said = "-" if how is None else "yes" if settled else "no"
-        out.writerow([capture, f"{seen * frame_ms:.0f}", label, f"{confidence:.3f}", said])
+            current, settled, labels = capture, False, deque()
+        label, confidence, share = recogniser.decision(_corpus(window, recogniser), earlier(labels, seen))
+        labels.append((seen, label))
+        settled = settled or recogniser.is_settled(share)
+        word = "-" if share is None else "yes" if settled else "no"
+        out.writerow([capture, f"{seen * frame_ms:.0f}", label, f"{confidence:.3f}", word])
         sys.stdout.flush()
     return 0
 
 
-def earlier(stood: deque[tuple[int, str]], seen: int) -> str | None:
-    """The label that stood when 1/1.41 as much had been seen, None if there was none; older ones are forgotten.
+def earlier(labels: deque[tuple[int, str]], seen: int) -> str | None:
+    """The label when 1/1.41 as much had been seen, None if there was none; older ones are removed.
 
     Args:
-        stood: frames seen and label of the decisions on a capture, in their order; at most one that is older stays.
+        labels: frames seen and label of the decisions on a capture, in their order; at most one older one remains.
         seen: frames by now.
     """
-    while len(stood) > 1 and stood[1][0] * GROWTH <= seen:
-        stood.popleft()
-    return stood[0][1] if stood and stood[0][0] * GROWTH <= seen else None
+    while len(labels) > 1 and labels[1][0] * GROWTH <= seen:
+        labels.popleft()
+    return labels[0][1] if labels and labels[0][0] * GROWTH <= seen else None
 
 
 def _corpus(window: list[np.ndarray], recogniser: Recogniser) -> Corpus:
@@ -122,9 +122,9 @@ def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np
             raise InputError(f"line {at}: {word} is not a decimal number; send sensor values")
         with np.errstate(over="ignore"):
             values = np.array(cells, dtype=np.float64).astype(np.float32).astype(np.float64)
-        fit = (values >= 0) & (values <= highest_of(full_scale))
-        if not fit.all():
-            raise InputError(f"line {at}: {values[~fit][0]:g} is not within 0 and the full scale {full_scale:g}")
+        within = (values >= 0) & (values <= highest_of(full_scale))
+        if not within.all():
+            raise InputError(f"line {at}: {values[~within][0]:g} is not within 0 and the full scale {full_scale:g}")
         yield values
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Met:
-    """A system that is asked about some captures of a fold.
+    """A fitted system and the captures of a fold that it predicts.
 
     Attributes:
         name: of the fold and the draw.
@@ -36,34 +36,34 @@ class Met:
 
 
 def met(cell: Cell, corpus: Corpus, fold: Fold) -> Iterator[Met]:
-    """The systems of a fold: one, or one for each part of each draw of the captures that are known of a person.
+    """The systems of a fold: one, or one for each part of each draw of a person's calibration captures.
 
-    No tested capture is looked at, nor the label of a known one where labels are not known.
+    No tested capture is looked at, nor the label of a calibration capture where the protocol hides labels.
     """
-    known, train = fold.known, fold.train
+    calibration, train = fold.known, fold.train
     general = cell.estimator()
-    if known is None:
+    if calibration is None:
         yield Met(fold.name, general, fold.test, fitted(general, corpus[train]))
         return
-    alone = contract.adapts(general) or not known.labelled
-    spent = fitted(general, corpus[train]) if alone else {}
-    for number, draw in enumerate(known.draws, 1):
-        name = fold.name if len(known.draws) == 1 else f"{fold.name} draw {number}"
+    adapts = contract.adapts(general)
+    refits = calibration.labelled and not adapts
+    seconds = {} if refits else fitted(general, corpus[train])
+    for number, draw in enumerate(calibration.draws, 1):
+        name = fold.name if len(calibration.draws) == 1 else f"{fold.name} draw {number}"
         for shots, tested in draw:
             if not len(tested):
                 continue
             if not len(shots):  # of a person with one capture
-                if not alone:
-                    spent, alone = fitted(general, corpus[train]), True
-                yield Met(name, general, tested, spent)
-            elif not alone:
+                seconds = seconds or fitted(general, corpus[train])
+                yield Met(name, general, tested, seconds)
+            elif refits:
                 estimator = cell.estimator()
-                both = np.concatenate([train, np.repeat(shots, known.weight)])
+                both = np.concatenate([train, np.repeat(shots, calibration.weight)])
                 yield Met(name, estimator, tested, fitted(estimator, corpus[both]))
-            elif contract.adapts(general):
+            elif adapts:
                 part = corpus[shots]
                 began = time.perf_counter()
-                estimator = contract.adapted(general, part, part.gestures if known.labelled else None)
-                yield Met(name, estimator, tested, spent | {"adapt_seconds": time.perf_counter() - began})
+                estimator = contract.adapted(general, part, part.gestures if calibration.labelled else None)
+                yield Met(name, estimator, tested, seconds | {"adapt_seconds": time.perf_counter() - began})
             else:  # it can do nothing without labels
-                yield Met(name, general, tested, spent)
+                yield Met(name, general, tested, seconds)

@@ -20,7 +20,7 @@ from sklearn.linear_model import Ridge
 from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError
-from bench.outcomes.scores import PREFIX, classes_of
+from bench.outcomes.scores import PREFIX, classes_of, windows
 from bench.outcomes.stopping import learn_stopping
 from bench.work.fold import TIMED_CAPTURES, decisions, milliseconds
 from models.search.inner_folds import inner_folds
@@ -156,16 +156,16 @@ class Calibration:
             ms: what each decision had seen [decisions].
         """
         logs = np.log(np.maximum(proba, LEAST))
-        place = _place(ms, ms.min(), ms.max())
+        late = _lateness(ms, ms.min(), ms.max())
         rows = np.arange(len(logs))
 
         def loss(ends: np.ndarray) -> tuple[float, np.ndarray]:
-            sharp = np.exp(-(ends[0] * (1 - place) + ends[1] * place))
+            sharp = np.exp(-(ends[0] * (1 - late) + ends[1] * late))
             scaled = sharp[:, None] * logs
             total = logsumexp(scaled, axis=1)
             expected = (np.exp(scaled - total[:, None]) * logs).sum(axis=1)
             slope = -sharp * (expected - logs[rows, true])  # of the loss in log T
-            return (total - scaled[rows, true]).mean(), np.array([(slope * (1 - place)).mean(), (slope * place).mean()])
+            return (total - scaled[rows, true]).mean(), np.array([(slope * (1 - late)).mean(), (slope * late).mean()])
 
         most = np.log(HOTTEST)
         first, last = np.exp(minimize(loss, np.zeros(2), jac=True, method="L-BFGS-B", bounds=[(-most, most)] * 2).x)
@@ -173,12 +173,12 @@ class Calibration:
 
     def __call__(self, proba: np.ndarray, ms: np.ndarray) -> np.ndarray:
         """Calibrated probabilities [decisions, classes] of decisions that had seen ``ms``."""
-        place = _place(ms, self.first_ms, self.last_ms)
-        temperature = np.exp(np.log(self.first) * (1 - place) + np.log(self.last) * place)
+        late = _lateness(ms, self.first_ms, self.last_ms)
+        temperature = np.exp(np.log(self.first) * (1 - late) + np.log(self.last) * late)
         return softmax(np.log(np.maximum(proba, LEAST)) / temperature[:, None], axis=1)
 
 
-def _place(ms: np.ndarray, first: float, last: float) -> np.ndarray:
+def _lateness(ms: np.ndarray, first: float, last: float) -> np.ndarray:
     """Where each time lies between first (0) and last (1) on a logarithmic scale."""
     return np.clip(np.log(ms / first) / np.log(last / first), 0, 1) if last > first else np.zeros(len(ms))
 
@@ -191,7 +191,7 @@ class Waiting:
     gestures that look the same look the same for ever. So it is not confidence that says when to stop.
 
     Args:
-        weights: of `STATE`, what is known of a decision.
+        weights: of `STATE`, the variables of a decision.
     """
 
     weights: tuple[float, ...]
@@ -199,43 +199,40 @@ class Waiting:
     @classmethod
     def fit(cls, table: pd.DataFrame, rate_hz: float) -> Waiting:
         """From a replay table: its target is 1 where only the last decision is right, -1 where only this one is."""
-        right = pd.Series(table["true"].to_numpy(dtype=str) == _labels(table), index=table.index)
+        right = table["true"].astype(str) == windows(table)["predicted"]
         last = right.groupby([table["fold"], table["capture"]], sort=False).transform("last")
-        found = Ridge(RIDGE, fit_intercept=False).fit(_state(table, rate_hz), last.astype(float) - right)
-        return cls(tuple(found.coef_.tolist()))
+        regression = Ridge(RIDGE, fit_intercept=False).fit(_state(table, rate_hz), last.astype(float) - right)
+        return cls(tuple(regression.coef_.tolist()))
 
     def __call__(self, table: pd.DataFrame, rate_hz: float) -> np.ndarray:
         """Expected gain of each row, -1 to 1."""
         return np.clip(_state(table, rate_hz) @ np.array(self.weights), -1, 1)
 
 
-def _labels(table: pd.DataFrame) -> np.ndarray:
-    classes = classes_of(table)
-    return np.array(classes)[table[[PREFIX + c for c in classes]].to_numpy().argmax(axis=1)]
+def _probabilities(table: pd.DataFrame) -> np.ndarray:
+    return table[[PREFIX + c for c in classes_of(table)]].to_numpy(dtype=np.float64)
+
+
+def _milliseconds_seen(table: pd.DataFrame, rate_hz: float) -> np.ndarray:
+    return 1000 / rate_hz * table["frames"].to_numpy()
 
 
 def _state(table: pd.DataFrame, rate_hz: float) -> np.ndarray:
-    """What is known of each decision [rows, STATE]: its three largest probabilities, time, and the label before it."""
-    proba = -np.sort(-table[[PREFIX + c for c in classes_of(table)]].to_numpy(dtype=np.float64), axis=1)
+    """The variables of each decision [rows, STATE]: its three largest probabilities, time, and the label before it."""
+    proba = -np.sort(-_probabilities(table), axis=1)
     first, second, third = (proba[:, i] if i < proba.shape[1] else np.zeros(len(proba)) for i in range(3))
-    octaves = np.log(1000 / rate_hz * table["frames"].to_numpy() / FIRST_MS)
-    label = pd.Series(_labels(table), index=table.index)
+    time = np.log(_milliseconds_seen(table, rate_hz) / FIRST_MS)
+    label = windows(table)["predicted"]
     before = label.groupby([table["fold"], table["capture"]], sort=False).shift(1)
     same = (label == before).to_numpy(dtype=float)
-    one = np.ones(len(table))
-    square, late = first**2, octaves**2
-    return np.column_stack(
-        [one, first, square, second, third, octaves, late, first * octaves, second * octaves, same, same * octaves]
-    )
+    columns = [np.ones(len(table)), first, first**2, second, third, time, time**2, first * time, second * time]
+    return np.column_stack([*columns, same, same * time])
 
 
 def weighed(table: pd.DataFrame, calibration: Calibration, waiting: Waiting, rate_hz: float) -> pd.DataFrame:
     """A replay table with the calibrated probability of each decision's label, and how settled it is."""
-    proba = table[[PREFIX + c for c in classes_of(table)]].to_numpy(dtype=np.float64)
-    ms = 1000 / rate_hz * table["frames"].to_numpy()
-    return table.assign(
-        confidence=calibration(proba, ms).max(axis=1), settled=np.clip(1 - waiting(table, rate_hz), 0, 1)
-    )
+    confidence = calibration(_probabilities(table), _milliseconds_seen(table, rate_hz)).max(axis=1)
+    return table.assign(confidence=confidence, settled=np.clip(1 - waiting(table, rate_hz), 0, 1))
 
 
 @dataclass(frozen=True)
@@ -258,8 +255,9 @@ class Stopping:
         return bool(np.isfinite(self.threshold))
 
 
-def unlearnable(gestures: np.ndarray, subjects: np.ndarray) -> str:
-    """Why no `Stopping` can be learned from some training captures, in words; nothing if it can."""
+def unlearnable(estimator: contract.System, corpus: Corpus) -> str:
+    """Why a system cannot learn a `Stopping` from some training captures; empty if it can."""
+    gestures, subjects = corpus.gestures, corpus.subjects.astype(str)
     if len(set(subjects)) < 2:
         return "only one subject trains"
     for inner, judged in inner_folds(subjects, INNER):
@@ -267,17 +265,19 @@ def unlearnable(gestures: np.ndarray, subjects: np.ndarray) -> str:
             return "leaving subjects out leaves one class"
         if lacking := sorted(set(gestures[judged]) - set(gestures[inner])):
             return f"without some of them nobody is left who shows {lacking[0]}"
+        try:
+            contract.check_training(estimator, corpus[inner], gestures[inner])
+        except InputError as e:
+            return str(e)
     return ""
 
 
 def learned(
     untrained: Callable[[], contract.System], corpus: Corpus, train: np.ndarray, replay: Replay
 ) -> tuple[Stopping, pd.DataFrame]:
-    """What the training part teaches about when to decide, and what each threshold gives there.
+    """When to decide, learned from the training part, and what each threshold gives there.
 
-    Each of its subjects is replayed by a system that never met it.
-
-    Nothing of another capture is looked at.
+    Each of its subjects is replayed by a system that was not trained on it. No other capture is looked at.
 
     Args:
         untrained: makes a system.
@@ -293,13 +293,10 @@ def learned(
         estimator = untrained().fit(part[inner], part.gestures[inner])
         tables.append(replayed(estimator, begun, str(number), judged, instants))
     table = pd.concat(tables, ignore_index=True)
-    classes = classes_of(table)
-    true = np.searchsorted(classes, table["true"].to_numpy(dtype=str))
-    ms = 1000 / corpus.rate_hz * table["frames"].to_numpy()
-    proba = table[[PREFIX + c for c in classes]].to_numpy(dtype=np.float64)
-    calibration = Calibration.fit(proba, true, ms)
+    true = np.searchsorted(classes_of(table), table["true"].to_numpy(dtype=str))
+    calibration = Calibration.fit(_probabilities(table), true, _milliseconds_seen(table, corpus.rate_hz))
     parts = []
-    for rows in tables:  # what waiting gains is told by other subjects than those who show what stopping loses
+    for rows in tables:  # what waiting gains is learned from other subjects than what stopping loses
         others = pd.concat([other for other in tables if other is not rows], ignore_index=True)
         parts.append(weighed(rows, calibration, Waiting.fit(others, corpus.rate_hz), corpus.rate_hz))
     threshold, series = learn_stopping(pd.concat(parts, ignore_index=True), corpus.rate_hz)
@@ -309,7 +306,7 @@ def learned(
 def decision_latency(estimator: contract.System, begun: Corpus, instants: np.ndarray) -> list[float]:
     """Milliseconds from raw frames to a decision: one at a time, warm, over the instants of single captures.
 
-    A system that decides on windows sees its newest one; what it said of those before is known.
+    A system that decides on windows sees its newest one, as it has decided on those before.
     """
     chosen = np.unique(np.linspace(0, len(begun) - 1, min(TIMED_CAPTURES, len(begun))).astype(int))
     seen = instants[np.unique(np.linspace(0, len(instants) - 1, TIMED_INSTANTS).astype(int))]

@@ -1,6 +1,6 @@
 """Fitted systems as MLflow models: what `bench fit` saves, and what is loaded again.
 
-A model is code: loading one runs it. Only the user's own store and folders that the user names are loaded from.
+A model is code: loading one runs it. Only the user's store and folders that the user names are loaded from.
 """
 
 from __future__ import annotations
@@ -9,8 +9,9 @@ import importlib
 import logging
 import re
 import sys
+import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, entry_points, requires, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -115,18 +116,15 @@ class Recogniser(PythonModel):
         proba = self._calibrated(raw, corpus.lengths).to_numpy()[0]
         best, settled = int(proba.argmax()), None
         if self.stopping is not None and self.stopping.saves:
-            rows = (
-                raw
-                if before is None
-                else pd.concat([raw.assign(**{PREFIX + c: float(c == before) for c in self.classes}), raw])
-            )
-            state = rows.assign(fold="", capture=0, frames=int(corpus.lengths[0])).reset_index(drop=True)
+            earlier = [] if before is None else [raw.assign(**{PREFIX + c: float(c == before) for c in self.classes})]
+            rows = pd.concat([*earlier, raw], ignore_index=True)
+            state = rows.assign(fold="", capture=0, frames=int(corpus.lengths[0]))
             settled = float(np.clip(1 - self.stopping.waiting(state, self.rate_hz)[-1], 0, 1))
         return self.classes[best], float(proba[best]), settled
 
-    def is_settled(self, how: float | None) -> bool:
-        """Whether a label that is settled so far can be acted on, for what training subjects have taught."""
-        return how is not None and self.stopping is not None and how >= self.stopping.threshold
+    def is_settled(self, settled: float | None) -> bool:
+        """Whether a label is settled enough to act on it, for what training subjects have taught."""
+        return settled is not None and self.stopping is not None and settled >= self.stopping.threshold
 
     def _calibrated(self, proba: pd.DataFrame, lengths: np.ndarray) -> pd.DataFrame:
         """Probabilities of captures of so many frames as sure as training subjects show them to be."""
@@ -137,8 +135,8 @@ class Recogniser(PythonModel):
 
     def _mean(self, corpus: Corpus) -> pd.DataFrame:
         """Mean probability of the decisions on each capture, a column p_<class> per class."""
-        about = pd.DataFrame({"subject": "", "gesture": ""}, index=range(len(corpus)))
-        anonymous = Corpus(*storage(corpus), corpus.lengths, about, corpus.rate_hz, corpus.full_scale)
+        captures = pd.DataFrame({"subject": "", "gesture": ""}, index=range(len(corpus)))
+        anonymous = Corpus(*storage(corpus), corpus.lengths, captures, corpus.rate_hz, corpus.full_scale)
         table = decisions(self.estimator, anonymous, "", np.arange(len(corpus)), self.classes)
         columns = [PREFIX + c for c in classes_of(table)]
         return table.groupby("capture", sort=True)[columns].mean().reset_index(drop=True)
@@ -166,12 +164,12 @@ class Recogniser(PythonModel):
 
     def signature(self) -> ModelSignature:
         """Of `predict`; channels take whole numbers and decimals."""
-        given: list[ColSpec | TensorSpec] = [ColSpec(AnyType(), n, required=False) for n in ("capture", "frame")]
-        given += [ColSpec(AnyType(), name) for name in self.channels]
-        found: list[ColSpec | TensorSpec] = [ColSpec(DataType.string, name) for name in ("capture", "label")]
-        found += [ColSpec(DataType.double, n) for n in ("confidence", *(PREFIX + c for c in self.classes))]
+        inputs: list[ColSpec | TensorSpec] = [ColSpec(AnyType(), n, required=False) for n in ("capture", "frame")]
+        inputs += [ColSpec(AnyType(), name) for name in self.channels]
+        outputs: list[ColSpec | TensorSpec] = [ColSpec(DataType.string, name) for name in ("capture", "label")]
+        outputs += [ColSpec(DataType.double, n) for n in ("confidence", *(PREFIX + c for c in self.classes))]
         rate = ParamSchema([ParamSpec("rate_hz", DataType.double, self.rate_hz)])
-        return ModelSignature(Schema(given), Schema(found), rate)
+        return ModelSignature(Schema(inputs), Schema(outputs), rate)
 
     def model(self, plugins: list[str], frames: np.ndarray, packages: tuple[str, ...] = ()) -> dict[str, Any]:
         """Arguments for MLflow's ``log_model`` and ``save_model``.
@@ -184,14 +182,14 @@ class Recogniser(PythonModel):
         example = pd.DataFrame(frames.reshape(len(frames), -1), columns=self.channels)
         example.insert(0, "frame", np.arange(len(frames)))
         example.insert(0, "capture", "1")
-        known = {"grid": list(self.grid), "rate_hz": self.rate_hz, "full_scale": self.full_scale}
+        sensor = {"grid": list(self.grid), "rate_hz": self.rate_hz, "full_scale": self.full_scale}
         return {
             "python_model": self,
             "code_paths": [str(place_of(package)) for package in PACKAGES],
             "pip_requirements": requirements(plugins, packages),
             "signature": self.signature(),
             "input_example": example,
-            "metadata": known | {"classes": self.classes, "synthetic": self.synthetic},
+            "metadata": sensor | {"classes": self.classes, "synthetic": self.synthetic},
         }
 
 
@@ -204,13 +202,11 @@ def requirements(plugins: list[str], packages: tuple[str, ...] = ()) -> list[str
             names += re.findall(r"^[\w.-]+", line)
     for room in ("models", "features"):
         names += [e.dist.name for e in entry_points(group=f"touchbench.{room}") if e.dist and e.name in plugins]
-    found = {}
+    versions = {}
     for name in names:
-        try:
-            found[name] = version(name).partition("+")[0]  # a version such as 2.13.0+cpu is on no package index
-        except PackageNotFoundError:  # xgboost has two distributions, one of them is installed
-            continue
-    return [f"{name}=={number}" for name, number in found.items()]
+        with suppress(PackageNotFoundError):  # xgboost has two distributions, one of them is installed
+            versions[name] = version(name).partition("+")[0]  # a version such as 2.13.0+cpu is on no package index
+    return [f"{name}=={number}" for name, number in versions.items()]
 
 
 def by_value() -> None:
@@ -228,38 +224,35 @@ def load(model: str) -> Recogniser:
     Raises:
         InputError: there is none, or it is not one of touchbench's, or another version has saved it.
     """
-    folder = Path(model)
     if re.match(r"(models|runs):/", model):
         mlflow.set_tracking_uri(store_uri())
-    elif not (folder / "MLmodel").is_file():
+    elif not (Path(model) / "MLmodel").is_file():
         raise InputError(
             f"{model}: not a saved model; give models:/... or runs:/.../model of the store of this folder, or a folder "
             "that bench fit out= has made"
         )
     else:
-        model = str(folder)
+        model = str(Path(model))
     for package in PACKAGES:  # touchbench as it is here, whatever code goes with the model
         importlib.import_module(package)
     path = list(sys.path)
     try:
         with quiet():
-            found = mlflow.pyfunc.load_model(model).unwrap_python_model()
+            recogniser = mlflow.pyfunc.load_model(model).unwrap_python_model()
     except Exception as e:  # a missing run, a damaged file, a library that is not there: all of them end here
         raise InputError(f"{model} cannot be loaded: {str(e).splitlines()[0] if str(e) else type(e).__name__}") from e
     finally:
         sys.path = path
-    if not isinstance(found, Recogniser):
+    if not isinstance(recogniser, Recogniser):
         raise InputError(f"{model} is a model of something else; give one that bench fit has saved")
-    if found.format != FORMAT:
+    if recogniser.format != FORMAT:
         raise InputError(f"{model} was saved by another version of touchbench; save it again with bench fit")
-    return found
+    return recogniser
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Without MLflow's notes on pickled code and hints, which are said in the help page."""
-    import warnings
-
+    """Without MLflow's notes on pickled code and hints, which the help page has."""
     loggers = [logging.getLogger(name) for name in ("mlflow", "mlflow.pyfunc", "mlflow.models")]
     levels = [logger.level for logger in loggers]
     try:

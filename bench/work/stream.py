@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from bench import contract
 from bench.errors import InputError
 from bench.outcomes.results import Findings, FoldResult, costs, table_of
 from bench.outcomes.stopping import SHOWN_MS, Curves, by_instant, by_threshold, learned_point, shown, stopped
 from bench.work.experiment import Experiment
 from bench.work.fold import SOME, batch_effects, computing, fitted, footprint, latency
 from bench.work.replay import (
-    INNER,
     STATE,
     Replay,
     decision_latency,
@@ -23,7 +21,6 @@ from bench.work.replay import (
     unlearnable,
     weighed,
 )
-from models.search.inner_folds import inner_folds
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
@@ -65,17 +62,12 @@ class Stream(Experiment[Curves]):
             InputError: a training part of one subject, or of subjects one of whom has all but one class.
         """
         self.replay.check(plan.corpus.rate_hz)
-        cell, corpus = plan.cell, plan.corpus
         for fold in plan.folds:
-            subjects, gestures = corpus.subjects[fold.train].astype(str), corpus.gestures[fold.train]
-            if why := unlearnable(gestures, subjects):
+            if why := unlearnable(plan.cell.estimator(), plan.corpus[fold.train]):
                 raise InputError(
-                    f"protocol={cell.protocol}: fold {fold.name} learns when to stop by leaving training subjects out, "
-                    f"and {why}; choose another protocol or more captures"
+                    f"protocol={plan.cell.protocol}: fold {fold.name} learns when to stop by leaving training subjects "
+                    f"out, and {why}; choose another protocol or more captures"
                 )
-            estimator = cell.estimator()
-            for inner, _ in inner_folds(subjects, INNER):
-                contract.check_training(estimator, corpus[fold.train][inner], gestures[inner])
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Fit on whole training captures, replay the test captures; calibration and threshold see only the former.
@@ -96,40 +88,43 @@ class Stream(Experiment[Curves]):
             )
             table = weighed(table, stopping.calibration, stopping.waiting, corpus.rate_hz)
         with computing(1):
-            whole, *_ = latency(estimator, corpus[fold.test], int(corpus.lengths.max()))
-            decide = decision_latency(estimator, begun[fold.test], instants)
+            predict_ms, *_ = latency(estimator, corpus[fold.test], int(corpus.lengths.max()))
+            decide_ms = decision_latency(estimator, begun[fold.test], instants)
         metrics |= footprint(estimator, corpus)
         if hop := system_hop(estimator, corpus[fold.train]):
             metrics["system_hop_ms"] = 1000 / corpus.rate_hz * hop
         chosen: dict[str, object] = {"threshold": stopping.threshold}
         chosen |= {f"temperature_{k}": v for k, v in asdict(stopping.calibration).items()}
         chosen |= {f"waiting_{name}": weight for name, weight in zip(STATE, stopping.waiting.weights, strict=True)}
-        return FoldResult(fold.name, table, metrics, whole, decide, chosen=chosen, trials=series, batch_effects=effects)
+        return FoldResult(
+            fold.name, table, metrics, predict_ms, decide_ms, chosen=chosen, trials=series, batch_effects=effects
+        )
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy of whole captures, and of stopping at the learned threshold; costs."""
         point = learned_point(result.table, thresholds([result]), rate_hz)
-        whole = stopped(result.table, float("inf"))
-        found = {"accuracy": float((whole["true"] == whole["predicted"]).mean())}
-        return found | {"adaptive_accuracy": point["accuracy"], "adaptive_ms": point["mean_ms"]} | costs([result])
+        labelled = stopped(result.table, float("inf"))
+        return costs([result]) | {
+            "accuracy": float((labelled["true"] == labelled["predicted"]).mean()),
+            "adaptive_accuracy": point["accuracy"],
+            "adaptive_ms": point["mean_ms"],
+        }
 
     def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[Curves]:
         """Accuracy of whole captures and of adaptive stopping, and what a decision costs; both curves."""
         predictions, rate_hz = table_of(results), plan.corpus.rate_hz
         instants, stopping = by_instant(predictions, rate_hz), by_threshold(predictions, rate_hz)
-        whole = instants.iloc[-1]
+        end = instants.iloc[-1]
         point = learned_point(predictions, thresholds(results), rate_hz)
-        found = costs(results)
-        found |= {"decisions_per_second": 1000 / found["decide_ms_p95"]}
-        found |= {"accuracy": whole["accuracy"], "accuracy_low": whole["low"], "accuracy_high": whole["high"]}
-        found |= {"mean_ms": whole["mean_ms"], "adaptive_ms": point["mean_ms"]}
-        found |= {f"adaptive_{k}": point[k] for k in ("accuracy", "low", "high")}
-        found |= {f"accuracy_at_{ms}_ms": value for ms, value in shown(predictions, rate_hz).items()}
+        metrics = costs(results)
+        metrics |= {"decisions_per_second": 1000 / metrics["decide_ms_p95"]}
+        metrics |= {"accuracy": end["accuracy"], "accuracy_low": end["low"], "accuracy_high": end["high"]}
+        metrics |= {"mean_ms": end["mean_ms"], "adaptive_ms": point["mean_ms"]}
+        metrics |= {f"adaptive_{k}": point[k] for k in ("accuracy", "low", "high")}
+        metrics |= {f"accuracy_at_{ms}_ms": value for ms, value in shown(predictions, rate_hz).items()}
         tables = {"predictions.parquet": predictions, "instants.csv": instants, "stopping.csv": stopping}
-        kept = {k: float(v) for k, v in found.items() if v == v}
-        return Findings(
-            kept, tables, analysis={"instants": instants, "stopping": stopping, "adaptive": point, "start": self.start}
-        )
+        curves: Curves = {"instants": instants, "stopping": stopping, "adaptive": point, "start": self.start}
+        return Findings({k: float(v) for k, v in metrics.items() if v == v}, tables, analysis=curves)
 
     def row(self, metrics: dict[str, float]) -> dict[str, str]:
         """Accuracy after some milliseconds, of whole captures and of stopping early; times."""

@@ -18,7 +18,8 @@ import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.corpora.faults import SEVERITIES, Fault, as_shares, damaged, known
+from bench.corpora.faults import SEVERITIES, Fault, as_shares, damaged
+from bench.corpora.faults import known as all_faults
 from bench.errors import InputError
 from bench.outcomes import scores, stability
 from bench.outcomes.results import Findings, FoldResult, table_of
@@ -65,10 +66,10 @@ class Stress(Experiment[Analysis]):
 
     def arguments(self) -> dict[str, str]:
         """Faults if they are not all, numbers of subjects if there are any."""
-        whole = self.faults == tuple(known().values())
-        some = {} if whole else {"faults": ",".join(f.name for f in self.faults) or CLEAN}
-        few = ",".join(map(str, self.train_subjects))
-        return some | ({"train_subjects": few} if few else {})
+        names = ",".join(f.name for f in self.faults) or CLEAN
+        faults = {} if self.faults == tuple(all_faults().values()) else {"faults": names}
+        counts = ",".join(map(str, self.train_subjects))
+        return faults | ({"train_subjects": counts} if counts else {})
 
     def depends(self) -> list[Code]:
         """The code of the faults, too."""
@@ -100,29 +101,29 @@ class Stress(Experiment[Analysis]):
             started = time.perf_counter()
             estimator.fit(corpus[train], corpus.gestures[train])
             fitted, cpu = time.perf_counter(), time.process_time()
-            about: Columns = {"length": corpus.lengths[test], "train_subjects": len(set(corpus.subjects[train]))}
-            clean: Columns = {"fault": CLEAN, "severity": 0, "amount": ""}
-            parts = [labelled(estimator, corpus, name, test, about | clean)]
+            every: Columns = {"length": corpus.lengths[test], "train_subjects": len(set(corpus.subjects[train]))}
+            clean: Columns = every | {"fault": CLEAN, "severity": 0, "amount": ""}
+            parts = [labelled(estimator, corpus, name, test, clean)]
             shares = as_shares(corpus, test)
             for fault in self.faults:
                 for severity in range(1, SEVERITIES + 1):
                     worse = damaged(corpus, test, shares, fault, severity)
-                    how: Columns = {"fault": fault.name, "severity": severity, "amount": fault.describe(severity)}
-                    parts.append(labelled(estimator, worse, name, test, about | how))
+                    harm: Columns = {"fault": fault.name, "severity": severity, "amount": fault.describe(severity)}
+                    parts.append(labelled(estimator, worse, name, test, every | harm))
             tested, cpu = time.perf_counter(), time.process_time() - cpu
             effects = batch_effects(estimator, corpus, test)
             effects += batch_effects(estimator, worse, test, most=SOME) if self.faults else []
-            met = set(contract.trained_faults(estimator))  # of a search by what it has chosen
+            trained = set(contract.trained_faults(estimator))  # of a search by what it has chosen
             for count in self.train_subjects:
                 part = subset(corpus, train, test, count, cell.seed or 0)
                 estimator = cell.estimator().fit(corpus[part], corpus.gestures[part])
-                parts.append(labelled(estimator, corpus, name, test, about | clean | {"train_subjects": count}))
+                parts.append(labelled(estimator, corpus, name, test, clean | {"train_subjects": count}))
         metrics = {
             "fit_seconds": fitted - started,
             "fault_seconds": tested - fitted,
             "fault_cpu_seconds": cpu,
             "refit_seconds": time.perf_counter() - tested,
-            "faults_trained": sum(fault.name in met for fault in self.faults),
+            "faults_trained": sum(fault.name in trained for fault in self.faults),
         }
         return FoldResult(name, pd.concat(parts, ignore_index=True), metrics, batch_effects=effects)
 
@@ -139,12 +140,10 @@ class Stress(Experiment[Analysis]):
         """Where the system fails (`bench.outcomes.stability`), and mean seconds of a fold."""
         table = table_of(results)
         analysis = stability.analyse(tags, table)
-        found = {k: sum(r.metrics[k] for r in results) / len(results) for k in results[0].metrics}
-        found |= {
-            "faults_tested": len(self.faults),
-            "faults_trained": max(r.metrics["faults_trained"] for r in results),
-        }
-        return Findings(stability.metrics(analysis) | found, {"stress.parquet": table}, analysis=analysis)
+        means = {k: sum(r.metrics[k] for r in results) / len(results) for k in results[0].metrics}
+        trained = max(r.metrics["faults_trained"] for r in results)
+        metrics = stability.metrics(analysis) | means | {"faults_tested": len(self.faults), "faults_trained": trained}
+        return Findings(metrics, {"stress.parquet": table}, analysis=analysis)
 
     def row(self, metrics: dict[str, float]) -> dict[str, str]:
         """Clean accuracy, mean loss over the faults, and the worst of them."""
@@ -159,7 +158,7 @@ class Stress(Experiment[Analysis]):
         }
 
 
-def labelled(estimator: contract.System, corpus: Corpus, fold: str, test: np.ndarray, about: Columns) -> pd.DataFrame:
+def labelled(estimator: contract.System, corpus: Corpus, fold: str, test: np.ndarray, columns: Columns) -> pd.DataFrame:
     """One row per test capture with the label that ``bench run`` would give it."""
     predictions = decisions(estimator, corpus, fold, test)
     proba = [scores.PREFIX + c for c in scores.classes_of(predictions)]
@@ -167,7 +166,7 @@ def labelled(estimator: contract.System, corpus: Corpus, fold: str, test: np.nda
     rows = scores.captures(predictions).drop(columns=["start", "frames"])
     true = pd.Index(scores.PREFIX + rows["true"].astype(str))
     p_true = mean[np.arange(len(rows)), pd.Index(proba).get_indexer(true)]
-    return rows.assign(p_true=p_true, **about)
+    return rows.assign(p_true=p_true, **columns)
 
 
 def subset(corpus: Corpus, train: np.ndarray, test: np.ndarray, count: int, seed: int) -> np.ndarray:

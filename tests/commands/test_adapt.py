@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from bench import contract
 from bench.cli import main
 from bench.corpora.library import open_corpus
-from bench.work.saved import load
+from bench.work.saved import Recogniser, load
+from tests.work.fakes import Level
 
 SMALL = ["data=synth", "data.subjects=4", "where=gesture in ['pat', 'rub', 'grab'] and subject != '4'", "stopping=no"]
 
@@ -25,16 +25,10 @@ def written(corpus, rows, path, **labels):
     return str(path)
 
 
-@pytest.fixture
-def person():
+def test_with_labels_or_without_it_decides_as_one_adapted_by_hand_and_mistakes_are_one_line(capsys, monkeypatch):
     corpus = open_corpus("synth", {"subjects": 4})
-    own = np.flatnonzero((corpus.subjects == "4") & np.isin(corpus.gestures, ["pat", "rub", "grab"]))
-    return corpus, own
-
-
-def test_with_labels_or_without_it_decides_as_one_adapted_by_hand_and_mistakes_are_one_line(person, capsys):
-    corpus, own = person
-    shown, rest = own[::2], own[1::2]
+    rows = np.flatnonzero((corpus.subjects == "4") & np.isin(corpus.gestures, ["pat", "rub", "grab"]))
+    shown, rest = rows[::2], rows[1::2]
     assert main(["fit", *SMALL, "model=lda", "features=touch", "out=rec"]) == 0
     general = load("rec").estimator
     before = general.predict_proba(corpus[rest])
@@ -48,24 +42,24 @@ def test_with_labels_or_without_it_decides_as_one_adapted_by_hand_and_mistakes_a
         np.testing.assert_allclose(adapted, by_hand.predict_proba(corpus[rest]), atol=1e-9)
         assert not np.array_equal(adapted, before)
     np.testing.assert_array_equal(load("rec").estimator.predict_proba(corpus[rest]), before)
-    capsys.readouterr()
-    assert main(["predict", "labelled", written(corpus, rest, "rest.csv")]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == len(rest) + 1
+    pins = [Path(name, "requirements.txt").read_text().split() for name in ("rec", "labelled")]
+    assert pins[0] == pins[1] and pins[0]
 
-    assert main(["fit", *SMALL, "model=rf", "model.trees=5", "features=touch", "out=fixed"]) == 0
-    some = corpus.gestures.copy()
-    some[own[0]] = ""
-    partly = written(corpus, own[:4], "partly.csv", gesture=some)
-    two = written(corpus, own[:4], "two.csv", subject=np.arange(len(corpus)).astype(str))
-    other = written(corpus, own[:4], "other.csv", gesture=np.full(len(corpus), "poke"))
+    few, labels = rows[:4], corpus.gestures.copy()
+    labels[few[0]] = ""
+    written(corpus, few, "partly.csv", gesture=labels)
+    written(corpus, few, "two.csv", subject=np.arange(len(corpus)).astype(str))
+    written(corpus, few, "other.csv", gesture=np.full(len(corpus), "poke"))
+    fixed = Recogniser(Level().fit(corpus[rest], corpus.gestures[rest]), corpus)
+    monkeypatch.setattr("bench.work.saved.load", lambda model: fixed if model == "fixed" else load(model))
     capsys.readouterr()
     for arguments, fact in {
         ("rec", "alone.csv"): "out=",
-        ("fixed", "alone.csv", "out=new"): "adapt",
+        ("fixed", "alone.csv", "out=new"): "fixed cannot adapt",
         ("labelled", "labelled.csv", "out=new"): "adapted already",
-        ("rec", partly, "out=new"): "gesture is empty",
-        ("rec", two, "out=new"): "4 subjects",
-        ("rec", other, "out=new"): "poke",
+        ("rec", "partly.csv", "out=new"): "gesture is empty",
+        ("rec", "two.csv", "out=new"): "4 subjects",
+        ("rec", "other.csv", "out=new"): "poke",
         ("rec", "alone.csv", "out=rec"): "out=rec",
         ("rec", "gone.csv", "out=new"): "gone.csv",
         ("rec", "alone.csv", "out=new", "rate_hz=54"): "54",

@@ -8,7 +8,10 @@ from tempfile import mkdtemp
 from types import SimpleNamespace
 from typing import ClassVar
 
+import numpy as np
 import pandas as pd
+from scipy.special import softmax
+from sklearn.base import BaseEstimator, ClassifierMixin
 
 from bench.outcomes.results import Findings, FoldResult, table_of
 from bench.work.experiment import Experiment
@@ -91,3 +94,34 @@ class Echo(Experiment):
 
     def findings(self, plan, tags, results):
         return Findings({"captures": sum(r.metrics["tested"] for r in results)}, {"all.parquet": table_of(results)})
+
+
+class Level(ClassifierMixin, BaseEstimator):
+    """Nearest class mean of the pressure."""
+
+    def fit(self, X, y):
+        X, y = self.training(X, np.asarray(y))
+        level = self.level(X)
+        self.classes_ = np.unique(y)
+        self.means_ = np.array([level[y == c].mean() for c in self.classes_])
+        return self
+
+    def training(self, X, y):
+        return X, y
+
+    def level(self, X):
+        return np.array([self.of(frames) for frames in X])
+
+    def of(self, frames):
+        return frames.mean()
+
+    def predict_proba(self, X):
+        return softmax(-np.abs(self.level(X)[:, None] - self.means_) / 10, axis=1)
+
+    def predict(self, X):
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+
+def cell_of(system):
+    """What an `Experiment` needs of a cell: it makes systems of a class of tests."""
+    return SimpleNamespace(title=lambda: "a cell", estimator=system, seed=0)

@@ -1,12 +1,10 @@
 """The audit finds each kind of mistake by exactly its check, and passes systems that make none."""
 
-import re
 from math import comb
 from pathlib import Path
 
 import numpy as np
 import pytest
-from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.naive_bayes import GaussianNB
 
 import bench
@@ -16,6 +14,7 @@ from bench.registry import load, names, parameters
 from bench.work.audit import CHECKS, FAILED, PASSED, SKIPPED, captures
 from models.classic import rf
 from models.search.tuning import Search
+from tests.work.fakes import Level
 
 FEW = {"epochs": 1, "pretraining": 1, "runs": 1}  # parameters by name, to train for a moment
 FEWER = {
@@ -27,38 +26,14 @@ FEWER = {
 }
 
 
-class Nearest(ClassifierMixin, BaseEstimator):
-    """Nearest class mean of length and pressure: fast, and right."""
+class Nearest(Level):
+    """Makes no mistake, and has a parameter."""
 
     def __init__(self, power=1.0):
         self.power = power
 
-    def fit(self, X, y):
-        X, y = self.training(X, np.asarray(y))
-        values = self.values(X)
-        self.spread_ = values.std(axis=0)
-        self.classes_ = np.unique(y)
-        self.means_ = np.array([values[y == name].mean(axis=0) for name in self.classes_])
-        return self
-
-    def training(self, X, y):
-        return X, y
-
-    def values(self, X):
-        return np.array([self.of(frames) for frames in X])
-
     def of(self, frames):
-        pressure = frames.astype(float) ** self.power
-        return np.log(
-            [len(frames), 1 + pressure.mean(), 1 + pressure.max(), 1 + (frames > 200).sum(axis=(1, 2)).mean()]
-        )
-
-    def predict_proba(self, X):
-        distance = np.linalg.norm((self.values(X)[:, None] - self.means_) / self.spread_, axis=2)
-        return np.exp(-distance) / np.exp(-distance).sum(axis=1, keepdims=True)
-
-    def predict(self, X):
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+        return (frames.astype(float) ** self.power).mean()
 
 
 class FailsToFit(Nearest):
@@ -77,9 +52,8 @@ class Logits(Nearest):
 
 
 class CentresOnTheBatch(Nearest):
-    def values(self, X):
-        values = super().values(X)
-        return values - values.mean(axis=0)
+    def level(self, X):
+        return super().level(X) - super().level(X).mean()
 
 
 class DependsOnOrder(Nearest):
@@ -89,13 +63,13 @@ class DependsOnOrder(Nearest):
         return X[half], y[half]
 
 
-class KnowsTheAnswers(Nearest):
+class HasSeenTheTest(Nearest):
     """Looks labels up by the first frame, as a system that was trained on the test captures elsewhere might."""
 
     def predict_proba(self, X):
         table = {frames[0].tobytes(): label for frames, label in zip(captures(), captures().gestures, strict=True)}
-        known = [table.get(frames[0].tobytes(), self.classes_[0]) for frames in X]
-        return (np.array(known)[:, None] == self.classes_).astype(float)
+        labels = [table.get(frames[0].tobytes(), self.classes_[0]) for frames in X]
+        return (np.array(labels)[:, None] == self.classes_).astype(float)
 
 
 class Unseeded(Nearest):
@@ -145,7 +119,7 @@ class ReadsTestFrames(Nearest):
         return X, y
 
     def of(self, frames):
-        return super().of(frames) + np.log(1 + frames.mean() / self.scale_) * np.array([0, 3, 0, 0])
+        return super().of(frames) + frames.max() / self.scale_
 
 
 class EightByEight(Nearest):
@@ -167,94 +141,90 @@ class CannotBeSaved(Nearest):
 
 
 def audit_of(kind):
-    """Names of checks by result, and the table, of a class of this file."""
-    table = bench.audit(model=f"{__file__}:{kind.__name__}")
-    return {result: set(table["check"][table["result"] == result]) for result in (PASSED, FAILED, SKIPPED)}, table
+    """Names of checks by result, and sentences by check, of a class of this file."""
+    table = bench.audit(model=f"{__file__}:{kind.__name__}").set_index("check")
+    results = {result: set(table.index[table["result"] == result]) for result in (PASSED, FAILED, SKIPPED)}
+    return results, table["sentence"]
 
 
-@pytest.mark.parametrize(
-    ("kind", "check", "words"),
-    [
-        (FailsToFit, "fit", "RuntimeError: too few"),
-        (ReadsLabels, "no labels needed", "X.captures is hidden in prediction"),
-        (Logits, "probabilities", "probabilities are from -"),
-        (CentresOnTheBatch, "single capture", "of 28 predictions depend on the other captures: capture "),
-        (Unseeded, "equal seeds", "two fits to the same captures differ; give it a parameter seed: "),
-        (DependsOnOrder, "training order", "in another order of training captures "),
-        (KnowsTheAnswers, "shuffled labels", "28 of 28 test captures are correct"),
-        (ChangesArguments, "clone and parameters", "RuntimeError: Cannot clone object"),
-        (ChangesParametersInFit, "clone and parameters", "fit() changes parameters"),
-        (KeepsState, "no state between fits", "a fit depends on the fit before it: "),
-        (ReadsTestFrames, "test captures", "change what is learned: "),
-        (EightByEight, "another grid and rate", "ValueError: cannot reshape array"),
-        (NeedsTwoFrames, "one-frame captures", "ValueError: one frame"),
-        (CannotBeSaved, "saved and loaded", "TypeError: cannot pickle 'generator' object"),
-    ],
-)
-def test_each_mistake_is_found_by_exactly_its_check(kind, check, words):
-    answers, table = audit_of(kind)
-    (sentence,) = table["sentence"][table["result"] == FAILED]
-    assert answers[FAILED] == {check} and words in sentence and "\n" not in sentence
-    assert answers[SKIPPED] == {each.name for each in CHECKS if check in needs(each)}
+MISTAKES = [
+    (FailsToFit, "fit", "RuntimeError: too few"),
+    (ReadsLabels, "no labels needed", "X.captures"),
+    (Logits, "probabilities", "-"),
+    (CentresOnTheBatch, "single capture", "of 28 predictions"),
+    (Unseeded, "equal seeds", "parameter seed"),
+    (DependsOnOrder, "training order", "%"),
+    (HasSeenTheTest, "shuffled labels", "28 of 28 "),
+    (ChangesArguments, "clone and parameters", "RuntimeError: Cannot clone object"),
+    (ChangesParametersInFit, "clone and parameters", "fit() changes parameters"),
+    (KeepsState, "no state between fits", "fit before it: "),
+    (ReadsTestFrames, "test captures", "change what is learned: "),
+    (EightByEight, "another grid and rate", "ValueError: cannot reshape array"),
+    (NeedsTwoFrames, "one-frame captures", "ValueError: one frame"),
+    (CannotBeSaved, "saved and loaded", "TypeError: cannot pickle 'generator' object"),
+]
+
+
+@pytest.mark.parametrize(("kind", "check", "fact"), MISTAKES)
+def test_each_mistake_is_found_by_exactly_its_check(kind, check, fact):
+    results, sentences = audit_of(kind)
+    assert results[FAILED] == {check} and fact in sentences[check] and "\n" not in sentences[check]
+    assert results[SKIPPED] == {each.name for each in CHECKS if check in needs(each)}
 
 
 def needs(check):
-    """Names of all checks without which one says nothing."""
+    """Names of all checks without which one is not applicable."""
     (before,) = [each for each in CHECKS if each.name == check.needs] or [None]
     return {before.name, *needs(before)} if before else set()
 
 
 def test_every_check_has_a_system_that_it_finds():
-    (mark,) = test_each_mistake_is_found_by_exactly_its_check.pytestmark
-    assert {check for _, check, _ in mark.args[1]} == {check.name for check in CHECKS}
+    assert {check for _, check, _ in MISTAKES} == {check.name for check in CHECKS}
 
 
 def test_systems_without_a_mistake_pass(capsys):
-    answers, _ = audit_of(Nearest)
-    assert answers[PASSED] == {check.name for check in CHECKS}
-    answers, table = audit_of(Seeded)
-    assert answers[FAILED] == set() and answers[SKIPPED] == {"training order"}
-    assert table["sentence"][5].startswith("training is random (seed); in another order ")
+    results, sentences = audit_of(Seeded)
+    assert results[FAILED] == set() and results[SKIPPED] == {"training order"} and "seed" in sentences["training order"]
     table = bench.audit(model=GaussianNB(), features="jung28")
     assert set(table["result"]) == {PASSED} and set(table["system"]) == {"GaussianNB() · jung28"}
-    assert main(["audit", f"model={__file__}:Nearest,{__file__}:Seeded", "model.power=0.5", "seed=3"]) == 0
-    said = capsys.readouterr().out
-    assert "Nearest[power=0.5]: 13 passed; " in said and ": 12 passed, 1 not applicable; " in said
-    assert said.splitlines()[-1].startswith("next: bench run ") and "model.power=0.5" in said.splitlines()[-1]
+    assert main(["audit", f"model={__file__}:Nearest", "model.power=0.5", "seed=3"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2].startswith("Nearest[power=0.5]: 13 passed; ") and "model.power=0.5" in lines[-1]
 
 
 def test_a_failure_is_a_row_and_exit_code_1(capsys):
-    assert main(["audit", f"model={__file__}:NeedsTwoFrames,{__file__}:Nearest"]) == 1
-    said = capsys.readouterr()
-    assert "│ failed │ ValueError: one frame" in said.out and "NeedsTwoFrames: 12 passed, 1 failed; " in said.out
-    assert "next:" not in said.out and not said.err
+    assert main(["audit", f"model={__file__}:FailsToFit,{__file__}:Nearest"]) == 1
+    text = capsys.readouterr()
+    assert "RuntimeError: too few" in text.out and " 1 failed, " in text.out and "Nearest: 13 passed; " in text.out
+    assert "next:" not in text.out and not text.err
 
 
 @pytest.mark.parametrize(
-    ("code", "words"),
+    ("code", "fact"),
     [
-        ("def __init__(self): raise KeyError('colour')", "it cannot be made: KeyError: 'colour'"),
-        ("conditions = ('gesture',)", "the system declares 'gesture'"),
+        ("def __init__(self): raise KeyError('colour')", "KeyError: 'colour'"),
+        ("conditions = ('gesture',)", "'gesture'"),
         ("def check(self): raise InputError('model.depth=0: give 1')", "model.depth=0: give 1"),
     ],
 )
-def test_what_cannot_be_audited_is_one_line_and_exit_code_2(code, words, capsys):
+def test_what_cannot_be_audited_is_one_line_and_exit_code_2(code, fact, capsys):
     Path("own.py").write_text(f"from bench import InputError\nclass Own:\n    fit = predict = None\n    {code}\n")
     assert main(["audit", "model=own.py:Own"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert words in line
+    assert fact in line
 
 
-def test_the_arguments_of_other_commands_are_refused(capsys):
-    assert main(["audit", "model=svm", "data=haart"]) == 2 and "'data'" in capsys.readouterr().err
-
-
-def test_a_system_without_parameters_is_not_copied():
-    Path("own.py").write_text("class Own:\n    def fit(self, X, y):\n        raise KeyError\n")
+def test_a_system_without_parameters_is_not_copied_and_one_may_declare_a_condition():
+    Path("own.py").write_text(
+        "from tests.work.test_blind import Mean\n\n\nclass Bare:\n    def fit(self, X, y):\n        raise KeyError\n"
+        "\n\nclass Own(Mean):\n    conditions = ('substrate',)\n\n    def predict_proba(self, X):\n"
+        "        assert set(X.captures) == {'substrate'}\n        return super().predict_proba(X)\n"
+    )
+    table = bench.audit(model="own.py:Bare").set_index("check")
+    assert table["sentence"]["fit"] == "KeyError" and set(table["result"]) == {FAILED, SKIPPED}
+    assert "get_params" in table["sentence"]["clone and parameters"]
     table = bench.audit(model="own.py:Own").set_index("check")
-    assert table["sentence"]["fit"] == "KeyError"
-    assert table["sentence"]["clone and parameters"] == "it has no get_params, so scikit-learn cannot copy it"
-    assert set(table["result"]) == {FAILED, SKIPPED}
+    assert "substrate" in table["sentence"]["no labels needed"] and FAILED not in set(table["result"])
 
 
 def test_the_limit_of_chance_by_hand():
@@ -262,7 +232,9 @@ def test_the_limit_of_chance_by_hand():
     assert len(captures()) == 70 and len(set(captures().gestures)) == 14
     tail = [sum(comb(28, n) * 13 ** (28 - n) for n in range(least, 29)) / 14**28 for least in (8, 9)]
     assert tail[1] < 0.0005 < tail[0]
-    assert "chance gives 0 to 8 " in audit_of(Nearest)[1]["sentence"][6]
+    results, sentences = audit_of(Nearest)
+    assert results[PASSED] == {check.name for check in CHECKS}
+    assert "chance gives 0 to 8 " in sentences["shuffled labels"]
 
 
 @pytest.mark.live
@@ -277,14 +249,3 @@ def test_built_in_systems_pass(name, monkeypatch):
     table = bench.audit(model=name, **{f"model__{key}": value for key, value in few.items()})
     assert not (failed := table["sentence"][table["result"] == FAILED].tolist()), failed
     assert set(table["check"][table["result"] == SKIPPED]) <= {"training order"}
-
-
-def test_a_system_that_declares_a_condition_is_audited(capsys):
-    Path("own.py").write_text(
-        "from tests.work.test_blind import Mean\n\n\nclass Own(Mean):\n    conditions = ('substrate',)\n\n"
-        "    def predict_proba(self, X):\n        assert set(X.captures) == {'substrate'}\n"
-        "        return super().predict_proba(X)\n"
-    )
-    assert main(["audit", "model=own.py:Own"]) == 0
-    out = " ".join(capsys.readouterr().out.split())
-    assert "it declares to need substrate" in re.sub(r"[│ ]+", " ", out) and "1 failed" not in out

@@ -18,156 +18,117 @@ from bench.cli import main
 from bench.errors import InputError
 from bench.work.live import decided_at, earlier, frames_of
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
+from bench.work.saved import Recogniser
 from tests.conftest import BENCH
 from tests.work.test_stream import Rising, coded_corpus, lengths_of
 
 
-def frames(n, start=0):
-    return [np.full(2, start + i, dtype=float) for i in range(n)]
-
-
 @given(lengths_of, st.floats(10, 200), st.integers(1, 12))
 def test_a_decision_every_hop_and_one_where_a_capture_ends(lengths, hop_ms, longest):
-    given_, naive = [], []
+    frames, naive = [], []
     for c, n in enumerate(lengths, 1):
-        given_ += [*frames(n, 100 * c), None]
+        frames += [*(np.full(2, 100.0 * c + i) for i in range(n)), None]
         hops = {int(np.ceil(k * hop_ms / 10 - 1e-6)) for k in range(1, 1 + int(n * 10 / hop_ms + 1e-6))}
         naive += [(c, seen) for seen in sorted({s for s in hops if s <= n} | {n})]
-    found = list(decided_at(iter(given_[:-1]), 100.0, hop_ms, longest))
-    assert [(c, seen) for c, seen, _ in found] == naive
-    for c, seen, window in found:
+    decided = list(decided_at(iter(frames[:-1]), 100.0, hop_ms, longest))
+    assert [(c, seen) for c, seen, _ in decided] == naive
+    for c, seen, window in decided:
         assert [f[0] for f in window] == [100 * c + i for i in range(seen)][-longest:]
 
 
-def test_an_endless_stream_needs_no_more_than_the_window():
-    def endless():
-        while True:
-            yield np.zeros(2)
-
-    taken = 0
-    for _, seen, window in decided_at(endless(), 100.0, 50.0, 7):
-        taken += 1
-        assert len(window) == min(seen, 7)
-        if taken == 2000:
-            break
-
-
 def test_a_decision_is_out_before_the_next_frame_is_read():
-    read = []
-
-    def source():
-        for i in range(10):
-            read.append(i)
-            yield np.zeros(2)
-
-    for _, seen, _ in decided_at(source(), 100.0, 30.0, 5):
-        assert len(read) == seen
+    source = iter([np.zeros(2)] * 10)
+    for _, seen, _ in decided_at(source, 100.0, 30.0, 5):
+        assert source.__length_hint__() == 10 - seen
 
 
-def test_lines_are_frames():
+def test_lines_are_frames_and_what_is_none_is_named():
+    """The whole grammar is in tests/chip/test_lines.py, with C."""
     text = b"1,2,3\n 4 5\t6\r\n\n\n7, 8 ,9.5\n"
-    found = list(frames_of(io.BytesIO(text), 3, 10.0))
-    assert [f if f is None else f.tolist() for f in found] == [[1, 2, 3], [4, 5, 6], None, None, [7, 8, 9.5]]
+    frames = list(frames_of(io.BytesIO(text), 3, 10.0))
+    assert [f if f is None else f.tolist() for f in frames] == [[1, 2, 3], [4, 5, 6], None, None, [7, 8, 9.5]]
+    for line, fact in {b"1,2": "2 values", b"1,x,3": "'x'", b"1,-1,3": "-1 ", b"1,11,3": "11 .*full scale 10"}.items():
+        frames = frames_of(io.BytesIO(b"1,2,3\n" + line + b"\n1,2,3\n"), 3, 10.0)
+        assert next(frames) is not None
+        with pytest.raises(InputError, match=f"line 2: .*{fact}"):
+            next(frames)
 
 
-@pytest.mark.parametrize(
-    ("line", "told"),
-    [
-        (b"1,2", "2 values instead of 3"),
-        (b"1,2,3,", "4 values instead of 3"),
-        (b"1,x,3", "'x' is not a decimal number"),
-        (b"1,,3", "'' is not a decimal number"),
-        (b"1,1_0,3", "'1_0' is not a decimal number"),
-        (b"1,\xff,3", "is not a decimal number"),
-        (b"1,nan,3", "'nan' is not a decimal number"),
-        (b"1,-1,3", "-1 is not within 0"),
-        (b"1,11,3", "11 is not within 0 and the full scale 10"),
-        (b"1,2 3", "2 values instead of 3"),
-        (b"1" * 500, "longer than"),
-    ],
-)
-def test_a_line_that_is_no_frame_is_named(line, told):
-    stream = frames_of(io.BytesIO(b"1,2,3\n" + line + b"\n1,2,3\n"), 3, 10.0)
-    assert next(stream) is not None
-    with pytest.raises(InputError, match="line 2: ") as e:
-        next(stream)
-    assert told in str(e.value)
+def recogniser(stopping=None):
+    """A system at 100 Hz on 2 x 3 whose class stands in the first taxel."""
+    corpus = coded_corpus()
+    return Recogniser(Rising().fit(corpus, corpus.gestures), corpus, stopping)
 
 
 @pytest.fixture
-def saved(tmp_path):
-    """A model of captures at 100 Hz on 2 x 3 whose class stands in the first taxel."""
-    import mlflow
+def streamed(monkeypatch, capsys):
+    """A function from a system and lines to exit code, printed rows and errors of ``bench stream source=-``."""
 
-    from bench.work.saved import Recogniser, quiet
+    def run(recogniser, lines, hop_ms):
+        monkeypatch.setattr("bench.work.saved.load", lambda _: recogniser)
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode())))
+        code = main(["stream", "source=-", "model=m", f"hop_ms={hop_ms}"])
+        text = capsys.readouterr()
+        head, *rows = (line.split(",") for line in text.out.splitlines())
+        assert head == ["capture", "ms", "label", "confidence", "settled"]
+        return code, rows, text.err.splitlines()
 
-    corpus = coded_corpus()
-    made = Recogniser(Rising().fit(corpus, corpus.gestures), corpus)
-    with quiet():
-        mlflow.pyfunc.save_model(str(tmp_path / "model"), **made.model([], corpus[0][:2]))
-    return str(tmp_path / "model")
+    return run
 
 
-def test_standard_input_is_decided_on(saved, monkeypatch, capsys):
+def test_standard_input_is_decided_on(streamed):
     lines = ["0,9,9,9,9,9"] * 7 + [""] + ["2 9 9 9 9 9"] * 5
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode())))
-    assert main(["stream", "source=-", f"model={saved}", "hop_ms=30"]) == 0
-    captured = capsys.readouterr()
+    code, rows, errors = streamed(recogniser(), lines, 30)
     # 30 ms are three frames: Rising is wrong, one class too far, and 3/4 sure
-    assert captured.out.splitlines() == [
-        "capture,ms,label,confidence,settled",
-        *("1,30,b,0.750,-", "1,60,a,0.857,-", "1,70,a,0.875,-", "2,30,a,0.750,-", "2,50,c,0.833,-"),
-    ]
-    assert "frames of 2x3 from 0 to 1023, 100 a second" in captured.err and "last 120 ms" in captured.err
+    expected = ["1,30,b,0.750,-", "1,60,a,0.857,-", "1,70,a,0.875,-", "2,30,a,0.750,-", "2,50,c,0.833,-"]
+    assert code == 0 and [",".join(row) for row in rows] == expected
+    assert all(fact in errors[0] for fact in ("2x3", "1023", "100 Hz", "120 ms"))
 
 
-def test_a_label_is_settled_as_in_a_replay_that_saw_an_earlier_one(tmp_path, monkeypatch, capsys):
-    import mlflow
-
-    from bench.work.saved import Recogniser, quiet
-
-    corpus = coded_corpus()
-    model = Rising().fit(corpus, corpus.gestures)
+@pytest.mark.parametrize("threshold", [0.84, np.inf])
+def test_a_label_is_settled_as_in_a_replay_that_saw_an_earlier_one(threshold, streamed):
     weights = dict.fromkeys(STATE, 0.0) | {"one": 0.9, "first": -0.5, "same": -0.3}
-    waiting, calibration = Waiting(tuple(weights.values())), Calibration(10.0, 120.0, 2.0, 0.5)
-    made = Recogniser(model, corpus, Stopping(calibration, waiting, 0.84))
-    with quiet():
-        mlflow.pyfunc.save_model(str(tmp_path / "model"), **made.model([], corpus[0][:2]))
-    lines = ["0,9,9,9,9,9"] * 10 + [""] + ["2 9 9 9 9 9"] * 5
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode())))
-    assert main(["stream", "source=-", f"model={tmp_path / 'model'}", "hop_ms=30"]) == 0
-    rows = [line.split(",") for line in capsys.readouterr().out.splitlines()[1:]]
+    calibration = Calibration(10.0, 120.0, 2.0, 0.5)
+    system = recogniser(Stopping(calibration, Waiting(tuple(weights.values())), threshold))
+    _, rows, _ = streamed(system, ["0,9,9,9,9,9"] * 10 + [""] + ["2 9 9 9 9 9"] * 5, 30)
     # after 3 frames n / (n + 1) = 3/4 is expected to gain 0.9 - 0.375; then less, and less where the label stays:
     # 6 frames see 3 (another label), 9 see 6 and 10 see 6 (the same one); the second capture is new
     gain = [0.9 - 3 / 8, 0.9 - 3 / 7, 0.9 - 9 / 20 - 0.3, 0.9 - 5 / 11 - 0.3, 0.9 - 3 / 8, 0.9 - 5 / 12]
-    told = [row[4] for row in rows]
     assert [row[:2] for row in rows] == [*(["1", t] for t in ("30", "60", "90", "100")), ["2", "30"], ["2", "50"]]
-    assert told == ["no", "no", "yes", "yes", "no", "no"] == ["yes" if 1 - g >= 0.84 else "no" for g in gain]
-    sure = calibration(np.array([[0.75, 0.125, 0.125]]), np.array([30.0]))[0, 0]
-    assert rows[0][3] == f"{sure:.3f}"
+    expected = ["yes" if 1 - g >= threshold else "no" for g in gain] if threshold < 1 else ["-"] * 6
+    assert [row[4] for row in rows] == expected and (threshold > 1 or expected.count("yes") == 2)
+    sharp = np.array([0.75, 0.125, 0.125]) ** (1 / calibration_temperature(30))
+    assert rows[0][3] == f"{sharp[0] / sharp.sum():.3f}"
+
+
+def calibration_temperature(ms):
+    """From 2 after 10 ms to 0.5 after 120 ms, a straight line of logarithms."""
+    share = np.log(ms / 10) / np.log(12)
+    return 2 ** (1 - share) * 0.5**share
 
 
 def test_the_label_before_is_the_newest_of_those_that_had_seen_enough_less():
-    stood = deque([(2, "a"), (3, "b"), (4, "a"), (5, "b")])
-    assert earlier(stood, 2) is None and len(stood) == 4
-    assert earlier(stood, 4) == "a" and earlier(stood, 5) == "b" and len(stood) == 3
-    assert earlier(stood, 100) == "b" and list(stood) == [(5, "b")]
+    labels = deque([(2, "a"), (3, "b"), (4, "a"), (5, "b")])
+    assert earlier(labels, 2) is None and len(labels) == 4
+    assert earlier(labels, 4) == "a" and earlier(labels, 5) == "b" and len(labels) == 3
+    assert earlier(labels, 100) == "b" and list(labels) == [(5, "b")]
     assert earlier(deque(), 5) is None
 
 
-def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(saved, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(b"0,9,9,9,9,9\n" * 4 + b"0,9,9,9,9,9999\n")))
-    assert main(["stream", "source=-", f"model={saved}", "hop_ms=20", "window_ms=20"]) == 2
-    captured = capsys.readouterr()
-    assert captured.out.splitlines()[1:] == ["1,20,b,0.667,-", "1,40,b,0.667,-"]
-    assert captured.err.splitlines()[-1] == "bench: line 5: 9999 is not within 0 and the full scale 1023"
+def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(streamed):
+    code, rows, errors = streamed(recogniser(), ["0,9,9,9,9,9"] * 4 + ["0,9,9,9,9,9999"], 20)
+    assert code == 2 and [row[1:3] for row in rows] == [["20", "b"], ["40", "a"]]
+    assert errors[-1].startswith("bench: line 5: 9999 ")
 
 
 @pytest.mark.live
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_decisions_come_while_frames_come_and_control_c_ends_it(saved):
+def test_decisions_come_while_frames_come_and_control_c_ends_it(tmp_path):
+    import mlflow
+
+    mlflow.pyfunc.save_model(str(tmp_path / "model"), **recogniser().model([], np.zeros((2, 2, 3))))
     process = subprocess.Popen(
-        [*BENCH, "stream", "source=-", f"model={saved}", "hop_ms=20"],
+        [*BENCH, "stream", "source=-", f"model={tmp_path / 'model'}", "hop_ms=20"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

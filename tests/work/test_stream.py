@@ -1,9 +1,11 @@
-"""Prefixes, calibration and stopping against naive slices and hand calculation; whole commands."""
+"""Prefixes, calibration and stopping against naive slices and hand calculation; whole folds."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -13,22 +15,27 @@ from bench.cli import main
 from bench.corpora.corpus import Corpus, storage, unblinded
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
+from bench.outcomes import scores
 from bench.outcomes.stopping import by_instant, by_threshold, learn_stopping, learned_point, standing, stopped
 from bench.plan.plan import Fold
-from bench.work.replay import STATE, Calibration, Replay, Waiting, decision_latency, learned, prefix, replayed, weighed
+from bench.work.evaluation import Evaluation
+from bench.work.replay import (
+    STATE,
+    Calibration,
+    Replay,
+    Waiting,
+    decision_latency,
+    learned,
+    prefix,
+    replayed,
+    system_hop,
+    unlearnable,
+    weighed,
+)
 from bench.work.stream import Stream
-from bench.work.workers import do_fold
 from features.jung54 import Jung54
-from tests.conftest import predictions, random_corpus, runs, with_other_values
-
-SMALL = ["model=bayes", "data.subjects=3", "data.variants=normal", "hop_ms=600", "jobs=2"]
-
-
-def test_a_decision_is_timed_where_no_capture_reaches_the_first_instant():
-    corpus = random_corpus(longest=30)
-    assert list(Replay(60_000.0).instants(300, 100.0)) == [300]
-    spent = decision_latency(Rising().fit(corpus, corpus.gestures), corpus, np.array([300]))
-    assert len(spent) == 20 and min(spent) > 0
+from tests.conftest import random_corpus, with_other_values
+from tests.work.fakes import Level, cell_of
 
 
 class Rising(ClassifierMixin, BaseEstimator):
@@ -65,13 +72,13 @@ class Thirds(Rising):
 
 def coded_corpus(lengths=(10, 3, 7, 12, 5, 9), subjects=4):
     """Every subject has two captures of each of three classes, which stand in the first taxel."""
-    about = [(str(s), "abc"[i // 2], n) for s in range(subjects) for i, n in enumerate(lengths)]
+    labels = [(str(s), "abc"[i // 2], n) for s in range(subjects) for i, n in enumerate(lengths)]
     arrays = []
-    for i, (_, gesture, n) in enumerate(about):
+    for i, (_, gesture, n) in enumerate(labels):
         frames = np.random.default_rng(i).integers(0, 100, (n, 2, 3)).astype(np.uint16)
         frames[:, 0, 0] = "abc".index(gesture)
         arrays.append(frames)
-    captures = pd.DataFrame(about, columns=["subject", "gesture", "long"])
+    captures = pd.DataFrame(labels, columns=["subject", "gesture", "long"])
     return Corpus.from_captures(arrays, captures, 100.0, name="coded")
 
 
@@ -83,49 +90,46 @@ def test_a_prefix_is_the_first_frames(lengths, frames):
     arrays = [np.random.default_rng(i).integers(0, 9, (n, 2, 2)) for i, n in enumerate(lengths)]
     corpus = Corpus.from_captures(arrays, pd.DataFrame({"subject": ["1"] * len(lengths), "gesture": "a"}), 50.0)
     corpus = corpus[::-1]
-    cut = prefix(corpus, frames)
-    for found, whole in zip(cut, arrays[::-1], strict=True):
-        assert np.array_equal(found, whole[:frames])
+    cut, begun = prefix(corpus, frames), Replay(start="middle").begun(corpus)
+    for first, rest, capture in zip(cut, begun, arrays[::-1], strict=True):
+        assert np.array_equal(first, capture[:frames])
+        assert np.array_equal(rest, capture[len(capture) // 2 :]) and len(rest)
     assert storage(cut)[0] is storage(corpus)[0]
-    for found, whole in zip(Replay(start="middle").begun(corpus), arrays[::-1], strict=True):
-        assert np.array_equal(found, whole[len(whole) // 2 :]) and len(found)
     assert Replay().begun(corpus) is corpus
 
 
 @given(st.integers(1, 2000), st.floats(1, 500), st.one_of(st.none(), st.floats(1, 5000)))
 def test_instants_rise_to_the_longest_capture(longest, rate, hop_ms):
     hop_ms = hop_ms and max(hop_ms, 1000 / rate)
-    found = Replay(hop_ms).instants(longest, rate)
-    assert found[0] >= 1 and found[-1] == longest and (np.diff(found) > 0).all()
     times, now = [], 0
     while len(times) < 4000 and (not times or times[-1] < longest):
         now += 1
         ms = now * hop_ms if hop_ms else 62.5 * 2 ** ((now - 1) / 2)
         times.append(int(np.floor(ms * rate / 1000 + 1e-6)))
     naive = sorted({n for n in times if 0 < n < longest} | {longest})
-    assert found.tolist() == naive
+    assert Replay(hop_ms).instants(longest, rate).tolist() == naive
 
 
 def test_a_replay_that_cannot_be_is_refused():
-    with pytest.raises(InputError, match="start=later"):
-        Replay(start="later").check(100)
-    with pytest.raises(InputError, match="one frame takes 10 ms"):
-        Replay(hop_ms=9).check(100)
     Replay(hop_ms=10).check(100)
+    for replay, fact in ((Replay(start="later"), "start=later"), (Replay(hop_ms=9), "hop_ms=9.* 10 ms")):
+        with pytest.raises(InputError, match=fact):
+            replay.check(100)
 
 
 def test_features_of_prefixes_are_not_those_kept_for_whole_captures(tmp_path):
-    write_folder(random_corpus(subjects=2), tmp_path / "stored")
+    write_folder(random_corpus(subjects=2, per_class=1, grid=(4, 4)), tmp_path / "stored")
     corpus = open_folder(tmp_path / "stored")
     features = Jung54()
-    whole = features.fit_transform(corpus)
+    uncut = features.fit_transform(corpus)
     cut = features.transform(prefix(corpus, 7))
     naive = Corpus.from_captures([f[:7] for f in corpus], corpus.captures, corpus.rate_hz)
     pd.testing.assert_frame_equal(cut, features.extract(naive))
-    assert not np.allclose(cut, whole)
+    assert not np.allclose(cut, uncut)
 
 
 @given(lengths_of, st.sampled_from([Rising, Thirds]))
+@settings(max_examples=10)
 def test_a_replay_decides_on_every_prefix_once(lengths, system):
     arrays = [np.random.default_rng(i).integers(0, 3, (n, 2, 2)) * 30 for i, n in enumerate(lengths)]
     gestures = (["a", "b", "c"] * len(lengths))[: max(3, len(lengths))]
@@ -139,100 +143,95 @@ def test_a_replay_decides_on_every_prefix_once(lengths, system):
     for i in positions:
         for before, frames in zip([0, 2, 5, 11], instants, strict=True):
             if len(arrays[i]) > before:
-                one = arrays[i][:frames]
-                if system is Rising:
-                    proba = estimator.predict_proba([one])[0]
-                else:
-                    proba = estimator.decide([one])[1].mean(axis=0)
-                naive.append((i, len(one), frames, *proba))
-    found = table[["capture", "frames", "instant", "p_a", "p_b", "p_c"]].to_numpy(dtype=float)
-    np.testing.assert_allclose(found, naive, rtol=1e-5)
+                one = [arrays[i][:frames]]
+                proba = estimator.predict_proba(one)[0] if system is Rising else estimator.decide(one)[1].mean(axis=0)
+                naive.append((i, len(one[0]), frames, *proba))
+    columns = ["capture", "frames", "instant", "p_a", "p_b", "p_c"]
+    np.testing.assert_allclose(table[columns].to_numpy(dtype=float), naive, rtol=1e-5)
 
 
-def test_a_temperature_is_found_again():
+def test_decisions_are_timed_one_by_one_and_the_hop_is_that_of_the_system():
+    corpus = coded_corpus()
+    seen = []
+
+    class Timed(Rising):
+        def predict(self, X):
+            seen.append(X.lengths.tolist())
+            return super().predict(X)
+
+    assert list(Replay(60_000.0).instants(300, 100.0)) == [300]  # no capture reaches the first instant
+    spent = decision_latency(Timed().fit(corpus, corpus.gestures), corpus[:3], np.array([4, 300]))
+    assert seen == [[4], [10], [3], [4], [7]] and len(spent) == 5 and min(spent) > 0
+    Timed.window_ = seen.clear() or 2
+    decision_latency(Timed().fit(corpus, corpus.gestures), corpus[:1], np.array([1, 10]))
+    assert seen == [[1], [2]]
+    assert system_hop(Thirds().fit(corpus, corpus.gestures), corpus) == 3
+    assert system_hop(Rising().fit(corpus, corpus.gestures), corpus) is None
+
+
+def test_a_temperature_is_recovered():
     rng = np.random.default_rng(0)
     ms = np.exp(rng.uniform(np.log(50), np.log(5000), 40_000))
-    place = np.log(ms / ms.min()) / np.log(ms.max() / ms.min())
+    share = np.log(ms / ms.min()) / np.log(ms.max() / ms.min())
     sharp = softmax(2 * rng.normal(size=(len(ms), 4)), axis=1)
     true = (rng.random(len(ms))[:, None] > sharp.cumsum(axis=1)).sum(axis=1)
-    temperature = np.exp(np.log(4) * (1 - place) + np.log(0.5) * place)
-    told = softmax(np.log(sharp) * temperature[:, None], axis=1)  # too sure early, not sure enough late
-    calibration = Calibration.fit(told, true, ms)
+    temperature = np.exp(np.log(4) * (1 - share) + np.log(0.5) * share)
+    proba = softmax(np.log(sharp) * temperature[:, None], axis=1)  # too sure early, not sure enough late
+    calibration = Calibration.fit(proba, true, ms)
     assert calibration.first == pytest.approx(4, rel=0.06) and calibration.last == pytest.approx(0.5, rel=0.06)
-    assert log_loss(true, calibration(told, ms)) == pytest.approx(log_loss(true, sharp), abs=2e-3)
-    assert (calibration(told, ms).argmax(axis=1) == told.argmax(axis=1)).all()
+    assert log_loss(true, calibration(proba, ms)) == pytest.approx(log_loss(true, sharp), abs=2e-3)
+    assert (calibration(proba, ms).argmax(axis=1) == proba.argmax(axis=1)).all()
     assert calibration.first_ms == ms.min() and calibration.last_ms == ms.max()
-
-
-def test_the_likelihood_is_at_its_maximum():
-    rng = np.random.default_rng(1)
-    ms = rng.choice([100.0, 300.0, 900.0], 300)
-    logits = rng.normal(size=(300, 3))
-    proba, true = softmax(3 * logits, axis=1), (logits + rng.normal(size=(300, 3))).argmax(axis=1)
-    found = Calibration.fit(proba, true, ms)
-    best = log_loss(true, found(proba, ms))
-    for first, last in ((1.05, 1), (0.95, 1), (1, 1.05), (1, 0.95)):
-        other = Calibration(found.first_ms, found.last_ms, found.first * first, found.last * last)
-        assert log_loss(true, other(proba, ms)) > best - 1e-9
+    some, sure = np.array([[0.7, 0.2, 0.1]] * 3), Calibration(100.0, 900.0, 4.0, 1.0)
+    by_hand = some ** np.array([[1 / 4], [1 / 2], [1]])  # before the first instant, half way to the last, after it
+    np.testing.assert_allclose(sure(some, np.array([9.0, 300, 2e3])), by_hand / by_hand.sum(axis=1, keepdims=True))
 
 
 def test_certain_and_single_decisions_can_be_calibrated():
-    sure = Calibration.fit(np.eye(3)[[0, 1, 2]], np.array([0, 1, 2]), np.array([10.0, 20, 30]))
+    sure = Calibration.fit(np.eye(3), np.array([0, 1, 2]), np.array([10.0, 20, 30]))
     assert 0 < sure.first < 1 and np.isfinite(sure(np.eye(3), np.array([1.0, 20, 99]))).all()
-    wrong = Calibration.fit(np.eye(3)[[0, 1, 2]], np.array([1, 2, 0]), np.array([10.0, 10, 10]))
+    wrong = Calibration.fit(np.eye(3), np.array([1, 2, 0]), np.array([10.0, 10, 10]))
     assert wrong(np.eye(3), np.full(3, 10.0)).max() < 0.4
 
 
 def surely(table):
     """Settled as far as the label is probable."""
-    return table.assign(settled=table[[c for c in table if c.startswith("p_")]].max(axis=1))
+    return table.assign(settled=table.filter(like="p_").max(axis=1))
 
 
-def waited(rows=4000, seed=0):
-    """Captures decided on three times, two classes; the later label is right, the earlier one where it is sure."""
-    rng = np.random.default_rng(seed)
-    sure = rng.random(rows) < 0.5
-    true = rng.integers(0, 2, rows)
-    right = sure | (rng.random(rows) < 0.5)  # an unsure label is a guess
-    tables = []
-    for instant, (top, hit) in enumerate(
-        [(np.where(sure, 0.9, 0.6), right), (np.where(sure, 0.9, 0.6), right), (0.9, 1)]
-    ):
-        label = np.where(hit, true, 1 - true)
-        p_a = np.where(label == 0, top, 1 - np.asarray(top))
-        about = {"fold": "f", "capture": np.arange(rows), "true": np.array(["a", "b"])[true]}
-        tables.append(pd.DataFrame(about | {"instant": instant, "frames": 10 * 2**instant, "p_a": p_a, "p_b": 1 - p_a}))
-    table = pd.concat(tables).sort_values(["capture", "instant"], kind="stable", ignore_index=True)
-    return table, np.repeat(sure, 3)
+def test_waiting_is_the_ridge_regression_of_what_the_last_decision_gains():
+    corpus = coded_corpus(subjects=1)
+    table = replayed(Rising().fit(corpus, corpus.gestures), corpus, "x", np.arange(6), np.array([2, 4, 12]))
+    variables = np.column_stack([Waiting(tuple(row))(table, 80.0) for row in np.eye(len(STATE))])
+    right = (table["frames"] >= 4).to_numpy(float)  # as Rising is made
+    last = np.array([float(corpus.lengths[capture] >= 4) for capture in table["capture"]])
+    gram = variables.T @ variables + 0.01 * np.eye(len(STATE))
+    expected = np.linalg.solve(gram, variables.T @ (last - right))
+    np.testing.assert_allclose(Waiting.fit(table, 80.0).weights, expected, atol=1e-8)
 
 
-def test_waiting_is_worth_what_it_gained_in_training():
-    """An unsure label is right half of the time and always in the end: half a point; a sure one gains nothing."""
-    table, sure = waited()
-    found = Waiting.fit(table, 100.0)(waited(seed=1)[0], 100.0)
-    other, sure = waited(seed=1)
-    first = (other["instant"] == 0).to_numpy()
-    assert found[first & ~sure].mean() == pytest.approx(0.5, abs=0.06)
-    assert found[first & sure].mean() == pytest.approx(0, abs=0.06)
-    assert abs(found[(other["instant"] == 2).to_numpy()].mean()) < 0.06
-    assert len(Waiting.fit(table, 100.0).weights) == len(STATE)
-
-
-def test_hopeless_captures_are_not_waited_for():
-    """Where the last label is no better, an unsure one is settled at once, though its confidence never rises."""
-    table, sure = waited()
-    for name in ("p_a", "p_b"):  # the last decision says what the first one said
-        table[name] = table.groupby("capture")[name].transform("first")
-    plain = Calibration(100.0, 400.0, 1.0, 1.0)
-    found = weighed(table, plain, Waiting.fit(table, 100.0), 100.0)
-    assert found["confidence"].min() < 0.65 and found["settled"].min() > 0.95
-    assert set(stopped(found, 0.95)["frames"]) == {10}
+def test_the_variables_of_a_decision_by_hand():
+    """Each weight alone: 62.5 and 125 ms at 80 Hz are 0 and log 2; the second label is the same, the third another."""
+    proba = [[0.5, 0.3, 0.2], [0.4, 0.35, 0.25], [0.1, 0.3, 0.6], [0.6, 0.3, 0.1]]
+    table = pd.DataFrame(proba, columns=["p_a", "p_b", "p_c"]).assign(fold="f", capture=[0, 0, 0, 1])
+    table = table.assign(frames=[5, 10, 10, 5])
+    late = np.log(2)
+    by_hand = [
+        [1, 0.5, 0.25, 0.3, 0.2, 0, 0, 0, 0, 0, 0],
+        [1, 0.4, 0.16, 0.35, 0.25, late, late**2, 0.4 * late, 0.35 * late, 1, late],
+        [1, 0.6, 0.36, 0.3, 0.1, late, late**2, 0.6 * late, 0.3 * late, 0, 0],
+        [1, 0.6, 0.36, 0.3, 0.1, 0, 0, 0, 0, 0, 0],
+    ]
+    gains = [Waiting(tuple(row))(table, 80.0) for row in np.eye(len(STATE))]
+    np.testing.assert_allclose(np.column_stack(gains), by_hand, atol=1e-12)
+    unsure = weighed(table, Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.6, -1.0, *[0.0] * 9)), 80.0)
+    assert unsure["settled"].tolist() == pytest.approx([0.9, 0.8, 1, 1])  # 1 - 0.6 + the largest probability, at most 1
+    assert unsure["confidence"].tolist() == pytest.approx([0.5, 0.4, 0.6, 0.6])
 
 
 def test_stopping_as_calculated_by_hand():
     corpus = coded_corpus()
-    table = replayed(Rising().fit(corpus, corpus.gestures), corpus, "x", np.arange(6), np.arange(1, 13))
-    table = surely(table)
+    table = surely(replayed(Rising().fit(corpus, corpus.gestures), corpus, "x", np.arange(6), np.arange(1, 13)))
     # n / (n + 1) >= 0.8 from 4 frames on; the capture of 3 frames never gets there and is labelled at its end, wrongly
     early = stopped(table, 0.8)
     assert early["frames"].tolist() == [4, 3, 4, 4, 4, 4]
@@ -272,121 +271,130 @@ def test_a_loss_within_one_standard_error_is_allowed():
 
 
 @given(st.integers(0, 10_000), st.sampled_from([0.5, 0.75, 0.8, 0.85]))
+@settings(max_examples=8)
 def test_stopping_never_looks_at_later_frames(seed, threshold):
-    corpus = coded_corpus()
+    corpus = coded_corpus(subjects=1)
     estimator = Rising().fit(corpus, corpus.gestures)
-    instants = np.array([1, 2, 4, 6, 12])
+    rng = np.random.default_rng(seed)
+    waiting, calibration = Waiting(tuple(rng.normal(size=len(STATE)) / 5)), Calibration(10.0, 120.0, 2.0, 0.5)
 
-    weights = np.random.default_rng(seed).normal(size=len(STATE)) / 5
-    judges = (surely, lambda table: weighed(table, Calibration(10.0, 120.0, 2.0, 0.5), Waiting(tuple(weights)), 100.0))
-
-    def stops(given):
-        table = replayed(estimator, given, "x", np.arange(len(corpus)), instants)
-        return stopped(judges[seed % 2](table), threshold)
+    def stops(corpus):
+        table = replayed(estimator, corpus, "x", np.arange(len(corpus)), np.array([1, 2, 4, 6, 12]))
+        return stopped(surely(table) if seed % 2 else weighed(table, calibration, waiting, 100.0), threshold)
 
     before = stops(corpus)
     frames = corpus.frames.copy()
     for i, seen in enumerate(before["frames"]):
         rest = slice(corpus.starts[i] + seen, corpus.starts[i] + corpus.lengths[i])
-        frames[rest] = np.random.default_rng(seed).integers(0, 3, frames[rest].shape)
+        frames[rest] = rng.integers(0, 3, frames[rest].shape)
     pd.testing.assert_frame_equal(before, stops(corpus.changed(frames=frames)))
 
 
-def replay_fold(cell, corpus, train, test):
-    return do_fold(Stream(), cell, corpus, Fold("2", train, test), 1, "key")
+@pytest.fixture(scope="module")
+def leveled():
+    """A small corpus, a fold of it, and what `Stream` makes of it with a system that learns from levels."""
+    corpus = random_corpus(subjects=4, per_class=2, grid=(3, 4))
+    fold = Fold("2", np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2"))
+    return corpus, fold, Stream(100.0).fold(cell_of(Level), corpus, fold, 1)
 
 
-def test_no_test_subject_has_a_say_in_calibration_and_threshold():
-    from bench.plan.cells import cells
-
-    corpus = random_corpus(subjects=5, per_class=2, grid=(3, 4))
-    train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
-    (cell,) = cells({"model": "bayes", "features": "jung54"})
-    first = replay_fold(cell, corpus, train, test)
-    assert not first.error
-    other = replay_fold(cell, with_other_values(corpus, test), train, test)
+def test_no_test_subject_has_a_say_in_calibration_and_threshold(leveled):
+    corpus, fold, first = leveled
+    other = Stream(100.0).fold(cell_of(Level), with_other_values(corpus, fold.test), fold, 1)
     assert first.chosen == other.chosen and first.trials.equals(other.trials)
-    assert not first.predictions.equals(other.predictions)
-    learnt = replay_fold(cell, with_other_values(corpus, train[::2]), train, test)
-    assert first.chosen != learnt.chosen
+    assert not first.table.equals(other.table)
+    stopping, _ = learned(Level, with_other_values(corpus, fold.train[::2]), fold.train, Replay(100.0))
+    assert first.chosen["temperature_first"] != stopping.calibration.first
 
 
-def test_training_subjects_are_judged_by_systems_that_never_met_them():
+def test_training_subjects_are_judged_by_systems_that_were_not_trained_on_them():
     corpus = coded_corpus()
-    met = []
+    pairs = []
 
     class Watched(Rising):
         def fit(self, X, y):
-            self.met_ = set(X.subjects)
+            self.subjects_ = set(X.subjects)
             return super().fit(X, y)
 
         def predict_proba(self, X):
-            met.append((self.met_, set(unblinded(X)[0].subjects)))
+            pairs.append((self.subjects_, set(unblinded(X)[0].subjects)))
             return super().predict_proba(X)
 
-    train = np.flatnonzero(corpus.subjects != "3")
-    learned(Watched, corpus, train, Replay())
-    assert met and all(not seen & judged and "3" not in seen | judged for seen, judged in met)
+    learned(Watched, corpus, np.flatnonzero(corpus.subjects != "3"), Replay(30.0))
+    assert pairs and all(not trained & judged and "3" not in trained | judged for trained, judged in pairs)
 
 
-def test_the_whole_capture_scores_as_bench_run_and_a_second_command_computes_nothing(capsys):
-    assert main(["run", *(a for a in SMALL if not a.startswith("hop_ms"))]) == 0
-    assert main(["stream", *SMALL, "out=one"]) == 0
-    captured = capsys.readouterr()
-    assert "stopped" in captured.out and "synthetic" in captured.out
-    (client, (cell,)), (_, (parent,)) = runs("cell"), runs("stream")
-    assert parent.data.metrics["accuracy"] == cell.data.metrics["accuracy"]
-    whole = stopped(predictions(client, parent), np.inf).set_index(["fold", "capture"])
-    plain = predictions(client, cell).set_index(["fold", "capture"]).loc[whole.index]
-    columns = [c for c in plain if c.startswith("p_")]
-    np.testing.assert_allclose(whole[columns], plain[columns], rtol=1e-6)
-    names = {
-        "adaptive_accuracy",
-        "adaptive_ms",
-        "mean_ms",
-        "decide_ms_p99",
-        "predict_ms_p99",
-        "fit_cpu_seconds",
-        "decisions_per_second",
-        "accuracy_at_1000_ms",
-    }
-    assert names <= set(parent.data.metrics)
-    assert parent.data.params["stream.start"] == "onset" and parent.data.tags["synthetic"] == "true"
-    kept = {a.path for a in client.client.list_artifacts(parent.info.run_id)}
-    assert kept == {
-        "predictions.parquet",
-        "instants.csv",
-        "stopping.csv",
-        "chosen.csv",
-        "trials.csv",
-        "streaming.png",
-        "streaming.svg",
-    }
-    assert len(runs("stream_fold")[1]) == 3 and len(runs("fold")[1]) == 3
+def test_what_waiting_gains_is_learned_from_others_than_what_stopping_loses(monkeypatch):
+    """Three groups of subjects: each is weighed by a `Waiting` of the other two, and all three teach the last one."""
+    corpus, folds = coded_corpus(subjects=3), []
+    fit = Waiting.fit
+    monkeypatch.setattr(Waiting, "fit", lambda table, rate_hz: folds.append(set(table["fold"])) or fit(table, rate_hz))
+    learned(Rising, corpus, np.arange(len(corpus)), Replay(30.0))
+    assert folds == [{"1", "2"}, {"0", "2"}, {"0", "1"}, {"0", "1", "2"}]
 
-    assert main(["stream", *SMALL, "out=two"]) == 0
-    assert "all 3 folds were stored before" in capsys.readouterr().err and len(runs("stream_fold")[1]) == 3
-    assert open("one/streaming.csv").read() == open("two/streaming.csv").read()
-    assert main(["report"]) == 0  # sees the cell alone
-    assert len(pd.read_csv("report/comparison.csv")) == 1
+
+def test_captures_that_cannot_teach_when_to_stop_are_refused_in_words():
+    corpus = coded_corpus()
+    assert unlearnable(Rising(), corpus) == ""
+    assert "one subject" in unlearnable(Rising(), corpus[corpus.subjects == "0"])
+    two = corpus[np.isin(corpus.subjects, ["0", "1"])]
+    assert unlearnable(Rising(), two[(two.subjects == "0") | (two.gestures != "c")]).endswith(" c")
+    assert "one class" in unlearnable(Rising(), two[(two.subjects == "0") | (two.gestures == "a")])
+
+    class Demanding(Rising):
+        def check_training(self, X, y):
+            raise InputError("give 99 captures")
+
+    assert unlearnable(Demanding(), corpus) == "give 99 captures"
+    plan = SimpleNamespace(cell=cell_of(Demanding), corpus=corpus, folds=[Fold("7", np.arange(12), np.arange(12, 24))])
+    plan.cell.protocol = "loso"
+    with pytest.raises(InputError, match="protocol=loso: fold 7 .* give 99 captures"):
+        Stream().refuse(plan)
+
+
+def test_a_fold_scores_whole_captures_as_bench_run_and_stops_as_it_has_learned(leveled):
+    corpus, fold, result = leveled
+    expected = Evaluation().fold(cell_of(Level), corpus, fold, 1).table.set_index("capture")
+    labelled = stopped(result.table, np.inf).set_index("capture").loc[expected.index]
+    np.testing.assert_allclose(labelled.filter(like="p_"), expected.filter(like="p_"), rtol=1e-6)
+    accuracy = scores.accuracies(expected.reset_index())["accuracy"]
+    early = stopped(result.table, result.chosen["threshold"])
+    metrics = Stream(100.0).fold_metrics(result, corpus.rate_hz)
+    assert metrics["accuracy"] == accuracy
+    assert metrics["adaptive_accuracy"] == (early["true"] == early["predicted"]).mean()
+    assert metrics["adaptive_ms"] == 10 * early["frames"].mean() and result.batch_effects == []
+    plan = SimpleNamespace(corpus=corpus)
+    findings = Stream(100.0).findings(plan, {}, [result])
+    assert findings.metrics["accuracy"] == accuracy and findings.metrics["adaptive_ms"] == metrics["adaptive_ms"]
+    assert findings.metrics["mean_ms"] == 10 * corpus.lengths[fold.test].mean()
+    assert findings.metrics["decisions_per_second"] == 1000 / findings.metrics["decide_ms_p95"]
+    by_hand = standing(result.table, 25)  # a quarter of a second at 100 Hz
+    assert findings.metrics["accuracy_at_250_ms"] == (by_hand["true"] == by_hand["predicted"]).mean()
+    assert set(findings.tables) == {"predictions.parquet", "instants.csv", "stopping.csv"}
+    row = Stream(100.0).row(findings.metrics)
+    assert row["whole"] == f"{100 * accuracy:.1f}" and row["after ms"] == f"{metrics['adaptive_ms']:.0f}"
+
+
+def test_a_replay_from_the_middle_sees_no_first_half(leveled):
+    corpus, fold, _ = leveled
+    table = Stream(100.0, "middle").fold(cell_of(Level), corpus, fold, 1).table
+    halves = corpus.lengths[fold.test] - corpus.lengths[fold.test] // 2
+    assert table.groupby("capture")["frames"].last().tolist() == halves.tolist()
+    assert Stream(100.0, "middle").arguments() == {"hop_ms": "100", "start": "middle"} and Stream().arguments() == {}
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "fact"),
     [
-        (["hop_ms=0"], "above 0"),
-        (["hop_ms=1"], "one frame takes"),
-        (["start=end"], "give onset or middle"),
-        (["out=/dev/null/x"], "choose another folder"),
-        (["data.subjects=2"], "only one subject trains"),
-        (["source=file", "model=x"], "source=- to read standard input"),
-        (["source=-"], "needs model="),
-        (["source=-", "model=nothing"], "not a saved model"),
-        (["source=-", "model=x", "data=haart"], "data= means nothing here"),
-        (["window_ms=3"], "only with source=-"),
+        (["hop_ms=1"], "hop_ms=1: one frame takes 7.407 ms"),
+        (["out=/dev/null/x"], "/dev/null/x"),
+        (["data.subjects=2"], "one subject"),
+        (["source=-"], "model="),
+        (["source=-", "model=nothing"], "nothing"),
+        (["source=-", "model=x", "data=haart"], "data="),
     ],
 )
-def test_what_cannot_be_streamed_is_refused(arguments, told, capsys):
+def test_what_cannot_be_streamed_is_refused(arguments, fact, capsys):
     assert main(["stream", *arguments]) == 2
     error = capsys.readouterr().err
-    assert told in error and error.count("\n") == 1
+    assert fact in error and error.count("\n") == 1

@@ -118,11 +118,11 @@ def from_frame(
         table = table.assign(frame=table.groupby(run).cumcount())
     names = [*names, *({"frame"} - set(names)), *channels]
     try:
-        rows = pa.RecordBatch.from_pandas(table[names], preserve_index=False)
+        rows = pa.Table.from_pandas(table[names], preserve_index=False).combine_chunks()
     except (pa.ArrowException, TypeError, ValueError) as e:
         raise InputError(f"{label}: a column holds mixed or unknown values ({plain(e)}); correct it") from e
     check_types(rows.schema, names, {*channels, "frame"}, label)
-    batches = [rows] if len(rows) else []
+    batches = rows.to_batches() if len(rows) else []
     labels, values = labels_and_values(batches, names, channels, full_scale, f"{label}, row", first=1)
     return _unlabelled(_cut(labels, values, grid, rate_hz, full_scale, f"{label}, row", 1))
 
