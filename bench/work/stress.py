@@ -18,7 +18,7 @@ import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.corpora.faults import SEVERITIES, Fault, as_shares, damaged, known
+from bench.corpora.faults import SEVERITIES, Fault, all_faults, as_shares, damaged
 from bench.errors import InputError
 from bench.outcomes import scores, stability
 from bench.outcomes.results import Findings, FoldResult, table_of
@@ -65,7 +65,7 @@ class Stress(Experiment[Analysis]):
 
     def arguments(self) -> dict[str, str]:
         """Faults if they are not all, numbers of subjects if there are any."""
-        whole = self.faults == tuple(known().values())
+        whole = self.faults == tuple(all_faults().values())
         some = {} if whole else {"faults": ",".join(f.name for f in self.faults) or CLEAN}
         few = ",".join(map(str, self.train_subjects))
         return some | ({"train_subjects": few} if few else {})

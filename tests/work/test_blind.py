@@ -11,7 +11,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.pipeline import Pipeline
 
 from bench import contract
-from bench.corpora.faults import known
+from bench.corpora.faults import all_faults
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import HiddenError, InputError
@@ -103,7 +103,7 @@ def test_what_is_made_of_a_blind_corpus_is_blind(corpus, tmp_path):
     blind = corpus.blind()
     write_folder(corpus, tmp_path / "c")
     stored = open_folder(tmp_path / "c").blind()
-    steps = (Windows(0.05), Repair(("stuck",)), Scale("log"), Faulted((next(iter(known())),), 1))
+    steps = (Windows(0.05), Repair(("stuck",)), Scale("log"), Faulted((next(iter(all_faults())),), 1))
     made = [blind[:3], blind[np.array([2, 0])], blind.detached(), prefix(blind, 2), blind.changed(full_scale=9.0)]
     made += [pickle.loads(pickle.dumps(one)) for one in (blind, stored)] + [step(blind) for step in steps]
     assert all(one.is_blind for one in made) and "3 subjects" not in repr(blind)
@@ -125,7 +125,7 @@ def test_frames_of_a_slice_are_those_of_its_captures(chosen):
 
 WINDOWS = {"model.window": 0.3}
 UNLABELLED = {"protocol": "personal", "protocol.unlabelled": "true"}
-KINDS = (Evaluation(), Stress((next(iter(known().values())),), ()), Stream())
+KINDS = (Evaluation(), Stress((next(iter(all_faults().values())),), ()), Stream())
 
 
 @pytest.mark.parametrize(
