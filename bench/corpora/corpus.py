@@ -318,7 +318,7 @@ class Corpus:
         self._refuse_if_blind("with_target")
         for column in target.split("+"):
             if column not in self.captures or self.captures[column].isna().any():
-                full = ", ".join(c for c in self.captures if self.captures[c].notna().all())
+                full = ", ".join(str(c) for c in self.captures if self.captures[c].notna().all())
                 raise InputError(f"target={target}: {self.name} has no full column {column!r}; known: {full}")
         return self.changed(target=target)
 
