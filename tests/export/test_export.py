@@ -35,7 +35,7 @@ from models.quantised import rounded
 from models.recipe import Recipe
 from models.reflex import Reflex
 from models.sizes import sizes
-from tests.chip.compiled import STRICT, built, fitted, lacking, written
+from tests.export.compiled import STRICT, built, fitted, lacking, written
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 WINDOW = {"window": 0.4, "repair": ("stuck", "dead")}

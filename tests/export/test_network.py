@@ -19,7 +19,7 @@ from models.nets.cnn85 import CNN85
 from models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, in_bits
 from models.quantised import rounded
 from models.recipe import Recipe
-from tests.chip.compiled import STRICT, fitted, lacking, written
+from tests.export.compiled import STRICT, fitted, lacking, written
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 LENGTHS = (1, 5, 9, 10, 11, 26, 27, 28, 36, 44, 45, 46, 60, 75, 101)
