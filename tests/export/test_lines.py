@@ -76,49 +76,42 @@ LINES = {  # of a sensor with four taxels, values from 0 to 1000
 }
 
 
-def around(line, end=b"\n"):
-    """The line behind a frame and, if it is not the last, before another."""
-    return b"9 9 9 9\n" + line + end + (b"9 9 9 9\n" if end else b"")
+def inputs():
+    """Each line behind a frame, and before another or at the end: input, whether it ends, line and its kind."""
+    for line, kind in LINES.items():
+        yield b"9 9 9 9\n" + line + b"\n9 9 9 9\n", False, line, kind
+        if len(line) != MOST:  # the end of the line counts
+            yield b"9 9 9 9\n" + line, True, line, kind
 
 
-@pytest.mark.parametrize(("line", "kind"), LINES.items())
-def test_python_reads_the_grammar(line, kind):
-    for end in (b"\n", b""):
-        if end == b"" and len(line) == MOST:
-            continue  # the end of the line counts
-        found = frames_of(io.BytesIO(around(line, end)), 4, 1000.0)
-        next(found)
+def test_python_reads_the_grammar():
+    for text, ends, line, kind in inputs():
+        frames = frames_of(io.BytesIO(text), 4, 1000.0)
+        next(frames)
         if kind == REFUSED:
             with pytest.raises(InputError, match="^line 2: "):
-                next(found)
-        elif end or line:
-            assert (next(found) is None) is (kind == BLANK)
-
-
-def program(folder):
-    """The C program of a small system; it decides on every frame."""
-    rng = np.random.default_rng(0)
-    about = pd.DataFrame({"subject": ["1", "2"] * 2, "gesture": ["a", "a", "b", "b"]})
-    corpus = Corpus.from_captures([rng.integers(0, 1000, (20, 2, 2)) for _ in range(4)], about, 50.0, full_scale=1000.0)
-    written(fitted(rf(Jung28(), trees=1), corpus), folder)
-    call = ["gcc", *STRICT, "-DHOP_MS=1.0", "touch.c", "main.c", "-lm", "-o", "touch"]
-    subprocess.run(call, cwd=folder, check=True, capture_output=True)
-    return folder / "touch"
+                next(frames)
+        elif line or not ends:
+            assert (next(frames) is None) is (kind == BLANK), line
 
 
 @pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 def test_c_reads_the_same_grammar(tmp_path):
-    asked = program(tmp_path)
-    for line, kind in LINES.items():
-        for end in (b"\n", b""):
-            if end == b"" and len(line) == MOST:
-                continue
-            done = subprocess.run([asked], input=around(line, end), capture_output=True, check=False)
-            captures = [row.split(b",")[0] for row in done.stdout.splitlines()[1:]]
-            expected = {
-                FRAME: (0, [b"1"] * (3 if end else 2)),
-                BLANK: (0, [b"1", b"2"] if end else [b"1"]),
-                REFUSED: (2, [b"1"]),
-            }[kind]
-            assert (done.returncode, captures) == expected, line
-            assert done.stderr.startswith(b"line 2: ") is (kind == REFUSED)
+    """The C program of a small system; it decides on every frame."""
+    rng = np.random.default_rng(0)
+    labels = pd.DataFrame({"subject": ["1", "2"] * 2, "gesture": ["a", "a", "b", "b"]})
+    arrays = [rng.integers(0, 1000, (20, 2, 2)) for _ in range(4)]
+    corpus = Corpus.from_captures(arrays, labels, 50.0, full_scale=1000.0)
+    written(fitted(rf(Jung28(), trees=1), corpus), tmp_path)
+    call = ["gcc", *STRICT, "-DHOP_MS=1.0", "touch.c", "main.c", "-lm", "-o", "touch"]
+    subprocess.run(call, cwd=tmp_path, check=True, capture_output=True)
+    for text, ends, line, kind in inputs():
+        done = subprocess.run([tmp_path / "touch"], input=text, capture_output=True, check=False)
+        captures = [row.split(b",")[0] for row in done.stdout.splitlines()[1:]]
+        expected = {
+            FRAME: (0, [b"1"] * (2 if ends else 3)),
+            BLANK: (0, [b"1"] if ends else [b"1", b"2"]),
+            REFUSED: (2, [b"1"]),
+        }[kind]
+        assert (done.returncode, captures) == expected, line
+        assert done.stderr.startswith(b"line 2: ") is (kind == REFUSED)
