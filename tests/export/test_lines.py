@@ -16,63 +16,24 @@ from tests.export.compiled import STRICT, fitted, lacking, written
 
 FRAME, BLANK, REFUSED = "frame", "blank", "refused"
 MOST = 4 * 32  # bytes of a line of four values
-LINES = {  # of a sensor with four taxels, values from 0 to 1000
-    b"1 2 3 4": FRAME,
-    b"1,2,3,4": FRAME,
-    b"1 , 2,3\t,4": FRAME,
-    b"  1\t2  3 4 \t": FRAME,
-    b"1 2 3 4\r": FRAME,
-    b"1. .5 2e2 +3E-1": FRAME,
-    b"-0 0.0 1000 1e3": FRAME,
-    b"00000000000000000000000000000001 2 3 4": FRAME,  # 32 characters
-    b"1 2 3 1000.00001": FRAME,  # 1000 in single precision
-    b"1 2 3 -1e-60": FRAME,  # 0 in single precision
-    b"1 2 3 4" + b" " * (MOST - 8): FRAME,
-    b"": BLANK,
-    b" \t ": BLANK,
-    b"\r": BLANK,
-    b" " * (MOST - 1): BLANK,
-    b"1 2 3 4" + b" " * (MOST - 7): REFUSED,
-    b" " * MOST: REFUSED,
-    b"1 2 3 4" + b" " * 500: REFUSED,
-    b"000000000000000000000000000000001 2 3 4": REFUSED,
-    b"1,2 3,4": REFUSED,
-    b"1 2,3 4": REFUSED,
-    b"1,2,3,4,": REFUSED,
-    b",1,2,3,4": REFUSED,
-    b"1,,2,3": REFUSED,
-    b"1,,2,3,4": REFUSED,
-    b"1;2;3;4": REFUSED,
-    b",": REFUSED,
-    b"1 2 3": REFUSED,
-    b"1 2 3 4 5": REFUSED,
-    b"0x1 2 3 4": REFUSED,
-    b"1 2 3 0x1p3": REFUSED,
-    b"nan 2 3 4": REFUSED,
-    b"inf 2 3 4": REFUSED,
-    b"1_0 2 3 4": REFUSED,
-    b"1 2 3 -1": REFUSED,
-    b"1 2 3 1001": REFUSED,
-    b"1 2 3 1e39": REFUSED,
-    b"1 2 3 1e400": REFUSED,
-    b"1 2 3 4\0": REFUSED,
-    b"\0": REFUSED,
-    b"1 2\0 3 4": REFUSED,
-    b"1\f2 3 4": REFUSED,
-    b"\f": REFUSED,
-    b"\v": REFUSED,
-    b"1 2 3 4\f": REFUSED,
-    b"1\r2 3 4": REFUSED,
-    b"1 2 3 4\r\r": REFUSED,
-    b"\xef\xbb\xbf1 2 3 4": REFUSED,
-    b"\xd9\xa1 2 3 4": REFUSED,  # an Arabic digit
-    b"1\xc2\xa02 3 4": REFUSED,  # a blank that does not break
-    b"1 2 3 1e": REFUSED,
-    b"1 2 3 .": REFUSED,
-    b"1 2 3 1.2.3": REFUSED,
-    b"1 2 3 --4": REFUSED,
-    b"1 2 3 4d": REFUSED,
-    b'1,2,3,"4"': REFUSED,
+# Lines of a sensor with four taxels, values from 0 to 1000, with | between them.
+FRAMES = (
+    b"1 2 3 4|1,2,3,4|1 , 2,3\t,4|  1\t2  3 4 \t|1 2 3 4\r|1. .5 2e2 +3E-1|-0 0.0 1000 1e3"
+    b"|00000000000000000000000000000001 2 3 4"  # 32 characters
+    b"|1 2 3 1000.00001|1 2 3 -1e-60"  # 1000 and 0 in single precision
+)
+NO_FRAMES = (
+    b"000000000000000000000000000000001 2 3 4|1,2 3,4|1 2,3 4|1,2,3,4,|,1,2,3,4|1,,2,3|1,,2,3,4|1;2;3;4|,|1 2 3"
+    b"|1 2 3 4 5|0x1 2 3 4|1 2 3 0x1p3|nan 2 3 4|inf 2 3 4|1_0 2 3 4|1 2 3 -1|1 2 3 1001|1 2 3 1e39|1 2 3 1e400"
+    b"|1 2 3 4\0|\0|1 2\0 3 4|1\f2 3 4|\f|\v|1 2 3 4\f|1\r2 3 4|1 2 3 4\r\r|\xef\xbb\xbf1 2 3 4|1 2 3 1e|1 2 3 ."
+    b"|1 2 3 1.2.3|1 2 3 --4|1 2 3 4d"
+    b'|1,2,3,"4"'
+    b"|\xd9\xa1 2 3 4|1\xc2\xa02 3 4"  # an Arabic digit, a blank that does not break
+)
+LINES = {
+    **dict.fromkeys([*FRAMES.split(b"|"), b"1 2 3 4".ljust(MOST - 1)], FRAME),
+    **dict.fromkeys([b"", b" \t ", b"\r", b" " * (MOST - 1)], BLANK),
+    **dict.fromkeys([*NO_FRAMES.split(b"|"), b"1 2 3 4".ljust(MOST), b" " * MOST, b"1 2 3 4".ljust(507)], REFUSED),
 }
 
 
