@@ -16,7 +16,7 @@ from sklearn.utils.metaestimators import available_if
 
 from bench import contract
 from bench.corpora.corpus import COPY, Corpus, origin, storage
-from bench.corpora.faults import known as fault_names
+from bench.corpora.faults import all_faults
 from bench.corpora.steps import Faulted, Repair, Scale, Step, Turned, Windows
 from bench.errors import InputError
 from bench.memory import ensure
@@ -136,7 +136,7 @@ class Recipe(MostProbable):
     @property
     def trained_faults(self) -> tuple[str, ...]:
         """Names of the faults that copies of the training captures go through."""
-        return tuple(fault_names()) if self.faults == ("all",) else self.faults
+        return tuple(all_faults()) if self.faults == ("all",) else self.faults
 
     def seen(self, X: Corpus) -> list[Corpus]:
         """Captures after the steps of training, and after those of deciding."""

@@ -14,7 +14,7 @@ import bench
 from bench.arguments import parse
 from bench.cli import main
 from bench.options import COMMANDS, keys
-from tests.chip.compiled import lacking
+from tests.export.compiled import lacking
 from tests.conftest import runs
 
 ROOT = Path(__file__).parent.parent

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.arguments import KEYS, Values, backend_of, convert, items, parse
 from bench.commands.printing import contexts, say, show, then, writable
-from bench.corpora.faults import Fault, known
+from bench.corpora.faults import Fault, all_faults
 from bench.errors import InputError, nearest
 from bench.options import keys
 from bench.outcomes import stability
@@ -69,7 +69,7 @@ def grouped(outcomes: list[Outcome[Analysis]], out: Path) -> dict[Path, list[Out
 
 def _faults(values: Values) -> tuple[Fault, ...]:
     """Faults that were asked for, all without ``faults=``, in the order in which they are known."""
-    faults = known()
+    faults = all_faults()
     chosen = items("faults", values["faults"]) if "faults" in values else list(faults)
     if chosen == [stability.CLEAN]:
         return ()

@@ -46,8 +46,7 @@ class Hidden(Generic[Value]):
     def __get__(self, corpus: Corpus | None, owner: type) -> Value | Hidden[Value]:
         if corpus is None:
             return self
-        if corpus._visible is not None:
-            raise corpus._refused(self.name)
+        corpus._refuse_if_blind(self.name)
         return corpus.__dict__[f"_{self.name}"]
 
 
@@ -124,8 +123,6 @@ class Corpus:
         steps: tuple[Callable[[Corpus], Corpus], ...] = (),
         piece: np.ndarray | None = None,
     ) -> None:
-        index = np.arange(len(starts)) if index is None else index
-        piece = np.zeros(len(starts), dtype=np.int64) if piece is None else piece
         self.__dict__.update(
             _frames=frames,
             _starts=starts,
@@ -135,12 +132,12 @@ class Corpus:
             full_scale=full_scale,
             _name=name,
             _digest=digest,
-            _index=index,
+            _index=np.arange(len(starts)) if index is None else index,
             _info={} if info is None else info,
             _path=path,
             _target=target,
             _steps=steps,
-            _piece=piece,
+            _piece=np.zeros(len(starts), dtype=np.int64) if piece is None else piece,
             _visible=None,
         )
 
@@ -163,7 +160,7 @@ class Corpus:
         """Build an in-memory corpus from one array [frames, rows, cols] per capture."""
         arrays = list(arrays)
         lengths = np.array([len(a) for a in arrays], dtype=np.int64)
-        starts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
+        starts = np.cumsum(lengths) - lengths
         return cls(np.concatenate(arrays), starts, lengths, captures.reset_index(drop=True), rate_hz, **fields)
 
     def changed(self, **fields: object) -> Corpus:
@@ -184,7 +181,7 @@ class Corpus:
     def _with(self, **fields: object) -> Corpus:
         new = object.__new__(type(self))
         new.__dict__.update(self.__dict__)
-        new.__dict__.pop("_own", None)
+        new.__dict__.pop("_compacted", None)
         for name, value in fields.items():
             key = name if name in ("lengths", "rate_hz", "full_scale") else f"_{name}"
             if key not in new.__dict__:
@@ -208,11 +205,12 @@ class Corpus:
         """Whether it is what a system gets when it predicts."""
         return self._visible is not None
 
-    def _refused(self, name: str) -> HiddenError:
-        return HiddenError(
-            f"X.{name} is hidden in prediction, which may use frames, starts, lengths, rate_hz, full_scale and grid; "
-            "a system that needs a condition declares it: conditions = ('cover',)"
-        )
+    def _refuse_if_blind(self, name: str) -> None:
+        if self._visible is not None:
+            raise HiddenError(
+                f"X.{name} is hidden in prediction, which may use frames, starts, lengths, rate_hz, full_scale and "
+                "grid; a system that needs a condition declares it: conditions = ('cover',)"
+            )
 
     def __len__(self) -> int:
         return len(self._starts)
@@ -238,12 +236,12 @@ class Corpus:
         return self._compact()[1]
 
     def _compact(self) -> tuple[np.ndarray, np.ndarray]:
-        if (own := self.__dict__.get("_own")) is None:
+        if (compacted := self.__dict__.get("_compacted")) is None:
             first = np.cumsum(self.lengths) - self.lengths
-            whole = int(self.lengths.sum()) == len(self._frames) and np.array_equal(self._starts, first)
-            frames = self._frames if whole else np.concatenate([self._frames[:0], *self])
-            own = self.__dict__["_own"] = frames, first
-        return own
+            is_compact = int(self.lengths.sum()) == len(self._frames) and np.array_equal(self._starts, first)
+            frames = self._frames if is_compact else np.concatenate([self._frames[:0], *self])
+            compacted = self.__dict__["_compacted"] = frames, first
+        return compacted
 
     @property
     def captures(self) -> pd.DataFrame:
@@ -251,7 +249,7 @@ class Corpus:
         if self._visible is None:
             return self._captures
         if not self._visible:
-            raise self._refused("captures")
+            self._refuse_if_blind("captures")
         return self._captures[[*self._visible]]
 
     @property
@@ -262,16 +260,14 @@ class Corpus:
     @property
     def gestures(self) -> np.ndarray:
         """Class label of each capture, str [captures]."""
-        if self._visible is not None:
-            raise self._refused("gestures")
+        self._refuse_if_blind("gestures")
         first, *rest = (self.captures[c].astype(str) for c in self.target.split("+"))
         return (first.str.cat(rest, sep=" ") if rest else first).to_numpy(dtype=object)
 
     @property
     def subjects(self) -> np.ndarray:
         """Subject of each capture, str [captures]."""
-        if self._visible is not None:
-            raise self._refused("subjects")
+        self._refuse_if_blind("subjects")
         return self.captures["subject"].to_numpy(dtype=object)
 
     @overload
@@ -308,8 +304,7 @@ class Corpus:
         Raises:
             InputError: it is no condition on these columns, or no capture satisfies it.
         """
-        if self._visible is not None:
-            raise self._refused("select")
+        self._refuse_if_blind("select")
         from bench.corpora.where import chosen  # here, so that a change of its messages is no change of the Corpus
 
         return self[np.flatnonzero(chosen(where, self.captures, self.name))]
@@ -320,22 +315,17 @@ class Corpus:
         Raises:
             InputError: a column is not there, or says nothing of some capture.
         """
-        if self._visible is not None:
-            raise self._refused("with_target")
+        self._refuse_if_blind("with_target")
         for column in target.split("+"):
             if column not in self.captures or self.captures[column].isna().any():
-                whole = [c for c in self.captures if self.captures[c].notna().all()]
-                raise InputError(
-                    f"target={target}: {self.name} has no full column {column!r}; known: {', '.join(whole)}"
-                )
+                full = ", ".join(str(c) for c in self.captures if self.captures[c].notna().all())
+                raise InputError(f"target={target}: {self.name} has no full column {column!r}; known: {full}")
         return self.changed(target=target)
 
     def detached(self) -> Corpus:
         """A copy in memory that no cache knows, as a robot would hand it over."""
-        frames, starts = np.array(self.frames), self.starts
         return self.changed(
-            frames=frames,
-            starts=starts,
+            frames=np.array(self.frames),
             digest="",
             path=None,
             index=np.arange(len(self)),
@@ -363,12 +353,11 @@ class Corpus:
         Returns:
             A matplotlib figure.
         """
-        if self._visible is not None:
-            raise self._refused("plot")
+        self._refuse_if_blind("plot")
         from bench.corpora.film_strip import picture
 
-        about = self.captures.iloc[capture]
-        words = ", ".join(f"{name} {about[name]}" for name in ("subject", "gesture") if name in about)
+        row = self.captures.iloc[capture]
+        words = ", ".join(f"{name} {row[name]}" for name in ("subject", "gesture") if name in row)
         kind = " (synthetic)" if self.synthetic else ""
         return picture(self[capture], self.rate_hz, f"{self.name}{kind}, capture {capture}: {words}")
 
@@ -388,5 +377,4 @@ def storage(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
 
 def origin(corpus: Corpus) -> Origin:
     """Where the captures of a corpus come from, also of a blind one: for caches, which know what they may give."""
-    values = corpus.__dict__
-    return Origin(*(values[f"_{name}"] for name in ("digest", "path", "index", "piece", "steps")))
+    return Origin(*(corpus.__dict__[f"_{name}"] for name in ("digest", "path", "index", "piece", "steps")))

@@ -52,8 +52,7 @@ class Fault:
     def generator(self, subject: str, capture: int) -> np.random.Generator:
         """The random numbers of one subject's sensor, or of one capture (its position in the whole corpus)."""
         whom = f"sensor of {subject}" if self.sensor else f"capture {capture}"
-        seed = hashlib.sha256(f"{self.name}, {whom}".encode()).digest()
-        return np.random.default_rng(int.from_bytes(seed[:16], "little"))
+        return seeded(f"{self.name}, {whom}")
 
     def apply(self, frames: np.ndarray, severity: int, subject: str, capture: int) -> np.ndarray:
         """One capture [frames, rows, cols] as shares of full scale under this fault; severity 0 changes nothing."""
@@ -63,6 +62,11 @@ class Fault:
 
 
 FAULTS: dict[str, Fault] = {}
+
+
+def seeded(text: str) -> np.random.Generator:
+    """The random numbers that a text stands for."""
+    return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "little"))
 
 
 def fault(unit: str, *amounts: float, sensor: bool = False) -> Callable[[Damage], Damage]:
@@ -81,7 +85,7 @@ def fault(unit: str, *amounts: float, sensor: bool = False) -> Callable[[Damage]
     return register
 
 
-def known() -> dict[str, Fault]:
+def all_faults() -> dict[str, Fault]:
     """All faults, those of installed packages included."""
     for entry in entry_points(group="touchbench.faults"):
         entry.load()  # which registers it
@@ -246,7 +250,7 @@ def early_end(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np
 def shift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
     """The sensor sits elsewhere: touch is moved in a random direction, and what lies beyond the edge reads 0."""
     direction = rng.uniform(0, 2 * np.pi)
-    row, col = _places(frames)
+    row, col = np.indices(frames.shape[1:])
     return _read_at(frames, row - amount * np.sin(direction), col - amount * np.cos(direction))
 
 
@@ -254,7 +258,7 @@ def shift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.nda
 def rotation(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
     """The sensor sits turned about its middle, to a random side; what lies beyond the edge reads 0."""
     angle = np.radians(amount) * rng.choice([-1, 1])
-    row, col = _places(frames)
+    row, col = np.indices(frames.shape[1:])
     down, right = (frames.shape[1] - 1) / 2, (frames.shape[2] - 1) / 2
     sin, cos = np.sin(angle), np.cos(angle)
     return _read_at(
@@ -264,11 +268,6 @@ def rotation(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.
     )
 
 
-def _places(frames: np.ndarray) -> np.ndarray:
-    """Row and column of each taxel [2, rows, cols]."""
-    return np.indices(frames.shape[1:]).astype(np.float64)
-
-
 def _read_at(frames: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
     """Pressure at places between the taxels [rows, cols], bilinear, 0 beyond the edge."""
     _, rows, cols = frames.shape
@@ -276,14 +275,14 @@ def _read_at(frames: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray
     row, col = np.round(row, 9), np.round(col, 9)
     top, left = np.floor(row).astype(np.int64), np.floor(col).astype(np.int64)
     flat = frames.reshape(len(frames), -1)
-    found = np.zeros_like(flat)
+    readings = np.zeros_like(flat)
     for r, down in ((top, 1 - (row - top)), (top + 1, row - top)):
         for c, right in ((left, 1 - (col - left)), (left + 1, col - left)):
             weight = np.where((r >= 0) & (r < rows) & (c >= 0) & (c < cols), down * right, 0).astype(np.float32).ravel()
             if weight.any():
-                place = (r.clip(0, rows - 1) * cols + c.clip(0, cols - 1)).ravel()
-                found += flat[:, place] * weight
-    return np.minimum(found, 1, out=found).reshape(frames.shape)
+                taxel = (r.clip(0, rows - 1) * cols + c.clip(0, cols - 1)).ravel()
+                readings += flat[:, taxel] * weight
+    return np.minimum(readings, 1, out=readings).reshape(frames.shape)
 
 
 @fault("% of each side", 10, 25, 40, 50, 75, sensor=True)

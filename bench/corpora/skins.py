@@ -30,8 +30,8 @@ def weights(count: int, wanted: int) -> np.ndarray:
         edges = np.arange(wanted + 1) * count / wanted
         inside = np.clip(edges[1:, None], np.arange(count), np.arange(1, count + 1))
         return (inside - np.clip(edges[:-1, None], np.arange(count), np.arange(1, count + 1))) * wanted / count
-    place = np.clip((np.arange(wanted) + 0.5) * count / wanted - 0.5, 0, count - 1)
-    return np.clip(1 - np.abs(place[:, None] - np.arange(count)), 0, 1)
+    middles = np.clip((np.arange(wanted) + 0.5) * count / wanted - 0.5, 0, count - 1)
+    return np.clip(1 - np.abs(middles[:, None] - np.arange(count)), 0, 1)
 
 
 def scaled(frames: np.ndarray, full_scale: float, wanted: float) -> np.ndarray:
@@ -50,14 +50,14 @@ def resampled(frames: np.ndarray, rate_hz: float, wanted_hz: float) -> np.ndarra
         return frames.astype(np.float32)
     values = frames.astype(np.float64)
     if count > n:
-        place = np.clip((np.arange(count) + 0.5) * n / count - 0.5, 0, n - 1)
-        low = np.minimum(place.astype(int), n - 1)
-        part = (place - low)[:, None, None]
+        middles = np.clip((np.arange(count) + 0.5) * n / count - 0.5, 0, n - 1)
+        low = middles.astype(int)
+        part = (middles - low)[:, None, None]
         return (values[low] * (1 - part) + values[np.minimum(low + 1, n - 1)] * part).astype(np.float32)
     edges = np.arange(count + 1) * n / count
-    whole = np.minimum(edges.astype(int), n - 1)
+    full = np.minimum(edges.astype(int), n - 1)
     until = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
-    sums = until[whole] + (edges - whole)[:, None, None] * values[whole]
+    sums = until[full] + (edges - full)[:, None, None] * values[full]
     return (np.diff(sums, axis=0) * count / n).astype(np.float32)
 
 
@@ -75,34 +75,34 @@ def brought(corpus: Corpus, rate_hz: float, grid: tuple[int, int], full_scale: f
     return [regridded(resampled(values, corpus.rate_hz, rate_hz), *grid) for values in shares]
 
 
-def _refuse_the_same(own: Corpus, source: Corpus) -> None:
+def _refuse_the_same(target: Corpus, source: Corpus) -> None:
     """Nobody is trained on who is tested.
 
     Raises:
         InputError: a capture is in both, or both are generated from one seed, and so of the same people.
     """
-    if both := shared(own, source):
-        mine, theirs = both[0]
+    if pairs := shared(target, source):
+        first, same = pairs[0]
         raise InputError(
-            f"protocol=transfer: {own.name} and {source.name} have the same captures: {len(both)}, such as "
-            f"{named(own, mine)} and {named(source, theirs)}; name another source"
+            f"protocol=transfer: {target.name} and {source.name} have the same captures: {len(pairs)}, such as "
+            f"{named(target, first)} and {named(source, same)}; name another source"
         )
-    if own.synthetic and own.info.get("source") == source.info.get("source"):
+    if target.synthetic and target.info.get("source") == source.info.get("source"):
         raise InputError(
             "protocol=transfer: generated captures of one seed are of the same people; add +seed=1 to protocol.source="
         )
 
 
-def joined(own: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
+def joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     """Captures of one skin, and behind them those of another, of the classes that both have.
 
     Both are brought to the lower of their rates, and each way to the fewer of their taxels; the full scale is that of
     the first. What is the same already stays as it is.
 
     Args:
-        own: captures.
+        target: captures.
         source: captures of the other skin.
-        names: what classes of ``source`` are called in ``own``, where that is something else.
+        names: what classes of ``source`` are called in ``target``, where that is something else.
 
     Returns:
         A corpus in memory, float32, whose column ``skin`` says which is which. People of the other skin are others,
@@ -112,44 +112,49 @@ def joined(own: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
         InputError: a class that is not there is given a name, less than two are left, or a capture is in both.
     """
     for old, new in names.items():
-        for name, corpus in ((old, source), (new, own)):
+        for name, corpus in ((old, source), (new, target)):
             if name not in set(corpus.gestures):
                 raise InputError(
-                    f"protocol.classes={old}:{new}: {corpus.name} has no {name!r}; it has "
-                    f"{', '.join(sorted(set(corpus.gestures)))}"
+                    f"protocol.classes={old}:{new}: {corpus.name} has no {name!r}; it has {_classes_of(corpus)}"
                 )
-    _refuse_the_same(own, source)
-    called = np.array([names.get(name, name) for name in source.gestures], dtype=object)
-    shared = set(own.gestures) & set(called)
-    if len(shared) < 2:
-        theirs, ours = (", ".join(sorted(set(c.gestures))) for c in (source, own))
+    _refuse_the_same(target, source)
+    renamed = np.array([names.get(name, name) for name in source.gestures], dtype=object)
+    classes = sorted(set(target.gestures) & set(renamed))
+    if len(classes) < 2:
         raise InputError(
-            f"protocol=transfer: {own.name} and {source.name} share {len(shared)} classes; name more with "
-            f"protocol.classes=, which maps those of {source.name} ({theirs}) to those of {own.name} ({ours})"
+            f"protocol=transfer: {target.name} and {source.name} share {len(classes)} classes; name more with "
+            f"protocol.classes=, which maps those of {source.name} ({_classes_of(source)}) to those of {target.name} "
+            f"({_classes_of(target)})"
         )
-    here = np.flatnonzero(np.isin(own.gestures, list(shared)))
-    there = np.flatnonzero(np.isin(called, list(shared)))
-    own, source = own[here], source[there]
-    about = own.captures.assign(skin=OWN)
-    other = pd.DataFrame({name: source.captures.get(name, "") for name in own.captures}, index=source.captures.index)
-    who = "other " + source.captures["subject"].astype(str)
-    other = other.assign(subject=who, gesture=called[there], skin=SOURCE)
-    rate_hz = min(own.rate_hz, source.rate_hz)
-    rows, cols = (min(sides) for sides in zip(own.grid, source.grid, strict=True))
-    arrays = [frames for part in (own, source) for frames in brought(part, rate_hz, (rows, cols), own.full_scale)]
+    kept = np.flatnonzero(np.isin(renamed, classes))
+    target, source = target[np.flatnonzero(np.isin(target.gestures, classes))], source[kept]
+    columns = list(target.captures)
+    rows = source.captures.reindex(columns=columns, fill_value="").assign(
+        subject="other " + source.captures["subject"].astype(str), gesture=renamed[kept], skin=SOURCE
+    )
+    captures = pd.concat([target.captures.assign(skin=OWN), rows], ignore_index=True)
+    rate_hz = min(target.rate_hz, source.rate_hz)
+    grid = min(target.grid[0], source.grid[0]), min(target.grid[1], source.grid[1])
     info = {
-        "source": f"{own.name} and {source.name}, brought to one rate and grid",
-        "licence": "; ".join(dict.fromkeys(str(c.info.get("licence", "")) for c in (own, source))),
-        "synthetic": own.synthetic or source.synthetic,
-        "warnings": [*own.info.get("warnings", []), *(f"{source.name}: {w}" for w in source.info.get("warnings", []))],
+        "source": f"{target.name} and {source.name}, brought to one rate and grid",
+        "licence": "; ".join(dict.fromkeys(str(c.info.get("licence", "")) for c in (target, source))),
+        "synthetic": target.synthetic or source.synthetic,
+        "warnings": [
+            *target.info.get("warnings", []),
+            *(f"{source.name}: {text}" for text in source.info.get("warnings", [])),
+        ],
         "format": "transfer",
         "source_name": source.name,
     }
     return Corpus.from_captures(
-        arrays,
-        pd.concat([about, other], ignore_index=True).astype({name: "str" for name in about}),
+        [frames for part in (target, source) for frames in brought(part, rate_hz, grid, target.full_scale)],
+        captures.astype("str"),
         rate_hz,
-        full_scale=own.full_scale,
-        name=own.name,
+        full_scale=target.full_scale,
+        name=target.name,
         info=info,
     )
+
+
+def _classes_of(corpus: Corpus) -> str:
+    return ", ".join(sorted(set(corpus.gestures)))

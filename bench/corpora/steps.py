@@ -7,15 +7,13 @@ causal: a frame depends on those before it, never on those after it, so that a r
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from bench.corpora.corpus import COPY, Corpus, origin, storage
-from bench.corpora.faults import SEVERITIES, as_readings, as_shares
-from bench.corpora.faults import known as all_faults
+from bench.corpora.faults import SEVERITIES, all_faults, as_readings, as_shares, seeded
 from bench.errors import InputError, nearest
 
 REPAIRS = ("stuck", "dead", "offset")
@@ -78,17 +76,33 @@ class Windows(Step):
         count, row = self._count(corpus), self.rows(corpus)
         begin = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) * hop
         cut = corpus[row] if len(row) > len(corpus) else corpus  # a robot's one window is not worth copying a table
-        known = origin(cut)
+        source = origin(cut)
         return cut.changed(
             starts=storage(cut)[1] + begin,
             lengths=np.minimum(cut.lengths, frames),
-            piece=known.piece + begin,
-            steps=(*known.steps, self),
+            piece=source.piece + begin,
+            steps=(*source.steps, self),
         )
 
 
+class _Copied(Step):
+    """Captures, each followed by as many copies."""
+
+    copies: int
+
+    def rows(self, corpus: Corpus) -> np.ndarray:
+        """Each capture once and once for each copy."""
+        return np.repeat(np.arange(len(corpus)), self.copies + 1)
+
+    def _made(self, corpus: Corpus, arrays: list[np.ndarray], stride: int) -> Corpus:
+        """The captures and their copies, whose pieces are ``stride`` apart."""
+        row = self.rows(corpus)
+        copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
+        return _replaced(corpus[row], arrays, self, piece=origin(corpus).piece[row] + copies * stride)
+
+
 @dataclass(frozen=True)
-class Faulted(Step):
+class Faulted(_Copied):
     """Captures, and damaged copies of each: one fault of those named, at a random severity.
 
     The draws are of their own: no test capture, whose damage depends on the fault and the capture or subject alone
@@ -105,8 +119,8 @@ class Faulted(Step):
     def __post_init__(self) -> None:
         for name in self.faults:
             if name not in all_faults():
-                given = "+".join(self.faults)
-                raise InputError(f"model.faults={given}: {name!r} is no fault; {nearest(name, all_faults())}")
+                names = "+".join(self.faults)
+                raise InputError(f"model.faults={names}: {name!r} is no fault; {nearest(name, all_faults())}")
         if not 1 <= self.copies <= MOST_COPIES:
             raise InputError(f"model.copies={self.copies}: give 1 to {MOST_COPIES}")
 
@@ -116,31 +130,24 @@ class Faulted(Step):
 
     def generator(self, capture: int, copy: int) -> np.random.Generator:
         """The random numbers of one copy of one stored capture."""
-        seed = hashlib.sha256(f"training copy {copy} of capture {capture}".encode()).digest()
-        return np.random.default_rng(int.from_bytes(seed[:16], "little"))
-
-    def rows(self, corpus: Corpus) -> np.ndarray:
-        """Each capture once and once for each copy."""
-        return np.repeat(np.arange(len(corpus)), self.copies + 1)
+        return seeded(f"training copy {copy} of capture {capture}")
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures as they are, each followed by its copies."""
         faults = [all_faults()[name] for name in self.faults]
-        known = origin(corpus)
-        made: list[np.ndarray] = []
+        index = origin(corpus).index
+        arrays: list[np.ndarray] = []
         for i, shares in enumerate(as_shares(corpus, np.arange(len(corpus)))):
-            made.append(corpus[i])
+            arrays.append(corpus[i])
             for copy in range(self.copies):
-                rng = self.generator(int(known.index[i]), copy)
+                rng = self.generator(int(index[i]), copy)
                 fault, severity = faults[rng.integers(len(faults))], rng.integers(SEVERITIES)
-                made.append(as_readings(corpus, fault.damage(shares, fault.amounts[severity], rng)))
-        row = self.rows(corpus)
-        copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
-        return _replaced(corpus[row], made, self, piece=known.piece[row] + copies * COPY)
+                arrays.append(as_readings(corpus, fault.damage(shares, fault.amounts[severity], rng)))
+        return self._made(corpus, arrays, COPY)
 
 
 @dataclass(frozen=True)
-class Turned(Step):
+class Turned(_Copied):
     """Captures, and copies of each as on a skin that was mounted otherwise: mirrored, or turned by quarters.
 
     A grid that is not square is mirrored, or turned by half. What the copies of a capture become is drawn, each
@@ -157,30 +164,22 @@ class Turned(Step):
         if not 1 <= self.copies < MOUNTINGS:
             raise InputError(f"model.turns={self.copies}: give 1 to {MOUNTINGS - 1}, or 0 for none")
 
-    def rows(self, corpus: Corpus) -> np.ndarray:
-        """Each capture once and once for each copy."""
-        return np.repeat(np.arange(len(corpus)), self.copies + 1)
-
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures as they are, each followed by its copies."""
         ways = _mountings(corpus.grid)
-        known = origin(corpus)
-        made: list[np.ndarray] = []
+        source = origin(corpus)
+        arrays: list[np.ndarray] = []
         for i, frames in enumerate(corpus):
-            made.append(frames)
-            said = f"turned copies of capture {known.index[i]}.{known.piece[i]}"
-            rng = np.random.default_rng(int.from_bytes(hashlib.sha256(said.encode()).digest()[:16], "little"))
-            drawn = rng.permutation(len(ways))
-            made += [ways[drawn[copy % len(ways)]](frames) for copy in range(self.copies)]
-        row = self.rows(corpus)
-        copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
-        piece = known.piece[row] + copies * (MOST_COPIES + 1) * COPY
-        return _replaced(corpus[row], made, self, piece=piece)
+            arrays.append(frames)
+            rng = seeded(f"turned copies of capture {source.index[i]}.{source.piece[i]}")
+            order = rng.permutation(len(ways))
+            arrays += [ways[order[copy % len(ways)]](frames) for copy in range(self.copies)]
+        return self._made(corpus, arrays, (MOST_COPIES + 1) * COPY)
 
 
 def _mountings(grid: tuple[int, int]) -> list[Callable[[np.ndarray], np.ndarray]]:
     """What turns and mirrors frames, every way that moves a taxel of this grid; of one taxel, what does nothing."""
-    found: dict[bytes, Callable[[np.ndarray], np.ndarray]] = {}
+    ways: dict[bytes, Callable[[np.ndarray], np.ndarray]] = {}
     for mirrored in (False, True):
         for quarters in range(4) if grid[0] == grid[1] else (0, 2):
 
@@ -188,9 +187,9 @@ def _mountings(grid: tuple[int, int]) -> list[Callable[[np.ndarray], np.ndarray]
                 turned = np.rot90(frames, quarters, axes=(1, 2))
                 return turned[:, :, ::-1] if mirrored else turned
 
-            found.setdefault(way(np.arange(grid[0] * grid[1]).reshape(1, *grid)).tobytes(), way)
-    as_it_is, *others = found.values()
-    return others or [as_it_is]
+            ways.setdefault(way(np.arange(grid[0] * grid[1]).reshape(1, *grid)).tobytes(), way)
+    unmoved, *others = ways.values()
+    return others or [unmoved]
 
 
 @dataclass(frozen=True)
@@ -220,10 +219,10 @@ class Repair(Step):
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures repaired, float32."""
         settled = max(2, int(np.ceil(SETTLED_S * corpus.rate_hz)))
-        made = [self._capture(frames.astype(np.float32), corpus.full_scale, settled) for frames in corpus]
-        return _replaced(corpus, made, self)
+        arrays = [self._repaired(frames.astype(np.float32), corpus.full_scale, settled) for frames in corpus]
+        return _replaced(corpus, arrays, self)
 
-    def _capture(self, frames: np.ndarray, full_scale: float, settled: int) -> np.ndarray:
+    def _repaired(self, frames: np.ndarray, full_scale: float, settled: int) -> np.ndarray:
         least = np.minimum.accumulate(frames)
         still = least == np.maximum.accumulate(frames)
         long = still & (np.arange(len(frames)) >= settled - 1)[:, None, None]
@@ -236,8 +235,8 @@ class Repair(Step):
             sides = around(np.ones_like(frames[:1]))
             broken |= long & (2 * around((~still).astype(np.float32)) > sides)
         if broken.any():
-            hurt = np.flatnonzero(broken.any(axis=(1, 2)))
-            frames[hurt] = _filled(frames[hurt], broken[hurt])
+            damaged = np.flatnonzero(broken.any(axis=(1, 2)))
+            frames[damaged] = _filled(frames[damaged], broken[damaged])
         if "offset" in self.kinds:
             frames = frames - np.minimum.accumulate(frames)
         return frames
@@ -298,14 +297,11 @@ class Scale(Step):
         return np.minimum(frames * gain[:, None, None], np.float32(full_scale))
 
 
-def _replaced(corpus: Corpus, made: list[np.ndarray], step: object, **fields: object) -> Corpus:
+def _replaced(corpus: Corpus, arrays: list[np.ndarray], step: object, **fields: object) -> Corpus:
     """The same captures with other frames, one array [frames, rows, cols] each."""
-    lengths = np.array([len(frames) for frames in made], dtype=np.int64)
-    empty = np.zeros((0, *corpus.grid), storage(corpus)[0].dtype)
     return corpus.changed(
-        frames=np.concatenate(made) if made else empty,
-        starts=np.cumsum(lengths) - lengths,
-        lengths=lengths,
+        frames=np.concatenate(arrays) if arrays else storage(corpus)[0][:0],
+        lengths=np.array([len(frames) for frames in arrays], dtype=np.int64),
         steps=(*origin(corpus).steps, step),
         **fields,
     )

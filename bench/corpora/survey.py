@@ -22,7 +22,6 @@ ODD = 3.0  # times more, or less, than the taxels around it: such a taxel is sus
 ALONE = 1.0  # percent of captures in which it alone does not vary: beyond it, a taxel is suspicious
 CROSSED = 10  # combinations for each capture, beyond which nobody meant to record them all
 LESS = "varies far less than those around it"
-NEAR = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]  # places of the taxels around one
 DURATIONS = "seconds of a capture of each gesture"
 PRESSURE = (
     "sensor values; full_scale is the percent of readings at full scale, still the captures in which nothing varies"
@@ -91,7 +90,7 @@ class Survey:
     def __str__(self) -> str:
         parts = [
             [self.title, *(["synthetic: generated captures, not people"] if self.synthetic else [])],
-            *([] if self.target == "gesture" else [self.class_lines()]),
+            *([] if self.target == "gesture" else [[f"Classes of target={self.target}:", _text(self.classes)]]),
             [f"Durations: {DURATIONS}", _text(self.durations)],
             [f"Pressure: {PRESSURE}", _text(self.pressure)],
             self.gap_lines(),
@@ -102,25 +101,21 @@ class Survey:
 
     __repr__ = __str__
 
-    def class_lines(self) -> list[str]:
-        """The classes of the target and their captures, as a table."""
-        return [f"Classes of target={self.target}:", _text(self.classes)]
-
     def gap_lines(self) -> list[str]:
         """How even the counts are: a sentence, and the first examples."""
         counts, usual = self.counts, self.usual
         absent, other = counts["captures"] == 0, ~counts["captures"].isin([0, usual])
-        named = ", ".join(self.factors[:-1]) + f" and {self.factors[-1]}"
-        said = (
-            f"Gaps: of {len(counts)} combinations of {named}, {len(counts) - absent.sum() - other.sum()} have "
+        factors = ", ".join(self.factors[:-1]) + f" and {self.factors[-1]}"
+        summary = (
+            f"Gaps: of {len(counts)} combinations of {factors}, {len(counts) - absent.sum() - other.sum()} have "
             f"{_number(usual, 'capture')}, {other.sum()} another number, {absent.sum()} none"
         )
         # A gesture that a subject never did is one gap, not one for each condition.
         pairs = counts.groupby(["subject", "gesture"], sort=False)["captures"].transform("sum") == 0
-        whole = counts[pairs].drop_duplicates(["subject", "gesture"])[["subject", "gesture", "captures"]]
+        missing = counts[pairs].drop_duplicates(["subject", "gesture"])[["subject", "gesture", "captures"]]
         rest = counts[(absent | other) & ~pairs]
-        lines = [_labels(row) for row in [*whole.to_dict("records"), *rest.to_dict("records")]]
-        return [said, *_first(lines, len(lines))]
+        lines = [_labels(row) for row in [*missing.to_dict("records"), *rest.to_dict("records")]]
+        return [summary, *_first(lines, len(lines))]
 
     def taxel_lines(self) -> list[str]:
         """Which taxels are odd: a sentence, and the first examples."""
@@ -132,10 +127,10 @@ class Survey:
             f"readings {t['lowest']:g} to {t['highest']:g}; alone still in {t['still']:.3g} % of captures)"
             for t in odd.to_dict("records")
         ]
-        said = f"Taxels: {len(odd)} of {len(self.taxels)} odd; rows and columns from 0"
+        summary = f"Taxels: {len(odd)} of {len(self.taxels)} odd; rows and columns from 0"
         if odd["verdict"].isin([LESS]).any():
-            said += "; one that varies far less may be broken, or few touched it"
-        return [said, *_first(lines, len(lines))]
+            summary += "; one that varies far less may be broken, or few touched it"
+        return [summary, *_first(lines, len(lines))]
 
     def duplicate_lines(self) -> list[str]:
         """Which captures are the same: a sentence, and the first examples."""
@@ -150,16 +145,16 @@ class Survey:
         firsts = self.duplicates.drop_duplicates("group")
         differs = [set(names.split(", ")) for names in firsts["differs"]]
         other = sum(bool({"subject", "gesture"} & names) for names in differs)
-        said = (
+        summary = (
             f"Duplicates: {len(self.duplicates)} captures share their frames with another one, in {len(firsts)} "
             f"groups; {other} of them under several subjects or gestures"
         )
         copied = zip(differs, firsts["quiet"], strict=True)
         if refused := sum("subject" in names and not still for names, still in copied):
-            said += f"; protocols that separate subjects refuse {refused}"
+            summary += f"; protocols that separate subjects refuse {refused}"
         if firsts["quiet"].any():
-            said += f"; {firsts['quiet'].sum()} may be equal by chance: fewer than {CHANGES} readings change"
-        return [said, *_first(lines, len(firsts))]
+            summary += f"; {firsts['quiet'].sum()} may be equal by chance: fewer than {CHANGES} readings change"
+        return [summary, *_first(lines, len(firsts))]
 
 
 def _text(table: pd.DataFrame) -> str:
@@ -195,14 +190,10 @@ def survey(corpus: Corpus) -> Survey:
     if not len(corpus):
         raise InputError(f"{corpus.name} has no captures to look at")
     gestures, code = np.unique(corpus.captures["gesture"].astype(str).to_numpy(dtype=object), return_inverse=True)
-    read = _Readings(corpus, code, len(gestures))
+    readings = _Readings(corpus, code, len(gestures))
     factors = _factors(corpus.captures)
-    taxels = _taxels(read, corpus)
     seconds = corpus.lengths / corpus.rate_hz
-    captures = pd.DataFrame({"subject": corpus.subjects, "s": seconds}).assign(
-        lowest=read.lowest.min(axis=1), highest=read.highest.max(axis=1), still=read.still.all(axis=1)
-    )
-    groups = captures.groupby(code)
+    groups = pd.DataFrame({"subject": corpus.subjects, "s": seconds}).groupby(code)
     durations = groups.agg(
         captures=("s", "size"),
         subjects=("subject", "nunique"),
@@ -212,19 +203,19 @@ def survey(corpus: Corpus) -> Survey:
     )
     durations.insert(0, "gesture", gestures)
     frames = np.bincount(code, corpus.lengths, len(gestures))
-    means = (read.sums / frames[:, None]).reshape(-1, *corpus.grid)
-    readings = frames * means[0].size
+    means = (readings.sums / frames[:, None]).reshape(-1, *corpus.grid)
+    lowest, highest = readings.lowest.min(axis=1), readings.highest.max(axis=1)
     pressure = pd.DataFrame(
         {
             "gesture": gestures,
-            "lowest": groups["lowest"].min().to_numpy(),
+            "lowest": pd.Series(lowest).groupby(code).min(),
             "mean": means.mean(axis=(1, 2)),
-            "highest": groups["highest"].max().to_numpy(),
-            "full_scale": 100 * read.full.sum(axis=1) / readings,
-            "still": groups["still"].sum().to_numpy(),
+            "highest": pd.Series(highest).groupby(code).max(),
+            "full_scale": 100 * readings.full.sum(axis=1) / (frames * means[0].size),
+            "still": pd.Series(readings.still.all(axis=1)).groupby(code).sum(),
         }
     )
-    course = pd.DataFrame({"s": seconds, "mean": read.level, "highest": captures["highest"]})
+    typical = _typical(pd.DataFrame({"s": seconds, "mean": readings.level, "highest": highest}), code)
     return Survey(
         title=repr(corpus).strip("<>") + f", full scale {corpus.full_scale:g}",
         synthetic=corpus.synthetic,
@@ -234,10 +225,10 @@ def survey(corpus: Corpus) -> Survey:
         classes=_classes(corpus),
         durations=durations,
         pressure=pressure,
-        taxels=taxels,
+        taxels=_taxels(readings, corpus),
         duplicates=_duplicates(corpus),
         means=means,
-        typical={str(g): int(corpus.index[i]) for g, i in zip(gestures, _typical(course, code), strict=True)},
+        typical={str(g): int(corpus.index[i]) for g, i in zip(gestures, typical, strict=True)},
     )
 
 
@@ -299,86 +290,83 @@ class _Readings:
         self.still = self.lowest == self.highest
 
 
-def _taxels(read: _Readings, corpus: Corpus) -> pd.DataFrame:
+def _taxels(readings: _Readings, corpus: Corpus) -> pd.DataFrame:
     """The table of `Survey.taxels`."""
     frames = int(corpus.lengths.sum())
-    lowest, highest = read.lowest.min(axis=0), read.highest.max(axis=0)
-    sd = np.sqrt(read.within / frames)
+    lowest, highest = readings.lowest.min(axis=0), readings.highest.max(axis=0)
+    sd = np.sqrt(readings.within / frames)
     several = corpus.lengths > 1  # a single frame shows no change
-    never = read.still[several].all(axis=0) if several.any() else lowest == highest
-    still = 100 * (read.still & _surrounded(~read.still, corpus.grid))[several].sum(axis=0) / max(1, several.sum())
+    never = readings.still[several].all(axis=0) if several.any() else lowest == highest
+    alone = readings.still & _surrounded(~readings.still, corpus.grid)
+    still = 100 * alone[several].sum(axis=0) / max(1, several.sum())
     around = _around(np.where(never, np.nan, sd).reshape(corpus.grid)).ravel()
-    full = lowest >= corpus.full_scale
     with np.errstate(invalid="ignore"):  # comparisons with nan, where nothing around varies, are false
-        verdicts = [
-            (full, "always at full scale"),
-            (lowest == highest, "never varies"),
-            (never, "never varies within a capture"),
-            (still > ALONE, "often does not vary while all around it do"),
-            (ODD * sd < around, LESS),
-            (sd > ODD * around, "varies far more than those around it"),
-        ]
+        verdicts = {
+            "always at full scale": lowest >= corpus.full_scale,
+            "never varies": lowest == highest,
+            "never varies within a capture": never,
+            "often does not vary while all around it do": still > ALONE,
+            LESS: ODD * sd < around,
+            "varies far more than those around it": sd > ODD * around,
+        }
     row, col = np.indices(corpus.grid).reshape(2, -1)
     return pd.DataFrame(
         {
             "row": row,
             "col": col,
             "lowest": lowest,
-            "mean": read.sums.sum(axis=0) / frames,
+            "mean": readings.sums.sum(axis=0) / frames,
             "highest": highest,
-            "full_scale": 100 * read.full.sum(axis=0) / frames,
+            "full_scale": 100 * readings.full.sum(axis=0) / frames,
             "sd": sd,
             "around": around,
             "still": still,
-            "verdict": np.select([where for where, _ in verdicts], [words for _, words in verdicts], ""),
+            "verdict": np.select([*verdicts.values()], [*verdicts], ""),
         }
     )
 
 
 def _surrounded(varies: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
-    """Whether all of the up to eight taxels around each one vary; false where there are none.
+    """Whether all of the up to eight taxels around each one vary, bool [captures, taxels]; false where there are none.
 
     Args:
         varies: bool [captures, taxels].
         grid: rows and columns.
-
-    Returns:
-        bool [captures, taxels].
     """
     if grid == (1, 1):
         return np.zeros_like(varies)
-    rows, cols = grid
-    edged = np.pad(varies.reshape(-1, rows, cols), ((0, 0), (1, 1), (1, 1)), constant_values=True)
-    found = np.ones((len(varies), rows, cols), bool)
-    for i, j in NEAR:
-        found &= edged[:, 1 + i : 1 + i + rows, 1 + j : 1 + j + cols]
-    return found.reshape(varies.shape)
+    near = _near(varies.reshape(-1, *grid), True)
+    return np.logical_and.reduce(near).reshape(varies.shape)
 
 
 def _around(values: np.ndarray) -> np.ndarray:
     """Median of the up to eight values around each one, nan left out; nan where there are none [rows, cols]."""
-    rows, cols = values.shape
-    edged = np.pad(values, 1, constant_values=np.nan)
-    near = [edged[1 + i : 1 + i + rows, 1 + j : 1 + j + cols] for i, j in NEAR]
-    table = np.sort(np.stack(near), axis=0)  # nan last
-    known = np.isfinite(table).sum(axis=0)
-    low, high = (np.take_along_axis(table, i[None], axis=0)[0] for i in ((known - 1).clip(0) // 2, known // 2))
-    return np.where(known > 0, (low + high) / 2, np.nan)
+    near = np.sort(np.concatenate(_near(values[None], np.nan)), axis=0)  # nan last
+    count = np.isfinite(near).sum(axis=0)
+    low, high = (np.take_along_axis(near, i[None], axis=0)[0] for i in ((count - 1).clip(0) // 2, count // 2))
+    return np.where(count > 0, (low + high) / 2, np.nan)
+
+
+def _near(values: np.ndarray, beyond: float) -> list[np.ndarray]:
+    """The values on each of the eight sides of every taxel, each [captures, rows, cols]; ``beyond`` off the edge."""
+    _, rows, cols = values.shape
+    edged = np.pad(values, ((0, 0), (1, 1), (1, 1)), constant_values=beyond)
+    return [edged[:, i : i + rows, j : j + cols] for i, j in np.ndindex(3, 3) if (i, j) != (1, 1)]
 
 
 def _factors(captures: pd.DataFrame) -> list[str]:
     """Subject, gesture, and the conditions: columns of text that repeat; numbers count, and a split is no condition."""
-    found = ["subject", "gesture"]
+    factors = ["subject", "gesture"]
     combinations = captures["subject"].nunique() * captures["gesture"].nunique()
-    for column in captures.columns.drop([*found, "split", "captures"], errors="ignore"):
+    for column in captures.columns.drop([*factors, "split", "captures"], errors="ignore"):
         values = captures[column]
         if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values):
             continue
         several = values.nunique(dropna=False)
         if several > 1 and combinations * several <= CROSSED * len(captures):
-            found.append(column)
+            factors.append(column)
             combinations *= several
-    return found
+    return factors
 
 
 def _counts(captures: pd.DataFrame, factors: list[str]) -> pd.DataFrame:
@@ -403,17 +391,17 @@ def _counted(name: str) -> tuple[int, str]:
 def _duplicates(corpus: Corpus) -> pd.DataFrame:
     """The table of `Survey.duplicates`."""
     groups = sorted(identical(corpus), key=lambda group: quiet(corpus[group[0]]))
-    about = corpus.captures.drop(columns=["capture", "group", "differs", "quiet"], errors="ignore")
-    labels = list(about)
-    about.insert(0, "capture", corpus.index)
-    found = about.iloc[[i for group in groups for i in group]]
-    found.insert(0, "group", np.repeat(np.arange(1, len(groups) + 1), [len(group) for group in groups]))
-    found = found.sort_values(["group", "capture"], kind="stable", ignore_index=True)
-    several = found.groupby("group")[labels].nunique(dropna=False).to_numpy() > 1
-    differs = [", ".join(np.array(labels, dtype=object)[row]) for row in several]
-    still = [quiet(corpus[group[0]]) for group in groups]
-    number = found["group"].to_numpy() - 1
-    return found.assign(differs=np.array(differs, dtype=object)[number], quiet=np.array(still, dtype=bool)[number])
+    labels = corpus.captures.drop(columns=["capture", "group", "differs", "quiet"], errors="ignore")
+    number = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
+    rows = np.array([i for group in groups for i in group], dtype=int)
+    table = labels.iloc[rows]
+    table.insert(0, "group", number + 1)
+    table.insert(1, "capture", corpus.index[rows])
+    several = table.groupby("group")[list(labels)].nunique(dropna=False).to_numpy() > 1
+    differs = np.array([", ".join(labels.columns[row]) for row in several], dtype=object)
+    still = np.array([quiet(corpus[group[0]]) for group in groups], dtype=bool)
+    table = table.assign(differs=differs[number], quiet=still[number])
+    return table.sort_values(["group", "capture"], kind="stable", ignore_index=True)
 
 
 def _typical(course: pd.DataFrame, code: np.ndarray) -> list[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -35,14 +36,14 @@ class Decider:
     Attributes:
         arrays: by name, floats, or whole numbers of 8 bits.
         body: of ``decide``, with ``{name}`` for a table.
-        about: what it is, in a comment.
+        comment: what it is.
         buffers: numbers in memory that the body works in, by name.
         defines: by name.
     """
 
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
     body: str = ""
-    about: str = ""
+    comment: str = ""
     buffers: dict[str, int] = field(default_factory=dict)
     defines: dict[str, str] = field(default_factory=dict)
 
@@ -55,46 +56,8 @@ def number(value: float) -> str:
     return f"{text}f"
 
 
-def has_c(classifier: object) -> bool:
-    """Whether a classifier, fitted or not, can become C."""
-    own = (Guarded, Discriminants, LogisticRegression, GaussianBayes, RankedSVC, PrunedTree, BoostedTrees)
-    return isinstance(classifier, (*own, RandomForestClassifier, ExtraTreesClassifier, DecisionTreeClassifier))
-
-
-def decider(system: Pipeline, width: int, bits: int) -> Decider:
-    """A classifier and the scaling before it.
-
-    Raises:
-        InputError: one of them has no C.
-    """
-    classifier = system.steps[-1][1]
-    classifier = classifier.tree_ if isinstance(classifier, PrunedTree) else classifier
-    scaling = _affine([step for _, step in system.steps[1:-1]], width)
-    if isinstance(classifier, Guarded):
-        return _guarded(classifier, bits)
-    if isinstance(classifier, Discriminants):
-        known = classifier.learnt_
-        varies = _varies(known.mean, known.sd)
-        whole = _then(scaling, known.mean, np.where(varies, _inverse(known.sd), 0), np.zeros(width))
-        weights = classifier.coef_ * np.where(varies, known.sd, 0)
-        return _linear(whole, weights, classifier.intercept_ + classifier.coef_ @ known.mean, bits)
-    if isinstance(classifier, LogisticRegression):
-        weights, bias = classifier.coef_, classifier.intercept_
-        if len(weights) == 1:
-            weights, bias = np.concatenate([0 * weights, weights]), np.concatenate([0 * bias, bias])
-        return _linear(scaling, weights, bias, bits)
-    if isinstance(classifier, GaussianBayes):
-        return _bayes(scaling, classifier, bits)
-    if isinstance(classifier, RankedSVC):
-        return _svm(scaling, classifier, bits)
-    if isinstance(classifier, RandomForestClassifier | ExtraTreesClassifier | DecisionTreeClassifier):
-        return _forest(scaling, getattr(classifier, "estimators_", [classifier]), bits)
-    if isinstance(classifier, BoostedTrees):
-        return _boosted(scaling, classifier, bits)
-    raise InputError(f"{type(classifier).__name__} has no C: {HAVE} have")
-
-
 Affine = tuple[np.ndarray, np.ndarray, np.ndarray]
+Leaf = Callable[[int], int]
 
 
 def _inverse(values: np.ndarray) -> np.ndarray:
@@ -113,19 +76,19 @@ def _affine(steps: list, width: int) -> Affine:
     Raises:
         InputError: one of them is no scaling.
     """
-    found = np.zeros(width), np.ones(width), np.zeros(width)
+    scaling = np.zeros(width), np.ones(width), np.zeros(width)
     for step in steps:
         if isinstance(step, PersonScaler):
-            found = _then(found, step.mean_ + step.shift_, 1 / step.scale_, step.mean_)
+            scaling = _then(scaling, step.mean_ + step.shift_, 1 / step.scale_, step.mean_)
         elif isinstance(step, RangeScaler):
-            found = _then(found, step.data_min_, step.scale_, np.full(width, float(step.feature_range[0])))
+            scaling = _then(scaling, step.data_min_, step.scale_, np.full(width, float(step.feature_range[0])))
         elif isinstance(step, ZScaler):
-            found = _then(found, step.mean_, _inverse(step.scale_), np.zeros(width))
+            scaling = _then(scaling, step.mean_, _inverse(step.scale_), np.zeros(width))
         elif isinstance(step, Pipeline):
-            found = _then(found, *_affine([part for _, part in step.steps], width))
+            scaling = _then(scaling, *_affine([part for _, part in step.steps], width))
         else:
             raise InputError(f"{type(step).__name__} between features and classifier has no C")
-    return found
+    return scaling
 
 
 def _then(before: Affine, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Affine:
@@ -145,15 +108,29 @@ def _measured(scaling: Affine) -> tuple[dict[str, np.ndarray], str]:
 
 
 def _linear(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -> Decider:
-    w, step = rounded(weights, bits)
-    arrays, measured = _measured(scaling)
-    body = (
-        measured + "    layer({weights}, {step}, {bias}, CLASSES, FEATURES, t->features, proba);\n    softmax(proba);\n"
-    )
-    return Decider(arrays | {"weights": w, "step": step, "bias": bias.astype(SINGLE)}, body, "weighed, class by class")
+    integers, step = rounded(weights, bits)
+    arrays, body = _measured(scaling)
+    body += "    layer({weights}, {step}, {bias}, CLASSES, FEATURES, t->features, proba);\n    softmax(proba);\n"
+    arrays |= {"weights": integers, "step": step, "bias": bias.astype(SINGLE)}
+    return Decider(arrays, body, "weighed, class by class")
 
 
-def _guarded(classifier: Guarded, bits: int) -> Decider:
+def _discriminants(scaling: Affine, classifier: Discriminants, bits: int) -> Decider:
+    learnt = classifier.learnt_
+    varies = _varies(learnt.mean, learnt.sd)
+    standard = _then(scaling, learnt.mean, np.where(varies, _inverse(learnt.sd), 0), np.zeros(len(learnt.mean)))
+    weights = classifier.coef_ * np.where(varies, learnt.sd, 0)
+    return _linear(standard, weights, classifier.intercept_ + classifier.coef_ @ learnt.mean, bits)
+
+
+def _logistic(scaling: Affine, classifier: LogisticRegression, bits: int) -> Decider:
+    weights, bias = classifier.coef_, classifier.intercept_
+    if len(weights) == 1:  # two classes; the first one scores 0
+        weights, bias = np.concatenate([0 * weights, weights]), np.concatenate([0 * bias, bias])
+    return _linear(scaling, weights, bias, bits)
+
+
+def _guarded(_: Affine, classifier: Guarded, bits: int) -> Decider:
     """Both classifiers measure from the same mean, that of undamaged rows; the network has its own besides."""
     linear, network = classifier.linear_, classifier.robust_
     width = classifier.n_features_in_
@@ -198,8 +175,8 @@ def _guarded(classifier: Guarded, bits: int) -> Decider:
     }}}}
 """
     units = len(network.intercepts_[0])
-    about = "linear discriminants, and a network as far as features are unusual"
-    return Decider(arrays, body, about, {"measured": width, "units": units}, {"UNITS": str(units)})
+    comment = "linear discriminants, and a network as far as features are unusual"
+    return Decider(arrays, body, comment, {"measured": width, "units": units}, {"UNITS": str(units)})
 
 
 def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
@@ -211,17 +188,15 @@ def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
         inverse.append(1 / diagonal)
         bias.append(np.log(prior) - np.log(diagonal).sum())
     triangle, step = rounded(np.stack(rows), bits)
-    scaled, measured = _measured(scaling)
-    arrays = scaled | {
+    arrays, body = _measured(scaling)
+    arrays |= {
         "triangle": triangle,
         "step": step,
         "inverse": np.concatenate(inverse).astype(SINGLE),
         "means": classifier.means_.ravel().astype(SINGLE),
         "bias": np.array(bias, SINGLE),
     }
-    body = (
-        measured
-        + """    float *white = t->measured;
+    body += """    float *white = t->measured;
     for (int c = 0; c < CLASSES; c++) {{
         const weight_t *row = {triangle} + c * (FEATURES * (FEATURES - 1) / 2);
         float square = 0;
@@ -236,28 +211,27 @@ def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
     }}
     softmax(proba);
 """
-    )
     return Decider(arrays, body, "a normal distribution for each class", {"measured": len(scaling[0])})
 
 
 def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
-    given = np.asarray(classifier.support_vectors_)
+    support = np.asarray(classifier.support_vectors_)
+    width = support.shape[1]
     if classifier.kernel == "rbf":  # distances stay the same, and a step for each feature is as small as can be
-        middle = (given.min(axis=0) + given.max(axis=0)) / 2
-        given, scaling = given - middle, _then(scaling, middle, np.ones(given.shape[1]), np.zeros(given.shape[1]))
+        middle = (support.min(axis=0) + support.max(axis=0)) / 2
+        support, scaling = support - middle, _then(scaling, middle, np.ones(width), np.zeros(width))
     # 8 bits would change one label in six on HAART: the kernels of the published grid are narrow
-    vectors, step = rounded(given.T, 16 if bits == 8 else bits)
+    vectors, step = rounded(support.T, 16 if bits == 8 else bits)
     first = np.concatenate([[0], np.cumsum(classifier.n_support_)])
-    scaled, measured = _measured(scaling)
-    arrays = scaled | {
+    arrays, body = _measured(scaling)
+    arrays |= {
         "vectors": vectors.T,
         "step": step,
         "dual": np.asarray(classifier._dual_coef_).ravel().astype(SINGLE),
         "intercept": np.asarray(classifier._intercept_, SINGLE),
         "first": first.astype(np.int32),
     }
-    given = "{vectors}, {step}, {dual}, {intercept}, {first}"
-    body = f"{measured}    machine(t->features, {given}, t->measured, proba);\n"
+    body += "    machine(t->features, {vectors}, {step}, {dual}, {intercept}, {first}, t->measured, proba);\n"
     body += "    softmax(proba);\n"
     buffers = {"measured": int(first[-1])}
     defines = {"LINEAR_KERNEL": str(int(classifier.kernel == "linear")), "GAMMA": number(classifier._gamma)}
@@ -273,21 +247,22 @@ class Nodes:
     right: list[int] = field(default_factory=list)
     roots: list[int] = field(default_factory=list)
 
-    def add(self, left: np.ndarray, right: np.ndarray, feature: np.ndarray, threshold: np.ndarray, leaf: Any) -> None:
-        """One tree; ``leaf(node)`` says which leaf a node is."""
+    def add(self, sides: tuple[np.ndarray, np.ndarray], feature: np.ndarray, threshold: np.ndarray, leaf: Leaf) -> None:
+        """One tree; ``sides`` are the left and right child of each node, ``leaf(node)`` says which leaf a node is."""
+        left, right = sides
         self.roots.append(len(self.feature))
         waiting: list[tuple[int, int]] = [(0, -1)]
         while waiting:
             node, parent = waiting.pop()
+            position = len(self.feature)
             if parent >= 0:
-                self.right[parent] = len(self.feature) - parent
-            place = len(self.feature)
+                self.right[parent] = position - parent
             split = left[node] >= 0
             self.feature.append(int(feature[node]) if split else -1)
             self.threshold.append(float(threshold[node]) if split else 0.0)
             self.right.append(0 if split else leaf(node))
             if split:
-                waiting += [(int(right[node]), place), (int(left[node]), -1)]
+                waiting += [(int(right[node]), position), (int(left[node]), -1)]
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Tables of all trees.
@@ -310,28 +285,23 @@ def _at_most(threshold: np.ndarray) -> np.ndarray:
     return np.nextafter(low, SINGLE(np.inf))
 
 
-def _forest(scaling: Affine, trees: list, bits: int) -> Decider:
+def _forest(scaling: Affine, classifier: Any, bits: int) -> Decider:
     """Class shares of leaves, each once, which many leaves of a forest have in common."""
-    known: dict[bytes, int] = {}
-    shares: list[np.ndarray] = []
+    trees = getattr(classifier, "estimators_", [classifier])
+    numbers: dict[bytes, int] = {}  # of leaves, by their shares
     nodes = Nodes()
     for member in trees:
         tree = member.tree_
         values = tree.value[:, 0, :] / tree.value[:, 0, :].sum(axis=1, keepdims=True)
+        shares = np.rint(values * 127).astype(np.int8) if bits == 8 else values.astype(SINGLE)
 
-        def leaf(node: int, values: np.ndarray = values) -> int:
-            value = np.rint(values[node] * 127) if bits == 8 else values[node].astype(SINGLE)
-            if value.tobytes() not in known:
-                known[value.tobytes()] = len(shares)
-                shares.append(value)
-            return known[value.tobytes()]
+        def leaf(node: int, shares: np.ndarray = shares) -> int:
+            return numbers.setdefault(shares[node].tobytes(), len(numbers))
 
-        nodes.add(tree.children_left, tree.children_right, tree.feature, _at_most(tree.threshold), leaf)
-    table = np.stack(shares).astype(np.int8 if bits == 8 else SINGLE)
-    scaled, measured = _measured(scaling)
-    body = (
-        measured
-        + """    float sum = 0;
+        nodes.add((tree.children_left, tree.children_right), tree.feature, _at_most(tree.threshold), leaf)
+    arrays, body = _measured(scaling)
+    arrays |= nodes.arrays() | {"shares": np.frombuffer(b"".join(numbers), np.int8 if bits == 8 else SINGLE)}
+    body += """    float sum = 0;
     for (int c = 0; c < CLASSES; c++)
         proba[c] = 0;
     for (int tree = 0; tree < TREES; tree++) {{
@@ -344,8 +314,6 @@ def _forest(scaling: Affine, trees: list, bits: int) -> Decider:
     for (int c = 0; c < CLASSES; c++)
         proba[c] /= sum;
 """
-    )
-    arrays = scaled | nodes.arrays() | {"shares": table.ravel()}
     return Decider(arrays, body, "class shares of the leaves of trees", defines={"TREES": str(len(trees))})
 
 
@@ -353,38 +321,74 @@ def _boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
     """Leaves hold a share of the score of one class."""
     booster = classifier.booster_.get_booster()
     model = json.loads(bytes(booster.save_raw("json")))["learner"]["gradient_booster"]["model"]
-    nodes, scores = Nodes(), []
+    nodes = Nodes()
+    scores: list[float] = []
     width, classes = classifier.n_features_in_, len(classifier.classes_)
     for tree in model["trees"]:
         value = np.array(tree["split_conditions"], SINGLE)
 
         def leaf(node: int, value: np.ndarray = value) -> int:
-            scores.append(value[node])
+            scores.append(float(value[node]))
             return len(scores) - 1
 
-        nodes.add(*(np.array(tree[k]) for k in ("left_children", "right_children", "split_indices")), value, leaf)
+        left, right, feature = (np.array(tree[k]) for k in ("left_children", "right_children", "split_indices"))
+        nodes.add((left, right), feature, value, leaf)
     if len(scores) >= 2**16:
         raise InputError("the trees have more leaves than 16 bits can count; fit fewer or smaller ones")
     group = np.array(model["tree_info"], np.int32) + (1 if classes == 2 else 0)
-    scaled, measured = _measured(scaling)
     leaves, step = rounded(np.array(scores, float)[None], bits)
-    arrays = scaled | nodes.arrays() | {"scores": leaves[0], "step": step, "group": group}
-    told = np.atleast_2d(classifier.booster_.predict(np.zeros((1, width)), output_margin=True).astype(float))
-    told = told.reshape(1, -1)
+    arrays, body = _measured(scaling)
+    arrays |= nodes.arrays() | {"scores": leaves[0], "step": step, "group": group}
+    # The score that no tree gives: of a row of zeros, what the booster predicts without what the trees add.
+    margin = classifier.booster_.predict(np.zeros((1, width)), output_margin=True).astype(float).ravel()
     sums = np.zeros(classes)
     for tree, root in enumerate(nodes.roots):
         at = root
         while nodes.feature[at] >= 0:
             at = at + 1 if nodes.threshold[at] > 0 else at + nodes.right[at]
-        sums[group[tree]] += float(scores[nodes.right[at]])
-    arrays["bias"] = (np.array([0.0, told[0, 0]]) - sums if classes == 2 else told[0] - sums).astype(SINGLE)
-    body = (
-        measured
-        + """    for (int c = 0; c < CLASSES; c++)
+        sums[group[tree]] += scores[nodes.right[at]]
+    arrays["bias"] = ((np.array([0.0, margin[0]]) if classes == 2 else margin) - sums).astype(SINGLE)
+    body += """    for (int c = 0; c < CLASSES; c++)
         proba[c] = {bias}[c];
     for (int tree = 0; tree < TREES; tree++)
         proba[{group}[tree]] += (float){scores}[leaf({nodes}, {roots}[tree], t->features)] * {step}[0];
     softmax(proba);
 """
-    )
     return Decider(arrays, body, "boosted trees", defines={"TREES": str(len(nodes.roots))})
+
+
+TREES = (RandomForestClassifier, ExtraTreesClassifier, DecisionTreeClassifier)
+DECIDERS: dict[Any, Callable[[Affine, Any, int], Decider]] = {
+    Guarded: _guarded,
+    Discriminants: _discriminants,
+    LogisticRegression: _logistic,
+    GaussianBayes: _bayes,
+    RankedSVC: _svm,
+    PrunedTree: lambda scaling, classifier, bits: _forest(scaling, classifier.tree_, bits),
+    **dict.fromkeys(TREES, _forest),
+    BoostedTrees: _boosted,
+}
+
+
+def has_c(classifier: object) -> bool:
+    """Whether a classifier, fitted or not, can become C."""
+    return isinstance(classifier, tuple(DECIDERS))
+
+
+def decider(system: Pipeline, width: int, bits: int) -> Decider:
+    """A classifier and the scaling before it.
+
+    Args:
+        system: features, scaling and classifier, fitted.
+        width: number of features.
+        bits: of a learnt weight, 32 or 8.
+
+    Raises:
+        InputError: one of them has no C.
+    """
+    classifier = system.steps[-1][1]
+    scaling = _affine([step for _, step in system.steps[1:-1]], width)
+    for kind, convert in DECIDERS.items():
+        if isinstance(classifier, kind):
+            return convert(scaling, classifier, bits)
+    raise InputError(f"{type(classifier).__name__} has no C: {HAVE} have")

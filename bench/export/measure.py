@@ -21,7 +21,7 @@ PROGRAMS = ("cc", "make", "arm-none-eabi-gcc", "qemu-system-arm")
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC")
 REASON = re.compile(r"too small|error:|undefined reference")  # among the lines of a linker, what is not what follows
 LIMIT_S = 300  # of one program; QEMU takes seconds
-SAID = (
+PRINTED = (  # by make flash count chip
     r"flash: (?P<code>\d+) bytes of code, (?P<tables>\d+) of tables",
     r"RAM of the library: (?P<ram>\d+) bytes of state",
     r"library: (?P<flash>\d+) bytes of flash",
@@ -43,19 +43,19 @@ def compiled(folder: Path, classes: int) -> Callable[[np.ndarray], np.ndarray]:
         ValueError: they do not compile; the function: the capture is refused.
     """
     (folder / "asked.c").write_text((CODE / "asked.c").read_text(encoding="utf-8"), encoding="utf-8")
-    _said(["cc", *FLAGS, "asked.c", "-lm", "-o", "asked.so"], folder)
+    _output(["cc", *FLAGS, "asked.c", "-lm", "-o", "asked.so"], folder)
     run = ctypes.CDLL(str(folder / "asked.so")).asked
     floats = ctypes.POINTER(ctypes.c_float)
 
-    def asked(frames: np.ndarray) -> np.ndarray:
-        given = np.ascontiguousarray(frames.reshape(len(frames), -1), dtype=np.float32)
+    def probabilities(frames: np.ndarray) -> np.ndarray:
+        values = np.ascontiguousarray(frames.reshape(len(frames), -1), dtype=np.float32)
         proba = np.zeros(classes, np.float32)
-        code = run(given.ctypes.data_as(floats), len(given), proba.ctypes.data_as(floats))
+        code = run(values.ctypes.data_as(floats), len(values), proba.ctypes.data_as(floats))
         if code < 0:
             raise ValueError(f"the program refuses a capture of {len(frames)} frames with code {code}")
         return proba
 
-    return asked
+    return probabilities
 
 
 def measured(folder: Path) -> dict[str, float]:
@@ -74,25 +74,25 @@ def measured(folder: Path) -> dict[str, float]:
     Raises:
         ValueError: they do not compile, or the program does not fit into 256 KiB and 32 KiB, or QEMU does not end.
     """
-    text = _said(["make", "-s", "flash", "count", "chip"], folder)
-    found: dict[str, float] = {}
-    for pattern in SAID:
+    text = _output(["make", "-s", "flash", "count", "chip"], folder)
+    numbers: dict[str, float] = {}
+    for pattern in PRINTED:
         if not (match := re.search(pattern, text)):
             raise ValueError(f"make flash count chip said nothing of {pattern.partition(':')[0]}: {text[-300:]}")
-        found |= {name: float(value) for name, value in match.groupdict().items()}
+        numbers |= {name: float(value) for name, value in match.groupdict().items()}
     return {
-        "chip_flash_bytes": found["flash"],
-        "chip_code_bytes": found["code"],
-        "chip_table_bytes": found["tables"],
-        "chip_ram_bytes": found["ram"],
-        "chip_program_ram_bytes": found["program"] + found["reserve"],
-        "chip_stack_bytes": found["stack"],
-        "chip_frame_instructions": found["mean"],
-        "chip_most_instructions": found["most"],
+        "chip_flash_bytes": numbers["flash"],
+        "chip_code_bytes": numbers["code"],
+        "chip_table_bytes": numbers["tables"],
+        "chip_ram_bytes": numbers["ram"],
+        "chip_program_ram_bytes": numbers["program"] + numbers["reserve"],
+        "chip_stack_bytes": numbers["stack"],
+        "chip_frame_instructions": numbers["mean"],
+        "chip_most_instructions": numbers["most"],
     }
 
 
-def _said(call: list[str], folder: Path) -> str:
+def _output(call: list[str], folder: Path) -> str:
     """What a program prints.
 
     Raises:
@@ -101,17 +101,17 @@ def _said(call: list[str], folder: Path) -> str:
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(call, cwd=folder, start_new_session=True, **pipes) as process:
         try:
-            said, complaint = process.communicate(timeout=LIMIT_S)
+            output, errors = process.communicate(timeout=LIMIT_S)
         except BaseException as e:
             os.killpg(process.pid, signal.SIGKILL)  # make, and QEMU that it has started
             if isinstance(e, subprocess.TimeoutExpired):
                 raise ValueError(f"{call[0]} did not end within {LIMIT_S} s") from e
             raise
     if process.returncode:
-        lines = (complaint or said).strip().splitlines() or [f"exit code {process.returncode}"]
+        lines = (errors or output).strip().splitlines() or [f"exit code {process.returncode}"]
         reason = next((line for line in lines if REASON.search(line)), lines[-1])
         raise ValueError(f"{' '.join(call)}: {reason.strip()[-300:]}")
-    return said
+    return output
 
 
 @cache

@@ -24,7 +24,7 @@ def check(system: System) -> None:
         raise InputError(f"{type(system).__name__} has no C: of networks hughes2017_cnn has; so have {HAVE}")
 
 
-def convolved(system: System, grid: tuple[int, int], bits: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def convolved(system: Hughes2017CNN, grid: tuple[int, int], bits: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Sizes by name, and the weights of both layers of filters.
 
     Pools take the most of two times, and of two rows and columns where there are two.
@@ -33,9 +33,9 @@ def convolved(system: System, grid: tuple[int, int], bits: int) -> tuple[dict[st
         system: fitted.
         grid: rows and columns of a frame.
         bits: of a weight, 32 or 8; biases and steps have 32.
-
     """
-    first, pool1, _, second, pool2 = system.net_[:5]
+    net: Any = system.net_
+    first, pool1, _, second, pool2 = net[:5]
     window, hop = system.design_[1:3]
     frames, *kernel1 = first.kernel_size
     maps = [(n - k + 1) // p for n, k, p in zip(grid, kernel1, pool1.kernel_size[1:], strict=True)]
@@ -64,7 +64,8 @@ def convolved(system: System, grid: tuple[int, int], bits: int) -> tuple[dict[st
 
 def head(system: Hughes2017CNN, bits: int) -> Decider:
     """The two layers of units after the filters."""
-    hidden, last = (m for m in system.net_ if isinstance(m, torch.nn.Linear))
+    net: Any = system.net_
+    hidden, last = (part for part in net if isinstance(part, torch.nn.Linear))
     body = """    layer({hidden}, {hidden_step}, {hidden_bias}, UNITS, FEATURES, t->features, t->units);
     for (int i = 0; i < UNITS; i++)
         t->units[i] = fmaxf(t->units[i], 0);
@@ -80,7 +81,7 @@ def _named(name: str, sizes: tuple[int, ...] | list[int]) -> dict[str, int]:
     return {f"{name}_{side}": n for side, n in zip(("FRAMES", "ROWS", "COLS"), sizes, strict=True)}
 
 
-def _layer(name: str, module: torch.nn.Module, bits: int) -> dict[str, np.ndarray]:
+def _layer(name: str, module: Any, bits: int) -> dict[str, np.ndarray]:
     weights, bias = (p.detach().cpu().numpy() for p in (module.weight, module.bias))
-    whole, step = rounded(weights.reshape(len(weights), -1), bits)
-    return {name: whole, f"{name}_step": step, f"{name}_bias": bias.astype(SINGLE)}
+    integers, step = rounded(weights.reshape(len(weights), -1), bits)
+    return {name: integers, f"{name}_step": step, f"{name}_bias": bias.astype(SINGLE)}

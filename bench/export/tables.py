@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from sklearn.pipeline import Pipeline
 
-from bench.contract import System
 from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from bench.export.classifiers import HAVE, Decider, decider, has_c, number
@@ -18,6 +17,7 @@ from models.recipe import Recipe
 from models.reflex import Reflex
 
 if TYPE_CHECKING:
+    from bench.work.replay import Stopping
     from bench.work.saved import Recogniser
 
 LONGEST_TOUCH = 2**30  # frames; a window forgets
@@ -52,83 +52,67 @@ def check(estimator: Any) -> None:
         return
     system, steps = _opened(estimator, "system")
     if not isinstance(system, Pipeline):
-        from bench.export.network import check as check_network  # PyTorch, which other systems do without
+        from bench.export import network  # PyTorch, which other systems do without
 
-        check_network(system)
+        network.check(system)
         return
     _features(system, steps)
     if not has_c(system.steps[-1][1]):
         raise InputError(f"{type(system.steps[-1][1]).__name__} has no C: {HAVE} have")
 
 
-def chip_of(found: Recogniser, bits: int) -> Chip:
+def chip_of(recogniser: Recogniser, bits: int) -> Chip:
     """What the C of a saved system is made of.
 
     Args:
-        found: as `bench.work.saved.load` gives it.
+        recogniser: as `bench.work.saved.load` gives it.
         bits: of a learnt weight, 32 or 8.
 
     Raises:
         InputError: it cannot become C; the message says why.
     """
-    estimator = found.estimator
-    whole, early = (estimator.whole_, estimator.early_) if isinstance(estimator, Reflex) else (estimator, None)
-    system, steps = _opened(whole)
-    if not isinstance(system, Pipeline):
-        return _network(system, steps, found, bits)
-    name, windows = _features(system, steps)
-    width = len(system.steps[0][1].get_feature_names_out())
-    longest = LONGEST_TOUCH if name == "touch" else found.longest
-    defines = _sizes(found, width, longest) | _steps(steps, found) | _windows(windows, early, found)
-    deciders = {"decide": decider(system, width, bits)}
-    if early is not None:
-        deciders["decide_early"] = decider(_opened(early)[0], width, bits)
-    return _chip(found, defines, deciders, name)
+    estimator: Any = recogniser.estimator
+    reflex = isinstance(estimator, Reflex)
+    system, steps = _opened(estimator.whole_ if reflex else estimator)
+    early = _opened(estimator.early_) if reflex else None
+    arrays: dict[str, np.ndarray] = {}
+    if isinstance(system, Pipeline):
+        name, windows = _features(system, steps)
+        width = len(system.steps[0][1].get_feature_names_out())
+        longest = LONGEST_TOUCH if name == "touch" else recogniser.longest
+        short = next(step for step in early[1] if isinstance(step, Windows)) if early else None
+        sizes = _windows(windows, short, recogniser.rate_hz)
+        deciders = {"decide": decider(system, width, bits)}
+        if early:
+            deciders["decide_early"] = decider(early[0], width, bits)
+    else:
+        from bench.export import network  # PyTorch, which other systems do without
+
+        network.check(system)
+        name, longest = "convolved", LONGEST_TOUCH
+        sizes, arrays = network.convolved(system, recogniser.grid, bits)
+        deciders = {"decide": network.head(system, bits)}
+        width = deciders["decide"].arrays["hidden"].shape[1]
+    defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
+    defines |= _stopping(recogniser.stopping)
+    for part in deciders.values():
+        defines |= part.defines
+    return Chip({k: str(v) for k, v in defines.items()}, deciders, name, recogniser.classes, arrays)
 
 
-def _network(system: System, steps: list, found: Recogniser, bits: int) -> Chip:
-    """Of a network that reads frames.
-
-    Raises:
-        InputError: it has no C.
-    """
-    from bench.export.network import check as check_network
-    from bench.export.network import convolved, head
-
-    check_network(system)
-    sizes, arrays = convolved(system, found.grid, bits)
-    last = head(system, bits)
-    width = last.arrays["hidden"].shape[1]
-    defines = _sizes(found, width, LONGEST_TOUCH) | _steps(steps, found) | sizes
-    return _chip(found, defines, {"decide": last}, "convolved", arrays)
-
-
-def _sizes(found: Recogniser, width: int, longest: int) -> dict[str, Any]:
-    rows, cols = found.grid
+def _sizes(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
+    rows, cols = recogniser.grid
     return {
         "ROWS": rows,
         "COLS": cols,
         "TAXELS": rows * cols,
-        "CLASSES": len(found.classes),
+        "CLASSES": len(recogniser.classes),
         "FEATURES": width,
-        "RATE_HZ": number(found.rate_hz),
-        "FULL_SCALE": number(found.full_scale),
-        "CHECKED": min(found.longest, 2 * round(found.rate_hz) + 9),  # frames of make check
+        "RATE_HZ": number(recogniser.rate_hz),
+        "FULL_SCALE": number(recogniser.full_scale),
+        "CHECKED": min(recogniser.longest, 2 * round(recogniser.rate_hz) + 9),  # frames of make check
         "LONGEST": longest,
     }
-
-
-def _chip(
-    found: Recogniser,
-    defines: dict[str, Any],
-    deciders: dict[str, Decider],
-    features: str,
-    arrays: dict[str, np.ndarray] | None = None,
-) -> Chip:
-    defines = defines | _stopping(found)
-    for each in deciders.values():
-        defines |= each.defines
-    return Chip({k: str(v) for k, v in defines.items()}, deciders, features, found.classes, arrays or {})
 
 
 def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
@@ -169,10 +153,10 @@ def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]
     raise InputError(f"{type(features).__name__} has no C: touch on windows and jung28 of whole captures have")
 
 
-def _steps(steps: list, found: Recogniser) -> dict[str, Any]:
+def _steps(steps: list[Step], rate_hz: float) -> dict[str, Any]:
     kinds = {kind for step in steps if isinstance(step, Repair) for kind in step.kinds}
     return {
-        "SETTLED": max(2, int(np.ceil(SETTLED_S * found.rate_hz))),
+        "SETTLED": max(2, int(np.ceil(SETTLED_S * rate_hz))),
         "REPAIR_STUCK": int("stuck" in kinds),
         "REPAIR_DEAD": int("dead" in kinds),
         "REPAIR_OFFSET": int("offset" in kinds),
@@ -180,22 +164,26 @@ def _steps(steps: list, found: Recogniser) -> dict[str, Any]:
     }
 
 
-def _windows(windows: Windows | None, early: Any, found: Recogniser) -> dict[str, Any]:
+def _windows(windows: Windows | None, short: Windows | None, rate_hz: float) -> dict[str, Any]:
     """Lengths of windows and what depends on them, in frames; windows begin in the middle of the one before.
+
+    Args:
+        windows: None for whole captures.
+        short: the windows that are shorter and come first; None without.
+        rate_hz: frames per second.
 
     Raises:
         InputError: another hop.
     """
     if windows is None:
         return {"WINDOW": 0, "EARLY": 0}
-    window, hop = windows.lengths(found.rate_hz)
-    short = next(s for s in _opened(early)[1] if isinstance(s, Windows)) if early is not None else None
-    early_window, early_hop = short.lengths(found.rate_hz) if short else (0, 0)
+    window, hop = windows.lengths(rate_hz)
+    early_window, early_hop = short.lengths(rate_hz) if short else (0, 0)
     for frames, step in ((window, hop), (early_window, early_hop)):
         if step != (frames + 1) // 2:
             raise InputError(f"windows of {frames} frames every {step} have no C; leave model.hop= out, which is half")
-    segment = max(2, round(SEGMENT_S * found.rate_hz))
-    lags = ", ".join(str(max(1, round(s * found.rate_hz))) for s in LAGS_S)
+    segment = max(2, round(SEGMENT_S * rate_hz))
+    lags = ", ".join(str(max(1, round(s * rate_hz))) for s in LAGS_S)
     return {
         "WINDOW": window,
         "HOP": hop,
@@ -207,22 +195,18 @@ def _windows(windows: Windows | None, early: Any, found: Recogniser) -> dict[str
     }
 
 
-def _stopping(found: Recogniser) -> dict[str, Any]:
-    stopping = found.stopping
+def _stopping(stopping: Stopping | None) -> dict[str, Any]:
     if stopping is None:
         return {"STOPPING": 0, "CALIBRATED": 0}
     heat = stopping.calibration
-    calibration = {
+    defines: dict[str, Any] = {"STOPPING": int(stopping.saves)}
+    if stopping.saves:
+        defines["THRESHOLD"] = number(stopping.threshold)
+        defines["WAITING"] = "{" + ", ".join(map(number, stopping.waiting.weights)) + "}"
+    return defines | {
         "CALIBRATED": 1,
         "FIRST_MS": number(heat.first_ms),
         "LAST_MS": number(heat.last_ms),
         "FIRST_HEAT": number(heat.first),
         "LAST_HEAT": number(heat.last),
     }
-    if not stopping.saves:
-        return {"STOPPING": 0} | calibration
-    return {
-        "STOPPING": 1,
-        "THRESHOLD": number(stopping.threshold),
-        "WAITING": "{" + ", ".join(map(number, stopping.waiting.weights)) + "}",
-    } | calibration

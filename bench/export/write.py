@@ -26,7 +26,7 @@ TOP = """/* From frames to a label, in the order in which it happens: a frame is
    stand at the end. All that changes is in touch_t; what was learnt is in tables.h. */
 """
 FUNCTIONS = ("measured", "layer", "softmax", "leaf", "machine")  # that a classifier may use, each in a file of its name
-ABOUT = {  # by the first constant of each group
+COMMENTS = {  # by the first constant of each group
     "ROWS": "The sensor, classes and features; readings are 0 to FULL_SCALE.",
     "CHECKED": "Frames of make check, and most of a capture.",
     "SETTLED": "Repair: frames after which a taxel that has not moved is at rest, or broken; which kinds are repaired.",
@@ -57,20 +57,20 @@ CONSTANTS = REMEMBERED | {  # of the feature set touch
 }
 
 
-def files_of(found: Recogniser, bits: int, about: str) -> dict[str, str]:
+def files_of(recogniser: Recogniser, bits: int, title: str) -> dict[str, str]:
     """Names and contents of the files.
 
     Args:
-        found: a saved system.
+        recogniser: a saved system.
         bits: of a learnt weight, 32 or 8.
-        about: what it is, in a line.
+        title: what it is, in a line.
 
     Raises:
         InputError: it cannot become C.
     """
-    chip = chip_of(found, bits)
+    chip = chip_of(recogniser, bits)
     return {
-        "touch.h": _header(chip, about, found.rate_hz),
+        "touch.h": _header(chip, title, recogniser.rate_hz),
         "tables.h": _tables(chip, bits),
         "touch.c": _code(chip),
         **{name: _fixed(name) for name in ("main.c", "count.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")},
@@ -81,11 +81,11 @@ def _fixed(name: str) -> str:
     return (CODE / name).read_text(encoding="utf-8")
 
 
-def _header(chip: Chip, about: str, rate_hz: float) -> str:
-    told = chip.defines | {"RATE_HZ": repr(rate_hz)}  # in full, as main.c counts hops with it
-    public = "\n".join(f"#define TOUCH_{name} {told[name]}" for name in PUBLIC if name in told)
-    settled = SETTLED if told["STOPPING"] == "1" else NOT_SETTLED
-    return f"""/* {about} */
+def _header(chip: Chip, title: str, rate_hz: float) -> str:
+    defines = chip.defines | {"RATE_HZ": repr(rate_hz)}  # in full, as main.c counts hops with it
+    public = "\n".join(f"#define TOUCH_{name} {defines[name]}" for name in PUBLIC if name in defines)
+    settled = SETTLED if defines["STOPPING"] == "1" else NOT_SETTLED
+    return f"""/* {title} */
 #ifndef TOUCH_H
 #define TOUCH_H
 
@@ -121,87 +121,95 @@ const char *touch_name(int label);
 def _state(chip: Chip) -> str:
     """What is kept between frames, and what features and classifier work in."""
     d = chip.defines
-    taxels, classes = int(d["TAXELS"]), int(d["CLASSES"])
-    lines = [f"float frame[{taxels}];  /* this one, repaired */"]
-    if d["REPAIR_STUCK"] == "1" or d["REPAIR_DEAD"] == "1":
-        lines.append(f"float least[{taxels}], most[{taxels}], moved[{taxels}];  /* of each taxel in this capture */")
-        lines.append(f"float sound[{taxels}], mean_around[{taxels}];  /* which taxels are, and what replaces others */")
+    taxels = d["TAXELS"]
+    members = ["int seen;  /* frames */", f"float frame[{taxels}];  /* this one, repaired */"]
+    if "1" in (d["REPAIR_STUCK"], d["REPAIR_DEAD"]):
+        members.append(f"float least[{taxels}], most[{taxels}], moved[{taxels}];  /* of each taxel in this capture */")
+        members.append(
+            f"float sound[{taxels}], mean_around[{taxels}];  /* which taxels are, and what replaces others */"
+        )
     if d["REPAIR_OFFSET"] == "1":
-        lines.append(f"float offset[{taxels}];  /* least reading so far */")
+        members.append(f"float offset[{taxels}];  /* least reading so far */")
     if d["SCALE_PEAK"] == "1":
-        lines.append("float peak;  /* largest reading so far */")
-    part = ""
-    if chip.features == "touch":
-        window, points = int(d["WINDOW"]), int(d["MOST_POINTS"])
-        part = f"""/* What the taxels did in half a window. */
+        members.append("float peak;  /* largest reading so far */")
+    members += STATES[chip.features](d)
+    members.append(f"float features[{d['FEATURES']}], proba[{d['CLASSES']}];")
+    buffers: dict[str, int] = {}
+    for decider in chip.deciders.values():
+        buffers |= {name: max(size, buffers.get(name, 0)) for name, size in decider.buffers.items()}
+    members += [f"float {name}[{size}];  /* the classifier works in it */" for name, size in buffers.items()]
+    if d["STOPPING"] == "1":
+        members.append(
+            "int remembered, label_at[32]; int16_t labels[32];  /* labels so far, and after how many frames */"
+        )
+    body = "".join(f"    {line}\n" for line in members)
+    return (PART.format(taxels=taxels) if chip.features == "touch" else "") + f"typedef struct {{\n{body}}} touch_t;\n"
+
+
+PART = """/* What the taxels did in half a window. */
 typedef struct {{
     int n;
     float mean[{taxels}], m2[{taxels}], most[{taxels}];
 }} part_t;
 
 """
-        early = int(d["EARLY"]) > 0
-        lines += [
-            f"float before[{taxels}];  /* the last one */",
-            f"float signals[{window}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
-            f"part_t whole[2]{', early[2]' if early else ''};  /* halves of the last window */",
-            f"float sum[{classes}]; int windows;  /* of decisions */",
-            *(
-                [f"float early_sum[{classes}]; int early_windows;  /* of shorter ones, before the first */"]
-                if early
-                else []
-            ),
-            f"float series[{window}], sorted[{window}], centre[{window}], taxels[{taxels}];  /* to work in */",
-            f"float cosine[{points}], sine[{points}], power[{points // 2}]; int points;  /* of spectra */",
-        ]
-    elif chip.features == "convolved":
-        maps = f"{d['FILTERS1']}][{d['MAP']}"
-        sums = f"{d['FILTERS2']}][{d['SUM_FRAMES']}][{d['SUM_ROWS']}][{d['SUM_COLS']}"
-        lines += [
-            f"float ring[{d['KERNEL1_FRAMES']}][{taxels}];  /* the last frames */",
-            f"float maps[{maps}], kept_maps[{maps}];  /* of the first layer, at the last time */",
-            f"float sums[{d['OPEN']}][{sums}], kept_sums[{sums}];  /* of the second, of each open window */",
-            f"float sum[{classes}]; int windows;  /* of decisions */",
-        ]
-    else:
-        lines += [
-            f"float before[{taxels}];  /* the last one */",
-            f"float total[{d['LONGEST']}];  /* of each frame */",
-            f"float row[{d['ROWS']}], col[{d['COLS']}], centre[2], distance[2];  /* means, the last, path so far */",
-            "float change, area, area_there, highest, highest_total;  /* means, and of the strongest frame */",
-        ]
-    lines.append(f"float features[{d['FEATURES']}], proba[{classes}];")
-    buffers: dict[str, int] = {}
-    for decider in chip.deciders.values():
-        buffers |= {k: max(v, buffers.get(k, 0)) for k, v in decider.buffers.items()}
-    lines += [f"float {name}[{size}];  /* the classifier works in it */" for name, size in buffers.items()]
-    if d["STOPPING"] == "1":
-        lines.append(
-            "int remembered, label_at[32]; int16_t labels[32];  /* labels so far, and after how many frames */"
-        )
-    body = "\n".join(f"    {line}" for line in lines)
-    return f"{part}typedef struct {{\n    int seen;  /* frames */\n{body}\n}} touch_t;\n"
+
+
+def _touch_state(d: dict[str, str]) -> list[str]:
+    window, points, taxels, classes = d["WINDOW"], d["MOST_POINTS"], d["TAXELS"], d["CLASSES"]
+    early = d["EARLY"] != "0"
+    early_sum = f"float early_sum[{classes}]; int early_windows;  /* of shorter ones, before the first */"
+    return [
+        f"float before[{taxels}];  /* the last one */",
+        f"float signals[{window}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
+        f"part_t whole[2]{', early[2]' if early else ''};  /* halves of the last window */",
+        f"float sum[{classes}]; int windows;  /* of decisions */",
+        *([early_sum] if early else []),
+        f"float series[{window}], sorted[{window}], centre[{window}], taxels[{taxels}];  /* to work in */",
+        f"float cosine[{points}], sine[{points}], power[{int(points) // 2}]; int points;  /* of spectra */",
+    ]
+
+
+def _convolved_state(d: dict[str, str]) -> list[str]:
+    maps = f"{d['FILTERS1']}][{d['MAP']}"
+    sums = f"{d['FILTERS2']}][{d['SUM_FRAMES']}][{d['SUM_ROWS']}][{d['SUM_COLS']}"
+    return [
+        f"float ring[{d['KERNEL1_FRAMES']}][{d['TAXELS']}];  /* the last frames */",
+        f"float maps[{maps}], kept_maps[{maps}];  /* of the first layer, at the last time */",
+        f"float sums[{d['OPEN']}][{sums}], kept_sums[{sums}];  /* of the second, of each open window */",
+        f"float sum[{d['CLASSES']}]; int windows;  /* of decisions */",
+    ]
+
+
+def _jung28_state(d: dict[str, str]) -> list[str]:
+    return [
+        f"float before[{d['TAXELS']}];  /* the last one */",
+        f"float total[{d['LONGEST']}];  /* of each frame */",
+        f"float row[{d['ROWS']}], col[{d['COLS']}], centre[2], distance[2];  /* means, the last, path so far */",
+        "float change, area, area_there, highest, highest_total;  /* means, and of the strongest frame */",
+    ]
+
+
+STATES = {"touch": _touch_state, "convolved": _convolved_state, "jung28": _jung28_state}
 
 
 def _tables(chip: Chip, bits: int) -> str:
     names = ", ".join(f'"{_escaped(name)}"' for name in chip.classes)
     constants = CONSTANTS if chip.features == "touch" else REMEMBERED
-    defines = {**chip.defines, **constants, "NAMES": f"{{{names}}}"}
-    lines = []
-    for name, value in defines.items():
-        if name in ABOUT:
-            lines.append(f"\n/* {ABOUT[name]} */")
-        lines.append(f"#define {name} {value}")
-    lines.append("")
-    lines.append(f"typedef {'int8_t' if bits == 8 else 'float'} weight_t;")
-    if any("vectors" in decider.arrays for decider in chip.deciders.values()):
-        lines.append(f"typedef {'int16_t' if bits == 8 else 'float'} vector_t;")
-    if any("nodes" in decider.arrays for decider in chip.deciders.values()):
-        lines.append("typedef struct { int16_t feature; uint16_t right; float threshold; } node_t;")
-    lines += [_array(name, values) for name, values in chip.arrays.items()]
+    arrays = dict(chip.arrays)
     for function, decider in chip.deciders.items():
-        for name, values in decider.arrays.items():
-            lines.append(_array(f"{function}_{name}", values))
+        arrays |= {f"{function}_{name}": values for name, values in decider.arrays.items()}
+    lines = []
+    for name, value in {**chip.defines, **constants, "NAMES": f"{{{names}}}"}.items():
+        if name in COMMENTS:
+            lines.append(f"\n/* {COMMENTS[name]} */")
+        lines.append(f"#define {name} {value}")
+    lines += ["", f"typedef {'int8_t' if bits == 8 else 'float'} weight_t;"]
+    if any(name.endswith("_vectors") for name in arrays):
+        lines.append(f"typedef {'int16_t' if bits == 8 else 'float'} vector_t;")
+    if any(name.endswith("_nodes") for name in arrays):
+        lines.append("typedef struct { int16_t feature; uint16_t right; float threshold; } node_t;")
+    lines += [_array(name, values) for name, values in arrays.items()]
     return "/* Sizes, and what was learnt. */\n" + "\n".join(lines) + "\n"
 
 
@@ -230,16 +238,13 @@ def _array(name: str, values: np.ndarray) -> str:
 
 
 def _code(chip: Chip) -> str:
-    pieces = [
-        f'{TOP}\n#include "touch.h"\n\n#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n',
-        _fixed("frame.c"),
-    ]
-    pieces.append(_fixed(f"features_{chip.features}.c"))
-    used = "".join(decider.body for decider in chip.deciders.values())
-    used += "softmax(" if chip.defines["CALIBRATED"] == "1" else ""
-    pieces += [_fixed(f"{name}.c") for name in FUNCTIONS if f"{name}(" in used]
+    includes = '#include "touch.h"\n\n#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n'
+    pieces = [f"{TOP}\n{includes}", _fixed("frame.c"), _fixed(f"features_{chip.features}.c")]
+    bodies = "".join(decider.body for decider in chip.deciders.values())
+    bodies += "softmax(" if chip.defines["CALIBRATED"] == "1" else ""
+    pieces += [_fixed(f"{name}.c") for name in FUNCTIONS if f"{name}(" in bodies]
     for function, decider in chip.deciders.items():
         body = decider.body.format(**{name: f"{function}_{name}" for name in decider.arrays})
-        about = f"/* Probabilities from the features: {decider.about}. */\n"
-        pieces.append(f"{about}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
+        comment = f"/* Probabilities from the features: {decider.comment}. */\n"
+        pieces.append(f"{comment}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
     return "\n".join([*pieces, _fixed("api.c")])

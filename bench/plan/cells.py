@@ -218,7 +218,7 @@ class Cell:
 
     def _faults(self) -> dict[str, object]:
         """What the faults do that the system is trained on; they may come from other packages."""
-        trained = [faults.known()[name] for name in contract.trained_faults(self.untrained)]
+        trained = [faults.all_faults()[name] for name in contract.trained_faults(self.untrained)]
         return {"faults": [(f.name, f.amounts, source_digest(f.damage)) for f in trained]} if trained else {}
 
     def arguments(self) -> dict[str, str]:

@@ -18,8 +18,7 @@ import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.corpora.faults import SEVERITIES, Fault, as_shares, damaged
-from bench.corpora.faults import known as all_faults
+from bench.corpora.faults import SEVERITIES, Fault, all_faults, as_shares, damaged
 from bench.errors import InputError
 from bench.outcomes import scores, stability
 from bench.outcomes.results import Findings, FoldResult, table_of

@@ -20,7 +20,7 @@ from bench.work import chip as onchip
 from bench.work import saved
 from bench.work.chip import OnChip
 from bench.work.tracking import key_of
-from tests.chip.compiled import lacking
+from tests.export.compiled import lacking
 from tests.conftest import predictions, runs
 
 SMALL = ["features=jung28", "data.subjects=3", "data.repetitions=1", "data.variants=normal"]

@@ -10,7 +10,7 @@ import pytest
 
 from bench.arguments import parse, setting
 from bench.commands.completion import SHELLS, answer, values
-from bench.corpora.faults import known
+from bench.corpora.faults import all_faults
 from bench.options import COMMANDS, OPTIONS, keys, options
 from bench.plan.cells import cells
 from bench.registry import names
@@ -38,7 +38,7 @@ def test_keys_of_a_command_are_those_that_it_completes():
 
 
 def test_values_are_those_that_are_known(tmp_path, monkeypatch):
-    assert [*known(), "none"] == list(values("faults", options("stress")))
+    assert [*all_faults(), "none"] == list(values("faults", options("stress")))
     assert answer(["run", "protocol=lo"]) == ["protocol=loso"]
     assert set(answer(["run", "model="])) == {f"model={name}" for name in names("models")}
     assert answer(["run", "model=svm,rf,r"]) == [

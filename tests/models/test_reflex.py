@@ -10,7 +10,7 @@ from bench import contract
 from bench.cli import main
 from bench.commands import printing
 from bench.corpora.corpus import Corpus
-from bench.corpora.faults import known
+from bench.corpora.faults import all_faults
 from bench.corpora.steps import Repair, Windows
 from bench.errors import InputError
 from features.touch import TouchFeatures
@@ -78,7 +78,7 @@ def test_two_taxels_eight_frames_a_second_and_one_frame():
 
 def test_what_it_says_of_itself(corpus):
     system = Reflex(**QUICK)
-    assert contract.trained_faults(system) == tuple(known())
+    assert contract.trained_faults(system) == tuple(all_faults())
     assert contract.trained_faults(Reflex(faults=("none",))) == ()
     wrong = {"early": 2.0, "faults": ("nosie",), "repair": ("glue",), "window": -1.0, "units": 0, "doubt": 0.0}
     for name, value in wrong.items():

@@ -9,7 +9,7 @@ from sklearn.pipeline import Pipeline
 
 from bench import contract
 from bench.cli import main
-from bench.corpora.faults import FAULTS
+from bench.corpora.faults import all_faults
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import HiddenError, InputError
@@ -128,7 +128,7 @@ def test_what_is_made_of_a_blind_corpus_is_blind(tmp_path):
     blind = FEW.blind()
     write_folder(FEW, tmp_path / "c")
     stored = open_folder(tmp_path / "c").blind()
-    steps = (Windows(0.05), Repair(("stuck",)), Scale("log"), Faulted((next(iter(FAULTS)),), 1))
+    steps = (Windows(0.05), Repair(("stuck",)), Scale("log"), Faulted((next(iter(all_faults())),), 1))
     made = [blind[:3], blind[np.array([2, 0])], blind.detached(), prefix(blind, 2), blind.changed(full_scale=9.0)]
     made += [pickle.loads(pickle.dumps(one)) for one in (blind, stored)] + [step(blind) for step in steps]
     assert all(one.is_blind for one in made) and "3 subjects" not in repr(blind)
