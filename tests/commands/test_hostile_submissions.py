@@ -40,21 +40,16 @@ TABLES = {
 }
 FIELDS = [
     ({"task": "haart-loso-v2"}, "haart-loso-v1"),
-    ({"task": 3}, "'task'"),
     ({"task": None}, "task is missing"),
     ({"who": ""}, "who is missing"),
     ({"who": "a\u202eb"}, "'who'"),
     ({"who": "A  Name"}, "'A  Name'"),
-    ({"who": " A. Name"}, "' A. Name'"),
     ({"who": "?!"}, "'?!'"),
-    ({"who": "J. M\u00fcller"}, "'J. M\\xfcller'"),
-    ({"who": "x" * 61}, "60"),
     ({"who": "touchbench"}, "reports/reference"),
     ({"who": "The Touch-Bench team"}, "reports/reference"),
     ({"system": "x" * 201}, "200"),
     ({"system": "  "}, "system"),
     ({"system": "r\u0435flex"}, "'r\\u0435flex'"),
-    ({"system": "re\u200bflex"}, "'system'"),
     ({"date": "yesterday"}, "'yesterday'"),
     ({"parameters": "many"}, "parameters"),
     ({"parameters": -1}, "parameters"),
@@ -66,7 +61,6 @@ FIELDS = [
     ({"versions": {"a\nb": "2"}}, "'a\\nb'"),
     ({"versions": []}, "versions"),
     ({"batch": "no"}, "'no'"),
-    ({"conditions": 3}, "'conditions'"),
 ]
 
 
