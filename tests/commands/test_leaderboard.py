@@ -94,10 +94,13 @@ def test_cost_is_only_what_was_published(monkeypatch):
 
 
 def test_scores_are_those_of_the_labels():
+    """Rows and columns may come in any order, labels as probabilities."""
     rng = np.random.default_rng(1)
     labels, truth = rng.choice(sorted(set(CHALLENGE["true"])), len(CHALLENGE)), CHALLENGE["true"]
-    table = CHALLENGE[["capture"]].assign(predicted=labels).iloc[rng.permutation(len(CHALLENGE))]
+    order, proba = rng.permutation(len(CHALLENGE)), {f"p_{c}": (labels == c) * 1.0 for c in sorted(set(truth))[::-1]}
+    table = CHALLENGE[["capture"]].assign(predicted=labels).iloc[order]
     scored = submissions.read(folder_of(table=table, parameters=12)).scores
+    assert scored == submissions.read(folder_of("p", CHALLENGE[["capture"]].assign(**proba).iloc[order])).scores
     hit = (labels == truth).to_numpy()
     each = [hit[CHALLENGE["subject"] == s].mean() for s in set(CHALLENGE["subject"])]
     assert scored["accuracy"] == pytest.approx(hit.mean()) and scored["low"] <= hit.mean() <= scored["high"]
