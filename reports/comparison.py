@@ -8,7 +8,7 @@ from importlib.resources import files
 import numpy as np
 import pandas as pd
 
-from bench.leaderboard.submissions import Submission, score
+from bench.leaderboard.submissions import Submission
 from bench.outcomes import statistics
 from bench.outcomes.comparable import Row, context_of, seed_number
 from bench.outcomes.runs import rows_of, with_groups
@@ -124,9 +124,9 @@ def _rows(run: Row, numbers: dict[tuple, list]) -> Iterator[dict[str, object]]:
 def _reference(name: str, answer: Submission) -> dict[str, object]:
     """The row of a reference result; what only runs tell is missing."""
     texts = dict.fromkeys(("combined", "seed", "against", "published", "folds", "run_id"), "")
-    sizes = {k: answer.about.get(k, np.nan) for k in ("parameters", "flash_bytes", "ram_bytes")}
+    sizes = {k: answer.metadata.get(k, np.nan) for k in ("parameters", "flash_bytes", "ram_bytes")}
     counts = {k: answer.table[k.removesuffix("s")].nunique() for k in ("captures", "subjects")}
-    scored = {k: 100 * v for k, v in score(answer).items()}
+    scored = {k: 100 * v for k, v in answer.scores.items()}
     return {"system": name, "source": "reference", "unit": "capture"} | texts | scored | sizes | counts
 
 

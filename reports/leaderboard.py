@@ -9,8 +9,9 @@ from functools import lru_cache
 import numpy as np
 import pandas as pd
 
-from bench.leaderboard.submissions import ABOUT, REFERENCE, Submission, behind, read, score
+from bench.leaderboard.submissions import METADATA, NUMBERS, REFERENCE, Submission, behind, read
 from bench.leaderboard.tasks import TASKS
+from bench.outcomes.runs import rows_of
 from reports.layout import Table, page
 from reports.numbers import bounded, number, whole, with_sd
 
@@ -35,12 +36,12 @@ def reference() -> tuple[Submission, ...]:
 @lru_cache
 def reference_of(task: str) -> tuple[Submission, ...]:
     """Those of one task, by its name; read and scored once in a process."""
-    return tuple(read(path.parent) for path in sorted(REFERENCE.glob(f"{task}/*/{ABOUT}")))
+    return tuple(read(path.parent) for path in sorted(REFERENCE.glob(f"{task}/*/{METADATA}")))
 
 
 def note(one: Submission) -> str:
     """The footnote of a system whose design saw people of HAART, on tasks of HAART; empty for others."""
-    parts = re.findall(r"\b(?:model|features)=(\S+)", one.about.get("command", ""))
+    parts = re.findall(r"\b(?:model|features)=(\S+)", one.metadata.get("command", ""))
     names = {name for part in parts if ".py:" not in part for name in re.split(r"[+,]", part)}
     return DESIGNED_NOTE if one.task.data == "haart" and names & DESIGNED else ""
 
@@ -53,18 +54,23 @@ def scores_of(submissions: Sequence[Submission]) -> pd.DataFrame:
     """
     rows = []
     for one in submissions:
-        task, about = one.task, one.about
-        first = max((other for other in submissions if other.task == task), key=lambda s: score(s)["accuracy"])
-        less = (np.nan,) * 3 if one is first else behind(one, first)
-        measured = score(one) | dict(zip(BEHIND, less, strict=True))
+        task, metadata = one.task, one.metadata
+        best = max((other for other in submissions if other.task == task), key=lambda other: other.scores["accuracy"])
+        less = (np.nan,) * 3 if one is best else behind(one, best)
+        scores = one.scores | dict(zip(BEHIND, less, strict=True))
         rows.append(
             {
-                **{"task": task.name, "system": about["system"], "data": task.data, "subset": "all"},
-                **{"protocol": task.about, "unit": task.unit},
-                **{k: one.table[k.removesuffix("s")].nunique() for k in ("captures", "subjects")},
-                **{k: 100 * v for k, v in measured.items()},
-                **{k: about.get(k, np.nan) for k in ("parameters", "flash_bytes", "ram_bytes")},
-                **{k: about.get(k, "") for k in ("who", "date", "revision", "command")},
+                "task": task.name,
+                "system": metadata["system"],
+                "data": task.data,
+                "subset": "all",
+                "protocol": task.protocol_text,
+                "unit": task.unit,
+                "captures": one.table["capture"].nunique(),
+                "subjects": one.table["subject"].nunique(),
+                **{k: 100 * v for k, v in scores.items()},
+                **{k: metadata.get(k, np.nan) for k in NUMBERS},
+                **{k: metadata.get(k, "") for k in ("who", "date", "revision", "command")},
                 "origin": OURS if one.reference else "submitted",
                 "verified": one.verified or NOT_VERIFIED,
                 "remarks": one.remarks,
@@ -98,11 +104,11 @@ def board(submissions: Sequence[Submission], left_out: list[str]) -> str:
 def _shown(table: pd.DataFrame) -> pd.DataFrame:
     """The scores of one task as text."""
     rows = []
-    for row in table.to_dict("records"):
-        parts = {f"{k} %": number(v) for k, v in row.items() if str(k).startswith(("at ", "clean")) and v == v}
+    for row in rows_of(table):
+        parts = {f"{k} %": number(v) for k, v in row.items() if k.startswith(("at ", "clean")) and v == v}
         for fault, v in [(k.removeprefix(WORST), v) for k, v in row.items() if k.startswith(WORST) and v == v][:1]:
             parts["worst fault %"] = f"{fault.replace('_', ' ')} {number(v)}"
-        behind_best = bounded(*(row[name] for name in BEHIND), sign=True)
+        behind_best = bounded(row["behind"], row["behind_low"], row["behind_high"], sign=True)
         rows.append(
             {
                 "system": row["system"],

@@ -39,7 +39,7 @@ def references(runs: pd.DataFrame) -> dict[str, Submission]:
     """
     first = rows_of(runs)[0]
     answered = [task.name for task in TASKS.values() if _answers(first, task)]
-    return {one.about["system"] + REFERENCE: one for name in answered for one in reference_of(name)}
+    return {one.metadata["system"] + REFERENCE: one for name in answered for one in reference_of(name)}
 
 
 def accuracies(one: Submission) -> dict[str, float]:

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import shlex
+import tempfile
+from datetime import UTC, datetime
 from pathlib import Path
 
-from bench.arguments import labelled, parse, typed
-from bench.commands.printing import say, then
-from bench.commands.rerun import rerun
+from bench.arguments import labelled, parse, setting, typed
+from bench.commands.demo import inside
+from bench.commands.printing import led, say, then, unwritable
 from bench.corpora.read.limits import called
 from bench.errors import InputError
-from bench.leaderboard import answers, marks, submissions
-from bench.leaderboard.submissions import ABOUT, Submission
+from bench.leaderboard import answers, marks, rerun, submissions
+from bench.leaderboard.submissions import Submission
 from bench.leaderboard.tasks import Task, task_of
 from bench.options import keys
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.progress import warn
 from bench.scratch import made_whole, new_folder, replacing
+from bench.source import git_revision, versions
 from reports.leaderboard import NOT_VERIFIED, board, note, reference
 from reports.provenance import command as command_of
 
-OPTIONS = ("task", "who", "out", "run", "batch")
+NEEDED = {"task": "a frozen task", "who": 'whose result it is, as in who="A. Name, Lab"', "out": "a new folder"}
+FOLDER = Path("submissions")
 
 
 def submit(arguments: list[str]) -> int:
@@ -32,50 +36,44 @@ def submit(arguments: list[str]) -> int:
             written.
     """
     values = parse(arguments, keys("submit"))
-    needs = {"task": "a frozen task", "who": 'whose result it is, as in who="A. Name, Lab"', "out": "a new folder"}
-    for key, what in needs.items():
+    for key, what in NEEDED.items():
         if key not in values:
             raise InputError(f"bench submit needs {key}=, {what}; see bench submit --help")
-    if values.get("batch", "no") not in ("yes", "no"):
-        raise InputError(f"batch={values['batch']}: give yes or no")
-    task = task_of(values["task"])
-    out = new_folder(Path(values["out"]))
-    wanted, how = _wanted(task, values)
+    task, out, batch = task_of(values["task"]), new_folder(Path(values["out"])), setting("submit", "batch", values)
+    wanted, how = _wanted(task, {k: v for k, v in values.items() if k not in (*NEEDED, "batch")})
     store = connect()
     run = answers.find(store, task, wanted, how)
-    if "batch" in answers.rests_on(run) and values.get("batch") != "yes":
+    if "batch" in answers.rests_on(run) and not batch:
         raise InputError(
             f"run {run['run_id']}: the labels of this run depend on other test captures; to submit it, add batch=yes"
         )
-    about = answers.about(task, run, values["who"], command_of(dict(run)))
+    metadata = answers.metadata(task, run, values["who"], command_of(dict(run)))
     table = answers.table(store, task, run)
     with made_whole(out) as beside:
-        found = submissions.score(submissions.written(beside, about, table))
-    print(f"{out}: {about['system']}, {task.name}: {100 * found['accuracy']:.1f} % of {task.score}")
+        accuracy = submissions.write(beside, metadata, table).scores["accuracy"]
+    print(f"{out}: {metadata['system']}, {task.name}: {100 * accuracy:.1f} % of {task.score}")
     print(f"next: bench leaderboard {out}")
     return 0
 
 
 def _wanted(task: Task, values: dict[str, str]) -> tuple[dict[str, str], str]:
-    """What identifies the run, and the command that makes one."""
-    named = {k: v for k, v in values.items() if k not in OPTIONS}
-    if "run" in values:
-        if named:
-            raise InputError(f"run= names the run; leave out {next(iter(named))}=")
-        return {"run_id": values["run"]}, typed(task.command, {"data": task.data} | labelled("protocol", task.protocol))
-    on = {"data": task.data} | labelled("protocol", task.protocol)
-    asked = cells(on | named)
-    if len(asked) > 1:
-        raise InputError(f"these values name {len(asked)} systems; give one value of each")
-    cell = asked[0]
-    seed = "none" if cell.seed is None else str(cell.seed)
-    return {"system": cell.system(), "seed": seed}, typed(task.command, on | named)
+    """Tags that identify the run, and the command that makes one."""
+    fixed = {"data": task.data} | labelled("protocol", task.protocol)
+    if run_id := values.pop("run", None):
+        if values:
+            raise InputError(f"run= names the run; leave out {next(iter(values))}=")
+        return {"run_id": run_id}, typed(task.command, fixed)
+    systems = cells(fixed | values)
+    if len(systems) > 1:
+        raise InputError(f"these values name {len(systems)} systems; give one value of each")
+    seed = "none" if systems[0].seed is None else str(systems[0].seed)
+    return {"system": systems[0].system(), "seed": seed}, typed(task.command, fixed | values)
 
 
 def leaderboard(arguments: list[str]) -> int:
     """Rescore folders of submissions and write the page; exit code 1 if one was left out.
 
-    With ``rerun=`` repeat the command of one submission instead, see `bench.commands.rerun.rerun`.
+    With ``rerun=`` repeat the command of one submission instead.
 
     Raises:
         InputError: something in the arguments cannot be used, or the page cannot be written.
@@ -86,63 +84,95 @@ def leaderboard(arguments: list[str]) -> int:
     if "rerun" in values:
         if "out" in values:
             raise InputError(f"rerun={values['rerun']} writes no page; leave out out=")
-        return rerun(values["rerun"], folders)
-    known = marks.read()
-    found, left_out = collected(folders)
-    ours, found = [[_marked(one, known) for one in each] for each in (reference(), found)]
+        return _rerun(values["rerun"], folders or [FOLDER])
+    others, left_out = collected(folders)
+    ours = reference()
+    entries = marks.marked([*ours, *others])
     out = Path(values.get("out", "leaderboard.html"))
-    text = board([*ours, *found], left_out)
-    try:
+    text = board(entries, left_out)
+    with unwritable(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         with replacing(out) as beside:
             beside.write_text(text, encoding="utf-8")
-    except OSError as e:
-        raise InputError(f"out={out}: cannot be written ({e.strerror}); choose another place") from e
     for line in left_out:
         warn(f"left out: {line}")
-    for submission in found:
-        say(_line(submission))
-    say(*dict.fromkeys(filter(None, map(note, found))))
+    others = entries[len(ours) :]
+    say(*map(_line, others), *dict.fromkeys(filter(None, map(note, others))))
     print(out)
     then("bench submit --help")
     return 1 if left_out else 0
 
 
-def _marked(submission: Submission, known: marks.Marks) -> Submission:
-    """A submission that says when it was verified."""
-    verified = marks.verified(submission, known)
-    return replace(submission, verified=verified) if verified else submission
-
-
-def _line(submission: Submission) -> str:
+def _line(one: Submission) -> str:
     """A submission with its accuracy, and what a reader should know of it."""
-    accuracy = f"{100 * submissions.score(submission)['accuracy']:.1f} % of {submission.task.score}"
-    verified = f"verified {submission.verified}" if submission.verified else NOT_VERIFIED
-    about = f"{submission.task.name}: {submission.about['system']} by {submission.about['who']}"
-    return ", ".join(filter(None, [about, accuracy, verified, submission.remarks]))
+    accuracy = f"{100 * one.scores['accuracy']:.1f} % of {one.task.score}"
+    verified = f"verified {one.verified}" if one.verified else NOT_VERIFIED
+    system = f"{one.task.name}: {one.metadata['system']} by {one.metadata['who']}"
+    return ", ".join(filter(None, [system, accuracy, verified, one.remarks]))
 
 
-def collected(given: list[Path]) -> tuple[list[Submission], list[str]]:
+def collected(folders: list[Path]) -> tuple[list[Submission], list[str]]:
     """The submissions that folders are or hold, and a line for each that cannot be used.
 
     Raises:
         InputError: a folder is not there.
     """
     places: dict[Path, Path] = {}
-    for folder in given:
+    for folder in folders:
         if not folder.is_dir():
             raise InputError(f"{folder}: there is no such folder; give submissions, or folders that hold some")
-        own = (p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
-        inside = [folder] if (folder / ABOUT).exists() else sorted(own)
-        if not inside:
+        parts = sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
+        parts = [folder] if (folder / submissions.METADATA).exists() else parts
+        if not parts:
             warn(f"{folder}: no submission is in it")
-        places |= {place.resolve(): place for place in inside}
-    found, left_out = [], []
+        places |= {place.resolve(): place for place in parts}
+    entries, left_out = [], []
     for place in places.values():
         try:
-            if place.is_symlink() and place not in given:  # it may lead anywhere
+            if place.is_symlink() and place not in folders:  # it may lead anywhere
                 raise InputError(f"{called(place)}: is a link, not a folder")
-            found.append(submissions.read(place))
+            entries.append(submissions.read(place))
         except InputError as e:
             left_out.append(str(e))
-    return found, left_out
+    return entries, left_out
+
+
+def _rerun(name: str, folders: list[Path]) -> int:
+    """Repeat a submission in a store of its own; mark it where all labels are equal, else exit code 1.
+
+    Raises:
+        InputError: the submission or its command cannot be used, or its file is not here.
+    """
+    one = rerun.read(name, folders)
+    try:
+        words = rerun.command_of(one)
+    except InputError as e:
+        raise InputError(f"{one.name}: {e}") from e
+    say(f"$ bench {shlex.join(words)}")
+    with tempfile.TemporaryDirectory() as folder, inside(Path(folder)):
+        from bench.cli import main
+
+        with led():
+            code = main(words)
+        if code:
+            return code
+        again = rerun.answer(connect(), one, Path("again"))
+    total = len(one.table)
+    equal = int((one.table["predicted"].to_numpy() == again.table["predicted"].to_numpy()).sum())
+    percent = int(10_000 * equal / total) / 100  # not rounded up to 100
+    say(f"{one.task.name}/{one.name}: {equal} of {total} labels are equal ({percent:.2f} %), {total - equal} not")
+    if equal < total:
+        warn(f"{one.name} is not verified: only a rerun with equal labels is; nothing was written")
+        return 1
+    mark = {
+        "date": datetime.now(UTC).date().isoformat(),
+        "revision": git_revision() or f"touchbench {versions()['touchbench']}",
+        "system": again.metadata["system"],
+        "labels": total,
+        "labels_that_differ": 0,
+        "accuracy": one.scores["accuracy"],
+    }
+    marks.add(one, mark)
+    say(f"{one.name} is verified; its mark is in {marks.FILE}")
+    then(shlex.join(["bench", "leaderboard", *map(str, folders)]))
+    return 0

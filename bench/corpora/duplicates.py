@@ -60,7 +60,7 @@ def quiet(frames: np.ndarray) -> bool:
         frames: of the capture [frames, rows, cols].
     """
     readings = frames.reshape(len(frames), -1)
-    return np.count_nonzero(np.diff(readings, axis=0 if len(readings) > 1 else 1)) < CHANGES
+    return bool(np.count_nonzero(np.diff(readings, axis=0 if len(readings) > 1 else 1)) < CHANGES)
 
 
 def repeated(corpus: Corpus) -> list[list[int]]:

@@ -14,13 +14,13 @@ from bench.leaderboard import tasks
 from bench.leaderboard.submissions import NUMBERS, TEXTS
 from bench.leaderboard.tasks import RATE_HZ, Task
 from bench.outcomes import scores
-from bench.outcomes.comparable import Row, seed_number
+from bench.outcomes.comparable import CONDITIONS, Row, depends_on_batch, seed_number
 from bench.outcomes.runs import NothingTracked, needed, rows_of, tracked
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
 
-STREAM_START = "onset"
-FILE = re.compile(r"(?<==)(?:.*[/\\])?([^/\\]+\.py):\w+$")  # of a word of a command that names a part of a file
+FILE = re.compile(r"(?<==)(?:.*[/\\])?([^/\\]+\.py)(:\w+)$")  # of a word of a command that names a part of a file
+SHARED = {"subset": "all", "target": "gesture", "status": "FINISHED"}  # by the runs of all tasks
 
 
 def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
@@ -35,32 +35,25 @@ def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
     Raises:
         InputError: there is none; where there are others of the system, the message says what differs.
     """
-    what = ", ".join(f"{k} {v}" if k != "system" else v for k, v in wanted.items())
+    system = ", ".join(v if k == "system" else f"{k} {v}" for k, v in wanted.items())
     try:
-        stored = rows_of(tracked(store, task.kind))
+        runs = rows_of(tracked(store, task.kind))
     except NothingTracked:
-        stored = []
-    of_system = [run for run in stored if all(str(run.get(k, "")) == v for k, v in wanted.items())]
-    if not of_system:
-        raise InputError(f"no run of bench {task.command} is stored of {what}; make one: {how}")
-    reasons = [(differs(task, run), run) for run in of_system]
-    if good := [run for why, run in reasons if not why]:
-        return good[-1]
-    raise InputError(f"{what} is stored with {reasons[-1][0]}, which is not {task.name}; make a run: {how}")
+        runs = []
+    runs = [run for run in runs if all(str(run.get(k, "")) == v for k, v in wanted.items())]
+    if not runs:
+        raise InputError(f"no run of bench {task.command} is stored of {system}; make one: {how}")
+    if answers := [run for run in runs if not differs(task, run)]:
+        return answers[-1]
+    raise InputError(f"{system} is stored with {differs(task, runs[-1])}, which is not {task.name}; make a run: {how}")
 
 
 def differs(task: Task, run: Row) -> str:
     """What of a run is not what the task fixes, with its value; empty if all is."""
-    facts = {
-        "corpus_digest": tasks.digest_of(task),
-        "subset": "all",
-        "target": "gesture",
-        "protocol": task.protocol,
-        "status": "FINISHED",
-    }
+    fixed = {"corpus_digest": tasks.digest_of(task), "protocol": task.protocol, **SHARED}
     if "ms" in task.keys:
-        facts["stream.start"] = STREAM_START
-    for name, value in facts.items():
+        fixed["stream.start"] = "onset"
+    for name, value in fixed.items():
         here = str(run.get(name, ""))
         if here != value:
             short = here[:16] if name == "corpus_digest" else here
@@ -76,16 +69,15 @@ def table(store: Store, task: Task, run: Row) -> pd.DataFrame:
     """
     name = "stress.parquet" if task.kind == "stress" else "predictions.parquet"
     stored = pd.read_parquet(needed(store, run, name))
-    found = {"cell": _labelled, "stream": _standing, "stress": _damaged}[task.kind](task, stored)
-    found = found.assign(capture=found["capture"].astype(str), given=found.pop("true"))
-    expected = tasks.rows_of(task)
-    joined = expected.merge(found, on=["capture", *task.keys], how="left", validate="one_to_one")
+    rows = {"cell": _labelled, "stream": _standing, "stress": _damaged}[task.kind](task, stored)
+    rows = rows.assign(capture=rows["capture"].astype(str)).rename(columns={"true": "tracked"})
+    joined = tasks.rows_of(task).merge(rows, on=["capture", *task.keys], how="left", validate="one_to_one")
     if (missing := joined["predicted"].isna()).any():
-        lacking = ", ".join(f"{k} {v}" for k, v in joined.loc[missing, ["capture", *task.keys]].iloc[0].items())
-        raise InputError(f"run {run['run_id']} has no label of {lacking}; it does not answer {task.name}")
-    if (joined["given"] != joined["true"]).any():
+        row = ", ".join(f"{k} {v}" for k, v in joined.loc[missing, ["capture", *task.keys]].iloc[0].items())
+        raise InputError(f"run {run['run_id']} has no label of {row}; it does not answer {task.name}")
+    if (joined["tracked"] != joined["true"]).any():
         raise InputError(f"run {run['run_id']} has other captures than {task.name}")
-    return joined.drop(columns="given")
+    return joined.drop(columns="tracked")
 
 
 def _labelled(task: Task, stored: pd.DataFrame) -> pd.DataFrame:
@@ -110,70 +102,65 @@ def _standing(task: Task, stored: pd.DataFrame) -> pd.DataFrame:
 
 
 def _damaged(task: Task, stored: pd.DataFrame) -> pd.DataFrame:
-    """Of a system under stress: what it says when fitted to all training subjects.
+    """Of a system under stress: its labels when it is fitted to all training subjects.
 
     Raises:
         InputError: an amount is not that of the task.
     """
     most = stored.groupby("fold")["train_subjects"].transform("max")
-    whole = stored[stored["train_subjects"] == most].astype({"severity": str})
-    known = tasks.faults()
-    for fault, severity, amount in whole[["fault", "severity", "amount"]].drop_duplicates().to_numpy():
-        if known.get((fault, severity)) != amount:
+    rows = stored[stored["train_subjects"] == most].astype({"severity": str})
+    amounts = tasks.faults()
+    for fault, severity, amount in rows[["fault", "severity", "amount"]].drop_duplicates().to_numpy():
+        if amounts.get((fault, severity)) != amount:
             raise InputError(f"{fault} at severity {severity} is {amount} in the run, not so in {task.name}")
-    return whole[["capture", "fault", "severity", "true", "predicted"]]
+    return rows[["capture", "fault", "severity", "true", "predicted"]]
 
 
-def about(task: Task, run: Row, who: str, command: str) -> dict[str, Any]:
+def metadata(task: Task, run: Row, who: str, command: str) -> dict[str, Any]:
     """Where a run comes from and what it needs, as a submission says it.
 
-    Of a system in a file of one's own: the file's name and what it held, not the folder it lies in; touchbench's
+    Of a system in a file of one's own: the file's name and its SHA-256, not the folder it lies in; touchbench's
     revision would tell nothing of it.
     """
-    day = datetime.fromtimestamp(run["started"] / 1000, UTC).date().isoformat()
     seed = f", seed {run['seed']}" if seed_number(str(run["seed"])) else ""
-    said = {
+    texts = {
         "task": task.name,
         "system": f"{run['system']}{seed}",
         "who": who,
-        "date": day,
+        "date": datetime.fromtimestamp(run["started"] / 1000, UTC).date().isoformat(),
         "revision": run.get("git"),
         "command": command,
         "digest": run["corpus_digest"],
-    } | _files(run, command)
-    said |= rests_on(run)
-    versions = {k.removeprefix("version."): v for k, v in run.items() if re.match(r"version\.", k)}
-    numbers = {name: run[name] for name in NUMBERS if isinstance(run.get(name), float) and run[name] == run[name]}
-    texts = {k: v for k, v in said.items() if isinstance(v, str) and v}
-    told = {k: v for k, v in versions.items() if isinstance(v, str)}
-    return texts | {k: int(v) for k, v in numbers.items()} | {"versions": told}
+        **_files(run, command),
+        **rests_on(run),
+    }
+    texts = {k: v for k, v in texts.items() if isinstance(v, str) and v}
+    numbers = {k: int(run[k]) for k in NUMBERS if isinstance(run.get(k), float) and run[k] == run[k]}
+    versions = {k.removeprefix("version."): v for k, v in run.items() if k.startswith("version.")}
+    return texts | numbers | {"versions": {k: v for k, v in versions.items() if isinstance(v, str)}}
 
 
 def rests_on(run: Row) -> dict[str, str]:
     """What the labels of a run rest on besides single captures, as a submission records it: ``batch``, ``conditions``.
 
-    Empty for a run without the tags ``touchbench.depends_on_batch`` and ``touchbench.conditions``.
+    Empty for a run without the tags `BATCH` and `CONDITIONS`.
     """
-    batch = {"batch": "yes"} if run.get("touchbench.depends_on_batch") == "true" else {}
-    conditions = run.get("touchbench.conditions")
+    conditions = run.get(CONDITIONS)
+    batch = {"batch": "yes"} if depends_on_batch(run) else {}
     return batch | ({"conditions": conditions} if isinstance(conditions, str) and conditions else {})
 
 
 def _files(run: Row, command: str) -> dict[str, str]:
-    """The command without the folders of its files; what these held, for ``revision`` and ``note``."""
+    """The command without the folders of its files; their SHA-256 for ``revision`` and ``note``."""
     words = shlex.split(command)
-    held = {}
-    for word in words:
-        if found := FILE.search(word):
-            held[found[1]] = run.get(f"{word.partition('=')[0]}_file")
-    if not held:
+    files = {match[1]: run.get(f"{word.partition('=')[0]}_file") for word in words if (match := FILE.search(word))}
+    if not files:
         return {}
-    known = {name: digest for name, digest in held.items() if isinstance(digest, str)}
-    noted = [f"{name}: sha256 {known.get(name, 'not tracked')}" for name in held]
+    tracked_files = {name: digest for name, digest in files.items() if isinstance(digest, str)}
+    notes = "; ".join(f"{name}: sha256 {tracked_files.get(name, 'not tracked')}" for name in files)
+    revisions = ", ".join(f"{name} {digest[:12]}" for name, digest in tracked_files.items())
     return {
-        "command": shlex.join(FILE.sub(lambda m: m[0][m.start(1) - m.start() :], word) for word in words),
-        "revision": ", ".join(f"{name} {digest[:12]}" for name, digest in known.items())[: TEXTS["revision"]],
-        "note": f"{'; '.join(noted)}; run with touchbench at {run.get('git') or 'an unknown revision'}"[
-            : TEXTS["note"]
-        ],
+        "command": shlex.join(FILE.sub(r"\1\2", word) for word in words),
+        "revision": revisions[: TEXTS["revision"].most],
+        "note": f"{notes}; run with touchbench at {run.get('git') or 'an unknown revision'}"[: TEXTS["note"].most],
     }

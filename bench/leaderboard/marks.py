@@ -7,7 +7,8 @@ holds for the content that was compared.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,35 +17,38 @@ from bench.leaderboard.submissions import Submission
 from bench.scratch import replacing
 
 FILE = "leaderboard-verified.json"
-TEXTS = ("sha256", "date", "revision", "system")
-Marks = dict[str, dict[str, Any]]  # by task and name of the submission
 
 
-def read() -> Marks:
-    """The marks of the working folder; none where there is no file.
+def read() -> dict[str, dict[str, Any]]:
+    """The marks of the working folder by task and name of the submission; none where there is no file.
 
     Raises:
         InputError: the file cannot be used.
     """
     path = Path(FILE)
-    if not path.exists():
-        return {}
     try:
-        marks = json.loads(path.read_text(encoding="utf-8"))
-        texts = [mark[key] for mark in marks.values() for key in TEXTS]
+        marks = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        texts = [mark[key] for mark in marks.values() for key in ("sha256", "date", "revision", "system")]
+        if not all(text.isprintable() for text in texts):
+            raise ValueError("a mark that does not print")
     except (OSError, ValueError, RecursionError, AttributeError, KeyError, TypeError) as e:
         raise InputError(f"{FILE} does not hold marks of submissions; restore or remove it") from e
-    if not all(isinstance(text, str) and text.isprintable() for text in texts):
-        raise InputError(f"{FILE} holds a mark that is not text; restore or remove it")
     return marks
 
 
-def verified(submission: Submission, marks: Mapping[str, dict[str, Any]]) -> str:
-    """When and at which revision the labels of a submission were repeated; empty if they were not, or have changed."""
-    mark = marks.get(_key(submission))
-    if mark is None or mark["sha256"] != submission.sha256:
-        return ""
-    return f"{mark['date']} at {mark['revision']}, ran {mark['system']}"
+def marked(submissions: Sequence[Submission]) -> list[Submission]:
+    """The submissions; those whose labels were repeated, and which did not change since, say when.
+
+    Raises:
+        InputError: the file cannot be used.
+    """
+    marks, checked = read(), []
+    for one in submissions:
+        mark = marks.get(_key(one))
+        if mark is not None and mark["sha256"] == one.sha256:
+            one = replace(one, verified=f"{mark['date']} at {mark['revision']}, ran {mark['system']}")
+        checked.append(one)
+    return checked
 
 
 def add(submission: Submission, mark: dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
 from bench.corpora.read import cost
+from bench.corpora.read.limits import quoted
 from bench.errors import InputError, nearest
 
 HAART = "d086fb847e3caddb00adea342d9b33818a69d2866419d9caf8ce84b50bd34a8f"
@@ -25,98 +26,98 @@ CLEAN = "none"
 
 @dataclass(frozen=True)
 class Task:
-    """What a name fixes. The subset is the whole corpus, and what is to be told apart the gesture, in all of them.
+    """Data, protocol and unit under a name. The subset is the whole corpus and the class the gesture, in all of them.
 
     Attributes:
         name: ends in its version.
-        data: name of the corpus.
-        digest: of the corpus as touchbench imports it; empty for CoST, which is known by the MD5 of its file.
         protocol: as it is tracked.
-        about: the protocol in words.
+        protocol_text: the protocol in words.
         unit: what one row of predictions is.
-        score: what accuracy is of.
-        kind: of runs that answer it.
-        command: that makes such a run.
+        score: the rows that accuracy is of, in words.
+        command: of bench, which makes a run that answers the task.
         keys: columns that, with ``capture``, name a row.
         split: the part of the corpus that is tested, empty for all of it.
+        data: name of the corpus.
+        digest: of the corpus as touchbench imports it; empty for CoST, which is known by the MD5 of its file.
     """
 
     name: str
-    data: str
-    digest: str
     protocol: str
-    about: str
+    protocol_text: str
     unit: str
     score: str
-    kind: str = "cell"
     command: str = "run"
     keys: tuple[str, ...] = ()
     split: str = ""
+    data: str = "haart"
+    digest: str = HAART
+
+    @property
+    def kind(self) -> str:
+        """Of the runs that answer the task, as they are tracked."""
+        return "cell" if self.command == "run" else self.command
 
     def circumstances(self) -> list[tuple[str, ...]]:
         """Values of `keys` that every capture is tested under, as text."""
-        if self.keys == ("ms",):
-            return [(str(ms),) for ms in INSTANTS_MS]
-        if self.keys == ("draw",):
-            return [(str(draw),) for draw in range(1, DRAWS + 1)]
-        if self.keys == ("fault", "severity"):
-            return [*faults()]
+        match self.keys:
+            case ("ms",):
+                return [(str(ms),) for ms in INSTANTS_MS]
+            case ("draw",):
+                return [(str(draw),) for draw in range(1, DRAWS + 1)]
+            case ("fault", "severity"):
+                return [*faults()]
         return [()]
 
 
 CAPTURE = "capture: one label each, by mean probability of a system that decides several times"
 LOSO = "leave one subject out (10 subjects)"
-TASKS = {
-    task.name: task
-    for task in (
-        Task("haart-loso-v1", "haart", HAART, "loso", LOSO, CAPTURE, "829 captures"),
-        Task(
-            "haart-challenge-v1",
-            "haart",
-            HAART,
-            "challenge",
-            "the split of the 2015 challenge: 578 captures of 7 subjects to train on, 251 of 3 others to test",
-            CAPTURE,
-            "251 captures",
-            split="test",
-        ),
-        Task(
-            "haart-early-v1",
-            "haart",
-            HAART,
-            "loso",
-            f"{LOSO}; trained on whole captures, decided on what was touched so far",
-            "the label of a capture that stands after 0.5, 1, 2, 4 and 8 s from its onset",
-            "829 captures at 5 instants",
-            kind="stream",
-            command="stream",
-            keys=("ms",),
-        ),
-        Task(
-            "haart-faults-v1",
-            "haart",
-            HAART,
-            "loso",
-            f"{LOSO}; tested under 17 faults of the sensor at 5 severities, which training captures do not have",
-            "a capture under a fault at a severity, one label each",
-            "829 captures under 17 faults at 5 severities, without the clean ones",
-            kind="stress",
-            command="stress",
-            keys=("fault", "severity"),
-        ),
-        Task(
-            "haart-personal-v1",
-            "haart",
-            HAART,
-            "personal[shots=3]",
-            "a new person of whom up to 3 labelled captures of each gesture are known, 5 draws of them, seed 0",
-            "a capture in a draw, one label each",
-            "829 captures in 5 draws",
-            keys=("draw",),
-        ),
-        Task("cost-loso-v1", "cost", "", "loso", "leave one subject out (31 subjects)", CAPTURE, "7805 captures"),
-    )
-}
+_TASKS = (
+    Task("haart-loso-v1", "loso", LOSO, CAPTURE, "829 captures"),
+    Task(
+        "haart-challenge-v1",
+        "challenge",
+        "the split of the 2015 challenge: 578 captures of 7 subjects to train on, 251 of 3 others to test",
+        CAPTURE,
+        "251 captures",
+        split="test",
+    ),
+    Task(
+        "haart-early-v1",
+        "loso",
+        f"{LOSO}; trained on whole captures, decided on what was touched so far",
+        "the label of a capture that stands after 0.5, 1, 2, 4 and 8 s from its onset",
+        "829 captures at 5 instants",
+        command="stream",
+        keys=("ms",),
+    ),
+    Task(
+        "haart-faults-v1",
+        "loso",
+        f"{LOSO}; tested under 17 faults of the sensor at 5 severities, which training captures do not have",
+        "a capture under a fault at a severity, one label each",
+        "829 captures under 17 faults at 5 severities, without the clean ones",
+        command="stress",
+        keys=("fault", "severity"),
+    ),
+    Task(
+        "haart-personal-v1",
+        "personal[shots=3]",
+        "a new person of whom up to 3 labelled captures of each gesture are known, 5 draws of them, seed 0",
+        "a capture in a draw, one label each",
+        "829 captures in 5 draws",
+        keys=("draw",),
+    ),
+    Task(
+        "cost-loso-v1",
+        "loso",
+        "leave one subject out (31 subjects)",
+        CAPTURE,
+        "7805 captures",
+        data="cost",
+        digest="",
+    ),
+)
+TASKS = {task.name: task for task in _TASKS}
 
 
 def task_of(name: str) -> Task:
@@ -126,7 +127,7 @@ def task_of(name: str) -> Task:
         InputError: there is none.
     """
     if name not in TASKS:
-        raise InputError(f"no task is called {name[:60]!r}; {nearest(name, TASKS)}")
+        raise InputError(f"no task is called {quoted(name)}; {nearest(name, TASKS)}")
     return TASKS[name]
 
 
@@ -148,13 +149,13 @@ def captures_of(task: Task) -> pd.DataFrame:
         InputError: CoST is not here as it was published.
     """
     if task.digest:
-        known = _table(f"{task.data}.csv")
+        captures = _table(f"{task.data}.csv")
     else:
-        found = published_cost().captures
-        known = found.assign(capture=[str(i) for i in range(len(found))])
+        captures = published_cost().captures
+        captures = captures.assign(capture=[str(i) for i in range(len(captures))])
     if task.split:
-        known = known[known["split"] == task.split]
-    return known[["capture", "subject", "gesture"]].reset_index(drop=True)
+        captures = captures[captures["split"] == task.split]
+    return captures[["capture", "subject", "gesture"]].reset_index(drop=True)
 
 
 def rows_of(task: Task) -> pd.DataFrame:
@@ -164,8 +165,9 @@ def rows_of(task: Task) -> pd.DataFrame:
         InputError: CoST is not here as it was published.
     """
     captures = captures_of(task).rename(columns={"gesture": "true"})
-    each = pd.DataFrame(task.circumstances(), columns=list(task.keys), index=range(len(task.circumstances())))
-    return captures.merge(each, how="cross")[["capture", *task.keys, "subject", "true"]]
+    values = task.circumstances()
+    circumstances = pd.DataFrame(values, columns=list(task.keys), index=range(len(values)))
+    return captures.merge(circumstances, how="cross")[["capture", *task.keys, "subject", "true"]]
 
 
 def published_cost() -> Corpus:

@@ -42,12 +42,6 @@ class Ranks:
     critical: float
     subjects: int
 
-    def cliques(self) -> list[tuple[int, int]]:
-        """Longest runs of systems, as first and last position, of which no two are told apart."""
-        values = self.mean.to_numpy()
-        last = [int(np.flatnonzero(values - v < self.critical).max()) for v in values]
-        return [(i, j) for i, j in enumerate(last) if j > i and (i == 0 or last[i - 1] < j)]
-
 
 def friedman(subjects: pd.DataFrame) -> Ranks:
     """Rank the systems within each subject and test whether they differ at all.

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
 from urllib.parse import unquote, urlparse
 
-import numpy as np
 from filelock import FileLock, Timeout
 
 from bench.errors import InputError, StoreError
@@ -152,12 +151,6 @@ class Store:
             for f in self.finished_folds(run_id)
             if "accuracy" in f.data.metrics
         }
-
-    @patient
-    def history(self, run_id: str, metric: str) -> np.ndarray:
-        """Values of a metric by epoch, [epochs, 2]: epoch and value."""
-        points = self.client.get_metric_history(run_id, metric)
-        return np.array(sorted((m.step, m.value) for m in points if m.step > 0), dtype=float).reshape(-1, 2)
 
     @patient
     def path(self, run_id: str, artifacts: str, name: str) -> Path | None:

@@ -1,8 +1,9 @@
-"""Submissions that strangers may send: each ends in a line and is left out."""
+"""Submissions that strangers may send: each is refused in one line, and the page escapes the others."""
 
 import json
 import os
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,186 +13,158 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.cli import main
+from bench.errors import InputError
+from bench.leaderboard import submissions
 from tests.reports.submitted import ABOUT, CHALLENGE, folder_of
 
 RIGHT = CHALLENGE[["capture"]].assign(predicted=CHALLENGE["true"])
 PROBA = CHALLENGE[["capture"]].assign(**{f"p_{c}": 1 / 7 for c in sorted(set(CHALLENGE["true"]))})
+COLUMNS = {"capture": CHALLENGE["capture"].tolist(), "predicted": CHALLENGE["true"].tolist()}
+TABLES = {
+    "a row too few": (RIGHT.iloc[1:], "251 rows"),
+    "a row twice": (pd.concat([RIGHT.iloc[1:], RIGHT.iloc[-1:]]), "capture 828"),
+    "a strange row": (RIGHT.assign(capture=["9999", *RIGHT["capture"][1:]]), "capture 578"),
+    "a strange label": (RIGHT.assign(predicted="<script>"), "'<script>'"),
+    "an empty label": (RIGHT.assign(predicted=""), "predicted is ''"),
+    "a strange column": (RIGHT.assign(accuracy=1.0), "'accuracy'"),
+    "no labels": (RIGHT.drop(columns="predicted"), "predicted"),
+    "no captures": (RIGHT.drop(columns="capture"), "column capture"),
+    "another truth": (RIGHT.assign(true="pat"), "true of capture 578"),
+    "a class without probabilities": (PROBA.drop(columns="p_pat"), "p_pat"),
+    "labels and probabilities": (PROBA.assign(predicted=RIGHT["predicted"]), "predicted, or"),
+    "no number": (PROBA.assign(p_pat=np.nan), "probability"),
+    "infinity": (PROBA.assign(p_pat=np.inf), "0 to 1"),
+    "a negative probability": (PROBA.assign(p_pat=-0.5, p_rub=1 / 7 + 0.5 + 1 / 7), "0 to 1"),
+    "a wrong sum": (PROBA.assign(p_pat=0.9), "1.76"),
+    "a formula": (PROBA.assign(p_pat="=HYPERLINK()"), "HYPERLINK"),
+}
+FIELDS = [
+    ({"task": "haart-loso-v2"}, "haart-loso-v1"),
+    ({"task": None}, "task is missing"),
+    ({"who": ""}, "who is missing"),
+    ({"who": "a\u202eb"}, "'who'"),
+    ({"who": "A  Name"}, "'A  Name'"),
+    ({"who": "?!"}, "'?!'"),
+    ({"who": "touchbench"}, "reports/reference"),
+    ({"who": "The Touch-Bench team"}, "reports/reference"),
+    ({"system": "x" * 201}, "200"),
+    ({"system": "  "}, "system"),
+    ({"system": "r\u0435flex"}, "'r\\u0435flex'"),
+    ({"date": "yesterday"}, "'yesterday'"),
+    ({"parameters": "many"}, "parameters"),
+    ({"parameters": -1}, "parameters"),
+    ({"parameters": float("nan")}, "parameters"),
+    ({"flash_bytes": True}, "flash_bytes"),
+    ({"accuracy": 99.9}, "'accuracy'"),
+    ({"digest": "0" * 64}, "haart-challenge-v1"),
+    ({"versions": {"numpy": 2}}, "'numpy'"),
+    ({"versions": {"a\nb": "2"}}, "'a\\nb'"),
+    ({"versions": []}, "versions"),
+    ({"batch": "no"}, "'no'"),
+]
 
 
-@pytest.mark.parametrize(
-    ("table", "said"),
-    [
-        (RIGHT.iloc[1:], "there are not 251 rows"),
-        (pd.concat([RIGHT.iloc[1:], RIGHT.iloc[-1:]]), "capture 828 is there twice"),
-        (RIGHT.assign(capture=["9999", *RIGHT["capture"][1:]]), "capture 578 is missing"),
-        (RIGHT.assign(predicted="<script>"), "'<script>', not one of constant"),
-        (RIGHT.assign(accuracy=1.0), "column 'accuracy' is not one of"),
-        (RIGHT.drop(columns="predicted"), "give a column predicted"),
-        (RIGHT.drop(columns="capture"), "column capture is missing"),
-        (RIGHT.assign(true="pat"), "capture 578 is "),
-        (PROBA.drop(columns="p_pat"), "one for every class"),
-        (PROBA.assign(p_pat=np.nan), "a probability is no"),
-        (PROBA.assign(p_pat=np.inf), "not a number from 0 to 1"),
-        (PROBA.assign(p_pat=-0.5), "not a number from 0 to 1"),
-        (PROBA.assign(p_pat=0.9), "add up to 1.76, not to 1"),
-        (PROBA.assign(p_pat="=HYPERLINK()"), "a probability is no number"),
-        (pd.concat([PROBA, RIGHT[["predicted"]]], axis=1), "give a column predicted, or"),
-    ],
-)
-def test_a_wrong_table_is_left_out_with_a_line(table, said, capsys):
-    folder_of("wrong", table)
-    folder_of("good")
-    assert main(["leaderboard", "all"]) == 1
-    out, err = capsys.readouterr()
-    (line,) = err.splitlines()
-    assert line.startswith("left out: wrong: ") and said in line
-    assert "haart-challenge-v1: mine by A. Name, 100.0 % of 251 captures, not verified" in out
-    text = Path("leaderboard.html").read_text()
-    assert (
-        '<th scope="row">mine</th>' in text
-        and "Left out: wrong" in text
-        and "<script>" not in re.sub("<script>\n.*", "", text)
-    )
+def parquet(folder, table):
+    """A submission with this table in place of its CSV file."""
+    (folder / "predictions.csv").unlink()
+    pq.write_table(pa.table(table), folder / "predictions.parquet", compression="zstd")
 
 
-@pytest.mark.parametrize(
-    ("about", "said"),
-    [
-        ({"task": "haart-loso-v2"}, "did you mean haart-loso-v1"),
-        ({"task": 3}, "'task' is not one line"),
-        ({"task": None}, "task is missing"),
-        ({"who": ""}, "who is missing"),
-        ({"who": "a\u202eb"}, "'who' is not one line of at most 60 visible characters"),
-        ({"system": "x" * 201}, "'system' is not one line"),
-        ({"date": "yesterday"}, "not a day such as 2026-01-31"),
-        ({"parameters": "many"}, "parameters is not a number"),
-        ({"parameters": -1}, "parameters is not a number"),
-        ({"flash_bytes": True}, "flash_bytes is not a number"),
-        ({"accuracy": 99.9}, "no key is called 'accuracy'"),
-        ({"digest": "0" * 64}, "digest 0000000000000000 is not that of haart-challenge-v1"),
-        ({"versions": {"numpy": 2}}, "'numpy' is not one line"),
-        ({"versions": []}, "versions is no object"),
-        ({"system": "  "}, "system is '  '; write ASCII letters (ue for"),
-        ({"who": "A  Name"}, "who is 'A  Name'; write ASCII"),
-        ({"who": " A. Name"}, "who is ' A. Name'"),
-        ({"who": "?!"}, "who is '?!'"),
-        ({"who": "J. M\u00fcller"}, "who is 'J. M\\xfcller'; write ASCII"),
-        ({"who": "x" * 61}, "at most 60 visible characters"),
-        ({"system": "r\u0435flex"}, "system is 'r\\u0435flex'; write ASCII"),
-        ({"system": "re\u200bflex"}, "'system' is not one line"),
-        ({"who": "touchbench"}, "who is 'touchbench'; only the results in reports/reference may use this name"),
-        ({"who": "The Touch-Bench team"}, "only the results in reports/reference"),
-        ({"batch": "no"}, "batch is 'no'; write 'yes' or leave it out"),
-        ({"conditions": 3}, "'conditions' is not one line"),
-    ],
-)
-def test_a_wrong_description_is_left_out(about, said, capsys):
-    folder_of("wrong", **about)
-    assert main(["leaderboard", "all/wrong", "out=page.html"]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("left out: wrong: ") and said in line
+def cut(folder):
+    parquet(folder, COLUMNS)
+    path = folder / "predictions.parquet"
+    path.write_bytes(path.read_bytes()[:-20])
 
 
-def damaged(folder, how):
-    about, table = folder / "submission.json", folder / "predictions.csv"
-    match how:
-        case "no table":
-            table.unlink()
-        case "both tables":
-            RIGHT.to_parquet(folder / "predictions.parquet")
-        case "link":
-            table.rename("elsewhere.csv")
-            table.symlink_to(Path("elsewhere.csv").absolute())
-        case "pipe":
-            table.unlink()
-            os.mkfifo(table)
-        case "folder":
-            about.unlink()
-            about.mkdir()
-        case "huge":
-            with table.open("r+b") as f:
-                f.truncate(9 << 20)
-        case "huge description":
-            about.write_text(" " * (65 << 10) + about.read_text())
-        case "deep":
-            about.write_text("[" * 60000)
-        case "nan":
-            about.write_text(json.dumps(ABOUT | {"parameters": float("nan")}))
-        case "list":
-            about.write_text("[]")
-        case "bytes":
-            table.write_bytes(b"\xff\x00" * 1000)
-        case "one line":
-            table.write_text("," * (1 << 20) + "\n")
-        case "parquet of rows":  # one long row repeated, which is small packed
-            table.unlink()
-            rows = pa.table(
-                {"capture": pa.array(["1"] * 10_000_000).dictionary_encode(), "predicted": ["pat"] * 10_000_000}
-            )
-            pq.write_table(rows, folder / "predictions.parquet", compression="zstd")
-        case "cut parquet":
-            table.unlink()
-            RIGHT.to_parquet(folder / "predictions.parquet")
-            content = (folder / "predictions.parquet").read_bytes()
-            (folder / "predictions.parquet").write_bytes(content[:-20])
-        case "null" | "bytes as a label" | "bytes as a capture" | "bytes as truth":
-            table.unlink()
-            labels = CHALLENGE["true"].tolist()
-            columns = {"capture": CHALLENGE["capture"].tolist(), "predicted": labels, "true": labels}
-            name = {"bytes as a capture": "capture", "bytes as truth": "true"}.get(how, "predicted")
-            rest = columns[name][1:]
-            columns[name] = [None, *rest] if how == "null" else [b"\xff\xfe", *(word.encode() for word in rest)]
-            pq.write_table(pa.table(columns), folder / "predictions.parquet")
-        case "a cell too many":
-            table.write_text(table.read_text().replace("\n578,", "\n578,x,", 1))
-        case "nested":
-            table.unlink()
-            nested = pa.table({"capture": RIGHT["capture"].tolist(), "predicted": [["pat"]] * len(RIGHT)})
-            pq.write_table(nested, folder / "predictions.parquet")
+def link(folder):
+    path = folder / "predictions.csv"
+    path.rename("elsewhere.csv")
+    path.symlink_to(Path("elsewhere.csv").absolute())
 
 
-@pytest.mark.parametrize(
-    ("how", "said"),
-    [
-        ("no table", "holds 0 of"),
-        ("both tables", "holds 2 of"),
-        ("link", "predictions.csv is not a plain file"),
-        ("pipe", "predictions.csv is not a plain file"),
-        ("folder", "submission.json is not a plain file"),
-        ("huge", "at most 8388608 are read"),
-        ("huge description", "at most 65536 are read"),
-        ("deep", "not JSON"),
-        ("nan", "NaN is no number"),
-        ("list", "not a JSON object"),
-        ("bytes", "cannot be read as a table"),
-        ("one line", "its first line is no header"),
-        ("parquet of rows", ""),
-        ("cut parquet", "not a readable parquet file"),
-        ("nested", ""),
-        ("null", "predicted holds an empty cell"),
-        ("bytes as a label", "predicted is not text"),
-        ("bytes as a capture", "capture is not text"),
-        ("bytes as truth", "true is not text"),
-        ("a cell too many", "cannot be read as a table"),
-    ],
-)
-def test_hostile_folders_are_left_out_with_a_line(how, said, capsys):
-    damaged(folder_of("wrong"), how)
-    folder_of("good")
-    assert main(["leaderboard", "all"]) == 1
-    out, err = capsys.readouterr()
-    (line,) = err.splitlines()
-    assert line.startswith("left out: wrong: ") and said in line and len(line) < 400
-    assert "haart-challenge-v1: mine by A. Name, 100.0 %" in out
+def pipe(folder):
+    (folder / "predictions.csv").unlink()
+    os.mkfifo(folder / "predictions.csv")
 
 
-def test_names_are_text_and_links_are_not_followed(capsys):
+def subfolder(folder):
+    (folder / "submission.json").unlink()
+    (folder / "submission.json").mkdir()
+
+
+def content(folder, *, name, data):
+    (folder / name).write_bytes(data)
+
+
+def packed(rows):
+    """One row, repeated so often that it is much larger in memory than packed."""
+    zeros = pa.array(np.zeros(rows, np.int8))
+    return {
+        name: pa.DictionaryArray.from_arrays(zeros, [word]) for name, word in (("capture", "1"), ("predicted", "pat"))
+    }
+
+
+csv = partial(content, name="predictions.csv")
+description = partial(content, name="submission.json")
+CSV = RIGHT.to_csv(index=False)
+DAMAGE = {
+    "no table": (lambda folder: (folder / "predictions.csv").unlink(), "0 of"),
+    "both tables": (lambda folder: content(folder, name="predictions.parquet", data=b""), "2 of"),
+    "link": (link, "predictions.csv"),
+    "pipe": (pipe, "predictions.csv"),
+    "a folder": (subfolder, "submission.json"),
+    "huge": (partial(csv, data=b"0" * (8 << 20) + b"0"), "8388609"),
+    "huge description": (partial(description, data=b" " * (65 << 10) + json.dumps(ABOUT).encode()), "65536"),
+    "deep": (partial(description, data=b"[" * 60000), "JSON"),
+    "list": (partial(description, data=b"[]"), "JSON"),
+    "bytes": (partial(csv, data=b"\xff\x00" * 1000), "UTF-8"),
+    "bytes below the header": (partial(csv, data=CSV.encode() + b"\xff\xfe"), "utf-8"),
+    "a header of a million columns": (partial(csv, data=b"," * (1 << 20) + b"\n"), "line 1"),
+    "a cell too many": (partial(csv, data=CSV.replace("\n578,", "\n578,x,", 1).encode()), "table"),
+    "a row too many in parquet": (partial(parquet, table={k: [*v, v[0]] for k, v in COLUMNS.items()}), "252 rows"),
+    "a row repeated": (partial(parquet, table=packed(2_000_000)), "MiB"),
+    "cut parquet": (cut, "parquet"),
+    "nested": (partial(parquet, table=COLUMNS | {"predicted": [["pat"]] * len(RIGHT)}), "pat"),
+    "no label": (partial(parquet, table=COLUMNS | {"predicted": [None, *COLUMNS["predicted"][1:]]}), "predicted is"),
+    "no capture": (partial(parquet, table=COLUMNS | {"capture": [None, *COLUMNS["capture"][1:]]}), "capture 578"),
+    "bytes as labels": (partial(parquet, table=COLUMNS | {"predicted": [b"\xff\xfe"] * len(RIGHT)}), "predicted is"),
+    "bytes as captures": (
+        partial(parquet, table=COLUMNS | {"capture": [c.encode() for c in COLUMNS["capture"]]}),
+        "578",
+    ),
+    "bytes as truth": (
+        partial(parquet, table=COLUMNS | {"true": [c.encode() for c in COLUMNS["predicted"]]}),
+        "true of",
+    ),
+}
+DAMAGE |= {name: (partial(csv, data=rows.to_csv(index=False).encode()), fact) for name, (rows, fact) in TABLES.items()}
+for fields, fact in FIELDS:
+    kept = {k: v for k, v in (ABOUT | fields).items() if v is not None}
+    DAMAGE[f"{ascii(fields)[:60]}"] = (partial(description, data=json.dumps(kept).encode()), fact)
+
+
+@pytest.mark.parametrize(("damage", "fact"), DAMAGE.values(), ids=DAMAGE)
+def test_each_is_refused_in_one_line(damage, fact):
+    folder = folder_of("wrong")
+    assert len(submissions.read(folder).table) == len(CHALLENGE)
+    damage(folder)
+    with pytest.raises(InputError) as refused:
+        submissions.read(folder)
+    line = str(refused.value)
+    assert line.startswith("wrong: ") and fact in line and line.isprintable() and len(line) < 400
+
+
+def test_names_are_text_links_are_not_followed_and_the_others_are_shown(capsys):
+    folder_of("wrong", RIGHT.assign(predicted="<script>"))
     folder_of("<img src=x onerror=alert(1)>", command="</code><script>alert(1)</script>")
     folder_of("outside")
     Path("all/outside").rename("outside")
     Path("all/link").symlink_to(Path("outside").absolute())
     folder_of(".hidden")
     assert main(["leaderboard", "all"]) == 1
-    assert capsys.readouterr().err.splitlines() == ["left out: link: is a link, not a folder"]
+    out, err = capsys.readouterr()
+    assert [line.split(":")[1] for line in err.splitlines()] == [" link", " wrong"]
+    assert "haart-challenge-v1: mine by A. Name, 100.0 % of 251 captures, not verified" in out
     text = Path("leaderboard.html").read_text()
-    assert "&lt;/code&gt;&lt;script&gt;alert(1)" in text and "alert(1)</script>" not in text
+    assert "&lt;/code&gt;&lt;script&gt;alert(1)" in text and "Left out: " in text
+    assert '<th scope="row">mine</th>' in text and "<script>" not in re.sub("<script>\n.*", "", text)

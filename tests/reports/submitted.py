@@ -13,8 +13,8 @@ def folder_of(name="mine", table=None, **about):
     """A submission as a stranger writes it: CSV with labels, all of them right unless a table is given."""
     folder = Path("all") / name
     folder.mkdir(parents=True)
-    told = {k: v for k, v in (ABOUT | about).items() if v is not None}
-    (folder / "submission.json").write_text(json.dumps(told))
+    fields = {k: v for k, v in (ABOUT | about).items() if v is not None}
+    (folder / "submission.json").write_text(json.dumps(fields))
     table = CHALLENGE[["capture"]].assign(predicted=CHALLENGE["true"]) if table is None else table
     table.to_csv(folder / "predictions.csv", index=False)
     return folder

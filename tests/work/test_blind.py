@@ -139,7 +139,7 @@ def test_what_is_made_of_a_blind_corpus_is_blind(tmp_path):
 
 WINDOWS = {"model.window": 0.3}
 UNLABELLED = {"protocol": "personal", "protocol.unlabelled": "true"}
-KINDS = (Evaluation(), Stress((FAULTS["noise"],), (1,)), Stream(200.0))
+KINDS = (Evaluation(), Stress((all_faults()["noise"],), (1,)), Stream(200.0))
 
 
 @pytest.mark.parametrize(

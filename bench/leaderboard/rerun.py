@@ -1,0 +1,106 @@
+"""The command of a submission, checked before it is repeated, and the answer of the run that it made."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench.arguments import PARTS, parse
+from bench.corpora.read.limits import quoted
+from bench.errors import InputError
+from bench.leaderboard import answers, submissions
+from bench.leaderboard.submissions import Submission
+from bench.outcomes.runs import rows_of, tracked
+from bench.outcomes.store import Store
+from bench.plan.cells import cells
+
+ALWAYS = {"data", "seed", *PARTS}
+KEYS = {  # that a stored command can have; none of them says where to compute or to write
+    "run": ALWAYS,
+    "tune": ALWAYS | {"trials", "inner", "budget"},
+    "choose": ALWAYS | {"over", "inner"},
+    "stream": ALWAYS | {"hop_ms", "start"},
+    "stress": ALWAYS | {"faults", "train_subjects"},
+}
+
+
+def read(name: str, folders: Sequence[Path]) -> Submission:
+    """The submission of a name.
+
+    Raises:
+        InputError: it cannot be used, or no folder or several have one of this name.
+    """
+    among = ", ".join(map(str, folders))
+    if Path(name).name != name or "," in name:
+        raise InputError(f"rerun={name}: give the name of one folder in {among}")
+    places = [folder / name for folder in folders if (folder / name).is_dir() and not (folder / name).is_symlink()]
+    if len(places) != 1:
+        raise InputError(f"rerun={name}: there is {'more than one' if places else 'no'} such folder in {among}")
+    return submissions.read(places[0])
+
+
+def command_of(one: Submission) -> list[str]:
+    """The command of a submission as bench takes it: on the corpus of its task, with full paths of files.
+
+    Raises:
+        InputError: it cannot be repeated.
+    """
+    task, typed = one.task, one.metadata.get("command", "")
+    try:
+        bench, kind, *arguments = shlex.split(typed)
+    except ValueError:
+        bench, kind, arguments = "", "", []
+    if bench != "bench" or kind not in ((task.command, "tune", "choose") if task.command == "run" else (task.command,)):
+        raise InputError(f"its command {quoted(typed)} is not a bench {task.command}; only bench can repeat it")
+    values = parse(arguments, KEYS[kind]) | {"data": task.data}
+    values = {key: _with_path(one, value) if ".py:" in value else value for key, value in values.items()}
+    systems = cells({k: v for k, v in values.items() if kind == "run" or k.split(".")[0] in ("data", "protocol")})
+    if len(systems) > 1:
+        raise InputError(f"its command names {len(systems)} systems; one is needed")
+    if str(systems[0].protocol) != task.protocol:
+        raise InputError(f"its protocol {systems[0].protocol} is not that of {task.name}, {task.protocol}")
+    return [kind, *(f"{key}={value}" for key, value in values.items())]
+
+
+def _with_path(one: Submission, part: str) -> str:
+    """A part in a file, with the full path of the file.
+
+    Raises:
+        InputError: it is not in the working folder, or not what the submission names by its SHA-256.
+    """
+    match = re.fullmatch(r"([^/\\,:]+\.py):(\w+)", part)
+    if not match:
+        raise InputError(f"{quoted(part)} is not a file of the working folder, such as my.py:Mine")
+    path = Path(match[1])
+    if not path.is_file():
+        raise InputError(f"its command needs {path}, which a submission does not hold; copy it to the working folder")
+    if hashlib.sha256(path.read_bytes()).hexdigest() not in one.metadata.get("note", ""):
+        raise InputError(f"{path} here has another content than the SHA-256 in the note of the submission")
+    return f"{path.absolute()}:{match[2]}"
+
+
+def answer(store: Store, one: Submission, folder: Path) -> Submission:
+    """What the only run of a store answers to the task of a submission, as it would be submitted.
+
+    Args:
+        store: in which the command of the submission was repeated.
+        one: the submission.
+        folder: to be made, where the answer is written.
+
+    Raises:
+        InputError: the run does not answer the task, or rests on more than the submission says.
+    """
+    runs = rows_of(tracked(store, one.task.kind))
+    if len(runs) != 1:
+        raise InputError(f"{one.name}: its command made {len(runs)} runs; one is needed")
+    if flaw := answers.differs(one.task, runs[0]):
+        raise InputError(f"{one.name}: its command made a run with {flaw}, which is not {one.task.name}")
+    if answers.rests_on(runs[0]) != {key: v for key, v in one.metadata.items() if key in ("batch", "conditions")}:
+        raise InputError(
+            f"{one.name}: batch and conditions of the submission differ from those of the run; correct them"
+        )
+    metadata = answers.metadata(one.task, runs[0], one.metadata["who"], one.metadata["command"])
+    return submissions.write(folder, metadata, answers.table(store, one.task, runs[0]))
