@@ -14,7 +14,6 @@ from bench.errors import InputError
 from features.base import labels
 from features.jung28 import Jung28
 from models import person
-from models.adapters import FromTorch
 from models.classic.svm import svm
 from models.nets.cnn85 import CNN85
 from models.nets.hughes2017 import Hughes2017CNNRNN
@@ -152,17 +151,6 @@ def test_a_network_learns_a_person_in_its_last_layer(make):
         model.adapt(corpus[:1], np.array(["nod"]))
 
 
-def test_a_module_of_ones_own_is_fitted_anew():
-    assert not contract.adapts(FromTorch(lambda *size: torch.nn.Flatten(), 9)) and contract.adapts(CNN85())
-
-
 def test_ways_cannot_be_tuned(capsys):
     arguments = ["tune", "data.subjects=3", "model=svm", "model.C=1,10", "model.person=centre,pool", "trials=2"]
     assert main(arguments) == 2 and "model.person" in capsys.readouterr().err
-
-
-def test_a_pipeline_keeps_its_steps():
-    corpus = random_corpus()
-    model = Recipe(svm(Jung28()), person=("centre",)).fit(corpus, corpus.gestures)
-    names = [name for name, _ in model.adapt(corpus[:3], None).system_.steps]
-    assert names == ["features", "person", "scaler", "classifier"] == [name for name, _ in model.system_.steps]

@@ -131,7 +131,7 @@ def test_what_frames_go_through_first_is_counted_wherever_it_stands(corpus):
     bare = Recipe(lda(TouchFeatures()), window=0.1).fit(corpus, corpus.gestures)
     own = sizes(plain, 64, 40)["ram_bytes"] - sizes(bare, 64, 40)["ram_bytes"]
     assert own == 4 * 6 * 64
-    small = {"window": 0.1, "early": 0.05, "units": 4, "copies": 1}
+    small = {"window": 0.1, "early": 0.05, "units": 4, "copies": 1, "faults": ("none",)}
     reflex = Reflex(**small).fit(corpus, corpus.gestures)
     scaled = Recipe(Reflex(**small), scale="peak").fit(corpus, corpus.gestures)
     assert sizes(scaled, 64, 40)["ram_bytes"] == sizes(reflex, 64, 40)["ram_bytes"]
