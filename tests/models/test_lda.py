@@ -160,7 +160,7 @@ def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labe
     X = pd.DataFrame(rng.normal(size=(120, 6)), index=labels(np.repeat(np.arange(40), 3), np.zeros(120, dtype=int)))
     y = rng.integers(0, 3, 40).astype(str).repeat(3)
     P = pd.DataFrame(rng.normal(0.7, 1, (20, 6)), index=labels(np.repeat(np.arange(10), 2), np.zeros(20, dtype=int)))
-    yp = np.array(list("0120120120")).repeat(2)
+    yp = np.array(list("0001001001")).repeat(2)  # and none of the third class
     general = Discriminants(0.2, windows).fit(X, y)
     before = general.decision_function(P)
     own = general.adapt(P, yp if labelled else None, weight=4.0)
@@ -168,7 +168,7 @@ def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labe
     person = (P.to_numpy() - mean) / sd
     rows = (X.to_numpy() - mean) / sd
     first = np.array([rows[y == c].mean(axis=0) for c in "012"])
-    rest = person - first[yp.astype(int)] if labelled else person  # 4, 3 and 3 captures of the classes
+    rest = person - first[yp.astype(int)] if labelled else person  # 7 and 3 captures of two classes
     shift = rest.mean(axis=0) * 10 / 15
     names, weight, capture = y, np.ones(120), np.repeat(np.arange(40), 3)
     if labelled:
@@ -207,17 +207,3 @@ def test_a_feature_that_did_not_vary_in_training_tells_nothing_of_a_person():
     model = Discriminants().fit(X, np.array(["a", "b"] * 10))
     own = model.adapt(X[:4] + [0, 0, 3.0], np.array(["a", "b"] * 2))
     np.testing.assert_allclose(own.decision_function(X), own.decision_function(X + [0, 0, 9.0]))
-
-
-@pytest.mark.parametrize("known", [[0], [0, 0, 0], [0, 0, 1], [1, 2, 2]])
-def test_a_few_captures_of_a_few_classes_do_no_harm(known):
-    """Seven classes far apart: the mean of captures of one of them is not that of the person."""
-    rng = np.random.default_rng(0)
-    centres = 4 * rng.normal(size=(7, 10))
-    y = rng.integers(0, 7, 700)
-    general = Discriminants().fit(centres[y] + rng.normal(size=(700, 10)), y.astype(str))
-    probe = rng.integers(0, 7, 300)
-    X = centres[probe] + rng.normal(size=(300, 10))
-    own = general.adapt(centres[known] + rng.normal(size=(len(known), 10)), np.array(known).astype(str))
-    right = [np.mean(m.predict(X) == probe.astype(str)) for m in (general, own)]
-    assert right[1] > right[0] - 0.01

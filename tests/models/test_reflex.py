@@ -80,8 +80,9 @@ def test_what_it_says_of_itself(corpus):
 
 def test_stress_says_on_how_many_of_the_tested_faults_it_was_trained(capsys, monkeypatch):
     monkeypatch.setattr(printing, "WIDTH", 140)
-    small = ["data.subjects=2", "data.variants=normal", "where=gesture in ['pat', 'rub']", "faults=noise,shift"]
-    assert main(["stress", *small, "model=lda", "features=jung28", "model.faults=noise", "model.copies=1"]) == 0
+    small = ["data.subjects=2", "data.variants=normal", "data.repetitions=1", "where=gesture in ['pat', 'rub']"]
+    trained = ["model=lda", "features=jung28", "model.faults=noise", "model.copies=1"]
+    assert main(["stress", *small, *trained, "faults=noise,shift"]) == 0
     (run,) = runs("stress")[1]
     assert run.data.metrics["faults_trained"] == 1 and run.data.metrics["faults_tested"] == 2
     assert "1 of 2" in " ".join(capsys.readouterr().out.split())
