@@ -12,13 +12,13 @@ from features.jung54 import Jung54
 from features.selection import Subset
 from features.ta273 import Ta273
 from models.classic.bayes import GaussianBayes
+from models.classic.jung2014 import jung2014_svm
 from models.classic.jung2017 import jung2017_nn, jung2017_svm_rbf, jung2017_tree
 from models.classic.mlp import EarlyStoppedNet
 from models.classic.svm import RankedSVC, svm
 from models.classic.tree import PrunedTree
 from models.classic.wingerden2014 import wingerden2014_mlp
-from models.sizes import parameter_count, sizes
-from tests.conftest import random_corpus
+from models.sizes import sizes
 
 
 def points(n=60, d=3, seed=0):
@@ -35,11 +35,7 @@ def test_bayes_equals_scipys_normal_density():
     ]
     expected = np.stack(densities, axis=1)
     np.testing.assert_allclose(model.predict_proba(X), expected / expected.sum(axis=1, keepdims=True), rtol=1e-8)
-
-
-def test_bayes_stands_dependent_and_constant_features():
-    X, y = points()
-    X = np.column_stack([X, X.sum(axis=1), np.ones(len(X))])
+    X = np.column_stack([X, X.sum(axis=1), np.ones(len(X))])  # dependent and constant features
     assert np.isfinite(GaussianBayes(1e-6).fit(X, y).predict_proba(X)).all()
 
 
@@ -53,24 +49,18 @@ def test_svm_labels_are_those_of_libsvm(classes):
     np.testing.assert_allclose(proba.sum(axis=1), 1)
 
 
-def test_parameter_counts_by_hand():
+def test_parameter_counts_by_hand(corpus):
     X, y = points()
     assert GaussianBayes().fit(X, y).parameters_ == 3 * (3 + 6 + 1)
-    machine = SVC(kernel="linear").fit(X, y)
-    n = machine.support_vectors_.shape[0]
-    assert parameter_count(machine) == n * 3 + 2 * n + 3
-    corpus = random_corpus()
     machine = svm(Jung28()).fit(corpus, corpus.gestures)
-    found = sizes(machine, 64, 40)
-    n = len(machine.named_steps["classifier"].support_)
+    costs, n = sizes(machine, 64, 40), len(machine.named_steps["classifier"].support_)
     # summed pressure, two frames, features, kernels, scores
-    assert found["ram_bytes"] == 4 * (40 + 2 * 64 + 28 + n + 3)
-    whole = svm(Jung54()).fit(corpus, corpus.gestures)  # spatial peaks are above a share of the whole's maximum
-    n = len(whole.named_steps["classifier"].support_)
-    assert sizes(whole, 64, 40)["ram_bytes"] == 4 * (40 * 64 + 54 + n + 3)
+    assert costs["ram_bytes"] == 4 * (40 + 2 * 64 + 28 + n + 3)
+    assert costs["flash_bytes"] == 4 * (costs["parameters"] + 2 * 28)  # low end and width of each feature
+    # spatial peaks of jung54 and areas are above a share of the maximum of the whole capture
+    wholes = Jung54(), Jung28(area="capture"), Ta273()
+    assert {part.keeps(40, 64) for part in wholes} == {40 * 64}
     assert Balli().keeps(40, 64) == 16 * 40 + 64 and Subset(Jung28(), 5).keeps(40, 64) == 40 + 2 * 64
-    assert Jung28(area="capture").keeps(40, 64) == Ta273().keeps(40, 64) == 40 * 64
-    assert found["flash_bytes"] == 4 * (found["parameters"] + 2 * 28)  # low end and width of each feature
 
 
 def test_a_level_is_a_step_of_the_pruning_sequence():
@@ -131,12 +121,10 @@ def test_the_best_run_on_the_held_captures_is_kept():
 
 
 def test_networks_and_grids_are_the_published_ones():
-    assert jung2017_nn().named_steps["classifier"].layers == (54, 27)
-    assert wingerden2014_mlp().named_steps["classifier"].layers == (46,)
     grid = jung2017_svm_rbf().spaces["svm"]
     assert len(grid["C"]) == 11 and len(grid["gamma"]) == 10
     assert (min(grid["C"]), max(grid["C"]), min(grid["gamma"]), max(grid["gamma"])) == (2**-5, 2**15, 2**-15, 2**3)
+    assert jung2014_svm().spaces["svm"]["kernel"] == ["linear"] and len(jung2014_svm().spaces["svm"]["C"]) == 11
     assert jung2017_tree().spaces["tree"]["level"] == [5, 10, 15, 20, 25, 30]
-    corpus = random_corpus(gestures=tuple("abcdefghijklmn"), per_class=1)
-    net = jung2017_nn().fit(corpus, corpus.gestures)
-    assert net.named_steps["classifier"].parameters_ == 54 * 54 + 54 + 54 * 27 + 27 + 27 * 14 + 14
+    assert jung2017_nn().named_steps["classifier"].layers == (54, 27)
+    assert wingerden2014_mlp().named_steps["classifier"].layers == (46,)

@@ -6,15 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
-from bench import contract
 from bench.errors import InputError
 from features.base import labels
 from features.jung28 import Jung28
 from models.classic.lda import Discriminants, lda
-from tests.conftest import random_corpus
 
 
 def points(seed=0, counts=(20, 20, 20), d=4):
@@ -27,7 +24,7 @@ def points(seed=0, counts=(20, 20, 20), d=4):
 
 
 def of_captures(seed, captures=30, d=3, classes=3):
-    """Rows of captures of 1 to 6 windows each, some of them damaged, as feature sets label them."""
+    """Rows in any order of captures of 1 to 6 windows each, some of them damaged, as feature sets label them."""
     rng = np.random.default_rng(seed)
     rows = rng.integers(1, 7, captures)
     labels = np.repeat(rng.permutation(1000)[:captures], rows), rng.integers(0, 3, rows.sum())
@@ -35,7 +32,8 @@ def of_captures(seed, captures=30, d=3, classes=3):
     code = np.repeat(np.arange(captures) % classes, rows)
     X = 2 * rng.normal(size=(classes, d))[code] + np.repeat(rng.normal(size=(captures, d)), rows, axis=0)
     X = (X + 0.5 * rng.normal(size=X.shape)) @ rng.normal(size=(d, d))
-    return pd.DataFrame(X, index=index), np.array([*"abcdef"])[code]
+    order = rng.permutation(len(X))
+    return pd.DataFrame(X, index=index).iloc[order], np.array([*"abcdef"])[code][order]
 
 
 @given(
@@ -134,30 +132,11 @@ def test_constant_features_have_no_weight(shrinkage):
     np.testing.assert_allclose(nothing.predict_proba(X), 1 / 3)
 
 
-@given(st.integers(0, 1000), st.sampled_from([1.0, 3.0]))
-def test_the_order_of_rows_changes_nothing(seed, windows):
-    X, y = of_captures(seed)
-    order = np.random.default_rng(seed).permutation(len(X))
-    found = Discriminants(0.1, windows).fit(X.iloc[order], y[order])
-    expected = Discriminants(0.1, windows).fit(X, y)
-    np.testing.assert_allclose(found.predict_proba(X), expected.predict_proba(X), rtol=1e-7, atol=1e-12)
-    assert np.array_equal(found.predict(X), expected.predict(X))
-
-
 def test_more_features_than_rows():
     X, y = points(counts=(4, 4, 4), d=40)
     for shrinkage in (0.001, 0.2):
         proba = Discriminants(shrinkage).fit(X, y).predict_proba(X)
         assert np.isfinite(proba).all() and np.array_equal(np.array([*"abc"])[proba.argmax(axis=1)], y)
-
-
-def test_a_system_on_features_scales_by_its_training_captures(corpus):
-    train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
-    model = lda(Jung28(), 0.1).fit(corpus[train], corpus.gestures[train])
-    table = Jung28().transform(corpus)
-    alone = Discriminants(0.1).fit(table.iloc[train], corpus.gestures[train])
-    assert np.array_equal(model.predict_proba(corpus[test]), alone.predict_proba(table.iloc[test]))
-    assert (model.predict(random_corpus(seed=4)) == random_corpus(seed=4).gestures).mean() > 0.8
 
 
 @pytest.mark.parametrize(
@@ -181,7 +160,7 @@ def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labe
     X = pd.DataFrame(rng.normal(size=(120, 6)), index=labels(np.repeat(np.arange(40), 3), np.zeros(120, dtype=int)))
     y = rng.integers(0, 3, 40).astype(str).repeat(3)
     P = pd.DataFrame(rng.normal(0.7, 1, (20, 6)), index=labels(np.repeat(np.arange(10), 2), np.zeros(20, dtype=int)))
-    yp = np.array(list("0120120120")).repeat(2)
+    yp = np.array(list("0001001001")).repeat(2)  # and none of the third class
     general = Discriminants(0.2, windows).fit(X, y)
     before = general.decision_function(P)
     own = general.adapt(P, yp if labelled else None, weight=4.0)
@@ -189,7 +168,7 @@ def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labe
     person = (P.to_numpy() - mean) / sd
     rows = (X.to_numpy() - mean) / sd
     first = np.array([rows[y == c].mean(axis=0) for c in "012"])
-    rest = person - first[yp.astype(int)] if labelled else person  # 4, 3 and 3 captures of the classes
+    rest = person - first[yp.astype(int)] if labelled else person  # 7 and 3 captures of two classes
     shift = rest.mean(axis=0) * 10 / 15
     names, weight, capture = y, np.ones(120), np.repeat(np.arange(40), 3)
     if labelled:
@@ -228,27 +207,3 @@ def test_a_feature_that_did_not_vary_in_training_tells_nothing_of_a_person():
     model = Discriminants().fit(X, np.array(["a", "b"] * 10))
     own = model.adapt(X[:4] + [0, 0, 3.0], np.array(["a", "b"] * 2))
     np.testing.assert_allclose(own.decision_function(X), own.decision_function(X + [0, 0, 9.0]))
-
-
-@pytest.mark.parametrize("known", [[0], [0, 0, 0], [0, 0, 1], [1, 2, 2]])
-def test_a_few_captures_of_a_few_classes_do_no_harm(known):
-    """Seven classes far apart: the mean of captures of one of them is not that of the person."""
-    rng = np.random.default_rng(0)
-    centres = 4 * rng.normal(size=(7, 10))
-    y = rng.integers(0, 7, 700)
-    general = Discriminants().fit(centres[y] + rng.normal(size=(700, 10)), y.astype(str))
-    probe = rng.integers(0, 7, 300)
-    X = centres[probe] + rng.normal(size=(300, 10))
-    own = general.adapt(centres[known] + rng.normal(size=(len(known), 10)), np.array(known).astype(str))
-    right = [np.mean(m.predict(X) == probe.astype(str)) for m in (general, own)]
-    assert right[1] > right[0] - 0.01
-
-
-def test_a_pipeline_of_one_step_adapts():
-    rng = np.random.default_rng(0)
-    X, y = rng.normal(size=(30, 3)), np.array(["a", "b", "c"] * 10)
-    alone, piped = Discriminants().fit(X, y), Pipeline([("classifier", Discriminants().fit(X, y))])
-    assert contract.adapts(piped)
-    np.testing.assert_array_equal(
-        contract.adapted(piped, X[:3], y[:3]).predict_proba(X), alone.adapt(X[:3], y[:3]).predict_proba(X)
-    )

@@ -14,7 +14,6 @@ from bench.errors import InputError
 from features.base import labels
 from features.jung28 import Jung28
 from models import person
-from models.adapters import FromTorch
 from models.classic.svm import svm
 from models.nets.cnn85 import CNN85
 from models.nets.hughes2017 import Hughes2017CNNRNN
@@ -30,32 +29,18 @@ def rows(n, features=3, seed=0, classes="ab"):
     return pd.DataFrame(values, columns=list("xyz")[:features]), y
 
 
-def test_nothing_changes_before_a_person_is_met():
-    X, y = rows(20)
-    assert PersonScaler(("centre", "scale")).fit(X, y).transform(X) is X
-    corpus = random_corpus()
-    plain = svm(Jung28()).fit(corpus, corpus.gestures)
-    model = Recipe(svm(Jung28()), person=("centre", "scale", "pool")).fit(corpus, corpus.gestures)
-    assert np.array_equal(model.predict_proba(corpus), plain.predict_proba(corpus))
-
-
 @given(st.integers(1, 30), st.booleans())
 def test_the_mean_of_a_person_by_hand(count, labelled):
     X, y = rows(40)
     own = PersonScaler(("centre",)).fit(X, y)
     Z, known = rows(count, seed=1)
     Z = Z + [10, 0, -4]
-    found = own.adapt(Z, known if labelled else None)
-    overall = X.to_numpy().mean(axis=0)
-    if labelled and count % 2 == 0:  # both classes alike
-        expected = Z.to_numpy().mean(axis=0) - overall
-    elif labelled:
-        centres = {c: X.to_numpy()[y == c].mean(axis=0) for c in "ab"}
-        expected = np.mean([z - centres[c] for z, c in zip(Z.to_numpy(), known, strict=True)], axis=0)
-        expected = expected * count / (count + PRIOR)
-    else:
-        expected = (Z.to_numpy().mean(axis=0) - overall) * count / (count + PRIOR)
-    np.testing.assert_allclose(found.transform(Z), Z.to_numpy() - expected, atol=1e-9)
+    adapted = own.adapt(Z, known if labelled else None)
+    centres = {c: X.to_numpy()[y == c].mean(axis=0) for c in "ab"}
+    usual = [centres[c] for c in known] if labelled else X.to_numpy().mean(axis=0)
+    both = labelled and count % 2 == 0  # both classes alike: all of it counts
+    expected = np.mean(Z.to_numpy() - usual, axis=0) * (1 if both else count / (count + PRIOR))
+    np.testing.assert_allclose(adapted.transform(Z), Z.to_numpy() - expected, atol=1e-9)
     assert own.transform(Z) is Z  # it stays as it is
 
 
@@ -101,6 +86,8 @@ def test_pooled_captures_count_ten_times():
     known, tested = own[::2], own[1::2]
     model = Recipe(svm(Jung28()), person=("pool",)).fit(corpus[train], corpus.gestures[train])
     before = model.predict_proba(corpus[tested])
+    plain = svm(Jung28()).fit(corpus[train], corpus.gestures[train])
+    assert np.array_equal(before, plain.predict_proba(corpus[tested]))  # nothing changes before a person is met
     found = model.adapt(corpus[known], corpus.gestures[known])
     by_hand = np.concatenate([train, *[known] * WEIGHT])
     expected = svm(Jung28()).fit(corpus[by_hand], corpus.gestures[by_hand]).predict_proba(corpus[tested])
@@ -108,6 +95,7 @@ def test_pooled_captures_count_ten_times():
     assert np.array_equal(model.predict_proba(corpus[tested]), before)
     without = model.adapt(corpus[known], None)
     assert np.array_equal(without.predict_proba(corpus[tested]), before)
+    assert [name for name, _ in without.system_.steps] == ["features", "person", "scaler", "classifier"]
 
 
 def test_the_last_layer_is_at_an_optimum_and_a_stiff_one_stays(monkeypatch):
@@ -152,17 +140,6 @@ def test_a_network_learns_a_person_in_its_last_layer(make):
         model.adapt(corpus[:1], np.array(["nod"]))
 
 
-def test_a_module_of_ones_own_is_fitted_anew():
-    assert not contract.adapts(FromTorch(lambda *size: torch.nn.Flatten(), 9)) and contract.adapts(CNN85())
-
-
 def test_ways_cannot_be_tuned(capsys):
     arguments = ["tune", "data.subjects=3", "model=svm", "model.C=1,10", "model.person=centre,pool", "trials=2"]
     assert main(arguments) == 2 and "model.person" in capsys.readouterr().err
-
-
-def test_a_pipeline_keeps_its_steps():
-    corpus = random_corpus()
-    model = Recipe(svm(Jung28()), person=("centre",)).fit(corpus, corpus.gestures)
-    names = [name for name, _ in model.adapt(corpus[:3], None).system_.steps]
-    assert names == ["features", "person", "scaler", "classifier"] == [name for name, _ in model.system_.steps]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sklearn.pipeline import Pipeline
+from sklearn.pipeline import Pipeline, make_pipeline
 
 from bench import contract
 from features.jung28 import Jung28
@@ -20,37 +20,25 @@ SYSTEMS = {
     "lda": lambda bits: Recipe(lda(TouchFeatures()), window=0.1, bits=bits),
     "softmax": lambda bits: Recipe(softmax(Jung28()), bits=bits),
     "bayes": lambda bits: Recipe(bayes(Jung28()), bits=bits),
-    "reflex": lambda bits: Reflex(window=0.1, early=0.05, units=4, copies=1, bits=bits),
 }
-
-
-def fitted(name, bits):
-    corpus = random_corpus(longest=30)
-    return SYSTEMS[name](bits).fit(corpus, corpus.gestures)
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_it_decides_nearly_as_before_and_again_the_same(name):
     corpus = random_corpus(longest=30)
-    whole, few = (fitted(name, bits).predict_proba(corpus) for bits in (32, 8))
-    assert not np.array_equal(whole, few) and np.median(np.abs(whole - few)) < 0.02
-    model = fitted(name, 8)
-    parts = [model.whole_, model.early_] if name == "reflex" else [model]
-    for part in parts:
-        twice = in_bits(part.system_, 8)
-        seen = corpus[:4]
-        table = part.system_.steps[0][1].transform(seen)
-        for (_, one), (_, other) in zip(part.system_.steps[1:], twice.steps[1:], strict=True):
-            last = hasattr(one, "predict_proba")
-            if last:
-                np.testing.assert_allclose(one.predict_proba(table), other.predict_proba(table), atol=1e-9)
-            else:
-                table = one.transform(table)
+    full, few = (SYSTEMS[name](bits).fit(corpus, corpus.gestures) for bits in (32, 8))
+    difference = np.abs(full.predict_proba(corpus) - few.predict_proba(corpus))
+    assert difference.any() and np.median(difference) < 0.02
+    *before, one = [step for _, step in few.system_.steps]
+    table = make_pipeline(*before).transform(corpus)
+    other = in_bits(few.system_, 8).steps[-1][1]
+    np.testing.assert_allclose(one.predict_proba(table), other.predict_proba(table), atol=1e-9)
 
 
 def test_weights_are_whole_steps_by_hand():
-    plain, few = (fitted("softmax", bits).system_.steps[-1][1].coef_ for bits in (32, 8))
-    for before, after in zip(plain, few, strict=True):
+    corpus = random_corpus(longest=30)
+    models = (SYSTEMS["softmax"](bits).fit(corpus, corpus.gestures) for bits in (32, 8))
+    for before, after in zip(*(model.system_.steps[-1][1].coef_ for model in models), strict=True):
         step = np.abs(before).max() / 127
         np.testing.assert_allclose(after, np.round(before / step) * np.float32(step), rtol=1e-6)
 

@@ -1,6 +1,7 @@
 """Sizes of systems that nobody helps to count: by hand where a number can be, above nothing everywhere."""
 
 import inspect
+from functools import partial
 
 import numpy as np
 import pytest
@@ -26,9 +27,9 @@ from sklearn.utils import all_estimators
 from torch import nn
 from xgboost import XGBClassifier
 
-from features.jung28 import Jung28
 from features.touch import TouchFeatures
 from models.classic.lda import lda
+from models.classic.perceptron import Perceptron
 from models.recipe import Recipe
 from models.reflex import Reflex
 from models.sizes import parameter_count, sizes
@@ -126,19 +127,13 @@ def test_modules_of_torch_are_found_wherever_they_are_kept(corpus):
     assert found["ram_bytes"] == 4 * (64 * 40 + 3) and torch.is_tensor(model.inner[0].weight)
 
 
-def test_what_frames_go_through_first_is_counted_wherever_it_stands(corpus):
+def test_what_frames_go_through_first_is_counted_wherever_it_stands(corpus, monkeypatch):
+    monkeypatch.setattr("models.out_of_distribution.Perceptron", partial(Perceptron, updates=20))
     plain = Recipe(lda(TouchFeatures()), window=0.1, repair=("stuck", "dead", "offset")).fit(corpus, corpus.gestures)
     bare = Recipe(lda(TouchFeatures()), window=0.1).fit(corpus, corpus.gestures)
     own = sizes(plain, 64, 40)["ram_bytes"] - sizes(bare, 64, 40)["ram_bytes"]
     assert own == 4 * 6 * 64
-    small = {"window": 0.1, "early": 0.05, "units": 4, "copies": 1}
+    small = {"window": 0.1, "early": 0.05, "units": 4, "copies": 1, "faults": ("none",)}
     reflex = Reflex(**small).fit(corpus, corpus.gestures)
     scaled = Recipe(Reflex(**small), scale="peak").fit(corpus, corpus.gestures)
     assert sizes(scaled, 64, 40)["ram_bytes"] == sizes(reflex, 64, 40)["ram_bytes"]
-
-
-def test_a_pipeline_on_features_needs_what_they_are_computed_from(corpus):
-    plain = make_pipeline(Jung28(), StandardScaler(), KNeighborsClassifier()).fit(corpus, corpus.gestures)
-    found = sizes(plain, 64, 40)
-    assert found["ram_bytes"] == 4 * (40 + 2 * 64 + 28 + 3)
-    assert found["flash_bytes"] == 4 * (36 * 28 + 36 + 2 * 28)

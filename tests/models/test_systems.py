@@ -104,6 +104,8 @@ def check_contract(make):
     table, decisions = contract.decide(model, probe)
     assert set(table["capture"]) == {*range(12)} and len(table) == len(decisions)
     assert (table["start"] + table["frames"] <= probe.lengths[table["capture"]]).all() or "pad" in str(bare)
+    of_captures = [decisions[table["capture"] == i].mean(axis=0) for i in range(12)]
+    np.testing.assert_allclose(proba, of_captures, rtol=1e-5, atol=1e-9)
 
     for alone in ([0], [7, 3]):
         np.testing.assert_allclose(contract.probabilities(model, probe[alone].detached()), proba[alone], atol=1e-5)
@@ -117,7 +119,8 @@ def check_contract(make):
     costs = sizes(model, 64, 40)
     assert costs["flash_bytes"] > 0 and costs["ram_bytes"] > 0 and costs["parameters"] > 0
 
-    skin = random_corpus(subjects=2, per_class=2, grid=(3, 5), longest=30)
-    real = Corpus.from_captures([f / np.float32(8) for f in skin], skin.captures, 27.0, full_scale=128.0)
-    found = contract.probabilities(make().fit(real, real.gestures), real[:2])
-    assert found.shape == (2, 3) and np.isfinite(found).all()
+    for grid, rate, longest in (((3, 5), 27.0, 30), ((1, 2), 8.0, 2)):  # the second has captures of one frame
+        skin = random_corpus(subjects=2, per_class=2, grid=grid, longest=longest)
+        real = Corpus.from_captures([f / np.float32(8) for f in skin], skin.captures, rate, full_scale=128.0)
+        found = contract.probabilities(make().fit(real, real.gestures), real[:2])
+        assert found.shape == (2, 3) and np.isfinite(found).all()

@@ -1,12 +1,15 @@
 """The nested search: against a plain loop over grid and folds, resumed, and blind to test subjects."""
 
+import itertools
+
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, clone
 from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
+from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MinMaxScaler
 from sklearn.svm import SVC
 
@@ -17,11 +20,9 @@ from bench.scratch import home
 from features.balli import Balli
 from features.jung28 import Jung28
 from features.ta273 import Ta273
-from models.classic.jung2014 import jung2014_svm
 from models.classic.rf import et
 from models.classic.svm import svm
 from models.nets.cnn85 import CNN85
-from models.search import tuning
 from models.search.inner_folds import Tables, inner_folds
 from models.search.space import Range
 from models.search.study import Tried
@@ -48,15 +49,12 @@ def by_hand(corpus, folds):
     """Mean accuracy of the left-out subjects for every combination, with scikit-learn alone."""
     X, y, subjects = Jung28().transform(corpus).to_numpy(), corpus.gestures, corpus.subjects
     scores = {}
-    for C in GRID["C"]:
-        for gamma in GRID["gamma"]:
-            accuracy = {}
-            for train, test in folds:
-                scaler = MinMaxScaler().fit(X[train])
-                machine = SVC(C=C, gamma=gamma, break_ties=True).fit(scaler.transform(X[train]), y[train])
-                hit = machine.predict(scaler.transform(X[test])) == y[test]
-                accuracy |= {s: hit[subjects[test] == s].mean() for s in set(subjects[test])}
-            scores[C, gamma] = np.mean(list(accuracy.values()))
+    for C, gamma in itertools.product(GRID["C"], GRID["gamma"]):
+        hits = np.zeros(len(y))
+        for train, test in folds:
+            machine = make_pipeline(MinMaxScaler(), SVC(C=C, gamma=gamma, break_ties=True)).fit(X[train], y[train])
+            hits[test] = machine.predict(X[test]) == y[test]
+        scores[C, gamma] = np.mean([hits[subjects == s].mean() for s in set(subjects)])
     return scores
 
 
@@ -73,6 +71,8 @@ def test_a_grid_is_searched_as_a_plain_loop_would(inner):
     assert (search.chosen_["svm.C"], search.chosen_["svm.gamma"]) == min(k for k, v in expected.items() if v == best)
     for point, row in trials[trials["state"] == "complete"].iterrows():
         assert row["accuracy"] == pytest.approx(expected[point]) and row["subjects"] == 5
+    fewest = {"C": Range(0.01, 1e3, log=True), "gamma": [0.1, 1.0]}
+    assert len(svms(fewest, inner=inner, budget=1e-9).fit(corpus, corpus.gestures).trials_) == 1  # a budget ends it
     again = svm(Jung28(), C=search.chosen_["svm.C"], gamma=search.chosen_["svm.gamma"]).fit(corpus, corpus.gestures)
     assert np.array_equal(search.predict_proba(corpus), again.predict_proba(corpus))
     assert parameter_count(search) == parameter_count(again) > 0
@@ -108,32 +108,6 @@ def test_bad_combinations_are_given_up_and_never_chosen():
     assert set(search.fit(corpus, corpus.gestures).trials_["state"]) == {"complete"}
 
 
-@pytest.mark.parametrize("space", [GRID, {"C": Range(0.01, 1e3, log=True), "gamma": [0.1, 1.0]}])
-def test_an_interrupted_search_goes_on_and_chooses_the_same(tmp_path, monkeypatch, space):
-    write_folder(noisy(), tmp_path / "corpus")
-    corpus = open_folder(tmp_path / "corpus")
-    part = corpus[corpus.subjects != "5"]
-    straight = svms(space, trials=6).fit(part.detached(), part.gestures)
-    real, made = tuning.Search._make, []
-
-    def make(self, *args):
-        made.append(args)
-        if len(made) == 8:  # in the middle of the fourth combination
-            raise KeyboardInterrupt
-        return real(self, *args)
-
-    monkeypatch.setattr(tuning.Search, "_make", make)
-    with pytest.raises(KeyboardInterrupt):
-        svms(space, trials=6).fit(part, part.gestures)
-    resumed = svms(space, trials=6).fit(part, part.gestures)
-    facts = ["svm.C", "svm.gamma", "state", "accuracy", "subjects"]
-    pd.testing.assert_frame_equal(resumed.trials_[facts], straight.trials_[facts])
-    assert resumed.chosen_ == straight.chosen_ and len(made) <= 8 + 2 * 3 + 1
-    made.clear()
-    svms(space, trials=6).fit(part, part.gestures)
-    assert len(made) == 1  # all are stored: only the last fit is made
-
-
 @pytest.mark.parametrize("features", [Ta273(), Balli(5)])
 def test_learnt_features_never_see_the_subjects_that_judge(features):
     corpus = noisy(subjects=4)
@@ -146,12 +120,6 @@ def test_learnt_features_never_see_the_subjects_that_judge(features):
         for X, y in ((corpus, corpus.gestures), (with_other_values(corpus, judges), labels))
     ]
     pd.testing.assert_frame_equal(*tables)
-
-
-def test_a_budget_ends_the_search():
-    corpus = noisy()
-    drawn = {"C": Range(0.01, 1e3, log=True), "gamma": [0.1, 1.0]}
-    assert len(svms(drawn, budget=1e-9).fit(corpus, corpus.gestures).trials_) == 1
 
 
 def test_huge_lists_are_checked_value_by_value():
@@ -175,18 +143,21 @@ def test_huge_lists_are_checked_value_by_value():
 
 def test_what_is_taken_by_hand():
     """Losses to the best, subject by subject: 0.05 +- 0.029, 0 +- 0 and 0.025 +- 0.063."""
-    accuracy = {8.0: [0.9, 0.9, 0.9, 0.9], 1.0: [0.9, 0.8, 0.9, 0.8], 4.0: [0.9] * 4, 2.0: [0.9, 0.7, 1.0, 0.9]}
+
+    def tried(C, state, *shares):
+        return Tried({"model": "svm", "features": "f", "svm.C": C}, state, subjects=dict(enumerate(shares)))
+
     trials = [
-        Tried(
-            {"model": "svm", "features": "f", "svm.C": C}, "complete", subjects=dict(zip("abcd", shares, strict=True))
-        )
-        for C, shares in accuracy.items()
+        tried(0.5, "pruned", 1.0),
+        tried(8.0, "complete", 0.9, 0.9, 0.9, 0.9),
+        tried(1.0, "complete", 0.9, 0.8, 0.9, 0.8),
+        tried(4.0, "complete", 0.9, 0.9, 0.9, 0.9),
+        tried(2.0, "complete", 0.9, 0.7, 1.0, 0.9),
     ]
-    pruned = Tried({"model": "svm", "features": "f", "svm.C": 0.5}, "pruned", subjects={"a": 1.0})
     search = svms({"C": [0.5, 1.0, 2.0, 4.0, 8.0]}, features={"f": Jung28()})
-    assert search._ranked([pruned, *trials]) == [3, 1, 4, 2]
+    assert search._ranked(trials) == [3, 1, 4, 2]
     search.objective = "smallest"
-    assert search._ranked([pruned, *trials]) == [4, 3, 1]
+    assert search._ranked(trials) == [4, 3, 1]
 
 
 def test_the_front_by_hand():
@@ -204,40 +175,35 @@ def test_raw_frames_are_searched_too():
     assert len(table) == len(proba) >= len(corpus)
 
 
-SEARCHES = {
-    "published": lambda: jung2014_svm("2"),
-    "two sets, two models": lambda: Search(
-        {"svm": svm, "et": et},
-        {"svm": svm.space, "et": {"trees": [20]}},
-        {"a": Jung28(), "b": Ta273()},
-        "2",
-        trials=5,
-    ),
-}
-
-
-@pytest.mark.parametrize("name", SEARCHES)
-def test_test_subjects_change_nothing_that_is_chosen_or_learned(name, tmp_path):
+def test_test_subjects_change_nothing_that_is_chosen_or_learned_and_nothing_is_judged_again(tmp_path, monkeypatch):
     """With the cache of features and the stored study on the way."""
     corpus = noisy(subjects=4)
     train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
-    probe = random_corpus(seed=9)
+    spaces, features = {"svm": svm.space, "et": {"trees": [20]}}, {"a": Jung28(), "b": Ta273()}
     searches = []
     for folder, captures in (("a", corpus), ("b", with_other_values(corpus, test))):
         write_folder(captures, tmp_path / folder)
-        captures = open_folder(tmp_path / folder)
-        searches.append(SEARCHES[name]().fit(captures[train], captures.gestures[train]))
-    assert searches[0].chosen_ == searches[1].chosen_
-    assert np.array_equal(*(search.predict_proba(probe) for search in searches))
+        captures = open_folder(tmp_path / folder)[train]
+        search = Search({"svm": svm, "et": et}, spaces, features, "2", trials=5)
+        searches.append(search.fit(captures, captures.gestures))
+    one, other = searches
+    assert one.chosen_ == other.chosen_
+    probe = random_corpus(seed=9)
+    assert np.array_equal(one.predict_proba(probe), other.predict_proba(probe))
     assert len(list((home() / "studies").glob("*.jsonl"))) == 2
-    if name == "published":
-        assert searches[0].best_[-1].kernel == "linear" and len(searches[0].trials_) == 11
-    else:  # each with each, before any comes twice
-        assert len(set(zip(*searches[0].trials_[:4][["model", "features"]].to_numpy().T, strict=True))) == 4
+    # each with each, before any comes twice
+    assert len(set(zip(*one.trials_[:4][["model", "features"]].to_numpy().T, strict=True))) == 4
+    real, made = Search._make, []
+    monkeypatch.setattr(Search, "_make", lambda self, *args: made.append(args) or real(self, *args))
+    again = clone(other).fit(captures, captures.gestures)
+    assert len(made) == 1  # all are stored: only the last fit is made
+    facts = ["state", "accuracy", "subjects"]
+    pd.testing.assert_frame_equal(again.trials_[facts], other.trials_[facts])
+    assert again.chosen_ == other.chosen_
 
 
 @pytest.mark.parametrize(
-    ("wrong", "part"),
+    ("wrong", "fact"),
     [
         ({"inner": "1"}, "model.inner=1:"),
         ({"inner": "all"}, "model.inner=all:"),
@@ -246,16 +212,13 @@ def test_test_subjects_change_nothing_that_is_chosen_or_learned(name, tmp_path):
         ({"budget": float("nan")}, "model.budget=nan:"),
         ({"objective": "time"}, "model.objective=time:"),
         ({"space": {"C": Range(1.0, 2.0)}}, "no end"),
+        ({}, "leaves one class.* inner= than 2"),
     ],
 )
-def test_searches_that_cannot_be(wrong, part):
-    with pytest.raises(InputError, match=part):
-        svms(**wrong).check()
-
-
-def test_what_cannot_be_judged_is_refused():
+def test_searches_that_cannot_be(wrong, fact):
     corpus = noisy(subjects=2)
     one_class = corpus[((corpus.subjects == "1") & (corpus.gestures == "pat")) | (corpus.subjects == "2")]
     for call in (Search.fit, Search.check_training):
-        with pytest.raises(InputError, match="leaves one class.* inner= than 2"):
-            call(svms(), one_class, one_class.gestures)
+        with pytest.raises(InputError, match=fact):
+            svms(**wrong).check()
+            call(svms(**wrong), one_class, one_class.gestures)

@@ -1,12 +1,10 @@
 """Windows and sequences of ragged captures against loops, the counts that papers print, and majority votes."""
 
 import numpy as np
-import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.corpora.corpus import Corpus
 from models.nets.cnn85 import CNN85
 from models.nets.training import Sequences, Windows
 from models.nets.window import votes
@@ -62,17 +60,6 @@ def test_sequences_equal_a_loop(frames, hop, longest, seed):
     values, steps = sequences.batch(order)
     assert steps.tolist() == [expected[i][3] for i in order]
     assert torch.equal(values, windows.batch(np.concatenate([expected[i][4] for i in order])))
-
-
-@pytest.mark.parametrize(
-    ("frames", "length", "hop", "windows", "sequences"),
-    [(10, 45, 15, 1, 1), (525, 45, 15, 33, 1), (1297, 45, 15, 85, 3), (1747, 45, 15, 115, 4), (432, 27, 9, 46, 2)],
-)
-def test_published_counts_of_windows_and_of_sequences_of_36(frames, length, hop, windows, sequences):
-    captures = random_corpus().captures[:1]
-    corpus = Corpus.from_captures([np.zeros((frames, 8, 8), np.uint16)], captures, 135.0)
-    cut = Windows(corpus, length, hop)
-    assert (len(cut), len(Sequences(cut, 36))) == (windows, sequences)
 
 
 def test_votes_by_hand():
