@@ -20,8 +20,8 @@ from bench.work import chip as onchip
 from bench.work import saved
 from bench.work.chip import OnChip
 from bench.work.tracking import key_of
-from tests.export.compiled import lacking
 from tests.conftest import predictions, runs
+from tests.export.compiled import lacking
 
 SMALL = ["features=jung28", "data.subjects=3", "data.repetitions=1", "data.variants=normal"]
 COSTS = {"flash_bytes": 9e3, "code_bytes": 2e3, "table_bytes": 5e3, "ram_bytes": 3e3, "program_ram_bytes": 11e3}
