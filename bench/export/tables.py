@@ -129,7 +129,10 @@ def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
     system = getattr(recipe, inside) if recipe else estimator
     if isinstance(system, Reflex):
         raise InputError("reflex behind steps of its own has no C; leave model.scale= and the like out")
-    return system, recipe.steps() if recipe else []
+    steps = recipe.steps() if recipe else []
+    if any(isinstance(step, Scale) and step.kind == "log" for step in steps):
+        raise InputError("model.scale=log has no C; fit with model.scale=peak or without")
+    return system, steps
 
 
 def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]:

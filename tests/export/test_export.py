@@ -174,6 +174,7 @@ def test_what_has_no_c_is_one_line(tmp_path, capsys):
         (lda(Jung28(area="capture")), "Jung28 has no C"),
         (Recipe(lda(Jung28()), window=0.4), "model.window="),
         (Recipe(Reflex(), scale="log"), "model.scale="),
+        (Recipe(lda(TouchFeatures()), window=0.4, scale="log"), "model.scale=log"),  # else scaled by the peak in C
     ],
 )
 def test_systems_without_c_are_refused_before_and_after_they_are_fitted(model, reason, tmp_path):
