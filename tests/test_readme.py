@@ -14,8 +14,8 @@ import bench
 from bench.arguments import parse
 from bench.cli import main
 from bench.options import COMMANDS, keys
-from tests.export.compiled import lacking
 from tests.conftest import runs
+from tests.export.compiled import lacking
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()

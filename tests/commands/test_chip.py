@@ -21,8 +21,8 @@ from bench.work import chip as onchip
 from bench.work import saved
 from bench.work.chip import OnChip
 from bench.work.tracking import key_of
-from tests.export.compiled import lacking
 from tests.conftest import predictions, runs
+from tests.export.compiled import lacking
 
 SMALL = ["features=jung28", "data.subjects=4", "data.repetitions=2", "data.variants=normal"]
 COSTS = {
