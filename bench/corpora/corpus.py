@@ -261,8 +261,10 @@ class Corpus:
     def gestures(self) -> np.ndarray:
         """Class label of each capture, str [captures]."""
         self._refuse_if_blind("gestures")
-        first, *rest = (self.captures[c].astype(str) for c in self.target.split("+"))
-        return (first.str.cat(rest, sep=" ") if rest else first).to_numpy(dtype=object)
+        labels, *rest = (self.captures[c].astype(str) for c in self.target.split("+"))
+        for column in rest:
+            labels = labels.str.cat(column, sep=" ")
+        return labels.to_numpy(dtype=object)
 
     @property
     def subjects(self) -> np.ndarray:

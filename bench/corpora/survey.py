@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -373,7 +374,8 @@ def _counts(captures: pd.DataFrame, factors: list[str]) -> pd.DataFrame:
     """The number of captures of every combination, also of those that nobody recorded."""
     words = captures[factors].astype(object)
     words = words.where(words.notna(), "").astype(str)
-    every = pd.MultiIndex.from_product([sorted(set(words[f]), key=_counted) for f in factors], names=factors)
+    levels: list[Any] = [sorted(set(words[f]), key=_counted) for f in factors]
+    every: Any = pd.MultiIndex.from_product(levels, names=factors)
     return words.groupby(factors).size().reindex(every, fill_value=0).rename("captures").reset_index()
 
 

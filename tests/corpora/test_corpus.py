@@ -32,6 +32,7 @@ def test_new_frames_of_a_slice_lie_as_its_frames_do(corpus):
     part = corpus[np.array([7, 2, 2])]
     louder = part.changed(frames=part.frames * 2)
     assert all(np.array_equal(new, 2 * old) for new, old in zip(louder, part, strict=True))
+    assert np.array_equal(corpus[::-1].frames, np.concatenate([*corpus][::-1]))  # all captures, in another order
 
 
 def test_masks_and_the_tuple_that_scikit_learn_asks_with(corpus):
