@@ -29,10 +29,10 @@ def naive_signals(frame):
     region = P > P.max() / 2
     if not region.any():
         return [*out, *[0] * 9]
-    places = np.argwhere(region)
-    area = len(places)
-    hull = ConvexHull(np.concatenate([places + [dr, dc] for dr in (0, 1) for dc in (0, 1)])).volume
-    values, vectors = np.linalg.eigh(np.cov(places.T, bias=True) + np.eye(2) / 12)
+    taxels = np.argwhere(region)
+    area = len(taxels)
+    hull = ConvexHull(np.concatenate([taxels + [dr, dc] for dr in (0, 1) for dc in (0, 1)])).volume
+    values, vectors = np.linalg.eigh(np.cov(taxels.T, bias=True) + np.eye(2) / 12)
     angle = longer = 0.0
     if values[1] - values[0] > 1e-9:
         longer = np.sqrt(1 - values[0] / values[1])

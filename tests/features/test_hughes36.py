@@ -24,29 +24,19 @@ def level(frames, **fields):
 
 
 def naive(frames, rate, full_scale):
-    """Gesture-level features of one capture, frame by frame and taxel by taxel."""
-    T, R, C = frames.shape
-    P = frames.astype(float)
-    floor = 1e-4 * full_scale
-    total = [sum(P[t, r, c] for r in range(R) for c in range(C)) for t in range(T)]
-    least = [min(P[t, r, c] for t in range(T)) for r in range(R) for c in range(C)]
-    level = sum(sum(P[t].ravel()[i] - least[i] for i in range(R * C)) for t in range(T)) / T
-    mean = sum(total) / T
-    spread = (sum((s - mean) ** 2 for s in total) / T) ** 0.5 / (R * C)
-    points = max(T, 64)
-    best, where = 0.0, 0.0
+    """Gesture-level features of one capture."""
+    P, T = frames.reshape(len(frames), -1).astype(float), len(frames)
+    total, floor = P.sum(axis=1), 1e-4 * full_scale
+    spread = total.std() / P.shape[1]
+    points, best, frequency = max(T, 64), 0.0, 0.0
     for k in range(1, points // 2 + 1):
         if 0.625 <= k * rate / points <= 5:
-            wave = sum((total[t] - mean) * np.exp(-2j * np.pi * k * t / points) for t in range(T))
+            wave = sum((total[t] - total.mean()) * np.exp(-2j * np.pi * k * t / points) for t in range(T))
             if abs(wave) > best * (1 + 1e-9) and np.ptp(total) > 1e-9 * full_scale:
-                best, where = abs(wave), k * rate / points
-    row, col = [], []
-    for t in range(T):
-        r, c = max(((r, c) for r in range(R) for c in range(C)), key=lambda at: (P[t][at], -at[0], -at[1]))
-        row.append(r + 1)
-        col.append(c + 1)
-    at = [sum(row) / T, sum(col) / T]
-    return [np.log(level + floor), spread, np.log(spread + floor), where, np.log(2 * best / T + floor), *at, T]
+                best, frequency = abs(wave), k * rate / points
+    tops = [np.argwhere(frame == frame.max())[0] + 1 for frame in frames]  # the first in reading order
+    logs = [np.log(x + floor) for x in ((P - P.min(axis=0)).sum() / T, spread, 2 * best / T)]
+    return [logs[0], spread, logs[1], frequency, logs[2], *np.mean(tops, axis=0), T]
 
 
 @given(

@@ -114,9 +114,9 @@ def test_sets_tried_together_or_alone_are_as_good():
 
 def test_a_subset_keeps_the_selected_columns_of_training_captures(corpus):
     train, test = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
-    whole = Jung28().fit_transform(corpus)
+    every = Jung28().fit_transform(corpus)
     label = np.unique(corpus.gestures[train], return_inverse=True)[1]
-    kept = whole.columns[selection.select(whole.iloc[train].to_numpy(), label, corpus.subjects[train], 6)]
+    kept = every.columns[selection.select(every.iloc[train].to_numpy(), label, corpus.subjects[train], 6)]
     features = Subset(Jung28(), 6).fit(corpus[train], corpus.gestures[train])
     assert list(features.get_feature_names_out()) == list(kept) and len(kept) == 6
-    pd.testing.assert_frame_equal(features.transform(corpus[test]), whole.iloc[test][kept].reset_index(drop=True))
+    pd.testing.assert_frame_equal(features.transform(corpus[test]), every.iloc[test][kept].reset_index(drop=True))

@@ -243,10 +243,8 @@ def test_nothing_is_in_sensor_units(times):
 
 
 def test_nothing_grows_with_duration():
-    """A periodic capture of more than one spectrum's length, and the same twice over.
+    """A periodic capture and the same twice over are equal but for one more step.
 
-    Equal but for what one step more changes: quantiles, mean, SD and steps of the signals, rates of crossings and
-    turns, skewness, kurtosis, shares of power and its logarithm, centroids, ranges, correlation, sorted taxels.
     Autocorrelations are sums over all frames but the lag by all frames, and so approach their limit from below.
     """
     rng = np.random.default_rng(0)
