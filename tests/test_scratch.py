@@ -1,23 +1,12 @@
 """What a killed command leaves, and that the next one clears it away."""
 
 import os
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import pytest
 
 from bench import scratch
-
-
-@pytest.fixture(scope="module")
-def dead():
-    """The number of a process that has ended."""
-    with subprocess.Popen([sys.executable, "-c", ""]) as process:
-        process.wait()
-    return process.pid
-
 
 HOST = scratch.owner().split(f"-{os.getpid()}-")[0]
 

@@ -8,13 +8,12 @@ from bench.cli import main
 from bench.errors import InputError, StoreError
 from bench.outcomes import store
 from bench.scratch import owner
-from tests.test_scratch import dead_process
 
 SMALL = ["run", "data.subjects=3", "data.variants=normal", "model=bayes", "features=jung28"]
 
 
-def test_what_a_killed_creation_left_is_removed(tmp_path):
-    left = tmp_path / f".mlflow.db.{owner().rsplit('-', 2)[0]}-{dead_process()}-abc"
+def test_what_a_killed_creation_left_is_removed(tmp_path, dead):
+    left = tmp_path / f".mlflow.db.{owner().rsplit('-', 2)[0]}-{dead}-abc"
     left.mkdir()
     (left / "mlflow.db").write_text("half")
     store.connect()
