@@ -11,7 +11,7 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from protocols.subjects import LOSO, natural_order
 
-WEIGHT = 10  # as of a system that adapts (docs/people.md)
+WEIGHT = 10  # as of a system that adapts (docs/notes/people.md)
 APART = {"subject", "gesture", "repetition", "split", "skin"}  # columns that are no conditions
 
 
