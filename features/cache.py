@@ -41,7 +41,7 @@ def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
         whole = open_folder(known.path)
         if whole.digest != known.digest:  # replaced by another corpus while this one is mapped
             return features.extract(X)
-        table = _extracted(features, whole.blind(visible), known.steps)
+        table = _by_column(_extracted(features, whole.blind(visible), known.steps))
         _keep(table, path, about)
     if not known.steps:
         return table.iloc[known.index].reset_index(drop=True)
@@ -82,6 +82,14 @@ def _extracted(features: BaseEstimator, whole: Corpus, steps: tuple) -> pd.DataF
         known = origin(part)
         parts.append(features.extract(part).assign(**dict(zip(PIECES, (known.index, known.piece), strict=True))))
     return pd.concat(parts, ignore_index=True)
+
+
+def _by_column(table: pd.DataFrame) -> pd.DataFrame:
+    """A table laid out in memory as one that is read back, column by column.
+
+    Matrix products round by this order, so that a fit would else depend on whether its features were kept before.
+    """
+    return pd.DataFrame({name: np.ascontiguousarray(column) for name, column in table.items()})
 
 
 def cache_key(features: BaseEstimator, digest: str, steps: tuple = ()) -> str:

@@ -16,6 +16,7 @@ from features import cache as kept
 from features.cache import cache_key
 from features.jung28 import Jung28
 from features.jung54 import Jung54
+from features.touch import TouchFeatures
 from tests.conftest import random_corpus
 
 
@@ -134,3 +135,11 @@ def test_frames_that_are_changed_under_an_open_corpus_fill_no_cache(stored, corp
     with pytest.raises(InputError, match="import it again"):
         Jung28().transform(stored)
     assert not list((home() / "features").iterdir())
+
+
+def test_a_fit_rounds_alike_whether_features_were_kept_or_are_computed(stored):
+    computed, kept_ones = (TouchFeatures().transform(stored) for _ in range(2))
+    assert computed.to_numpy().flags.f_contiguous == kept_ones.to_numpy().flags.f_contiguous
+    weights = np.random.default_rng(0).normal(size=(computed.shape[1], 7))
+    kept._read.cache_clear()
+    assert (computed.to_numpy() @ weights == TouchFeatures().transform(stored).to_numpy() @ weights).all()

@@ -61,6 +61,7 @@ def test_annotated_attributes_are_the_parameters_of_a_constructor(system):
     assert ("precision" in usual) == isinstance(system, FrameNet)
     for copied in (clone(system), pickle.loads(pickle.dumps(system)), kind().set_params(**params)):
         assert copied.get_params() == params and copied is not system
+    assert len({kind(), kind()}) == 2  # as of any estimator, not by value
     with pytest.raises(TypeError):
         kind(1)
     with pytest.raises(TypeError):

@@ -33,6 +33,9 @@ class Workers(InProcess):
 
     stop, how, machines, most = -1, KeyboardInterrupt, (), 0
 
+    def room(self, plan):
+        return len(self.submitted) < 3
+
     def finished(self):
         if len(DONE) == self.stop:
             raise self.how
