@@ -100,7 +100,7 @@ def test_reference_is_what_the_docs_say():
     found = bench.results("reference")
     table = found.table.set_index(["task", "system"])
     accuracy = table["accuracy"].xs("haart-loso-v1")
-    assert accuracy["svm · jung54"].round(1) == 67.8 and accuracy["xgb · jung54"].round(1) == 74.4  # docs/haart.md
+    assert accuracy["svm · jung54"].round(1) == 67.8 and accuracy["xgb · jung54"].round(1) == 74.4  # notes/haart.md
     assert table["command"].str.match(r"bench (run|stream|stress) data=haart protocol=").all()
     assert table["revision"].str.fullmatch("[0-9a-f]{12}").all()
     told = (ROOT / "docs" / "haart.md").read_text()
