@@ -43,7 +43,7 @@ class Reflex(MostProbable):
     7. A capture's probabilities are the mean over its windows.
 
     Every number above was chosen on the training part of HAART's challenge split, leaving out its subjects one by one,
-    or is round, but for the 18 units, which fit into 64 kB with all else: docs/systems.md tells what was tried.
+    or is round, but for the 18 units, which fit into 64 kB with all else: docs/notes/systems.md tells what was tried.
 
     Args:
         window: seconds of a window.

@@ -35,8 +35,8 @@ class Rocket(MostProbable):
     aeon's transforms know no captures of different lengths, so each is resampled, by lines between its frames, to the
     median length of the training captures. What this loses is its duration and, where it is longer, its fastest
     changes; still it is right more often on generated captures than padding, whose constant stretches fill the features
-    (docs/systems.md, rocket). Each channel is standardised over all training frames. Captures are transformed one by
-    one, so what one gets does not depend on the others.
+    (docs/notes/systems.md, rocket). Each channel is standardised over all training frames. Captures are transformed one
+    by one, so what one gets does not depend on the others.
 
     The features, standardised on the training captures, go to a ridge regression on targets of -1 and 1. Its penalty,
     and the temperature of the softmax that makes probabilities of its scores, are those with the lowest log loss on

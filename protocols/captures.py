@@ -1,6 +1,6 @@
 """Splits by capture: a test subject's other captures are trained on, so scores are optimistic for a new person.
 
-On CoST this is worth about ten points of accuracy (docs/systems.md, protocols); every label states it.
+On CoST this is worth about ten points of accuracy (docs/notes/systems.md, protocols); every label states it.
 """
 
 import numpy as np

@@ -24,7 +24,7 @@ DESIGNED = {"reflex", "touch", "touchnet", "rocket"}
 DESIGNED_NOTE = (
     "This system or its features (reflex, touch, touchnet, rocket) were designed on seven of HAART's ten people, the "
     "training subjects of the challenge split. For reflex and rocket, accuracies under LOSO and challenge were seen "
-    "as well. The accuracy of this row may be optimistic (docs/systems.md)."
+    "as well. The accuracy of this row may be optimistic (docs/notes/systems.md)."
 )
 
 

@@ -22,7 +22,7 @@ LDA, XGB, ROCKET, REFLEX = ({"model": name} for name in ("lda", "xgb", "rocket",
 JUNG, TOUCH = {"features": "jung54"}, {"features": "touch"}
 WINDOWS, TWO = {"model.window": "1.0"}, {"model.windows": "2"}
 REPAIR, FAULTS, FEW = {"model.repair": "stuck+dead"}, {"model.faults": "all"}, {"model.damaged": "0.1"}
-# cut short, as in docs/haart.md: the epochs of the paper take hours
+# cut short, as in docs/notes/haart.md: the epochs of the paper take hours
 HUGHES = {"model": "hughes2017_cnn", "model.epochs": "6", "model.rate": "1e-3"}
 PERCEPTRON = {"model": "perceptron", "model.units": "18", "model.copies": "8"}
 ROWS: dict[str, dict[str, str]] = {
@@ -50,7 +50,7 @@ ROWS: dict[str, dict[str, str]] = {
     "hughes2017_cnn, repair, faults": HUGHES | REPAIR | FAULTS | {"model.copies": "1"},
 }
 # As published, with epochs; rates and epochs of hughes2017 as one group of HAART's training subjects chose them
-# (docs/networks.md). touchnet counts updates, and mirrors and turns by itself.
+# (docs/notes/networks.md). touchnet counts updates, and mirrors and turns by itself.
 NETWORKS: dict[str, tuple[dict[str, str], int]] = {
     "touchnet": ({}, 0),
     "zhou2016_3dcnn": ({}, 60),

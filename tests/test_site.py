@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 TOOLS = ROOT / "docs" / "tools"
-PAGES = sorted((ROOT / "docs").glob("*.md"))
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
 
 sys.path.insert(0, str(TOOLS))
 import examples  # noqa: E402
@@ -74,7 +74,7 @@ def test_one_page_that_fails_does_not_hide_the_others(tmp_path):
     assert "bad.md" in found["bad.md"] and found["good.md"] == ["yes\n"]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_every_command_of_a_page_is_an_example(page):
     """Each fence of the two languages is found with what stands around it; no misspelt comment hides one."""
     text = page.read_text()
@@ -95,8 +95,8 @@ def test_the_site_is_built_with_every_example_run(tmp_path):
     site = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(out)]
     done = subprocess.run(site, cwd=ROOT, env=variables, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    pages = {page.name: page.read_text() for page in out.glob("*.html")}
-    assert {page.with_suffix(".html").name for page in PAGES} < set(pages)
+    pages = {page.relative_to(out).as_posix(): page.read_text() for page in out.rglob("*.html")}
+    assert {p.relative_to(ROOT / "docs").with_suffix(".html").as_posix() for p in PAGES} < set(pages)
     assert "within one standard error of the best" in pages["index.html"]
     assert "Choose " in pages["walk.html"] and "bench stress [key=value ...]" in pages["commands.html"]
     assert "bench.api.stress" in pages["api.html"]

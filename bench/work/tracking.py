@@ -29,7 +29,7 @@ Illustrate = Callable[[str, dict[str, str], Findings, Path], None]  # kind, tags
 
 
 def key_of(plan: Plan, experiment: Experiment) -> str:
-    """What makes two runs the same run: all that its stored numbers depend on (docs/decisions.md, identity)."""
+    """What makes two runs the same run: all that its stored numbers depend on (docs/notes/decisions.md, identity)."""
     same = plan.identity() | {
         "kind": experiment.kind,
         "options": experiment.identity(),

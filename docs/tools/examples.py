@@ -152,6 +152,11 @@ def printed(block: Block, folder: Path, variables: dict[str, str]) -> str:
     return done.stdout.replace(str(folder.resolve()), "/home/you").replace(str(folder), "/home/you")
 
 
+def _named(page: Path) -> str:
+    """A page as the site names it: its place below docs/."""
+    return page.relative_to(DOCS).as_posix() if page.is_relative_to(DOCS) else page.name
+
+
 def run(pages: Iterable[Path]) -> dict[str, list[str] | str]:
     """Run pages, two at a time; by name what their blocks printed, or, as text, how one failed."""
     from bench.outcomes.store import create
@@ -168,14 +173,14 @@ def run(pages: Iterable[Path]) -> dict[str, list[str] | str]:
 
         pages = list(pages)
         with ThreadPoolExecutor(2) as threads:
-            return dict(zip((page.name for page in pages), threads.map(result, pages), strict=True))
+            return dict(zip(map(_named, pages), threads.map(result, pages), strict=True))
 
 
 def main(arguments: list[str]) -> int:
     """Run the pages named, or all; 1 if a block fails."""
     out = [a.partition("=")[2] for a in arguments if a.startswith("out=")]
     named = [DOCS / a for a in arguments if not a.startswith("out=")]
-    found = run(named or sorted(DOCS.glob("*.md")))
+    found = run(named or sorted(DOCS.rglob("*.md")))
     if out:
         Path(out[0]).write_text(json.dumps(found))
     failed = [said for said in found.values() if isinstance(said, str)]

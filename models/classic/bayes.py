@@ -75,7 +75,7 @@ def bayes(features: TransformerMixin, ridge: float = 1e-2) -> Pipeline:
 
     Several of the 54 features are linear combinations of others, so a class covariance is singular; the papers do not
     say what was done about it. Here a ridge is declared; its size was chosen on generated captures, so that no person
-    who is tested had a say in it (docs/systems.md, bayes).
+    who is tested had a say in it (docs/notes/systems.md, bayes).
 
     Args:
         features: transformer from captures to a table.

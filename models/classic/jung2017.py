@@ -1,8 +1,8 @@
 """The five systems of Jung, Poel, Poppe and Heylen 2017 (J Multimodal User Interfaces 11:81-96), 54 features.
 
 Penalties, widths and pruning levels are the paper's grids. It chooses by leaving one of the 30 training subjects out,
-which is ``inner=loso`` here; three groups of subjects choose as well in a fraction of the time (docs/systems.md), so
-``inner``, the number of groups of training subjects that choose, is 3 in each.
+which is ``inner=loso`` here; three groups of subjects choose as well in a fraction of the time
+(docs/notes/systems.md), so ``inner``, the number of groups of training subjects that choose, is 3 in each.
 """
 
 from sklearn.pipeline import Pipeline

@@ -24,8 +24,9 @@ class CNN85(FrameNet):
     """Three convolutions over 85 frames, 630 ms of CoST, as channels (Albawi et al. 2018, Table 1).
 
     Input [batch, frames, rows, cols] scaled to 0..1; output one logit per class. The paper's pooling "pad 2" is read
-    as stride 2 with ceiling, the only reading that gives its 256 x 2 x 2 (docs/systems.md, cnn85). Trained by SGD with
-    momentum, whose learning rate is searched anew every ten epochs on the training windows themselves (`SelectiveSGD`).
+    as stride 2 with ceiling, the only reading that gives its 256 x 2 x 2 (docs/notes/systems.md, cnn85). Trained by SGD
+    with momentum, whose learning rate is searched anew every ten epochs on the training windows themselves
+    (`SelectiveSGD`).
 
     Args:
         hop: frames from one training window to the next, None for windows that do not overlap; those that are scored

@@ -2,7 +2,7 @@
 
 All are trained by RMSProp at 1e-4 on values divided by full scale, from weights of a truncated normal of SD 0.1 and
 biases of 0.1, until the training loss stands still. The paper tells neither batch size nor how weights start nor when
-the loss has converged; these are our readings (docs/systems.md, hughes2017).
+the loss has converged; these are our readings (docs/notes/systems.md, hughes2017).
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ class TouchNet(WindowNet):
     Signals are in SDs of the training frames, cut off at 3. Windows of a second, one every half second; shorter
     captures, and 0.4 to 1 s of training windows, are taken as they are, so that it decides early, too. Training
     windows are mirrored and turned at random. Nothing counts frames, taxels or sensor units. Every number was chosen on
-    the training part of HAART's challenge split, or is round (docs/systems.md, touchnet).
+    the training part of HAART's challenge split, or is round (docs/notes/systems.md, touchnet).
 
     Args:
         width: channels of the first layer; the second has one and a half, the third two times as many.

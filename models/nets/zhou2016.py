@@ -1,8 +1,8 @@
 """The 3-D CNN of Zhou and Du 2016 and the three networks that they compare it with.
 
 The abstract gives the filters and kernels of the 3-D CNN and the kinds of its rivals; everything else is our reading
-(docs/systems.md, zhou2016): batch norm, poolings, the dense layer, Adam at 1e-3, and the epoch, which one training
-subject chooses.
+(docs/notes/systems.md, zhou2016): batch norm, poolings, the dense layer, Adam at 1e-3, and the epoch, which one
+training subject chooses.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ class _Moments(nn.Module):
 def _stack(shape: tuple[int, ...], kernel: tuple[int, ...], poolings: tuple[tuple[int, ...], ...]) -> list[nn.Module]:
     """Convolutions that keep the size, batch norm, ReLU and pooling; poolings are cut to what is there.
 
-    Channels come last in memory, which makes the library's layers faster (docs/performance.md).
+    Channels come last in memory, which makes the library's layers faster (docs/notes/performance.md).
     """
     layers: list[nn.Module] = []
     channels = 1

@@ -48,7 +48,7 @@ SPACES: dict[str, Space] = {
     "perceptron": {"units": Range(8, 64, log=True), "updates": Range(300, 3000, log=True)},
 }
 # Cheap ones first. Chosen on generated captures in three calibrations and the training people of HAART's challenge
-# split: docs/systems.md, auto.
+# split: docs/notes/systems.md, auto.
 FIRST: list[Trial] = [
     {"model": "lda", "lda.shrinkage": 0.2},
     {"model": "lda", "window": 1.0, "lda.shrinkage": 0.2, "lda.windows": 2.0},

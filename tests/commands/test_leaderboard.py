@@ -266,7 +266,7 @@ def test_reference_is_what_the_docs_say():
     results = bench.results("reference")
     table = results.table.set_index(["task", "system"])
     accuracy = table["accuracy"].xs("haart-loso-v1")
-    assert accuracy["svm · jung54"].round(1) == 67.8 and accuracy["xgb · jung54"].round(1) == 74.4  # docs/haart.md
+    assert accuracy["svm · jung54"].round(1) == 67.8 and accuracy["xgb · jung54"].round(1) == 74.4  # notes/haart.md
     assert len(accuracy) >= 8 and table["accuracy"].between(14.3, 100).all()
     assert table["command"].str.match(r"bench (run|stream|stress) data=haart protocol=").all()
     assert table["revision"].str.fullmatch("[0-9a-f]{12}").all()

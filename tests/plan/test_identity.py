@@ -1,4 +1,4 @@
-"""What changes the key of a run, and what does not (docs/decisions.md, identity)."""
+"""What changes the key of a run, and what does not (docs/notes/decisions.md, identity)."""
 
 import subprocess
 import sys
