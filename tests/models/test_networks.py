@@ -99,9 +99,14 @@ def test_weights_start_as_the_docstrings_say_and_training_goes_by_the_seed(corpu
     assert isinstance(optimiser.inner, torch.optim.RMSprop) and optimiser.rate == 1e-4
 
 
-def test_what_can_be_learnt_is_learnt(corpus):
-    model = CNN85(frames=10, width=0.2, epochs=20, batch=16).fit(corpus, corpus.gestures)
-    assert model.score(corpus, corpus.gestures) > 0.7
+def test_what_can_be_learnt_is_learnt_with_products_of_half_the_bits_too(corpus):
+    system = CNN85(frames=10, width=0.2, epochs=20, batch=16)
+    assert system.fit(corpus, corpus.gestures).score(corpus, corpus.gestures) > 0.7
+    few = {"frames": 10, "width": 0.2, "epochs": 1, "batch": 16}
+    full, half = (CNN85(precision=p, **few).fit(corpus, corpus.gestures) for p in ("float32", "bfloat16"))
+    assert all(p.dtype == torch.float32 for p in half.net_.parameters())
+    difference = np.abs(full.predict_proba(corpus) - half.predict_proba(corpus)).max()
+    assert 0 < difference < 0.05  # it is not the same, and not another network
 
 
 def test_the_subject_who_chooses_the_epoch_is_not_trained_on(corpus, monkeypatch):
