@@ -64,37 +64,18 @@ def test_parameter_counts_by_hand(corpus):
 
 
 def test_a_level_is_a_step_of_the_pruning_sequence():
-    """Weakest links are cut by hand, all equally weak ones in one step."""
+    """All equally weak links are cut in one step, and what costs nothing is no step of its own."""
     X, y = points(n=240)
     X = X.round()  # coarse values, so that several links are equally weak
-    tree = DecisionTreeClassifier(random_state=0).fit(X, y).tree_
-    risk = tree.impurity * tree.weighted_n_node_samples / len(X)
-    left, right = tree.children_left.copy(), tree.children_right
 
-    def below(node):
-        if left[node] < 0:
-            return 1, risk[node]
-        (a, r), (b, s) = below(left[node]), below(right[node])
-        return a + b, r + s
+    def leaves(**how):
+        return DecisionTreeClassifier(random_state=0, **how).fit(X, y).get_n_leaves()
 
-    def inner(node):
-        return [] if left[node] < 0 else [node, *inner(left[node]), *inner(right[node])]
-
-    def links():
-        return {n: (risk[n] - below(n)[1]) / (below(n)[0] - 1) for n in inner(0)}
-
-    leaves = [below(0)[0]]
-    while left[0] >= 0:
-        weakest = min(links().values())
-        while left[0] >= 0 and min(links().values()) <= weakest + 1e-9:  # cutting one may leave its parent as weak
-            for node, strength in links().items():
-                if strength <= weakest + 1e-9:
-                    left[node] = -1
-        if weakest > 1e-9:  # what costs nothing is no step of its own
-            leaves.append(below(0)[0])
-    found = [PrunedTree(level).fit(X, y).tree_.get_n_leaves() for level in range(len(leaves) + 2)]
-    kept = [n for n in leaves if n >= len(set(y))]  # fewer leaves than classes cannot name them all
-    assert len(kept) > 5 and found == [*kept, *[kept[-1]] * (len(leaves) + 2 - len(kept))]
+    alphas = DecisionTreeClassifier(random_state=0).cost_complexity_pruning_path(X, y).ccp_alphas
+    pruned = dict.fromkeys(leaves(ccp_alpha=alpha + 1e-9) for alpha in alphas if alpha > 1e-9)
+    kept = [n for n in (leaves(), *pruned) if n >= 3]  # fewer leaves than classes cannot name them all
+    steps = [PrunedTree(level).fit(X, y).tree_.get_n_leaves() for level in range(len(kept) + 2)]
+    assert len(kept) > 5 and steps == [*kept, kept[-1], kept[-1]]
 
 
 def test_a_tree_of_separable_classes_keeps_a_leaf_for_each():

@@ -45,16 +45,13 @@ def test_the_mean_of_a_person_by_hand(count, labelled):
 
 
 def test_the_spread_of_a_person_by_hand():
-    X, y = rows(40)
-    own = PersonScaler(("scale",)).fit(X, y)
-    Z, known = rows(10, seed=1)
+    (X, y), (Z, known) = rows(40), rows(10, seed=1)
     Z = 2 * Z
-    centres = {c: X.to_numpy()[y == c].mean(axis=0) for c in "ab"}
-    within = lambda A, k: np.std([a - centres[c] for a, c in zip(A.to_numpy(), k, strict=True)], axis=0)  # noqa: E731
-    mean = X.to_numpy().mean(axis=0)
-    for labels_, ratio in ((known, within(Z, known) / within(X, y)), (None, Z.to_numpy().std(0) / X.to_numpy().std(0))):
-        expected = mean + (Z.to_numpy() - mean) / ratio ** (10 / (10 + SPREAD_PRIOR))
-        np.testing.assert_allclose(own.adapt(Z, labels_).transform(Z), expected)
+    centres = X.groupby(y).mean()
+    within = lambda A, labels: (A.to_numpy() - centres.loc[labels].to_numpy()).std(axis=0)  # noqa: E731
+    for given_labels, ratio in ((known, within(Z, known) / within(X, y)), (None, Z.std(ddof=0) / X.std(ddof=0))):
+        expected = X.mean() + (Z - X.mean()) / ratio ** (10 / (10 + SPREAD_PRIOR))
+        np.testing.assert_allclose(PersonScaler(("scale",)).fit(X, y).adapt(Z, given_labels).transform(Z), expected)
 
 
 def test_what_never_varies_stays_and_windows_of_a_capture_are_one():

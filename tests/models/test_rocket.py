@@ -44,27 +44,21 @@ def test_ridge_and_what_it_predicts_for_left_out_groups_equal_scikit_learn(captu
 @given(st.integers(1, 4), st.integers(1, 5), st.integers(1, 30), st.integers(0, 99))
 def test_series_equal_a_loop(rows, cols, longest, seed):
     corpus = random_corpus(subjects=2, per_class=1, grid=(rows, cols), longest=longest + 1, seed=seed)
-    order = np.random.default_rng(seed).permutation(len(corpus))[:4]
-    corpus = corpus[order]
-    model = Series("both", length=12).fit(corpus)
+    corpus = corpus[np.random.default_rng(seed).permutation(len(corpus))[:4]]
     values = []
-    for frames in corpus:
-        for frame in frames.astype(float):
-            total = frame.sum()
-            row = sum((r + 1) * frame[r].sum() for r in range(rows)) / total if total else (rows + 1) / 2
-            col = sum((c + 1) * frame[:, c].sum() for c in range(cols)) / total if total else (cols + 1) / 2
-            values.append([*frame.ravel(), total, row, col, frame.max(), (frame > 0.05 * 1023).mean()])
+    for frame in np.concatenate([*corpus]).astype(float):
+        total = frame.sum()
+        row = sum((r + 1) * frame[r].sum() for r in range(rows)) / total if total else (rows + 1) / 2
+        col = sum((c + 1) * frame[:, c].sum() for c in range(cols)) / total if total else (cols + 1) / 2
+        values.append([*frame.ravel(), total, row, col, frame.max(), (frame > 0.05 * 1023).mean()])
     values = np.array(values)
     sd = np.where(values.std(axis=0) > 1e-9, values.std(axis=0), 1)
-    values, place = (values - values.mean(axis=0)) / sd, 0
-    for found, length in zip(model.each(corpus), corpus.lengths, strict=True):
-        for t in range(12):
-            at = t * (length - 1) / 11
-            before, share = min(int(at), length - 1), at - int(at)
-            after = min(before + 1, length - 1)
-            expected = (1 - share) * values[place + before] + share * values[place + after]
-            np.testing.assert_allclose(found[:, t], expected, rtol=1e-4, atol=1e-4)
-        place += length
+    values = (values - values.mean(axis=0)) / sd
+    captures = np.split(values, np.cumsum(corpus.lengths)[:-1])
+    for series, own in zip(Series("both", length=12).fit(corpus).each(corpus), captures, strict=True):
+        at = np.linspace(0, len(own) - 1, 12)
+        expected = [np.interp(at, np.arange(len(own)), column) for column in own.T]
+        np.testing.assert_allclose(series, expected, rtol=1e-4, atol=1e-4)
 
 
 @pytest.fixture(scope="module")

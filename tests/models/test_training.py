@@ -85,14 +85,13 @@ def test_an_epoch_is_a_new_order_without_the_incomplete_batch_with_dropout(windo
         return batch(rows)
 
     monkeypatch.setattr(windows, "batch", noted)
-    for size, per_epoch in ((16, len(windows) // 16), (10_000, 1)):
+    for size, batches in ((16, len(windows) // 16), (10_000, 1)):
         seen.clear()
-        judge = lambda: float(net.eval().training)  # noqa: E731
-        train(net, windows, np.zeros(len(windows)), still(net), Schedule(3, size, 0), judge=judge)
-        epochs = [np.concatenate(seen[i * per_epoch : (i + 1) * per_epoch]) for i in range(3)]
-        assert len(seen) == 3 * per_epoch and modes == {True}
-        assert all(len(set(rows)) == len(rows) == per_epoch * min(size, len(windows)) for rows in epochs)
-        assert not np.array_equal(epochs[0], epochs[1])
+        evaluated = lambda: float(net.eval().training)  # noqa: E731
+        train(net, windows, np.zeros(len(windows)), still(net), Schedule(3, size, 0), judge=evaluated)
+        epochs = np.array(seen).reshape(3, batches * min(size, len(windows)))
+        assert len(seen) == 3 * batches and modes == {True}
+        assert all(len(set(rows)) == len(rows) for rows in epochs) and not np.array_equal(epochs[0], epochs[1])
 
 
 def test_the_best_epoch_is_kept_and_training_stops_when_the_loss_stands_still(windows):
@@ -319,8 +318,8 @@ def test_a_folder_that_cannot_be_written_or_is_full_costs_only_the_resuming(wind
 
 
 def test_states_that_nobody_has_touched_for_a_month_go(tmp_path):
-    for name, days in (("old", 31), ("new", 29)):
-        (tmp_path / f"{name}.pt").write_bytes(b"")
-        os.utime(tmp_path / f"{name}.pt", (time.time() - days * 86400,) * 2)
+    for name, days in (("old.pt", 31), ("new.pt", 29)):
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, (time.time() - days * 86400,) * 2)
     Checkpoint(tmp_path / "mine.pt")._write({})
     assert {p.name for p in tmp_path.iterdir()} == {"new.pt", "mine.pt"}
