@@ -237,7 +237,7 @@ def test_the_limit_of_chance_by_hand():
     assert "chance gives 0 to 8 " in sentences["shuffled labels"]
 
 
-@pytest.mark.live
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", names("models"))
 def test_built_in_systems_pass(name, monkeypatch):
     """With few epochs, trees and trials of a search: the rules are the same, and CI is done in minutes."""

@@ -1,4 +1,4 @@
-"""Folds on a cluster, as far as no process is needed; with processes: `tests/nightly/test_cluster.py`."""
+"""Folds on a cluster, as far as no process is needed; with processes: `tests/work/test_on_a_cluster.py`."""
 
 import pickle
 import shutil

@@ -23,7 +23,7 @@ from tests.commands.test_server import free_port
 from tests.conftest import BENCH, predictions, runs
 
 pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install 'touchbench[cluster]'")
-pytestmark = [pytest.mark.nightly, pytest.mark.live, pytest.mark.skipif(os.name == "nt", reason="signals")]
+pytestmark = [pytest.mark.live, pytest.mark.skipif(os.name == "nt", reason="signals")]
 ROOT = Path(__file__).parents[2]
 SMALL = ["data.subjects=4", "data.variants=normal", "data.repetitions=2"]
 PATIENCE = 240  # seconds on a busy machine
@@ -166,6 +166,7 @@ def test_folds_of_all_cells_are_done_there_and_are_the_same_bit_for_bit(two, tmp
     assert main([*command, f"cluster={two}"]) == 0 and "stored before" in capsys.readouterr().err
 
 
+@pytest.mark.nightly
 def test_an_object_of_the_users_travels(two):
     from sklearn.tree import DecisionTreeClassifier
 
@@ -195,6 +196,7 @@ def test_a_worker_with_other_code_is_left_out(tmp_path, capsys):
             assert " is left out: it has touchbench's code" in error and "4/4" in error
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "place", ["tcp://127.0.0.1:1", "nothing.json", "bad.txt", "tls://127.0.0.1:1", "carrier://pigeon"]
 )
@@ -205,6 +207,7 @@ def test_a_cluster_that_is_not_there(place, tmp_path):
     assert "no scheduler answers" in line and not out and not Path("mlflow.db").exists()
 
 
+@pytest.mark.nightly
 def test_something_else_that_listens_and_a_cluster_without_workers(monkeypatch, capsys):
     monkeypatch.setattr(cluster, "ANSWER_S", 5.0)
     monkeypatch.setattr(cluster, "FIRST_S", 1.0)
@@ -229,6 +232,7 @@ def test_a_worker_that_is_killed_loses_no_fold(two, slow, capsys):
     until(lambda: gone(pid))
 
 
+@pytest.mark.nightly
 def test_a_fold_that_kills_its_process_fails_and_no_worker_does(two, slow, capsys):
     command, folder = slow
     command += ["model.die=3", f"cluster={two}"]
@@ -241,6 +245,7 @@ def test_a_fold_that_kills_its_process_fails_and_no_worker_does(two, slow, capsy
     assert main([*command[:-2], f"cluster={two}"]) == 0  # which takes the next command
 
 
+@pytest.mark.nightly
 def test_a_worker_computes_with_the_code_that_is_there_now(tmp_path, monkeypatch):
     """Its process has the old code in memory, and would stay for the next command."""
     for package in ("bench", "features", "models", "protocols", "reports"):
@@ -264,6 +269,7 @@ def test_a_worker_computes_with_the_code_that_is_there_now(tmp_path, monkeypatch
     assert after.equals(here) and not after.equals(before)
 
 
+@pytest.mark.nightly
 def test_the_scheduler_is_gone_and_the_same_command_goes_on(slow, capsys):
     command, folder = slow
     port = free_port()
@@ -286,6 +292,7 @@ def test_the_scheduler_is_gone_and_the_same_command_goes_on(slow, capsys):
     assert done < {f.info.run_id for f in store.folds(run.info.run_id)}
 
 
+@pytest.mark.nightly
 def test_a_worker_that_comes_late_is_used(slow):
     command, folder = slow
     with scheduler() as place, workers(place, 1):
@@ -298,6 +305,7 @@ def test_a_worker_that_comes_late_is_used(slow):
         assert process.returncode == 0, error
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGKILL])
 def test_workers_stop_with_their_command_and_the_same_command_goes_on(sign, two, slow):
     command, folder = slow
