@@ -311,20 +311,17 @@ def test_a_fold_of_a_run(monkeypatch):
 
 
 def test_what_a_fault_of_another_package_does_is_part_of_a_run(monkeypatch, tmp_path):
-    file = tmp_path / "theirs.py"
-    asked = {"model": "bayes", "features": "jung28"}
+    file, run = tmp_path / "theirs.py", {"model": "bayes", "features": "jung28"}
 
-    def identities(text):
-        file.write_text(text)
+    def identities(result):
+        file.write_text(f"def theirs(frames, amount, rng):\n    return {result}\n")
         fault = load("models", f"{file}:theirs")  # any function of a file
         monkeypatch.setitem(FAULTS, "theirs", Fault("theirs", fault, "%", (1, 2, 3, 4, 5), False))
-        named, every, none = (
-            cells(asked | how)[0].identity() for how in ({"model.faults": "theirs"}, {"model.faults": "all"}, {})
-        )
-        return named, every, none, cache_key(Jung28(), "digest", (Faulted(("theirs",)),))
+        options = {"model.faults": "theirs"}, {"model.faults": "all"}, {}
+        keys = [cells(run | option)[0].identity() for option in options]
+        return [*keys, cache_key(Jung28(), "digest", (Faulted(("theirs",)),))]
 
-    one = identities("def theirs(frames, amount, rng):\n    return frames\n")
-    other = identities("def theirs(frames, amount, rng):\n    return frames / 2\n")
+    one, other = identities("frames"), identities("frames / 2")
     assert [a != b for a, b in zip(one, other, strict=True)] == [True, True, False, True]
 
 

@@ -13,6 +13,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.faults import all_faults
 from bench.corpora.steps import Repair, Windows
 from bench.errors import InputError
+from features.base import labels
 from features.touch import TouchFeatures
 from models.classic.lda import Discriminants
 from models.classic.perceptron import Perceptron
@@ -40,20 +41,14 @@ def corpus():
 
 def test_a_capture_is_the_mean_of_its_windows_and_a_short_one_has_weights_of_its_own(corpus):
     system = Reflex(faults=("none",)).fit(corpus, corpus.gestures)
-    found = system.predict_proba(corpus)
+    proba = system.predict_proba(corpus)
     for seconds, judge, short in ((1.0, Guarded(), False), (0.5, Discriminants(), True)):
-        rows, tables = [], []
-        for i in range(len(corpus)):
-            cut = Windows(seconds)(Repair(("stuck", "dead"))(corpus[[i]]))
-            rows += [i] * len(cut)
-            tables.append(TouchFeatures().extract(cut))
-        index = pd.MultiIndex.from_arrays([rows, [0] * len(rows)], names=["capture", "copy"])
-        table = pd.concat(tables).set_axis(index)
-        judge.fit(table, corpus.gestures[rows])
-        each = judge.predict_proba(table)
-        for i in range(len(corpus)):
-            if (corpus.lengths[i] < 30) == short:
-                np.testing.assert_allclose(found[i], each[np.array(rows) == i].mean(axis=0), atol=1e-5)
+        cuts = [Windows(seconds)(Repair(("stuck", "dead"))(corpus[[i]])) for i in range(len(corpus))]
+        rows = np.repeat(np.arange(len(corpus)), [len(cut) for cut in cuts])
+        table = pd.concat([TouchFeatures().extract(cut) for cut in cuts]).set_axis(labels(rows, 0 * rows))
+        each = judge.fit(table, corpus.gestures[rows]).predict_proba(table)
+        for i in np.flatnonzero((corpus.lengths < 30) == short):
+            np.testing.assert_allclose(proba[i], each[rows == i].mean(axis=0), atol=1e-5)
     table, proba = system.decide(corpus)
     assert (np.diff(table["capture"]) >= 0).all() and len(table) == len(proba)
     assert set(table["frames"]) == {12, 15, 30}

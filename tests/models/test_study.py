@@ -49,14 +49,13 @@ def searched(most=14, budget=np.inf, stop=None, key=0):
         if number == stop:
             raise KeyboardInterrupt
         score = value_of(trial)
-        tried = Tried(trial, "complete", subjects={"p": score, "q": score / 2}, costs={"cost": score}, heat=score)
+        tried = partial(Tried, trial, costs={"cost": score}, heat=score)
         if number % 3 == 2:
-            tried.state, tried.subjects = "pruned", {"p": score}
-        elif number % 5 == 4:
-            tried.state, tried.subjects, tried.error = "failed", {}, "ValueError: no"
-        else:
-            tried.proba = np.full((2, 3), score, dtype=np.float16)
-        return tried
+            return tried(state="pruned", subjects={"p": score})
+        if number % 5 == 4:
+            return tried(state="failed", error="ValueError: no")
+        proba = np.full((2, 3), score, dtype=np.float16)
+        return tried(state="complete", subjects={"p": score, "q": score / 2}, proba=proba)
 
     made.search(step, {"key": key}, CAPTURES, LABELS)
     return made.tried

@@ -27,7 +27,7 @@ from tests.conftest import random_corpus, with_other_values
 
 SEARCHES = {"auto", "jung2014_svm", "jung2017_tree", "jung2017_svm_linear", "jung2017_svm_rbf", "ta2015_svm"}
 SLOW = SEARCHES | {"hughes2015_softmax", "gaus2015_rf", "gaus2015_boost", "ta2015_rf", "jung2017_nn"}
-SLOW |= {"touchnet", "ren2023_transformer"}  # the parts of most are here with less to learn
+SLOW |= {"ren2023_transformer"}  # the parts of most are here with less to learn
 QUICK = {
     "rf": {"trees": 10},
     "et": {"trees": 10},
@@ -39,6 +39,7 @@ QUICK = {
     "reflex": {"copies": 1, "window": 0.2, "early": 0.1, "units": 4},
     "cnn85": {"frames": 10, "batch": 16},
     "rocket": {"kernels": 84},
+    "touchnet": {"seconds": 0.2, "width": 4, "updates": 10, "batch": 16},
 }
 HARSH = {"repair": ("stuck", "dead", "offset"), "scale": "peak", "faults": ("all",), "copies": 1}
 
