@@ -276,8 +276,9 @@ def probabilities(estimator: System, X: Corpus) -> np.ndarray:
 
 
 def fit_seconds(estimator: System, wall: float, cpu: float) -> tuple[float, float]:
-    """``fit_seconds_``: (wall, CPU) seconds of the last fit, where ``fit`` does more; else what was measured."""
-    return getattr(estimator, "fit_seconds_", (wall, cpu))
+    """``fit_seconds_``: (wall, CPU) seconds of the last fit, or of the wall alone; by default what was measured."""
+    seconds = getattr(estimator, "fit_seconds_", (wall, cpu))
+    return (seconds, cpu) if isinstance(seconds, int | float) else seconds
 
 
 def inside(estimator: System) -> System:

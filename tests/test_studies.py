@@ -104,7 +104,7 @@ def test_the_ablation_measures_its_rows(tmp_path, monkeypatch):
     row |= {"where": "gesture in ['pat', 'rub', 'grab']", "protocol": "groupkfold", "protocol.folds": "2"}
     monkeypatch.setitem(ablation.ROWS, "quick", row)
     few = {name: fault for name, fault in FAULTS.items() if name in ("noise", "shift")}
-    monkeypatch.setattr("bench.commands.stress.known", lambda: few)
+    monkeypatch.setattr("bench.commands.stress.all_faults", lambda: few)
     (found,) = ablation.main(["data=synth", "rows=quick", f"out={tmp_path}"]).to_dict("records")
     stress = bench.stress(data="synth", **row)
     assert found["accuracy"] == pytest.approx(stress.table["accuracy"][0]) and (tmp_path / "ablation.png").exists()

@@ -85,9 +85,10 @@ def _tuning(cell: Cell, params: dict[str, object], how: How) -> Tuning:
     if all(len(values) == 1 for values in listed.values()):
         declared = contract.space(cell.model.factory)
         if declared is None:
+            searchable = [key for key in defaults if key not in ("seed", "device", "batch")]
             raise InputError(
                 f"model={name} declares no ranges to search; list values, such as "
-                f"model.{next(iter(defaults), 'parameter')}=1,2, or give it an attribute space"
+                f"model.{next(iter(searchable), 'parameter')}=1,2, or give it an attribute space"
             )
         space = {**declared, **listed}
     is_grid = all(isinstance(values, list) for values in space.values())

@@ -31,7 +31,7 @@ def test_computing_time_is_measured_beside_the_reference():
         (["slower=nan"], "slower="),
         (["model=svm"], "model=svm"),
         (["update=true", "run=false"], "run=false"),
-        (["update=yes"], "update=yes"),
+        (["update=maybe"], "update=maybe"),
         (["seeds=1"], "seeds"),
         (["changes=1"], "changes"),
         (["baseline=damaged.json"], "damaged.json"),

@@ -270,7 +270,7 @@ def test_reference_is_what_the_docs_say():
     assert len(accuracy) >= 8 and table["accuracy"].between(14.3, 100).all()
     assert table["command"].str.match(r"bench (run|stream|stress) data=haart protocol=").all()
     assert table["revision"].str.fullmatch("[0-9a-f]{12}").all()
-    lines = (ROOT / "docs" / "haart.md").read_text().splitlines()
+    lines = (ROOT / "docs" / "notes" / "haart.md").read_text().splitlines()
     early = table.xs("haart-early-v1")[["at 500 ms", "at 1000 ms", "at 2000 ms"]].round(1)
     for system, words in {"reflex": "`reflex`", "rocket": "`rocket`", "svm · jung54": "`svm` on `jung54`"}.items():
         (line,) = [row for row in lines if row.startswith(f"| {words} | ") and row.count("|") == 9]

@@ -81,7 +81,7 @@ def test_values_are_judged_together(monkeypatch, line):
 @pytest.mark.parametrize(
     ("line", "part"),
     [
-        ("tune model=cnn85", "model.frames="),  # it declares no ranges
+        ("tune model=cnn85", "model=cnn85"),  # it declares no ranges
         ("tune model=svm model.D=1,2", "'D'"),
         ("tune model=svm trials=many", "trials=many:"),
         ("tune model=svm trials=0", "trials=0:"),
