@@ -98,7 +98,7 @@ def test_everything_else_that_numbers_depend_on_is_in_the_key(monkeypatch):
     keys = [
         key(),
         key(**{"data.subjects": "3"}),
-        key(where="gesture != 'pat'"),
+        *(key(where=f"gesture != '{gesture}'") for gesture in ("pat", "tap")),  # as many captures, in the same places
         key(target="variant+gesture"),
         key(protocol="kfold", **{"protocol.folds": "2", "data.repetitions": "2"}),
         key(features="jung28"),
