@@ -124,7 +124,11 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
 
 def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
     """How sure the system of a cell may be, and when it can decide; None where its captures cannot teach it."""
-    if why := unlearnable(cell.estimator(), corpus):
+    try:
+        why = unlearnable(cell.estimator(), corpus)
+    except InputError as e:
+        why = str(e)
+    if why:
         warn(f"warning: no calibration and no threshold go with the model: {why}")
         return None
     return learned(cell.estimator, corpus, np.arange(len(corpus)), Replay())[0]

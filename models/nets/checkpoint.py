@@ -19,7 +19,6 @@ from sklearn.base import BaseEstimator
 
 from bench.corpora.corpus import Corpus
 from bench.scratch import home, replacing
-from bench.source import source_digest
 from models.search.identity import identity, study_name
 
 OFTEN_S = 1.0
@@ -54,7 +53,9 @@ class Checkpoint:
             return None
         try:
             kept = torch.load(self.path, weights_only=True)
-            state, (wall, cpu) = kept["state"], kept["seconds"]
+            state, (wall, cpu) = kept["state"], map(float, kept["seconds"])
+            if not np.isfinite([wall, cpu]).all():
+                raise ValueError("seconds")
             self.path.touch()
         except Exception:  # not there, cut off or another's: training begins anew
             return None
@@ -111,10 +112,8 @@ def checkpoint(estimator: BaseEstimator, X: Corpus, y: np.ndarray) -> Checkpoint
     if not X.digest or not _named(type(estimator)) or not all(map(_named, params.values())):
         return Checkpoint(None)
     params = {k: identity(v) if callable(v) else v for k, v in params.items()}
-    code = source_digest(*(part for step in X.steps for part in step.code())) if X.steps else ""
     system = {"system": identity(type(estimator)), "parameters": params}
-    captures = {"steps": [repr(X.steps), code, X.piece.tolist()]}
-    return Checkpoint(home() / "training" / f"{study_name(system | captures, X, y)}.pt")
+    return Checkpoint(home() / "training" / f"{study_name(system, X, y)}.pt")
 
 
 def _named(part: object) -> bool:

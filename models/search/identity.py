@@ -14,9 +14,11 @@ from bench.source import source_digest, versions
 
 
 def study_name(what: dict[str, object], X: Corpus, y: np.ndarray) -> str:
-    """Hash of the captures, the labels, what is searched and the versions of libraries."""
+    """Hash of the captures with the steps that they went through, the labels, what is searched and library versions."""
+    code = source_digest(*(part for step in X.steps for part in step.code())) if X.steps else ""
     parts = {
         "captures": [X.digest, hashlib.sha256(X.index.tobytes()).hexdigest()],
+        "steps": [repr(X.steps), code, X.piece.tolist()],
         "labels": hashlib.sha256("\n".join(map(str, y)).encode()).hexdigest(),
         "what": what,
         "versions": versions(),

@@ -220,6 +220,9 @@ class Study:
 @contextmanager
 def _locked(name: str | None) -> Iterator[Path | None]:
     """The file of a study, held against other processes; None where nothing is kept."""
+    if name is None:
+        yield None
+        return
     path = home() / "studies" / f"{name}.jsonl"
     lock = FileLock(path.with_suffix(".lock"))
     try:

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from scipy.stats import wilcoxon
 
 from bench import progress
+from bench.corpora.folder import open_folder, write_folder
+from bench.corpora.steps import Faulted, Repair, Scale
 from bench.scratch import home
 from features.jung28 import Jung28
 from features.ta273 import Ta273
@@ -23,7 +25,7 @@ from models.search.study import Study, Tried
 from models.search.tuning import Search
 from tests.conftest import random_corpus
 
-CAPTURES = SimpleNamespace(digest="abc", index=np.arange(3))
+CAPTURES = SimpleNamespace(digest="abc", index=np.arange(3), piece=np.zeros(3, int), steps=())
 LABELS = np.array(["a", "b", "a"])
 SPACES = {
     "line": {"line.x": Range(1e-3, 10.0, log=True), "line.n": Range(1, 9)},
@@ -162,3 +164,17 @@ def test_a_study_belongs_to_captures_labels_space_and_code(monkeypatch):
     assert len(names) == 14
     monkeypatch.setattr(identity, "source_digest", lambda part: "changed")
     assert identity.study_name(search.study_key(), corpus, corpus.gestures) not in names
+
+
+def test_captures_after_other_steps_have_trials_of_their_own(corpus, tmp_path):
+    write_folder(corpus, tmp_path / "c")
+    stored = open_folder(tmp_path / "c")
+    steps = (Scale("peak"), Scale("log"), Repair(("stuck",)), Faulted(("noise",), 1), Faulted(("shift",), 1))
+    made = [stored, *(step(stored) for step in steps)]
+    assert len({identity.study_name({}, X, X.gestures) for X in made}) == len(made)
+
+
+def test_a_search_in_memory_writes_nothing_and_may_hold_another():
+    with study._locked(None) as one, study._locked(None) as other:
+        assert one is other is None
+    assert not (home() / "studies").exists()

@@ -43,7 +43,7 @@ def test_a_decision_is_out_before_the_next_frame_is_read():
 
 
 def test_lines_are_frames_and_what_is_none_is_named():
-    """The whole grammar is in tests/chip/test_lines.py, with C."""
+    """The whole grammar is in tests/export/test_lines.py, with C."""
     text = b"1,2,3\n 4 5\t6\r\n\n\n7, 8 ,9.5\n"
     frames = list(frames_of(io.BytesIO(text), 3, 10.0))
     assert [f if f is None else f.tolist() for f in frames] == [[1, 2, 3], [4, 5, 6], None, None, [7, 8, 9.5]]
