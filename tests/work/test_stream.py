@@ -345,10 +345,9 @@ def test_captures_that_cannot_teach_when_to_stop_are_refused_in_words():
         def check_training(self, X, y):
             raise InputError("give 99 captures")
 
-    assert unlearnable(Demanding(), corpus) == "give 99 captures"
     plan = SimpleNamespace(cell=cell_of(Demanding), corpus=corpus, folds=[Fold("7", np.arange(12), np.arange(12, 24))])
     plan.cell.protocol = "loso"
-    with pytest.raises(InputError, match="protocol=loso: fold 7 .* give 99 captures"):
+    with pytest.raises(InputError, match="^give 99 captures"):
         Stream().refuse(plan)
 
 
