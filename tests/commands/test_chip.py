@@ -127,7 +127,7 @@ def test_a_chip_is_measured():
     (run,) = runs("chip")[1]
     metrics = run.data.metrics
     assert metrics["chip_table_bytes"] == pytest.approx(metrics["flash_bytes"], rel=0.1)
-    assert metrics["chip_ram_bytes"] == pytest.approx(metrics["ram_bytes"], rel=0.1)
+    assert metrics["chip_ram_bytes"] == pytest.approx(metrics["ram_bytes"], rel=0.15)
     room = metrics["chip_program_ram_bytes"] - metrics["chip_ram_bytes"]  # a stack of 4 kB and the library of C
     assert 4096 < room < 4096 + 8192
     assert 50 < metrics["chip_stack_bytes"] < 2000

@@ -182,6 +182,7 @@ def table_of_run(place):
 LONGER = ["run", "model=svm", "features=jung28", "data.subjects=16", "data.variants=normal", "jobs=1"]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("gone", ["for seconds", "for good"])
 def test_a_server_that_is_killed_in_a_run(gone, tmp_path, monkeypatch):
     port = free_port()
