@@ -20,7 +20,7 @@ Usual = TypeVar("Usual")
 LARGEST, LARGEST_SEED = 10**6, 2**32 - 1  # of a whole number, of a seed, which NumPy and scikit-learn bound
 BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
 READERS: dict[type, tuple[str, Callable[[str], object]]] = {
-    bool: ("true or false", BOOLEANS.__getitem__),
+    bool: ("yes or no", BOOLEANS.__getitem__),
     int: ("a whole number", int),
     float: ("a number", float),
     tuple: ("names joined by +", lambda text: tuple(text.split("+"))),
@@ -43,7 +43,8 @@ def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, 
     for argument in arguments:
         key, equals, value = argument.partition("=")
         if not equals or not key or not value:
-            raise InputError(f"{argument!r} is not key=value; keys: {', '.join(sorted(known or ()))}")
+            names = f"keys: {', '.join(sorted(known))}" if known else "leave it out, or see --help"
+            raise InputError(f"{argument!r} is not key=value; {names}")
         if key in values:
             raise InputError(f"{key}= is given twice; give it once, several values as {key}={values[key]},{value}")
         if known is not None:
@@ -150,7 +151,8 @@ def convert(key: str, given: object, default: object) -> object:
             raise ValueError(key)
     except (ValueError, KeyError) as e:
         words += " or None" if default is None else " from 0 on" if seed else ""
-        raise InputError(f"{key}={text[:60]}: give {words}, such as {default}") from e
+        example = "" if isinstance(usual, bool) else f", such as {2 if default in (None, 0) and not seed else default}"
+        raise InputError(f"{key}={text[:60]}: give {words}{example}") from e
     most = LARGEST_SEED if seed else LARGEST
     if isinstance(value, int) and abs(value) > most:
         raise InputError(f"{key}={text[:60]}: give {most} at most")

@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(_line(ValueError(f"memory ran out ({e or 'no more is given'}); ask for less")), file=sys.stderr)
         return 1
     except KeyboardInterrupt as e:
-        print(f"bench: {e or 'interrupted'}", file=sys.stderr)
+        print(f"bench: {str(e) or 'interrupted; the same command begins again'}", file=sys.stderr)
         return 130
 
 

@@ -372,7 +372,10 @@ def help_of(name: str) -> str:
     if shared:
         rows.append(f"  {' '.join(f'{key}=' for key in shared)}   as for bench run")
     usage = "\n".join(f"bench {name} {form}".rstrip() for form in command.usage.split("\n"))
-    paragraph, examples = textwrap.fill(command.text, WIDTH), textwrap.indent(command.examples, "  ")
+    paragraph, examples = (
+        textwrap.fill(command.text, WIDTH, break_on_hyphens=False),
+        textwrap.indent(command.examples, "  "),
+    )
     return "\n\n".join(filter(None, [usage, paragraph, "\n".join(rows), examples])) + "\n"
 
 
@@ -386,4 +389,6 @@ def _row(option: Option) -> str:
         text += f": {(', ' if option.joint == ',' else option.joint).join(option.values)}"
     if option.type != "yes" and option.default not in (None, "", 0):
         text += f"; default {option.default}"
-    return textwrap.fill(text, WIDTH, initial_indent=f"  {option.key + '=':16}", subsequent_indent=" " * 18)
+    return textwrap.fill(
+        text, WIDTH, break_on_hyphens=False, initial_indent=f"  {option.key + '=':16}", subsequent_indent=" " * 18
+    )

@@ -440,7 +440,7 @@ def apart(cost: str, one: float, other: float) -> tuple[str, str]:
 
 def points(mean: float, error: float) -> str:
     """A difference in points with its standard error, which a single subject does not have."""
-    text = f"{mean:.1f}" if round(mean, 1) or not mean else f"{mean:.1g}"
+    text = f"{mean:.1f}" if round(mean, 1) or abs(mean) < 1e-9 else f"{mean:.1g}"
     return text if np.isnan(error) else f"{text} ± {error:.1f}"
 
 
@@ -464,7 +464,7 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
     limits = [_limited(limit, rows, choice.best) for limit in choice.budgets]
     if choice.chosen is None or choice.best is None:
         if choice.unranked:
-            return [f"Nothing can be chosen: no candidate that fits has a known {by} ({UNKNOWN[by]}).", *limits]
+            return [f"Nothing can be chosen: {by} of no candidate that fits is known ({UNKNOWN[by]}).", *limits]
         return ["Nothing fits: every candidate is ruled out by a budget.", *limits]
     chosen, best = rows[choice.chosen], rows[choice.best]
     lines = [f"Choose {named(chosen)}: {chosen['accuracy']:.1f} % with {amount(by, chosen[by])} {WORDS[by]}."]

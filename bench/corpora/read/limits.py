@@ -43,7 +43,7 @@ def plain(value: object, most: int = 80) -> str:
 
 def called(path: Path) -> str:
     """The name of a file in messages."""
-    return plain(path.name, 60)
+    return plain(path.name or str(path), 60)
 
 
 def listed(names: list[str]) -> str:
