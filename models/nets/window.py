@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -87,6 +88,10 @@ class WindowNet(ClassifierMixin, BaseEstimator):
     def __init_subclass__(cls, **more: object) -> None:
         super().__init_subclass__(**more)
         declared(cls)
+        _, *params = inspect.signature(cls.__init__).parameters.values()
+        # What a class declares itself names its runs, so it stands before what it inherits.
+        order = [*vars(cls).get("__annotations__", {}), *inspect.signature(cls.__mro__[1]).parameters]
+        cls.__signature__ = inspect.Signature(sorted(params, key=lambda p: order.index(p.name)))
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
