@@ -90,8 +90,11 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         declared(cls)
         _, *params = inspect.signature(cls.__init__).parameters.values()
         # What a class declares itself names its runs, so it stands before what it inherits.
-        order = [*vars(cls).get("__annotations__", {}), *inspect.signature(cls.__mro__[1]).parameters]
-        cls.__signature__ = inspect.Signature(sorted(params, key=lambda p: order.index(p.name)))
+        base = inspect.signature(cls.__mro__[1]).parameters
+        order = [*vars(cls).get("__annotations__", {}), *base, *(p.name for p in params)]
+        if "__init__" not in vars(cls) or all(p.kind is p.KEYWORD_ONLY for p in params):
+            params.sort(key=lambda p: order.index(p.name))
+        cls.__signature__ = inspect.Signature(params)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
