@@ -284,7 +284,7 @@ def _table(path: Path, task: Task) -> pd.DataFrame:
         raise InputError(f"{_row(joined[missing_rows], keys)} is missing")
     if "true" in texts and (wrong := joined["true given"] != joined["true"]).any():
         label = joined.loc[wrong, "true"].iloc[0]
-        raise InputError(f"true of {_row(joined[wrong], keys)} is {label}, not what it says")
+        raise InputError(f"true of {_row(joined[wrong], keys)} is another class than in the task: {label}")
     if answers == ["predicted"]:
         labels = texts["predicted"]
         check_labels(labels, labels.isin(classes), f"one of {', '.join(classes)}", f"{path.name}, row", first=1)
@@ -329,7 +329,7 @@ def _numbers(cells: pd.DataFrame) -> np.ndarray:
     """Probabilities [rows, classes].
 
     Raises:
-        InputError: one is no number from 0 to 1, or those of a row do not add up to 1.
+        InputError: a probability is not from 0 to 1, or the probabilities of a row do not add up to 1.
     """
     try:
         proba = cells.astype(float).to_numpy()

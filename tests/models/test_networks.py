@@ -12,6 +12,7 @@ from sklearn.base import clone
 from torch import nn
 
 from bench.errors import InputError
+from bench.plan.cells import cells
 from models.nets import ren2023
 from models.nets.cnn85 import CNN85
 from models.nets.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
@@ -239,3 +240,9 @@ def test_a_person_is_learnt_from_what_the_layer_gets_when_it_decides():
     as_it_decides, by_hand, otherwise = (net[-1].weight for net in learnt)
     assert torch.equal(as_it_decides, by_hand) and not torch.allclose(as_it_decides, otherwise)
     assert not torch.equal(as_it_decides, model.net_[-1].weight) and model.adapt(corpus, None) is model
+
+
+def test_what_a_network_declares_itself_names_its_runs_first():
+    (cell,) = cells({"model": "cnn85", "model.batch": "20", "model.epochs": "4", "model.frames": "120"})
+    assert cell.system() == "cnn85[frames=120, epochs=4, batch=20]"  # as stored baselines name it
+    assert [*inspect.signature(Zhou2016GMLSTM).parameters][:3] == ["frames", "average", "epochs"]
