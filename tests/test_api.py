@@ -2,6 +2,7 @@
 
 import itertools
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -54,9 +55,10 @@ def test_docstrings_name_every_key_of_the_command(name):
     assert [key for key in keys(name) - {"source"} if not re.search(rf"\b{key}\b", text)] == []
 
 
-def test_results_and_run_show_what_is_tracked(six_runs, monkeypatch, capsys):
-    monkeypatch.chdir(six_runs[0])
-    monkeypatch.setenv("TOUCHBENCH_HOME", str(six_runs[0] / "home"))
+def test_results_and_run_show_what_is_tracked(six_runs, tmp_path, monkeypatch, capsys):
+    shutil.copytree(six_runs[0], tmp_path / "copy")  # what is added here, the golden files must not see
+    monkeypatch.chdir(tmp_path / "copy")
+    monkeypatch.setenv("TOUCHBENCH_HOME", str(tmp_path / "copy/home"))
     table = bench.run(model=["tree", "bayes"], features="jung28", seed=None, **TINY)  # the same cells
     assert "stored before" in capsys.readouterr().err
     tracked = {run.info.run_id: run.data.metrics for run in runs("cell")[1]}
