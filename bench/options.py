@@ -118,9 +118,9 @@ OPTIONS = (
     Option("junit", "check", "text", "", "file for a CI server, such as check.xml"),
     Option("out", "extract", "text", "", "file that ends in .parquet or .csv"),
     Option("name", "data-import", "text", "", "import under this name, in place of an earlier corpus of this name"),
-    Option("grid", "data-import", "text", "", "of a table: rows and columns of the skin, such as 8x8"),
-    Option("rate_hz", "data-import", "number", None, "of a table: frames a second"),
-    Option("full_scale", "data-import", "number", 1023, "of a table: the largest reading"),
+    Option("grid", "data-import", "text", "", "of a table or recording: rows and columns of the skin, such as 8x8"),
+    Option("rate_hz", "data-import", "number", None, "of a table or recording: frames a second"),
+    Option("full_scale", "data-import", "number", 1023, "of a table or recording: the largest reading"),
     Option("where", "data-show", "text", "", "captures to show"),
     Option("target", "data-show", "text", "gesture", "columns whose classes are counted besides"),
     Option("capture", "data-show", "count", None, "the capture to animate, from 0; default one of each gesture"),
@@ -183,13 +183,17 @@ COMMANDS = {
         "Alone, it lists the corpora with counts, digest, source and licence. import reads the Corpus of Social Touch, "
         "HAART (zip or folder) or a table: a CSV or parquet file with the columns subject, gesture, frame, conditions "
         "and channels, or .npz with frames, offsets, subject and gesture. A column synthetic marks generated captures. "
+        "recording reads continuous touch: a CSV or parquet file with a row per frame, a column label (empty or None "
+        "where nobody touches), channels, and optional columns recording and subject. "
         "show prints counts, gaps, durations, pressure, broken taxels and equal captures. verify reads every stored "
         "file again; exit code 1 if one was changed. show and export take parameters of synth, such as subjects=4.",
         "bench data import cost CoST.csv\n"
         'bench data import haart "HAART DataSet.zip"\n'
         "bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023\n"
+        "bench data import recording day.csv name=day grid=10x10 rate_hz=54\n"
         "bench data export synth out.csv subjects=31 repetitions=6",
-        "\nimport cost|haart|table FILE [key=value ...]\nshow NAME [key=value ...]\nverify NAME\nexport NAME FILE",
+        "\nimport cost|haart|table|recording FILE [key=value ...]\nshow NAME [key=value ...]\nverify NAME\n"
+        "export NAME FILE",
     ),
     "extract": Command(
         "your captures",

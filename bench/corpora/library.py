@@ -12,6 +12,7 @@ import json
 import os
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,9 @@ from filelock import FileLock, Timeout
 
 from bench.corpora import duplicates
 from bench.corpora.corpus import Corpus
-from bench.corpora.folder import Damaged, content_digest, open_folder, small_file, verified, write_folder
+from bench.corpora.folder import Damaged, content_digest, open_folder, open_stored, small_file, verified, write_folder
 from bench.corpora.read.limits import plain
+from bench.corpora.recordings import Recordings
 from bench.errors import InputError, nearest
 from bench.registry import load
 from bench.scratch import home, remove, replacing
@@ -28,7 +30,7 @@ from bench.scratch import home, remove, replacing
 NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 
 
-def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
+def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus | Recordings:
     """Read a file of a known format and store it.
 
     Args:
@@ -51,12 +53,18 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.parent / f".{name}.lock", timeout=0):
-            corpus = _read(reader, source, arguments)
+            value = _read(reader, source, arguments)
+            corpus = value.corpus if isinstance(value, Recordings) else value
             warnings = [*duplicates.warning(corpus), *corpus.info.get("warnings", [])]
             corpus = corpus.changed(name=name, info=corpus.info | {"format": kind, "warnings": warnings})
-            digest = content_digest(corpus)
+            if isinstance(value, Recordings):
+                value = replace(value, corpus=corpus)
+                value.check()
+            else:
+                value = corpus
+            digest = content_digest(value)
             stored = folder / digest[:16]
-            write_folder(corpus, stored, digest)
+            write_folder(value, stored, digest)
             pointer = folder / "current"
             if os.path.lexists(pointer) and (pointer.is_symlink() or not pointer.is_file()):
                 remove(pointer)
@@ -72,7 +80,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     finally:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
-    return open_folder(stored)
+    return open_stored(stored)
 
 
 def _unwritable(folder: Path, error: OSError) -> InputError:
@@ -84,19 +92,45 @@ def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
     """Open an imported corpus, or generate and open the synthetic one.
 
     Raises:
-        InputError: there is no such corpus, or it is no longer what was imported.
+        InputError: there is no such corpus, it holds recordings, or it is no longer what was imported.
     """
     if name == "synth":
         return _synthetic(parameters)
+    value = stored_value(name)
+    if isinstance(value, Recordings):
+        raise InputError(f"{name} holds recordings; use bench watch data={name}")
+    return value
+
+
+def recordings(name: str) -> Recordings:
+    """Open imported recordings.
+
+    Raises:
+        InputError: there are no such recordings, the name is that of a corpus of captures, or they are no longer what
+            was imported.
+    """
+    value = stored_value(name)
+    if not isinstance(value, Recordings):
+        raise InputError(f"{name} holds captures, not recordings; use bench run data={name}")
+    return value
+
+
+def stored_value(name: str) -> Corpus | Recordings:
+    """Open what is imported under a name: a corpus of captures, or recordings.
+
+    Raises:
+        InputError: nothing was imported under this name, or it is no longer what was imported.
+    """
     try:
         folder = _folder(name)
-        corpus = open_folder(folder, folder.name)
+        value = open_stored(folder, folder.name)
+        corpus = value.corpus if isinstance(value, Recordings) else value
         if corpus.name != name:
             raise Damaged(f"it is {corpus.name[:40]}")
     except Damaged as e:
         folder = home() / "corpora" / name
         raise InputError(f"{plain(folder, 150)} was changed or damaged ({e}); import it again") from e
-    return corpus
+    return value
 
 
 def _folder(name: str) -> Path:
@@ -135,7 +169,7 @@ def verify(name: str) -> dict[str, str]:
     wrong = {"current": "", **verified(folder, folder.name)}
     if not any(wrong.values()):
         try:
-            open_corpus(name, {})
+            stored_value(name)
         except InputError as e:
             wrong["corpus.json"] = str(e)
     return wrong
@@ -151,17 +185,20 @@ def overview() -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for name in imported():
         try:
-            corpus = open_corpus(name, {})
+            value = stored_value(name)
         except InputError as e:
             rows.append({"data": name, "damaged": str(e)})
             continue
+        corpus, events = (value.corpus, value.events) if isinstance(value, Recordings) else (value, None)
+        gestures = corpus.gestures if events is None else events["gesture"]
         rows.append(
             {
                 "data": name,
+                "events": None if events is None else len(events),
                 "synthetic": corpus.synthetic,
                 "captures": len(corpus),
                 "subjects": len(set(corpus.subjects)),
-                "gestures": len(set(corpus.gestures)),
+                "gestures": len(set(gestures)),
                 "frames": len(corpus.frames),
                 "grid": "x".join(map(str, corpus.grid)),
                 "rate_hz": corpus.rate_hz,
@@ -174,8 +211,8 @@ def overview() -> list[dict[str, object]]:
     return rows
 
 
-def _read(reader: Callable, source: Path, arguments: dict[str, object]) -> Corpus:
-    """The corpus of a file; its own errors are none of the data folder's."""
+def _read(reader: Callable, source: Path, arguments: dict[str, object]) -> Corpus | Recordings:
+    """The contents of a file; its own errors are none of the data folder's."""
     try:
         return reader(source, **arguments)
     except OSError as e:
