@@ -14,19 +14,20 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from filelock import FileLock, Timeout
 
 from bench.corpora import duplicates
 from bench.corpora.corpus import Corpus
-from bench.corpora.folder import Damaged, content_digest, open_folder, open_stored, small_file, verified, write_folder
+from bench.corpora.folder import Damaged, content_digest, open_stored, small_file, verified, write_folder
 from bench.corpora.read.limits import plain
 from bench.corpora.recordings import Recordings
 from bench.errors import InputError, nearest
 from bench.registry import load
 from bench.scratch import home, remove, replacing
 
+Stored = TypeVar("Stored", Corpus, Recordings)
 NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 
 
@@ -102,13 +103,19 @@ def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
     return value
 
 
-def recordings(name: str) -> Recordings:
-    """Open imported recordings.
+def recordings(name: str, parameters: dict[str, object] | None = None) -> Recordings:
+    """Open imported recordings, or generate and open the synthetic ones.
+
+    Args:
+        name: of imported recordings, or ``synth``.
+        parameters: of ``synth``.
 
     Raises:
         InputError: there are no such recordings, the name is that of a corpus of captures, or they are no longer what
             was imported.
     """
+    if name == "synth":
+        return _synthetic_recordings(parameters or {})
     value = stored_value(name)
     if not isinstance(value, Recordings):
         raise InputError(f"{name} holds captures, not recordings; use bench run data={name}")
@@ -249,6 +256,15 @@ def _synthetic(parameters: dict[str, Any]) -> Corpus:
     return _made(home() / "corpora" / "synth" / key, lambda: synth.generate(**parameters))
 
 
+def _synthetic_recordings(parameters: dict[str, Any]) -> Recordings:
+    """The generated recordings, stored under all that they depend on."""
+    from bench.corpora import synth, synth_recordings
+
+    code = Path(synth.__file__).read_bytes() + Path(synth_recordings.__file__).read_bytes()
+    key = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode() + code).hexdigest()[:16]
+    return _made(home() / "corpora" / "synth" / key, lambda: synth_recordings.generate(**parameters))
+
+
 def open_joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     """Captures of two skins as `bench.corpora.skins.joined` makes them, stored under all that they depend on.
 
@@ -268,18 +284,18 @@ def open_joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus
     return _made(home() / "corpora" / ".transfer" / key, lambda: skins.joined(target, source, names))
 
 
-def _made(folder: Path, make: Callable[[], Corpus]) -> Corpus:
-    """A stored corpus that touchbench can make itself; one that is not there, or damaged, is made and stored.
+def _made(folder: Path, make: Callable[[], Stored]) -> Stored:
+    """A stored corpus, or recordings, that touchbench can make itself; made and stored if missing or damaged.
 
     Raises:
         InputError: it cannot be made or stored.
     """
     try:
-        return open_folder(folder, folder.name)
+        return cast(Stored, open_stored(folder, folder.name))
     except InputError:
-        corpus = make()
+        value = make()
     try:
-        write_folder(corpus, folder)
+        write_folder(value, folder)
     except OSError as e:
         raise _unwritable(folder, e) from e
-    return open_folder(folder, folder.name)
+    return cast(Stored, open_stored(folder, folder.name))

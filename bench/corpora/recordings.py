@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,5 +113,10 @@ def events_of(labels: np.ndarray, lengths: np.ndarray) -> pd.DataFrame:
     starts, ends = starts[touched], ends[touched]
     recording = np.searchsorted(firsts, starts, side="right") - 1
     columns = (recording, starts - firsts[recording], ends - firsts[recording], gestures[codes[starts]])
+    return event_table(zip(*columns, strict=True))
+
+
+def event_table(rows: Iterable[tuple[int, int, int, str]]) -> pd.DataFrame:
+    """The ``events`` of `Recordings` from rows (recording, start, end, gesture), in the types that they have."""
     kinds = {name: np.int64 for name in COLUMNS[:3]} | {"gesture": str}
-    return pd.DataFrame(dict(zip(COLUMNS, columns, strict=True))).astype(kinds)
+    return pd.DataFrame(list(rows), columns=[*COLUMNS]).astype(kinds)

@@ -11,11 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.cli import main
+from bench.corpora import synth, synth_recordings
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import content_digest
 from bench.corpora.library import import_corpus, open_corpus, recordings, verify
 from bench.corpora.read.recording import read
-from bench.corpora.recordings import Recordings, events_of
+from bench.corpora.recordings import Recordings, event_table, events_of
 from bench.errors import InputError
 from bench.scratch import home
 
@@ -40,9 +41,7 @@ def made(events, lengths=(9, 3)):
     """Recordings of one taxel whose readings count up."""
     frames = [np.arange(n, dtype=np.uint16).reshape(n, 1, 1) for n in lengths]
     captures = pd.DataFrame({"subject": [f"s{i}" for i in range(len(lengths))], "gesture": ""})
-    kinds = {"recording": np.int64, "start": np.int64, "end": np.int64}
-    table = pd.DataFrame(events, columns=[*kinds, "gesture"]).astype(kinds)
-    return Recordings(Corpus.from_captures(frames, captures, 50.0), table)
+    return Recordings(Corpus.from_captures(frames, captures, 50.0), event_table(events))
 
 
 def listed(events):
@@ -230,3 +229,50 @@ def test_an_import_with_events_that_cannot_be_leaves_what_was_there(tmp_path, mo
     with pytest.raises(InputError, match="events of arm: event 1 .*overlaps"):
         import_corpus("any", tmp_path, {"name": "arm"})
     assert len(recordings("arm").events) == 6
+
+
+def test_generated_recordings():
+    small = {"variants": ("normal",), "rate_hz": 50.0, "seed": 3}
+    value = synth_recordings.generate(subjects=2, **small)
+    value.check()
+    assert value.corpus.synthetic and value.subjects.tolist() == ["1", "2"]
+    for number in (0, 1):  # every gesture once
+        assert sorted(value[number].events["gesture"]) == sorted(synth.GESTURES)
+    again, more = (synth_recordings.generate(subjects=n, **small) for n in (2, 3))
+    other = synth_recordings.generate(subjects=2, **small | {"seed": 4})
+    assert content_digest(again) == content_digest(value) == content_digest(more[:2]) != content_digest(other)
+    labels, lengths = value.frame_labels(), value.corpus.lengths
+    idle = np.diff(np.flatnonzero(np.append(labels != "", True)), prepend=-1) - 1  # frames between touches
+    assert 150 <= idle[idle > 0].min() and idle.max() <= 2 * 500 + 30
+    firsts = value.corpus[0][labels[: lengths[0]] != ""].max(axis=(1, 2))
+    far = np.convolve(labels[: lengths[0]] != "", np.ones(101), "same") == 0  # a second from any touch
+    quiet = value.corpus[0][far].astype(float)
+    assert np.median(firsts) > 3 * np.median(quiet.max(axis=(1, 2)))
+    noise = np.diff(quiet, axis=0).std() / np.sqrt(2)
+    assert 1.4 < noise < 1.7  # 1.5, and what rounding adds
+    assert quiet[-100:].mean((1, 2)).mean() != pytest.approx(quiet[:100].mean((1, 2)).mean(), abs=0.5)  # drift
+
+
+def test_pressure_comes_and_goes_at_the_ends_of_generated_touches():
+    still = synth_recordings.generate(1, variants=("normal",), noise=0.0)
+    for _, start, end, _ in listed(still.events):
+        peaks = still.corpus[0][start - 20 : end].astype(float).max(axis=(1, 2))
+        most = peaks.max() - peaks[0]
+        assert peaks[:18].max() - peaks[0] <= 0.02 * most + 2 and peaks[-1] - peaks[0] < 0.6 * most
+        assert peaks[20] - peaks[0] < 0.2 * most  # not at once
+
+
+def test_generated_recordings_are_stored_and_generated_again(capsys):
+    few = {"subjects": 1, "variants": ("normal",), "rate_hz": 20.0}
+    value = recordings("synth", few)
+    assert value.corpus.path and content_digest(value) == content_digest(synth_recordings.generate(**few))
+    assert len(open_corpus("synth", few)) == 14  # captures of the same parameters beside them
+    (path,) = (home() / "corpora" / "synth").rglob("events.parquet")
+    path.write_bytes(b"")
+    assert main(["data", "verify", "synth"]) == 1
+    pd.testing.assert_frame_equal(recordings("synth", few).events, value.events)
+    assert main(["data", "verify", "synth"]) == 0
+    with pytest.raises(InputError, match="data.subjects=0: give at least 1"):
+        recordings("synth", {"subjects": 0})
+    with pytest.raises(InputError, match="memory"):
+        recordings("synth", {"repetitions": 10**12})
