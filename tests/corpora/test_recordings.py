@@ -238,6 +238,7 @@ def test_generated_recordings():
     assert value.corpus.synthetic and value.subjects.tolist() == ["1", "2"]
     for number in (0, 1):  # every gesture once
         assert sorted(value[number].events["gesture"]) == sorted(synth.GESTURES)
+    assert value[0].events["gesture"].tolist() != value[1].events["gesture"].tolist()  # in an order of its own
     again, more = (synth_recordings.generate(subjects=n, **small) for n in (2, 3))
     other = synth_recordings.generate(subjects=2, **small | {"seed": 4})
     assert content_digest(again) == content_digest(value) == content_digest(more[:2]) != content_digest(other)
