@@ -14,7 +14,6 @@ from threading import Thread
 import pytest
 
 from bench.cli import main
-from bench.options import COMMANDS
 from bench.outcomes.store import connect
 from tests.commands.test_server import free_port
 from tests.conftest import BENCH
@@ -123,21 +122,6 @@ def test_output_that_is_closed_is_no_error(arguments):
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-def test_a_name_that_is_no_text_is_printed_somehow(tmp_path):
-    out = os.fsencode(tmp_path) + b"/\xff.csv"
-    utf8 = os.environ | {"PYTHONIOENCODING": "utf-8:strict"}
-    words = [*SYNTH, out, "subjects=1", "variants=normal", "repetitions=1"]
-    done = subprocess.run([*BENCH, *words], capture_output=True, env=utf8)
-    assert (done.returncode, done.stderr) == (0, b"")
-
-
-def test_every_command_is_listed_once(capsys):
-    assert main(["--help"]) == 0
-    text = capsys.readouterr().out
-    listed = [line.split()[1] for line in text.splitlines() if line.startswith("  bench ")]
-    assert sorted(listed) == sorted(COMMANDS) and all(len(line) <= 100 for line in text.splitlines())
-
-
 def test_the_ui_opens_a_view_with_columns_that_runs_have(six_runs, monkeypatch, capsys):
     monkeypatch.chdir(six_runs[0])
     # Instead of MLflow's server one that answers once, and ends.
@@ -179,16 +163,6 @@ def test_a_table_that_cannot_be_written_leaves_the_earlier_one(tmp_path):
     assert (tmp_path / "f.csv").read_text() == "earlier" and not list(tmp_path.glob(".*part*"))
 
 
-def test_a_table_goes_where_a_link_points_and_into_a_device(tmp_path):
-    (tmp_path / "link.csv").symlink_to(tmp_path / "there.csv")
-    (tmp_path / "there.csv").write_text("earlier")
-    (tmp_path / "null.csv").symlink_to("/dev/null")
-    for name in ("link.csv", "null.csv"):
-        assert main(["extract", *SMALL, "features=jung28", f"out={name}"]) == 0
-        assert (tmp_path / name).is_symlink()
-    assert "subject" in (tmp_path / "there.csv").read_text() and Path("/dev/null").is_char_device()
-
-
 def test_a_working_folder_that_is_gone(tmp_path):
     gone = tmp_path / "gone"
     gone.mkdir()
@@ -204,9 +178,3 @@ def test_memory_that_runs_out_is_one_line(monkeypatch, capsys):
     assert main(["data"]) == 1
     line = capsys.readouterr().err
     assert line.count("\n") == 1 and "Unable to allocate 1 TiB" in line
-
-
-def test_frames_from_an_input_that_is_closed(monkeypatch, capsys):
-    monkeypatch.setattr("sys.stdin", None)
-    assert main(["stream", "source=-", "model=nothing"]) == 2
-    assert "source=-" in capsys.readouterr().err

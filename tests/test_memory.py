@@ -7,7 +7,6 @@ import psutil
 import pytest
 
 from bench.arguments import KEYS, parse
-from bench.cli import main
 from bench.errors import InputError
 from bench.memory import available, ensure
 from bench.plan.cells import cells
@@ -59,22 +58,3 @@ def test_sizes_that_cannot_be_are_refused(typed, fact):
     with pytest.raises(InputError, match=fact):
         planned(cells(parse(typed.split(" "), KEYS)), 1)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["fit", "data.subjects=2", f"out={'a' * 300}"],
-        ["predict", "a" * 300, "x.csv"],
-        ["data", "import", "cost", "a" * 300],
-        ["check", f"baseline={'a' * 300}"],
-        ["extract", "data=synth", "data.subjects=2", "features=jung28", f"out={'a' * 300}.csv"],
-        ["fit", "data.subjects=2", "out=a\0b"],
-        ["report", "out=a\0b"],
-        ["run", "model=" + 3000 * "a"],
-    ],
-)
-def test_names_that_the_file_system_cannot_take_are_one_line(command, capsys):
-    assert main(command) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert line.startswith("bench: ") and len(line) <= 310

@@ -67,24 +67,6 @@ def test_a_block_that_fails_is_named(block):
         examples.outputs(f"```sh\ntrue\n```\n\n{block}")
 
 
-def test_one_page_that_fails_does_not_hide_the_others(tmp_path):
-    (tmp_path / "bad.md").write_text("```sh\nfalse\n```\n")
-    (tmp_path / "good.md").write_text("```sh\necho yes\n```\n")
-    found = examples.run([tmp_path / "bad.md", tmp_path / "good.md"])
-    assert "bad.md" in found["bad.md"] and found["good.md"] == ["yes\n"]
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_every_command_of_a_page_is_an_example(page):
-    """Each fence of the two languages is found with what stands around it; no misspelt comment hides one."""
-    text = page.read_text()
-    fences = [line for line in text.splitlines() if line.startswith(("```sh", "```python"))]
-    assert len(examples.blocks(text)) == len(fences)
-    comments = text.count("<!-- not run: ") + text.count("<!-- needs: ") + text.count("<!-- output")
-    matched = [match[0] for match in examples.BLOCK.finditer(text)]
-    assert comments == sum(m.startswith("<!--") for m in matched) + sum(m.endswith("-->") for m in matched)
-
-
 @pytest.mark.live
 @pytest.mark.skipif(find_spec("mkdocs") is None, reason="needs the extra docs")
 def test_the_site_is_built_with_every_example_run(tmp_path):

@@ -8,15 +8,13 @@ import pytest
 
 from bench.arguments import parse
 from bench.cli import main
-from bench.commands.choose import Chosen, _print, chosen
+from bench.commands.choose import chosen
 from bench.commands.smallest import smallest
 from bench.errors import InputError
 from bench.options import SMALL
-from bench.outcomes.choice import Candidates, decide
 from bench.outcomes.comparable import MARKED
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
-from tests.outcomes.test_choice import table
 from tests.reports.store import made_up, tracked_run
 
 FEW = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
@@ -61,16 +59,6 @@ def test_runs_of_another_version_are_left_out_in_one_line(store, capsys):
     store.client.delete_tag(store.of_kind("cell")[0].info.run_id, "touchbench.format")
     assert main(["choose"]) == 2 and "no scored run is tracked here" in capsys.readouterr().err
     assert connect().of_kind("cell") == []
-
-
-def test_sizes_as_linked_are_marked_beside_those_without_code(capsys):
-    rows, subjects = table([[80] * 4, [70] * 4], flash=[20.0, 5.0])
-    rows = rows.assign(kind="cell", command="run", arguments="", cycles=1.0)
-    for linked, marked in (([True, False], True), ([True, True], False)):
-        among = Candidates(rows.assign(linked=linked), "synth", subjects, False, [])
-        _print(Chosen(decide(among.table, subjects, "flash", {}, None), among, "flash", {}, None))
-        out = capsys.readouterr().out
-        assert "20 kB*" in out and ("* as linked" in out) == marked and ("5 kB*" in out) != marked
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ from bench.commands import printing
 from bench.commands.run import evaluated_values
 from bench.options import keys
 from bench.outcomes.comparable import BATCH, MARKED
-from bench.plan.cells import cells
 from tests.conftest import SMALL, predictions, runs
 
 
@@ -116,25 +115,9 @@ def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys)
     assert MARKED in text.splitlines()
 
 
-def test_commands_inside_another_one_do_not_print_what_comes_next(capsys):
-    with printing.led():
-        printing.then("bench run")
-    assert not capsys.readouterr().out
-    printing.then("bench run")
-    assert capsys.readouterr().out == "next: bench run\n"
-
-
 VALUES = r"""variant == 'rough'; a == 'it"s'; x == '$HOME'; plain; two words; a == '`ls`'; wow!; \; x == 'a!b'"""
 
 
 @pytest.mark.parametrize("value", VALUES.split("; "))
 def test_a_value_is_quoted_so_that_a_shell_hands_it_over(value):
     assert shlex.split(f"where={quoted(value)}") == [f"where={value}"]
-
-
-def test_systems_prints_commands_that_can_be_pasted(capsys):
-    assert main(["systems"]) == 0
-    lines = [line.strip() for line in capsys.readouterr().out.splitlines() if line.strip().startswith("bench run")]
-    assert len(lines) > 40 and not [line for line in lines if "'\"'\"'" in line]
-    for line in lines:
-        assert cells(parse(shlex.split(line)[2:], keys("run")))

@@ -1,8 +1,6 @@
 """The commands tune, systems and extract, searches in bench run, and other targets than the gesture."""
 
 import shlex
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
@@ -131,12 +129,6 @@ def test_every_published_number_has_its_command_or_a_reason(capsys):
             assert cell.estimator() is not None
         else:
             assert f"model={row.system}" in text or text.endswith(("build it", "not here yet", "elsewhere"))
-
-
-def test_closed_pipes_end_quietly():
-    code = "from bench.cli import main; import sys; sys.exit(main(['systems']))"
-    line = f'{sys.executable} -c "{code}" | head -1'
-    assert subprocess.run(line, shell=True, capture_output=True, text=True, check=False).stderr == ""
 
 
 def test_features_are_written_as_a_table(capsys):

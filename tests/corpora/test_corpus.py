@@ -75,11 +75,6 @@ def test_any_change_changes_the_digest(corpus, field):
     assert content_digest(corpus.changed(**{field: values[field]})) != content_digest(corpus)
 
 
-def test_an_incomplete_folder_is_refused(tmp_path):
-    with pytest.raises(InputError, match="import it again"):
-        open_folder(tmp_path)
-
-
 def test_select(corpus):
     rows = zip(corpus.subjects, corpus.captures["repetition"], strict=True)
     expected = [i for i, (subject, repetition) in enumerate(rows) if subject == "2" and repetition > 1]

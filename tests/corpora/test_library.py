@@ -104,22 +104,6 @@ def test_a_damaged_corpus_does_not_hide_the_others(arm, capsys):
     assert error.count("\n") == 1 and "frames.npy differs" in error and "import it again" in error
 
 
-def test_an_import_of_the_same_mends_what_is_damaged(arm):
-    for harm in (
-        lambda: flip(folder() / "frames.npy"),
-        lambda: flip(folder() / "captures.parquet", as_before=True),
-        lambda: shutil.rmtree(folder()),
-        lambda: (folder() / "corpus.json").unlink(),
-        lambda: shutil.rmtree(home() / "corpora" / "arm"),
-    ):
-        harm()
-        if (home() / "corpora" / "arm").exists():
-            with pytest.raises(InputError, match="import it again"):
-                open_corpus("arm", {})
-        assert len(arm()) == 36 and not any(verify("arm").values())
-        assert {p.name for p in (home() / "corpora" / "arm").iterdir()} == {"current", folder().name}
-
-
 def test_the_folder_of_another_corpus_is_refused(arm, tmp_path):
     arm("leg", "1")
     one, other = folder("arm"), folder("leg")

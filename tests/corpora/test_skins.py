@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.skins import OWN, SOURCE, brought, joined, regridded, resampled, scaled, weights
-from bench.corpora.synth import generate
 from bench.errors import InputError
 from tests.conftest import random_corpus
 
@@ -83,22 +82,6 @@ def test_both_are_brought_to_the_coarser_of_each():
     assert both.captures["skin"].tolist() == [OWN] * len(kept) + [SOURCE] * 4
     np.testing.assert_allclose(both[len(kept)], source[0] * target.full_scale, rtol=1e-6)
     np.testing.assert_allclose(both[0], brought(target[kept[:1]], 40.0, (4, 5), target.full_scale)[0])
-
-
-@pytest.mark.parametrize(
-    ("names", "facts"),
-    [({}, "share 0 classes"), ({"PAT": "nothing"}, "random .*'nothing'"), ({"slap": "pat"}, "other .*'slap'")],
-)
-def test_classes_that_are_not_there_are_one_line(names, facts):
-    source = other_skin()
-    source.captures["gesture"] = source.captures["gesture"].replace("rub", "Rub")
-    with pytest.raises(InputError, match=f"^protocol[^\n]*{facts}[^\n]*$"):
-        joined(random_corpus(3, 4, longest=30), source, names)
-
-
-def test_generated_captures_of_one_seed_are_of_the_same_people():
-    with pytest.raises(InputError, match="seed"):
-        joined(generate(2, variants=("normal",)), generate(2, variants=("normal",), rows=5), {})
 
 
 @pytest.mark.parametrize(

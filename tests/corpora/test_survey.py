@@ -146,13 +146,6 @@ def test_missing_and_uneven_combinations():
     ]
 
 
-def test_many_gaps_are_counted_not_all_printed():
-    n = 30
-    subjects, gestures = [str(i) for i in range(n)], [f"g{i}" for i in range(n)]
-    lines = survey(of([noise(seed=i) for i in range(n)], gestures, subjects)).gap_lines()
-    assert len(lines) == 1 + 12 + 1 and str(n * (n - 1) - 12) in lines[-1]
-
-
 def test_duplicates_also_under_other_labels_and_in_slices():
     a, b, rest = noise(seed=1), noise(seed=2), np.full((20, 5, 6), 3, np.uint16)
     arrays = [a, b, a.copy(), b[:-1], b.copy(), noise(seed=3), a.copy(), rest, rest]
@@ -179,10 +172,3 @@ def test_a_typical_capture_is_in_the_middle():
     corpus = of([*arrays, noise(3)], ["pat"] * 5 + ["tap"])
     assert survey(corpus).typical == {"pat": 2, "tap": 5}
     assert survey(corpus[1:]).typical["tap"] == 5
-
-
-def test_generated_captures_say_so(corpus):
-    assert "synthetic" not in str(survey(corpus))
-    result = survey(corpus.changed(info={"synthetic": True}).with_target("gesture+subject"))
-    assert result.synthetic and "synthetic" in repr(result).splitlines()[1]
-    assert len(result.classes) == 12 and "target=gesture+subject" in str(result)

@@ -8,7 +8,6 @@ from scipy.linalg import solve_toeplitz
 from scipy.ndimage import label as components
 from scipy.spatial import ConvexHull
 
-from bench.corpora.folder import open_folder, write_folder
 from features.balli import NAMES, SIGNALS, STATISTICS, Balli
 from tests.features.captures import GRIDS, LEVELS, corpus_of, near, ragged, row_of
 
@@ -183,14 +182,3 @@ def test_kept_columns_keep_their_order_and_values(corpus):
         assert Balli().fit_transform(few).shape == (len(few), 208)  # what cannot be learnt from keeps all
     still = corpus_of([np.full((9, 4, 4), 5, np.uint16)] * 12)
     assert Balli().fit(still, ["a", "b"] * 6).transform(still).shape == (12, 208)
-
-
-def test_one_table_is_stored_for_every_number_of_columns(corpus, tmp_path, monkeypatch):
-    write_folder(corpus, tmp_path / "c")
-    stored = open_folder(tmp_path / "c")
-    expected = Balli(4).fit_transform(corpus, corpus.gestures)
-    assert Balli(4).fit_transform(stored, corpus.gestures).equals(expected)
-    monkeypatch.setattr(Balli, "extract", lambda *_: pytest.fail("computed again"))
-    assert Balli(2).fit_transform(stored, corpus.gestures).shape == (36, 2)
-    assert Balli(0).fit_transform(stored[3:5]).shape == (2, 208)
-    assert len(list((tmp_path / "home" / "features").iterdir())) == 1

@@ -41,17 +41,6 @@ def test_the_key_depends_on_corpus_parameters_class_and_code(monkeypatch):
             assert (cache_key(Jung54(), "a") != key) == other
 
 
-@pytest.mark.parametrize("damage", [b"", b"PAR1 this is no table", None])
-def test_a_damaged_table_is_computed_again(corpus, stored, tmp_path, damage):
-    expected = Jung28().transform(corpus)
-    path = tmp_path / "home" / "features" / f"{cache_key(Jung28(), stored.digest)}.parquet"
-    path.parent.mkdir(parents=True)
-    if damage is not None:
-        path.write_bytes(damage)
-    assert Jung28().transform(stored).equals(expected)
-    assert pd.read_parquet(path).equals(expected)
-
-
 def test_a_folder_that_cannot_be_written_only_costs_time(corpus, stored, tmp_path, monkeypatch):
     expected = Jung28().transform(corpus[3:5])
     (tmp_path / "file").write_text("")

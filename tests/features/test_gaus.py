@@ -147,26 +147,6 @@ def test_runs_by_hand():
     assert table.to_numpy().tolist() == [*patterns.values()]
 
 
-def test_equal_steps_are_none_above_their_percentile():
-    steady = np.arange(0, 900, 30, dtype=np.uint16)[:, None, None]
-    back = steady[::-1]  # a step down that wrapped round would be large
-    assert (Gaus(("smmhh",)).transform(corpus_of([steady, back])).to_numpy() == 0).all()
-    swerve = np.concatenate([steady, back[10:]])
-    assert row_of(Gaus(("smmhh",)), swerve).tolist() == [1, 0, 0, 0, 0]  # 870 to 570
-
-
-def test_a_cell_of_the_pyramid_is_the_average_of_its_taxels():
-    course = course_of("00100000000").ravel()
-    frames = np.full((len(course), 3, 5), 10, np.uint16)
-    frames[:, 0, 0] += course
-    frames[:, 1, 1] -= course  # the other way, in the same cell of 2 x 2
-    frames[:, 2, 4] += course  # a cell of its own
-    row = row_of(Gaus(("smmhh",)), frames)
-    assert len(row) == 5 * (3 * 5 + 2 * 3 + 1 * 2 + 1)
-    moving = ["3x5_r1c1", "3x5_r2c2", "3x5_r3c5", "2x3_r2c3", "1x2_r1c2", "1x1_r1c1"]
-    assert list(row.index[row > 0]) == [f"smmhh_{cell}_run1" for cell in moving]
-
-
 def test_patterns_of_one_frame_by_hand():
     frames = {
         "00": [[1, 1, 1], [1, 5, 1], [1, 1, 1]],
@@ -179,14 +159,6 @@ def test_patterns_of_one_frame_by_hand():
     assert (table.sum(axis=1) == 1).all()  # nothing on the planes of time
     for i, bin in enumerate(frames):
         assert table.loc[i, f"lbptop_xy_{bin}"] == 1
-
-
-def test_patterns_in_time_by_hand():
-    frame = np.array([[9, 7, 1], [1, 5, 1], [1, 1, 1]], np.uint16)  # rows are time
-    for side, shape in (("xt", (3, 1, 3)), ("yt", (3, 3, 1))):
-        table = Gaus(("lbptop",)).transform(corpus_of([frame.reshape(shape), frame[:2].reshape(2, *shape[1:])]))
-        assert table.loc[0, f"lbptop_{side}_03"] == 1 and table.loc[0].sum() == 1
-        assert table.loc[1].sum() == 0
 
 
 def test_families_have_their_sizes_and_are_computed_alone(corpus, monkeypatch):

@@ -85,16 +85,6 @@ def test_windows_of_a_capture_against_a_covariance_taken_apart(seed, windows, sh
     np.testing.assert_allclose(found - found[:, :1], expected - expected[:, :1], rtol=1e-5, atol=1e-5)
 
 
-def test_one_window_or_one_row_a_capture_are_the_usual_discriminants():
-    X, y = of_captures(5)
-    usual = Discriminants(0.2).fit(X.to_numpy(), y).decision_function(X)
-    assert np.array_equal(Discriminants(0.2).fit(X, y).decision_function(X), usual)
-    for alone in (X.reset_index(drop=True), X.to_numpy()):
-        np.testing.assert_allclose(4 * Discriminants(0.2, 4.0).fit(alone, y).decision_function(X), usual, rtol=1e-6)
-    several = 4 * Discriminants(0.2, 4.0).fit(X, y).decision_function(X)
-    assert not np.allclose(several, usual, rtol=0.05)
-
-
 @given(st.integers(0, 1000), st.sampled_from([1.0, 3.0]), st.sampled_from([1, 2, 5]))
 def test_a_weight_is_a_number_of_rows(seed, windows, times):
     """Copies that count so often are rows that are there so often; a fraction of it, that of all others."""

@@ -19,9 +19,7 @@ from models.nets.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, 
 from models.nets.last_layer import relearnt
 from models.nets.ren2023 import Ren2023Transformer
 from models.nets.time_blocks import TimeConv3d
-from models.nets.touchnet import TouchNet
 from models.nets.training import Schedule, activations
-from models.nets.window import FrameNet
 from models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 from tests.conftest import random_corpus
 
@@ -33,24 +31,6 @@ FOURTEEN = tuple("abcdefghijklmn")
 
 def at(rate, **kwargs):
     return random_corpus(**kwargs).changed(rate_hz=rate)
-
-
-@pytest.mark.parametrize("kind", [CNN85, Hughes2017AERNN, Ren2023Transformer, TouchNet])
-def test_annotated_attributes_are_the_parameters_of_a_constructor(kind):
-    usual = {name: p.default for name, p in inspect.signature(kind).parameters.items()}
-    assert kind().get_params() == usual and {"batch", "seed", "device"} <= usual.keys()
-    assert ("seconds" in usual) == issubclass(kind, FrameNet | TouchNet)
-    assert ("precision" in usual) == issubclass(kind, FrameNet)
-    assert len({kind(), kind()}) == 2  # as of any estimator, not by value
-    for wrong in (lambda: kind(1), lambda: kind(epoch=1)):
-        with pytest.raises(TypeError):
-            wrong()
-
-    class Mine(kind):
-        batch: int = 7
-        extra: str = "x"
-
-    assert Mine(seed=3).get_params() == usual | {"batch": 7, "extra": "x", "seed": 3}
 
 
 @pytest.mark.parametrize(

@@ -8,18 +8,14 @@ import pytest
 from sklearn.pipeline import Pipeline
 
 from bench import contract, source
-from bench.corpora.corpus import COPY, Corpus, origin
-from bench.corpora.faults import FAULTS, Fault
+from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import InputError
 from bench.plan.cells import cells
-from bench.plan.plan import checked, planned
+from bench.plan.plan import checked
 from bench.registry import load, parameters
-from bench.work.evaluation import Evaluation
-from bench.work.workers import fill_cache
 from features import cache as kept
-from features.cache import cache_key
 from features.jung28 import Jung28
 from features.touch import TouchFeatures
 from models.classic.lda import lda
@@ -224,14 +220,6 @@ def test_other_steps_never_meet_each_others_tables():
     assert kept.cache_key(Jung28(), "a", ()) == kept.cache_key(Jung28(), "a")
 
 
-def test_a_table_of_steps_is_of_all_captures_whoever_asks_first(stored, monkeypatch):
-    steps = [Faulted(("noise", "early_end"), 2), Windows(0.1)]
-    chosen = stored.select("subject == '3'")
-    first = Jung28().transform(taken(chosen, steps)[0])
-    monkeypatch.setattr(Jung28, "extract", lambda *_: pytest.fail("computed again"))
-    assert first.equals(Jung28().transform(taken(stored, steps)[0]).loc[chosen.index])
-
-
 # Costs
 
 
@@ -284,45 +272,6 @@ def test_training_parts_that_cannot_be_are_refused(corpus):
     for options in ({"faults": ("noise",), "copies": 10**6}, {"turns": 10**9}):
         with pytest.raises(InputError, match=f"model.{[*options][-1]}={[*options.values()][-1]}: needs"):
             Recipe(svm(Jung28()), **options).check_training(corpus, corpus.gestures)
-
-
-def test_a_fold_of_a_run(monkeypatch):
-    """What the harness does with it: tables kept beforehand, a row per window, the costs of one window."""
-    options = {"model.window": 0.5, "model.repair": "stuck+dead", "model.faults": "noise+stuck_taxels"}
-    small = {"data.subjects": 2, "data.variants": "normal", "data.repetitions": 1}
-    (plan,) = planned(cells({"model": "svm", "features": "jung28", "model.copies": 1, **options, **small}), 1)
-    fill_cache(plan.cell, plan.corpus)
-    stored, extract = [], Jung28.extract
-
-    def noted(self, captures):
-        stored.append(bool(origin(captures).digest) * len(captures))
-        return extract(self, captures)
-
-    monkeypatch.setattr(Jung28, "extract", noted)
-    result = Evaluation().fold(plan.cell, plan.corpus, plan.folds[0], 1)
-    assert max(stored) == 1  # for the names; captures whose labels are timed are not stored ones
-    tested = plan.corpus[plan.folds[0].test]
-    expected = naive_windows(tested, 68, 34)  # half a second of 135 Hz, to the even number
-    rows = result.table[["capture", "start", "frames"]].to_numpy().tolist()
-    assert rows == [[tested.index[i], start, frames] for i, start, frames in expected]
-    assert len(expected) > len(tested) and len(result.predict_ms) == len(tested)
-    n = result.metrics["ram_bytes"] / 4 - (5 * 64 + 68 + 2 * 64 + 28 + 14)  # kernels, one for each support vector
-    assert 0 < n == (result.metrics["parameters"] - 91) / (28 + 13)  # each with its coefficients; 91 pairs have a bias
-
-
-def test_what_a_fault_of_another_package_does_is_part_of_a_run(monkeypatch, tmp_path):
-    file, run = tmp_path / "theirs.py", {"model": "bayes", "features": "jung28"}
-
-    def identities(result):
-        file.write_text(f"def theirs(frames, amount, rng):\n    return {result}\n")
-        fault = load("models", f"{file}:theirs")  # any function of a file
-        monkeypatch.setitem(FAULTS, "theirs", Fault("theirs", fault, "%", (1, 2, 3, 4, 5), False))
-        options = {"model.faults": "theirs"}, {"model.faults": "all"}, {}
-        keys = [cells(run | option)[0].identity() for option in options]
-        return [*keys, cache_key(Jung28(), "digest", (Faulted(("theirs",)),))]
-
-    one, other = identities("frames"), identities("frames / 2")
-    assert [a != b for a, b in zip(one, other, strict=True)] == [True, True, False, True]
 
 
 def test_kept_features_of_copies_are_those_of_copies_made_again(stored, monkeypatch):

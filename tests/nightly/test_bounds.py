@@ -4,8 +4,6 @@ import struct
 import zipfile
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from bench.corpora.read.cost import CHANNELS
@@ -55,18 +53,6 @@ def test_blank_lines_by_the_million(tmp_path, end):
     refused(written(tmp_path / "a.csv", HEADER + blank), "no frames")
 
 
-def test_a_line_without_an_end_and_numbers_of_many_digits(tmp_path):
-    path = tmp_path / "a.csv"
-    for content in ("a" * 50_000_000, '"' + "a,\n" * 9_000_000):
-        refused(written(path, HEADER + content), "line 2")
-    refused(written(path, "a" * 50_000_000), "line 1", kind="cost")
-    for digits in (400, 5_000, 1_000_000):
-        nines = "9" * digits
-        for row in (f"ann,pat,0,{nines},2", f"ann,pat,{nines},1,2", f"ann,{nines},0,1,2"):
-            refused(written(path, f"{HEADER}{row}\n"), "line 2")
-        right(written(path, f"{HEADER}ann,pat,{'0' * digits}1,{'0' * digits}1,0.{'1' * digits}\n"))
-
-
 def npz(path, packing=zipfile.ZIP_STORED, captures=1, **members):
     """An archive of arrays whose headers and contents need not fit."""
     word = ("<U1", (1,), ["a".encode("utf-32-le")])
@@ -93,15 +79,3 @@ def test_archives_that_claim_or_hold_too_much(tmp_path):
         archive.writestr("training.csv", header + "\n" * 200_000_000)
         archive.writestr("testWITHLABELS.csv", header)
     refused(tmp_path / "a.zip", "unpacks to", kind="haart")
-
-
-def test_parquet_files_that_unpack_to_too_much(tmp_path):
-    n, path = 30_000_000, tmp_path / "a.parquet"
-    same = pa.DictionaryArray.from_arrays(pa.array(np.zeros(n, np.int8)), pa.array(["a"]))
-    zeros = pa.array(np.zeros(n, np.int8))
-    rows = pa.table({"subject": same, "gesture": same, "frame": zeros, "a": zeros, "b": zeros})
-    pq.write_table(rows, path, compression="zstd")
-    refused(path, "unpacks to")
-    one = pa.table({"subject": ["x" * (100 << 20)], "gesture": ["a"], "frame": [0], "a": [1], "b": [2]})
-    pq.write_table(one, path, compression="zstd", write_statistics=False)
-    refused(path, "unpacks to")

@@ -108,23 +108,6 @@ def same(stored, frames, lengths, columns):
     assert stored[2].to_dict("list") == {name: list(words) for name, words in columns.items()}
 
 
-@given(
-    captures(),
-    st.sampled_from([0, 1]),
-    st.sampled_from(["\n", "\r\n"]),
-    st.sampled_from([b"", b"\xef\xbb\xbf"]),
-    st.sampled_from(["snappy", "gzip", "zstd", "brotli", None]),
-    st.sampled_from(["<f8", ">f8", "longdouble"]),
-)
-def test_whole_files_are_stored_as_they_are(tmp_path, made, origin, end, mark, compression, kind):
-    frames, lengths, columns = made
-    table = long_table(frames, lengths, columns, origin)
-    options = grid_of(frames)
-    same(outcome(tmp_path, mark + text_of(table, end).encode() + b"\n \n", "csv", options), *made)
-    same(outcome(tmp_path, parquet_of(table, compression=compression), "parquet", options), *made)
-    same(outcome(tmp_path, npz_of(*made, kind), "npz", OPTIONS), *made)
-
-
 def plain_table(content, grid):
     """Captures of a CSV file by Python's own reader, as strict as the format is: any error means that it is none."""
     header, *rows = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
@@ -217,67 +200,6 @@ def test_damaged_bytes_are_refused_or_what_they_say(tmp_path, made, suffix, data
         again = pd.read_parquet(io.BytesIO(content))
         channels = again[CHANNELS[: made[0][0].size]].to_numpy()
         assert np.array_equal(stored[0].reshape(len(channels), -1), channels.astype(stored[0].dtype))
-
-
-ODD = [
-    np.nan,
-    np.inf,
-    -1,
-    1e39,
-    16777217,
-    2**53 + 1,
-    2**63,
-    2**64 - 1,
-    "",
-    " ",
-    "a\0b",
-    "\u2028",
-    "x" * 300,
-    b"\xff",
-    None,
-    True,
-    [1],
-]
-
-
-@given(captures(), st.booleans(), st.data())
-def test_odd_values_types_and_shapes_are_refused_or_kept(tmp_path, made, as_arrays, data):
-    frames, lengths, columns = made
-    value = data.draw(st.sampled_from(ODD))
-    if as_arrays:
-        arrays = {"frames": frames, "offsets": np.cumsum([0, *lengths]), **{n: np.array(w) for n, w in columns.items()}}
-        name = data.draw(st.sampled_from([*arrays]))
-        change = data.draw(st.sampled_from(["type", "shape", "value", "gone", "name"]))
-        array = arrays[name]
-        if change == "type":
-            kind = data.draw(st.sampled_from("? c16 m8[s] M8[D] S3 U3 f2 i1 V4 u8 >f4 O".split()))
-            try:
-                arrays[name] = array.astype(kind)
-            except (TypeError, ValueError):
-                return
-        elif change == "shape":
-            others = [array.ravel(), array[..., None], array[:-1], array[:0], np.repeat(array, 2, axis=0), array[0]]
-            arrays[name] = np.asarray(data.draw(st.sampled_from(others)))
-        elif change == "value":
-            array = array.astype(object)
-            array.flat[data.draw(st.integers(0, array.size - 1))] = value
-            arrays[name] = np.array(array.tolist()) if not isinstance(value, list) else array
-        elif change == "gone":
-            del arrays[name]
-        else:
-            arrays[data.draw(st.sampled_from(["p_x", "fold", "capture", "n" * 250, "é", "x\ny", "a/b"]))] = array
-        outcome(tmp_path, packed(arrays), "npz", OPTIONS)
-        return
-    table = long_table(*made)
-    name = data.draw(st.sampled_from([*table]))
-    column = table[name].astype(object)
-    column[data.draw(st.integers(0, len(table) - 1))] = value
-    try:
-        content = parquet_of(table.assign(**{name: column}))
-    except Exception:  # pyarrow cannot store such a mixture
-        content = parquet_of(table.assign(**{name: [value] * len(table)}))
-    stored = outcome(tmp_path, content, "parquet", grid_of(frames))
-    assert isinstance(stored, str) or value not in (-1, "", " ", "a\0b", "\u2028", "x" * 300, b"\xff", None)
 
 
 @given(

@@ -5,9 +5,7 @@ import pytest
 import torch
 
 from bench.corpora.corpus import Corpus
-from models import rocket
 from models.rocket import Rocket
-from models.sizes import sizes
 from tests.models.test_systems import check_contract
 
 pytestmark = pytest.mark.nightly
@@ -39,16 +37,6 @@ def test_captures_of_one_frame_and_captures_that_never_change(transform, corpus)
             np.testing.assert_allclose(proba.sum(axis=1), 1, rtol=1e-5)
 
 
-def test_biases_come_from_a_sample_where_memory_is_short(corpus, monkeypatch):
-    model = small().fit(corpus, corpus.gestures)
-    assert len(model._sample(corpus)) == len(corpus)
-    monkeypatch.setattr(rocket, "SAMPLE", 7 * 5 * model.series_.length_)
-    assert model._sample(corpus).shape == (7, 5, model.series_.length_)
-    other = small().fit(corpus, corpus.gestures)
-    assert not np.array_equal(other.transforms_[0].parameters[-1], model.transforms_[0].parameters[-1])
-    assert np.array_equal(other.predict(corpus), model.predict(corpus))
-
-
 @BOTH
 def test_nothing_of_the_process_is_changed(transform, corpus):
     threads = torch.get_num_threads()
@@ -60,13 +48,3 @@ def test_nothing_of_the_process_is_changed(transform, corpus):
     small(transform).fit(corpus, corpus.gestures).predict(corpus)
     assert (np.random.random(), torch.rand(1).item()) == expected
     assert torch.get_num_threads() == threads
-
-
-def test_sizes_of_hydra(corpus):
-    hydra = small("multirocket_hydra", kernels=84).fit(corpus, corpus.gestures)
-    dilated = len(hydra.transforms_[1]._hydra.dilations)
-    drawn = sum(np.size(a) for a in (*hydra.transforms_[0].parameter, *hydra.transforms_[0].parameter1))
-    drawn += dilated * 2 * 256 * 9 + dilated * 2 * 32 * 2  # two channels for each of 32 groups
-    width = 2 * 84 * 4 + dilated * 2 * 2 * 256
-    assert hydra.parameters_ == drawn + 2 * 5 + 2 * width + width * 3 + 3 + 1
-    assert sizes(hydra, 64, 40)["ram_bytes"] == 4 * hydra.activations_

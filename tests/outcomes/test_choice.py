@@ -7,7 +7,7 @@ from scipy.stats import ttest_rel
 
 from bench.costs import quantity
 from bench.errors import InputError
-from bench.outcomes.choice import apart, candidates, decide, eligible, sentences
+from bench.outcomes.choice import candidates, decide, eligible, sentences
 from bench.outcomes.runs import NothingTracked, selected, without_runs
 from tests.reports.store import made_up
 
@@ -105,14 +105,6 @@ def test_ties_and_one_subject():
     choice = decide(rows, subjects, "flash", {"ram": 2.0}, None)
     assert choice.chosen == 1 and "Only 1 subject" in words(choice, subjects=1)
     assert "within" not in words(choice, subjects=1) and "nan" not in words(choice, subjects=1)
-
-
-def test_amounts_that_differ_are_printed_with_digits_that_do():
-    assert apart("flash", 64.02, 64.0) == ("64.02 kB", "64 kB") and apart("flash", 64.0, 64.0) == ("64 kB", "64 kB")
-    assert apart("decision", 352.4, 352.0) == ("352.4 ms", "352 ms")
-    rows, subjects = table([[90] * 4, [80] * 4], flash=[64.02, 64.0])
-    choice = decide(rows, subjects, "flash", {"flash": 64.0}, None)
-    assert choice.table["verdict"][0] == "ruled out: flash 64.02 kB > 64 kB"
 
 
 @pytest.mark.parametrize(

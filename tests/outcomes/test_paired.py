@@ -3,13 +3,8 @@
 from fractions import Fraction
 
 import numpy as np
-import pandas as pd
 
-from bench.outcomes.choice import decide
-from bench.outcomes.stopping import learn_stopping
 from bench.paired import mean_and_error, within_one_standard_error
-from models.search.study import Tried
-from models.search.tuning import Search
 
 ONE_PERSON = [(n, k, m) for n in range(2, 31) for m in (6, 7, 11, 84) for k in (0, m // 3, m - 1)]
 
@@ -43,39 +38,3 @@ def test_it_is_the_exact_rule_where_several_people_differ():
         assert within_one_standard_error(np.array(lost, dtype=float)) == exactly_within(lost), lost
     assert not within_one_standard_error(np.array([0.1])) and within_one_standard_error(np.array([1e-16]))
     assert mean_and_error(np.array([1.0, 3.0])) == (2.0, 1.0) and np.isnan(mean_and_error(np.array([2.0]))[1])
-
-
-def chosen_of_two(best, other):
-    """Whether `bench choose` takes the cheaper of two systems, and what a search for the smallest value ranks."""
-    subjects = 100 * pd.DataFrame([best, other])
-    table = pd.DataFrame({"system": ["dear", "cheap"], "unit": "capture", "flash": [9.0, 1.0]})
-    choice = decide(table.assign(accuracy=subjects.mean(axis=1)), subjects, "flash", {}, None)
-
-    search = Search({"m": None}, {"m": {"size": [1, 2]}}, objective="smallest")
-    search.features = None
-    names = [str(i) for i in range(len(best))]
-    trials = [
-        Tried({"model": "m", "m.size": size}, "complete", subjects=dict(zip(names, shares, strict=True)))
-        for size, shares in ((2, best), (1, other))
-    ]
-    return choice.chosen == 1, search._ranked(trials) == [1, 0]
-
-
-def test_choice_and_search_take_the_cheaper_of_two_that_differ_on_one_person():
-    for case in ONE_PERSON[::5]:
-        assert chosen_of_two(*(np.array(shares, dtype=float) for shares in people(*case))) == (True, True), case
-
-
-def test_stopping_takes_the_earlier_of_two_instants_that_differ_on_one_person():
-    for n in (2, 5, 8, 10, 30):
-        rows = []
-        for subject in range(n):
-            for capture in range(7):
-                early = "b" if subject == 0 and capture == 0 else "a"
-                place = {"fold": "1", "capture": 7 * subject + capture, "subject": str(subject), "true": "a"}
-                rows += [
-                    place | {"frames": 10, "instant": 10, "settled": 0.9, "p_a": early == "a", "p_b": early == "b"},
-                    place | {"frames": 90, "instant": 90, "settled": 1.0, "p_a": True, "p_b": False},
-                ]
-        table = pd.DataFrame(rows).astype({"p_a": float, "p_b": float})
-        assert learn_stopping(table, 100.0)[0] == 0.9, n

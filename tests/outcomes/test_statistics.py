@@ -115,10 +115,3 @@ def test_folds_that_are_not_subjects_are_corrected_as_folds():
     folds = pd.DataFrame([[65.0, 70], [55.0, 66]], index=["a", "b"])
     row = statistics.against_best(subjects, folds, 1.0).set_index("system").loc["b"]
     assert (row["nb_low"], row["nb_high"], row["nb_p"]) == statistics.nadeau_bengio(np.array([-10.0, -4]), 1.0)
-
-
-def test_warnings_say_when_nothing_can_be_concluded():
-    assert "too few" in statistics.warnings(3, 5, 1, False)[0] and "One split" in statistics.warnings(3, 5, 1, False)[1]
-    assert "nothing can reach 0.05" in statistics.warnings(10, 40, 10, False)[0]
-    assert not any("reach" in w for w in statistics.warnings(31, 40, 31, False))
-    assert any("both sides" in w for w in statistics.warnings(31, 2, 10, True))

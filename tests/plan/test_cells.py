@@ -116,35 +116,6 @@ def test_a_mistake_is_refused_with_its_key_its_value_and_what_is_right(line, fac
     assert all(fact in message for fact in facts) and "\n" not in message, message
 
 
-@pytest.mark.parametrize(
-    ("line", "facts"),
-    [
-        ("run model=svn", ["svm"]),
-        ("rnu", ["run"]),
-        ("data imprt", ["import"]),
-        ("data export synth", ["data export"]),
-        ("data export synth x.csv seed=1 seed=2", ["seed="]),
-        ("data import cots x.csv", ["format=cots", "cost"]),
-        ("data import cost x.csv", ["x.csv"]),
-        ("data import table x.csv", ["x.csv"]),
-        ("data import table .", ["rate_hz="]),
-        ("data import table x.csv rate_hz=fast", ["rate_hz=fast"]),
-        ("data import table x.csv rate=5", ["'rate'", "rate_hz"]),
-        ("data import cost x.csv name=../x", ["name=../x"]),
-        ("data import cost x.csv name=synth", ["name"]),
-        ("data export synth x.csv format=wav", ["format=wav"]),
-        ("data export synth x.csv subject=3", ["'subject'"]),
-        ("report", ["no scored run"]),
-        ("report to=x", ["'to'"]),
-        ("ui port=x", ["port"]),
-    ],
-)
-def test_a_mistake_in_a_command_is_one_line_and_exit_code_2(line, facts, capsys):
-    assert main(line.split()) == 2
-    *_, error = capsys.readouterr().err.splitlines()
-    assert error.startswith("bench: ") and all(fact in error for fact in facts), error
-
-
 def test_an_unusable_store_or_data_folder_is_refused_before_anything_runs(tmp_path, monkeypatch, capsys):
     run = ["run", "data.subjects=2"]
     (tmp_path / "mlflow.db").write_text("this is a letter, not a database")

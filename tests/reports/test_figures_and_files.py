@@ -7,17 +7,15 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import survey
 from bench.errors import InputError
 from reports import corpus_page, details, figures, speed
-from reports.numbers import DESIGNED, bounded, listed, notes_on, number, p_value, whole, with_sd
+from reports.numbers import bounded, listed, number, p_value, whole, with_sd
 from reports.provenance import command
 from reports.spreadsheet import write_sheet
-from reports.streaming import draw
 from tests.conftest import random_corpus
 from tests.reports.store import made_up
 
@@ -45,11 +43,6 @@ NAN = float("nan")
 )
 def test_numbers_as_text(text, expected):
     assert text == expected
-
-
-def test_who_was_designed_on_haart():
-    assert notes_on("lda · touch", "haart") == [DESIGNED] == notes_on("reflex (reference)", "haart")
-    assert notes_on("lda · touch", "cost") == [] == notes_on("svm · touchy", "haart") == notes_on("my.touch", "haart")
 
 
 def test_front_by_a_plain_loop():
@@ -83,49 +76,6 @@ def test_calibration_by_a_plain_loop():
     expected = sum(abs(sum(c for c, _ in v) - sum(h for _, h in v)) for v in gaps.values()) / captures
     assert error == pytest.approx(expected) and len(bins) == len(gaps) and bins["n"].sum() == captures
     assert details.calibration(made_up(2, hard=True)) is None
-
-
-def test_the_chart_as_a_figure_shows_its_points_and_says_what_is_generated(tmp_path):
-    points = [
-        {
-            "name": f"s{i} $x$",
-            "kind": kind,
-            "y": [50.0 + i, None if i else 45.0, None if i else 55.0],
-            "x": [2.0**i, None],
-        }
-        for i, kind in enumerate(speed.MARKS)
-    ]
-    group = {"name": "synth (synthetic)", "points": points, "left": 2}
-    figure, caption = speed.speed_chart(group, ["kB", "ms"])
-    drawn = sorted(
-        (x, y)
-        for c in figure.axes[0].collections
-        for x, y in getattr(c, "get_offsets", list)()
-        if len(c.get_paths()) == 1
-    )
-    assert {(2.0**i, 50.0 + i) for i in range(4)} <= set(map(tuple, drawn)) and "2 less accurate" in caption
-    assert [ax.axison for ax in figure.axes] == [True, False]
-    picture = figures.save(figure, tmp_path, "a", group["name"], caption)
-    assert figures.SYNTHETIC in picture.paths[1].read_text() and figures.SYNTHETIC in picture.caption
-
-
-def test_streams_differ_without_colour_and_names_do_not_overlap():
-    rows = []
-    for i in range(5):
-        ms = np.array([60.0, 200, 900])
-        table = pd.DataFrame({"ms": ms, "mean_ms": ms, "accuracy": [0.2, 0.4, 0.5 + i / 50], "low": 0.1, "high": 0.6})
-        about = {"system": f"system {i} with a long name · features[of=many, kinds=7]", "seed": "0", "data": "arm"}
-        about |= {"subset": "all", "target": "gesture", "protocol_label": "LOSO (4 subjects)", "start": "onset"}
-        point = {"mean_ms": 300.0, "accuracy": 0.4, "low": np.nan, "high": np.nan}
-        rows.append(about | {"synthetic": "false", "instants": table, "stopping": table, "adaptive": point})
-    fig = draw(rows)
-    lines = fig.axes[0].get_lines()
-    assert len({(line.get_linestyle(), line.get_marker()) for line in lines}) == 5
-    assert lines[4].get_ydata().tolist() == pytest.approx([20, 40, 58])
-    FigureCanvasAgg(fig).draw()
-    boxes = [t.get_window_extent() for t in fig.legends[0].get_texts()]
-    assert len(boxes) == 8 and not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
-    assert not any(box.overlaps(ax.get_tightbbox()) for box in boxes for ax in fig.axes)
 
 
 def test_the_page_of_a_corpus_is_whole_and_says_that_captures_are_synthetic(tmp_path, monkeypatch):

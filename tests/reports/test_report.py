@@ -325,16 +325,3 @@ def test_one_system_is_no_choice_a_lost_table_is_told_and_the_chart_has_room(sto
     store.path(run, runs["artifacts"].iloc[0], "predictions.parquet").unlink()
     lost, _ = verdicts(store, {})
     assert type(lost) is candidates.Answer and "predictions.parquet of svm" in lost.lines[0]
-
-
-def test_of_many_candidates_the_chart_keeps_the_best_and_those_on_a_front(store, monkeypatch):
-    monkeypatch.setattr(candidates, "MOST", 3)
-    for i in range(6):
-        tracked_run(store, f"s{i}", made_up(3, skill=0.9 - 0.15 * i, seed=i), cost=10.0 - i)
-    answer, runs = verdicts(store, {})
-    (group,) = candidates.chart_data([answer], dict.fromkeys(runs["system"], ""), published())["groups"]
-    table = answer.choice.table.sort_values("flash")
-    front = set(table[table["accuracy"] > table["accuracy"].cummax().shift(fill_value=-1)]["system"])
-    best = set(answer.choice.table.sort_values("accuracy").tail(3)["system"])
-    names = {p["name"] for p in group["points"]}
-    assert best | front <= names and group["left"] == 6 - len(names)

@@ -15,7 +15,7 @@ from reports.fault_curves import contexts, stream_sections, stress_sections
 from reports.new_person import WITHOUT, curve_of, curves_of, enough, new_person_sections
 from reports.run_groups import Group
 from reports.streaming import write_streaming
-from reports.summary import briefs, early, faults, people, shots, told_apart
+from reports.summary import early, shots, told_apart
 from tests.reports.store import made_up, streamed, stressed, tracked_run
 
 EVEN, ODD, BOTH = [70, 60] * 6, [60, 70] * 6, {"noise": 0.1, "shift": 0.234}
@@ -48,13 +48,6 @@ def test_who_beats_whom(rows, facts, absent):
     assert all(fact in words for fact in facts) and not any(word in words for word in absent)
 
 
-def test_mixed_subjects_people_and_topics():
-    assert "new person" in told_apart(group({"a": [60] * 10, "b": range(50, 60)}, mixed=True))
-    pair = {"here": group({"a": [60, 80], "b": [50, 50]})}
-    assert re.findall(r"\ba\b|\d+\.\d|subject \d", people(pair)) == ["a", "60.0", "subject 0", "80.0", "subject 1", "a"]
-    assert briefs({}, {}, {}, []) == [] and [topic for topic, _ in briefs({}, {}, pair, [])] == ["People", "Statistics"]
-
-
 def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lowest_seed(store, tmp_path):
     stressed(store, "svm", 0.5, BOTH)
     whole = stressed(store, "svm", 0.6, BOTH, {"half_margin.shift": 2.25})
@@ -74,15 +67,6 @@ def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lo
     row = table.frame.set_index("method").loc["svm"]
     assert row["half of the margin is lost at"] == "shift 2.2" and row["failing of tested slices"] == "3 of 40"
     assert row["worst subject"] == "30.0" and table.frame["method"].tolist() == ["rf", "svm"]
-
-
-def test_who_loses_least_under_faults(store):
-    stressed(store, "svm", 0.8, {"noise": 0.3, "dead_taxels": 0.1})
-    stressed(store, "rf", 0.7, {"noise": 0.05, "dead_taxels": 0.15})
-    stressed(store, "tree", 0.9, {"noise": 0.01})  # met fewer faults: not comparable
-    words = faults(contexts(tracked(store, "stress")))
-    assert re.findall(r"rf|svm|tree|dead taxels|\d+\.\d", words) == ["rf", "10.0", "svm", "20.0", "dead taxels", "15.0"]
-    assert faults({}) == ""
 
 
 def test_early_decisions_by_start_and_hop(store, tmp_path):

@@ -11,10 +11,7 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
-from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
-from bench.corpora.read.table import from_frame, read_unlabelled
-from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.work.fit import _stopping, fit
 from bench.work.replay import Replay, learned
@@ -183,23 +180,6 @@ def test_files_of_every_format_are_labelled_and_a_bad_one_is_one_line(monkeypatc
         assert main(["predict", "m", *arguments]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert all(fact in line for fact in facts.split())
-
-
-def test_captures_without_labels_are_read():
-    corpus = random_corpus(subjects=1, grid=(2, 3))
-    table = as_table(corpus)
-    table.drop(columns="capture").to_csv("a.csv", index=False)
-    unlabelled = read_unlabelled(Path("a.csv"), 100.0, (2, 3), 1023.0)
-    assert [f.tolist() for f in unlabelled] == [f.tolist() for f in corpus] and unlabelled.frames.dtype == np.uint16
-    assert unlabelled.captures["capture"].tolist() == [str(i + 1) for i in range(len(corpus))]
-    form = ([f"ch{i + 1}" for i in range(6)], 100.0, (2, 3), 1023.0, "input")
-    twice = pd.concat([table[table["capture"] == "c1"], table[table["capture"] == "c1"]])
-    again = from_frame(twice, *form)  # frame starts again: another capture
-    assert len(again) == 2 and isinstance(again, Corpus)
-    gap = table.assign(capture=[None if i == 2 else "a" for i in range(len(table))])
-    for wrong, fact in ((table[:0], "input: .*no frames"), (gap, "input, row 3: capture is empty")):
-        with pytest.raises(InputError, match=fact):
-            from_frame(wrong, *form)
 
 
 def test_a_system_with_an_extra_brings_what_the_extra_names():

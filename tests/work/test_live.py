@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections import deque
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +15,7 @@ from hypothesis import strategies as st
 
 from bench.cli import main
 from bench.errors import InputError
-from bench.work.live import decided_at, earlier, frames_of
+from bench.work.live import decided_at, frames_of
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from bench.work.saved import Recogniser
 from tests.conftest import BENCH
@@ -105,14 +104,6 @@ def calibration_temperature(ms):
     """From 2 after 10 ms to 0.5 after 120 ms, a straight line of logarithms."""
     share = np.log(ms / 10) / np.log(12)
     return 2 ** (1 - share) * 0.5**share
-
-
-def test_the_label_before_is_the_newest_of_those_that_had_seen_enough_less():
-    labels = deque([(2, "a"), (3, "b"), (4, "a"), (5, "b")])
-    assert earlier(labels, 2) is None and len(labels) == 4
-    assert earlier(labels, 4) == "a" and earlier(labels, 5) == "b" and len(labels) == 3
-    assert earlier(labels, 100) == "b" and list(labels) == [(5, "b")]
-    assert earlier(deque(), 5) is None
 
 
 def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(streamed):
