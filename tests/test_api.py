@@ -173,13 +173,10 @@ def test_mistakes_raise_with_the_key(values, fact):
         bench.run(**{"data__subjects": 2, **values})
 
 
-@pytest.mark.parametrize("kind", ["package", "file"])
-def test_a_strangers_room_is_found_out_in_one_line(kind, tmp_path):
+def test_a_strangers_room_is_found_out_in_one_line(tmp_path):
     """As in a notebook, whose folder comes first on the path."""
-    place = tmp_path / ("models.py" if kind == "file" else "models")
-    if kind == "package":
-        place.mkdir()
-    (place if kind == "file" else place / "__init__.py").write_text("MINE = 1\n")
+    place = tmp_path / "models.py"
+    place.write_text("MINE = 1\n")
     # an installed touchbench comes behind the notebook's folder
     code = f"import sys; sys.path[:0] = ['']; sys.path.append({ROOT!r}); "
     for ask in ("import bench; bench.run", "from bench.cli import main; sys.exit(main(['run']))"):

@@ -4,10 +4,7 @@ import time
 from io import StringIO
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from rich.console import Console
 
 from bench import progress
@@ -108,18 +105,3 @@ def test_time_left_by_hand():
     assert left([10.0], [(4.0, None), (4.0, None)], 1, 2) == 16  # the first that is free takes it
     assert left([], [(5.0, 5.0)], 3, 2) == 20  # 5 and 10 s end two, the other goes on at 5, 15 and 10, 20
     assert left([], [(0.0, -3.0)], 0, 1) == 0
-
-
-@given(
-    st.lists(st.floats(0.1, 100), min_size=1),
-    st.lists(st.floats(0, 100), max_size=8),
-    st.integers(0, 50),
-    st.integers(1, 8),
-)
-def test_time_left_lies_between_all_at_once_and_one_by_one(spent, running, waiting, count):
-    usual = np.mean(spent)
-    rest = [max(usual - each, usual / 10) for each in running]
-    left = progress.seconds_left(spent, [(each, None) for each in running], waiting, count)
-    work = sum(rest) + waiting * usual
-    assert work / max(count, len(running)) - 1e-6 <= left <= work + 1e-6
-    assert left >= max([*rest, usual * bool(waiting)], default=0) - 1e-6

@@ -9,7 +9,7 @@ import bench
 from bench import contract
 from bench.corpora.faults import FAULTS
 from bench.plan.cells import cells
-from studies import ablation, anytime, epochs, learning
+from studies import ablation, epochs, learning
 from tests.conftest import with_other_values
 
 SMALL = ["data=synth", "data.variants=normal"]
@@ -59,16 +59,6 @@ def test_extrapolation_is_of_pooled_captures_and_overtaking_is_by_hand():
     deep = np.array([[0.7, 0.65, 0.76, 0.80], [0.5, 0.6, 0.7, 0.77], [0.5, 0.6, 0.7, 0.75]])
     assert learning.overtakes(deep, other, counts) == (50.0, 0.5)  # early luck does not count
     assert learning.overtakes(other, deep, counts)[0] == np.inf
-
-
-def test_epochs_are_looked_at(tmp_path):
-    words = [f"{key}={value}" for key, value in NETWORK.items()] + ["groups=2", "jobs=1"]
-    table = epochs.main([*words, "model.epochs=2", f"out={tmp_path}"])
-    assert table["ended after"].tolist() == ["2, 2, 2, 2"] and (tmp_path / "epochs.png").stat().st_size > 10_000
-    for more in ("groups=3", "protocol=kfold", "model=lda", "seed=0,1"):
-        fewer = [word for word in words if word.split("=")[0] != more.split("=")[0]]
-        with pytest.raises(bench.InputError):
-            epochs.main([*[word for word in fewer if more[0] != "p" or "protocol" not in word], more])
 
 
 def test_accuracy_by_epoch_is_that_of_so_long_a_training_and_uses_no_test_subject():
@@ -122,12 +112,3 @@ def test_every_row_of_the_ablation_is_a_system_that_can_be_made(label):
     contract.check(cell.estimator())
     faults = ("faults" in label or label.startswith("reflex")) and "without faults" not in label
     assert (len(contract.trained_faults(cell.estimator())) == 17) == faults
-
-
-def test_a_budget_is_a_run_of_auto(tmp_path):
-    words = [*SMALL, *LITTLE, "where=gesture in ['pat', 'rub', 'grab']", "protocol=groupkfold", "protocol.folds=2"]
-    table = anytime.main([*words, "model.inner=2", "budget=1,0.5", f"out={tmp_path}"])
-    assert table["budget"].tolist() == [0.5, 1.0] and table["accuracy"].between(0, 100).all()
-    assert (tmp_path / "anytime.png").stat().st_size > 10_000
-    with pytest.raises(bench.InputError, match="only auto"):
-        anytime.main(["model=svm"])

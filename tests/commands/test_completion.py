@@ -93,13 +93,3 @@ def test_bash_completes(typed, expected, path):
     last = typed.split()[-1]
     behind = last.rpartition("=")[0] + "=" if "=" in last else ""  # bash puts what it gets behind the =
     assert [behind + word for word in words] == expected
-
-
-@pytest.mark.parametrize(("typed", "expected"), TYPED.items())
-def test_fish_completes(typed, expected, path):
-    assert shell("fish", f'bench completion fish | source; complete -C "{typed}"', path) == expected
-
-
-def test_zsh_takes_the_script(path):
-    script = 'compdef() { print -r -- "$@" }; eval "$(bench completion zsh)"; print -r -- $+functions[_bench]'
-    assert shell("zsh", script, path) == ["_bench bench", "1"]

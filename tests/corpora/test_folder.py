@@ -142,19 +142,6 @@ def test_without_its_seal_a_corpus_is_hashed_and_sealed_again(stored, corpus, te
     refused(stored)
 
 
-def test_in_a_folder_that_cannot_be_written_a_process_remembers(stored, corpus, monkeypatch, hashed):
-    def denied(*_):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(module, "_seal", denied)
-    (stored / "seal.json").unlink()
-    for _ in range(3):
-        assert np.array_equal(open_folder(stored).frames, corpus.frames)
-    assert len(hashed()) == 1
-    flip(stored / "frames.npy")
-    refused(stored)
-
-
 def test_a_byte_with_all_clocks_set_back_is_found_by_verifying(stored):
     frames = stored / "frames.npy"
     flip(frames, as_before=True)

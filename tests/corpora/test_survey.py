@@ -146,27 +146,6 @@ def test_missing_and_uneven_combinations():
     ]
 
 
-def test_duplicates_also_under_other_labels_and_in_slices():
-    a, b, rest = noise(seed=1), noise(seed=2), np.full((20, 5, 6), 3, np.uint16)
-    arrays = [a, b, a.copy(), b[:-1], b.copy(), noise(seed=3), a.copy(), rest, rest]
-    corpus = of(arrays, [*"ppqppqppp"], [*"111211112"], cover=[*"xxxxyxxxx"])
-    result = survey(corpus)
-    table = result.duplicates
-    assert table[["group", "capture", "differs", "quiet"]].to_numpy().tolist() == [
-        *([1, i, "gesture", False] for i in (0, 2, 6)),
-        *([2, i, "cover", False] for i in (1, 4)),
-        *([3, i, "subject", True] for i in (7, 8)),  # rest can be equal by chance
-    ]
-    summary, first, *_ = result.duplicate_lines()
-    assert re.findall(r"\d+", summary) == ["7", "3", "2", "1", "8"] and "refuse" not in summary
-    assert re.findall(r"capture (\d)", first) == ["0", "2", "6"]
-    some = survey(corpus[np.array([6, 5, 4, 0])])
-    assert some.duplicates["capture"].tolist() == [0, 6]  # numbers of the whole corpus
-    assert len(survey(corpus[3:6]).duplicate_lines()) == 1
-    people = survey(of([a, a, rest, rest], subjects=[*"1212"])).duplicate_lines()[0]
-    assert "refuse 1;" in people  # not the quiet ones
-
-
 def test_a_typical_capture_is_in_the_middle():
     arrays = [noise(n, seed=n) * np.uint16(k) for n, k in ((5, 1), (9, 2), (10, 3), (11, 4), (30, 9))]
     corpus = of([*arrays, noise(3)], ["pat"] * 5 + ["tap"])

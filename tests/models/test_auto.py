@@ -197,11 +197,6 @@ def test_the_budget_is_the_whole_fit_and_more_of_it_tries_the_same_first(quick, 
     assert len(QUICK) < len(shorter) < len(longer) and longer[: len(shorter)] == shorter
 
 
-def test_nothing_is_tried_twice(quick, monkeypatch):
-    monkeypatch.setattr(study.Study, "drawn", lambda self, *args: complete(QUICK[1]))
-    assert len(searched(noisy(), 5).tried_) == len(QUICK)
-
-
 def test_where_time_is_short_fewer_captures_are_used(quick, monkeypatch, tmp_path):
     corpus = stored(noisy(subjects=6, gestures=("pat", "rub")), tmp_path / "corpus")
     monkeypatch.setattr(Inner, "_probed", lambda self, name: 10 / int(corpus.lengths.sum()))

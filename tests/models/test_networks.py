@@ -16,7 +16,6 @@ from bench.plan.cells import cells
 from models.nets import ren2023
 from models.nets.cnn85 import CNN85
 from models.nets.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
-from models.nets.last_layer import relearnt
 from models.nets.ren2023 import Ren2023Transformer
 from models.nets.time_blocks import TimeConv3d
 from models.nets.training import Schedule, activations
@@ -203,23 +202,6 @@ def test_attention_of_ones_own_is_that_of_the_library():
     ours, theirs = own(x), library(x, x, x, need_weights=False)[0]
     torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(gradients(ours, own), gradients(theirs, library), rtol=1e-3, atol=1e-3)
-
-
-def test_a_person_is_learnt_from_what_the_layer_gets_when_it_decides():
-    class Brighter(CNN85):
-        def forward(self, net, x):
-            return net(4 * x)
-
-    corpus = random_corpus(per_class=2)
-    model = Brighter(frames=10, epochs=1, batch=16, width=0.2).fit(corpus, corpus.gestures)
-    codes = np.searchsorted(model.classes_, corpus.gestures)
-    learnt = [model.adapt(corpus, corpus.gestures).net_]
-    learnt += [
-        relearnt(model.net_, model.samples(corpus), codes, 16, how) for how in (model.forward, nn.Module.__call__)
-    ]
-    as_it_decides, by_hand, otherwise = (net[-1].weight for net in learnt)
-    assert torch.equal(as_it_decides, by_hand) and not torch.allclose(as_it_decides, otherwise)
-    assert not torch.equal(as_it_decides, model.net_[-1].weight) and model.adapt(corpus, None) is model
 
 
 def test_what_a_network_declares_itself_names_its_runs_first():

@@ -148,12 +148,6 @@ def test_a_row_without_doubt_is_judged_by_discriminants_of_undamaged_rows_and_on
     assert parameter_count(model) == 2 * 6 + 3 * 6 + 3 + (6 * 18 + 18 + 18 * 3 + 3 + 2 * 6)
 
 
-def test_without_copies_both_learn_from_the_same_rows(few_updates):
-    X, y = table(copies=0)
-    model = Guarded().fit(X.reset_index(drop=True), y)
-    np.testing.assert_allclose(model.linear_.coef_, Discriminants(windows=2.0).fit(X.to_numpy(), y).coef_)
-
-
 def test_values_that_are_not_finite_are_in_doubt_and_get_an_answer(few_updates):
     X, y = table()
     model = Guarded(doubt=1 / 6).fit(X, y)

@@ -21,7 +21,7 @@ from features.touch import TouchFeatures
 from models.classic.lda import lda
 from models.classic.svm import svm
 from models.nets.cnn85 import CNN85
-from models.recipe import Recipe, build, mean_of, rows_of, taken
+from models.recipe import Recipe, build, rows_of, taken
 from models.rocket import Rocket
 from models.sizes import sizes
 from tests.conftest import random_corpus
@@ -173,18 +173,6 @@ def test_steps_are_taken_one_after_the_other(corpus):
     assert np.array_equal(model.system_.predict_proba(corpus), again.predict_proba(corpus))
     cut, _ = taken(corpus, steps[1:])  # faults are for training alone
     assert np.array_equal(model.decide(corpus)[1], again.predict_proba(cut))
-
-
-@pytest.mark.parametrize("options", [{"repair": ("stuck", "dead")}, {"scale": "peak"}])
-def test_options_for_a_system_that_cuts_its_own_windows(options, corpus):
-    model, bare = fitted(SYSTEMS["cnn85"](), corpus, **options), SYSTEMS["cnn85"]().fit(corpus, corpus.gestures)
-    table, proba = model.decide(corpus)
-    assert table.equals(contract.decide(bare, corpus)[0]) and proba.shape == (len(table), 3)
-    np.testing.assert_allclose(mean_of(proba, table["capture"].to_numpy()), model.predict_proba(corpus))
-    sound = "repair" in options  # random frames have nothing to repair
-    assert np.allclose(model.predict_proba(corpus), bare.predict_proba(corpus), rtol=1e-5) == sound
-    assert sizes(model, 64, 40)["ram_bytes"] == sizes(bare, 64, 40)["ram_bytes"] + sound * 4 * 5 * 64
-    assert contract.frames_at_once(model, 600) == 10
 
 
 # Kept tables

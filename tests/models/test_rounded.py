@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.pipeline import make_pipeline
 
 from bench import contract
 from features.jung28 import Jung28
 from features.touch import TouchFeatures
 from models.classic.bayes import bayes
-from models.classic.lda import Discriminants, lda
+from models.classic.lda import lda
 from models.classic.softmax import softmax
 from models.nets.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
 from models.quantised import in_bits
@@ -41,20 +41,6 @@ def test_weights_are_whole_steps_by_hand():
     for before, after in zip(*(model.system_.steps[-1][1].coef_ for model in models), strict=True):
         step = np.abs(before).max() / 127
         np.testing.assert_allclose(after, np.round(before / step) * np.float32(step), rtol=1e-6)
-
-
-def test_discriminants_round_what_lies_about_the_mean():
-    """As C does, which measures features from their means and SDs before it weighs them."""
-    rng = np.random.default_rng(0)
-    y = np.repeat(["a", "b", "c"], 40)
-    X = rng.normal(size=(120, 5)) * [1, 10, 0.1, 3, 1] + 1000 + 0.3 * np.repeat(np.arange(3), 40)[:, None]
-    plain = Discriminants().fit(X, y)
-    few = in_bits(Pipeline([("features", TouchFeatures()), ("classifier", plain)]), 8).steps[-1][1]
-    own = plain.coef_ * X.std(axis=0)
-    step = np.abs(own).max(axis=1, keepdims=True) / 127
-    z = (X - X.mean(axis=0)) / X.std(axis=0)
-    expected = z @ (np.round(own / step) * step).T + plain.intercept_ + plain.coef_ @ X.mean(axis=0)
-    np.testing.assert_allclose(few.decision_function(X), expected, atol=1e-4)
 
 
 def test_few_bits_do_not_adapt():

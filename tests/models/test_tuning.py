@@ -15,7 +15,6 @@ from sklearn.svm import SVC
 
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
-from bench.pareto import front
 from bench.scratch import home
 from features.balli import Balli
 from features.jung28 import Jung28
@@ -155,12 +154,6 @@ def test_what_is_taken_by_hand():
     assert search._ranked(trials) == [3, 1, 4, 2]
     search.objective = "smallest"
     assert search._ranked(trials) == [4, 3, 1]
-
-
-def test_the_front_by_hand():
-    accuracy = np.array([0.9, 0.8, 0.8, 0.7, 0.95, 0.9])
-    cost = np.array([3.0, 1.0, 2.0, 1.0, np.nan, 3.0])
-    assert front(accuracy, cost).tolist() == [True, True, False, False, False, True]
 
 
 def test_raw_frames_are_searched_too():

@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.corpora.read.cost import GESTURES, LABELS, VARIANTS
-from tests.corpora.made import TESTING, TRAINING
+from bench.corpora.read.cost import LABELS
 from tests.nightly.bounded import bounded, imported
 
 pytestmark = pytest.mark.nightly
@@ -200,26 +199,3 @@ def test_damaged_bytes_are_refused_or_what_they_say(tmp_path, made, suffix, data
         again = pd.read_parquet(io.BytesIO(content))
         channels = again[CHANNELS[: made[0][0].size]].to_numpy()
         assert np.array_equal(stored[0].reshape(len(channels), -1), channels.astype(stored[0].dtype))
-
-
-@given(
-    st.lists(st.tuples(st.integers(0, 99), st.integers(0, 2), st.integers(0, 13), st.integers(1, 4)), min_size=1),
-    st.data(),
-)
-def test_cost_and_haart_whole_and_damaged(tmp_path, rows, data):
-    lines = [", ".join([*LABELS, *CHANNELS])]
-    for subject, variant, gesture, frames in rows:
-        lines += [f"{subject},{variant + 1},{gesture + 1},{n + 1}" + f",{n}" * 64 for n in range(frames)]
-    whole = "\n".join(lines).encode()
-    stored = outcome(tmp_path, whole, "csv", {}, "cost")
-    assert stored[2]["subject"].tolist() == [str(row[0]) for row in rows] and stored[1] == [row[3] for row in rows]
-    assert stored[2]["variant"].tolist() == [VARIANTS[row[1]] for row in rows]
-    assert stored[2]["gesture"].tolist() == [GESTURES[row[2]] for row in rows]
-    outcome(tmp_path, damaged(data, whole), "csv", {}, "cost")
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(
-        buffer, "w", data.draw(st.sampled_from([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED]))
-    ) as archive:
-        archive.writestr("a/training.csv", TRAINING)
-        archive.writestr("a/testWITHLABELS.csv", TESTING)
-    outcome(tmp_path, damaged(data, buffer.getvalue()), "zip", {}, "haart")

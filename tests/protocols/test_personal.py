@@ -83,14 +83,6 @@ def test_wrong_parameters_are_one_line(wrong):
         list(Personal(**wrong).split(random_corpus(2, 2, longest=3)))
 
 
-def test_what_changes_numbers_is_in_the_label():
-    corpus = random_corpus(3, 8, longest=3)
-    protocols = [Personal(2), Personal(2, weight=3), Personal(2, seed=1), Personal(2, 2), Personal(1)]
-    protocols += [Personal(unlabelled=True), Personal(unlabelled=True, seed=1), Personal(5)]
-    assert len({p.label(corpus) for p in protocols}) == len(protocols)
-    assert "up to 5 shots" in Personal(5).label(corpus) and "up to" not in Personal(4).label(corpus)
-
-
 SYSTEMS = {
     "adapts": {"model": "lda", "features": "touch"},
     "windows": {"model": "lda", "features": "touch", "model.window": "0.1"},

@@ -8,13 +8,11 @@ import pytest
 from scipy import stats
 
 from bench.cli import main
-from bench.errors import InputError
 from bench.outcomes.runs import of_kinds, tracked
 from reports import new_person
 from reports.fault_curves import contexts, stream_sections, stress_sections
 from reports.new_person import WITHOUT, curve_of, curves_of, enough, new_person_sections
 from reports.run_groups import Group
-from reports.streaming import write_streaming
 from reports.summary import early, shots, told_apart
 from tests.reports.store import made_up, streamed, stressed, tracked_run
 
@@ -83,19 +81,6 @@ def test_early_decisions_by_start_and_hop(store, tmp_path):
     assert re.findall(r"svm|rf|\b\d+\.\d|\d+ ms", words) == ["svm", "70.0", "66.0", "812 ms"]
     late = {"here": [run | {"adaptive_ms": 900.0} for run in next(iter(named.values()))]}
     assert "66.0" not in early(late) and "saving" in early(late) and early({}) == ""
-
-
-def test_tables_and_figure_of_streams_are_rebuilt_from_the_store(store, tmp_path):
-    ids = [streamed(store, "=evil", start) for start in ("onset", "middle")]
-    paths = write_streaming(store, ids, tmp_path / "out")
-    assert [p.name for p in paths] == ["streaming.csv", "stopping.csv", "streaming.png", "streaming.svg"]
-    table = pd.read_csv(paths[0])
-    assert table["start"].tolist() == ["onset"] * 2 + ["middle"] * 2 and set(table["system"]) == {"'=evil"}
-    assert table["accuracy"].tolist() == [0.4, 0.7] * 2 and "from the middle" in paths[3].read_text()
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="out="):
-        write_streaming(store, ids, tmp_path / "file" / "x")
-    assert write_streaming(store, [], tmp_path / "none") == []
 
 
 def test_gains_of_shots_are_paired_and_who_loses_is_named(monkeypatch):

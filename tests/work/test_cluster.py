@@ -4,7 +4,6 @@ import pickle
 import shutil
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -74,11 +73,6 @@ def test_a_worker_s_process_does_a_fold_or_says_why_not(tmp_path):
     )
     result, machine = pickle.loads(content)
     assert not refusal and not result.error and list(result.table["capture"]) == [0, 1, 2] and machine.cpu
-
-
-def test_an_object_that_cannot_travel_is_one_line():
-    with pytest.raises(InputError, match="cluster="):
-        packed(threading.Lock())
 
 
 def test_a_cell_travels_without_what_was_built_of_it(tmp_path):

@@ -4,7 +4,6 @@ import os
 import re
 
 import numpy as np
-import pandas as pd
 import pytest
 from filelock import FileLock
 
@@ -14,7 +13,7 @@ from bench.plan.cells import cells
 from bench.plan.plan import planned, share_cores
 from bench.scratch import home
 from bench.work import loop
-from bench.work.fold import decisions, forget_peak, peak_memory
+from bench.work.fold import forget_peak, peak_memory
 from bench.work.loop import Interrupted, execute, prepared
 from bench.work.machine import Machine
 from bench.work.workers import Done
@@ -257,13 +256,3 @@ def test_cores_are_shared_out():
     for jobs in (1, 2, 3, 64):
         workers, threads = share_cores(jobs, 10)
         assert workers * threads <= cores
-
-
-def test_a_system_without_probabilities_gets_one_for_its_label(corpus):
-    class Labels(Wayward):
-        predict_proba = property()
-
-    model = Labels().fit(corpus, corpus.gestures)
-    table = decisions(model, corpus, "x", np.array([3, 1]))
-    assert list(table["capture"]) == [3, 1] and (table["p_pat"] == 1).all() and (table["p_rub"] == 0).all()
-    assert isinstance(table, pd.DataFrame)
