@@ -36,21 +36,13 @@ def test_more_than_is_free_is_refused_with_both_numbers(monkeypatch):
     ("typed", "fact"),
     [
         ("data.rows=1000000 data.cols=1000000", "TB of memory"),
-        ("data.rate_hz=1e12", "of memory"),
         ("data.rate_hz=1e308", "of memory"),
-        ("data.subjects=1000000 data.rows=20", "of memory"),
         ("data.subjects=1000000000000", "1000000"),
-        ("model=cnn85 model.frames=1000000000000", "1000000"),
         ("model=cnn85 model.frames=1000000 model.batch=1000000", "256 TB"),
-        ("model=cnn85 model.seconds=1e300", "3600"),
         ("model=rf model.trees=99999999999999999999", "1000000"),
         ("model=rf seed=4294967296", "4294967295"),
-        ("model=rf seed=" + 5000 * "9", "seed=999"),
-        ("protocol=kfold protocol.seed=4294967296", "4294967295"),
-        ("data=" + 300 * "a", "data=aaa"),
         ("model=" + 3000 * "a", "zhou2016_lrcn"),
         (3000 * "a" + "=1", "no key"),
-        ("data.seed=1\0", "data.seed=1"),
     ],
 )
 def test_sizes_that_cannot_be_are_refused(typed, fact):

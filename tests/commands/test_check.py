@@ -8,34 +8,17 @@ import pytest
 
 from bench import registry
 from bench.cli import main
-from bench.corpora.synth import generate
 from bench.outcomes.baseline import read, text
-from bench.work.fold import latency, reference
-from features.jung54 import Jung54
-from models.classic.svm import svm
 from tests.outcomes.test_gate import measured
-
-
-def test_computing_time_is_measured_beside_the_reference():
-    captures = generate(subjects=2, repetitions=1, variants=("normal",))
-    predict_ms, decide_ms, relative = latency(svm(Jung54()).fit(captures, captures.gestures), captures, 50)
-    assert len(predict_ms) == len(decide_ms) == 20 and reference() == reference()
-    assert relative["reference_ms"] > 0 and relative["predict_relative"] > 0
 
 
 @pytest.mark.parametrize(
     ("wrong", "fact"),
     [
         (["error=0"], "error="),
-        (["error=100"], "error="),
         (["slower=nan"], "slower="),
-        (["model=svm"], "model=svm"),
         (["update=true", "run=false"], "run=false"),
-        (["update=maybe"], "update=maybe"),
-        (["seeds=1"], "seeds"),
-        (["changes=1"], "changes"),
         (["baseline=damaged.json"], "damaged.json"),
-        (["baseline=damaged.json", "update=true", "model=bayes"], "damaged.json"),
         (["baseline=none.json"], "update=true"),
     ],
 )
@@ -141,3 +124,15 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     out = capsys.readouterr().out
     assert "same     copied" in out and "new      bayes · jung28 | synth* | loso: " in out
     assert [m.names["system"] for m in read(Path("here/b.json"))] == ["copied", "bayes · jung28"]
+
+
+BASELINE = Path(__file__).parents[2] / "reports" / "baseline.json"
+
+
+@pytest.mark.live
+@pytest.mark.pool
+def test_the_systems_are_what_the_baseline_says(capsys):
+    """Labels and size; of computing time only what no difference between machines explains."""
+    code = main(["check", f"baseline={BASELINE}", "slower=10"])
+    assert code == 0, capsys.readouterr().out
+    assert all(measured.synthetic for measured in read(BASELINE))

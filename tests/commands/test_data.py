@@ -40,19 +40,3 @@ def test_exported_captures_come_back_as_they_were_and_still_synthetic(kind, caps
     upside = made.frames[:, ::-1] if kind == "table" else made.frames  # its rows are as they are in the file
     assert (again.frames == upside).all()
     assert main(["data", "verify", "copy"]) == 0
-
-
-def test_an_import_names_what_it_replaces_and_its_warnings_take_a_line(capsys):
-    assert main(["data", "export", "synth", "one.csv", *ONE]) == 0
-    assert main(["data", "export", "synth", "two.csv", "subjects=2", *ONE[1:]]) == 0
-    capsys.readouterr()
-    assert main(["data", "import", "cost", "one.csv", "name=mine"]) == 0
-    first, old = capsys.readouterr(), open_corpus("mine", {})
-    warnings = old.info["warnings"]
-    assert len(warnings) > 20 and first.err.count("\n") == 1 and warnings[0] in first.err
-    assert main(["data", "import", "cost", "one.csv", "name=mine"]) == 0
-    same = capsys.readouterr().out
-    assert old.digest[:16] not in first.out.partition("captures,")[0] and "replaces" not in first.out + same
-    assert main(["data", "import", "cost", "two.csv", "name=mine"]) == 0
-    assert f"mine: replaces 14 captures, digest {old.digest[:16]}\n" in capsys.readouterr().out
-    assert len(open_corpus("mine", {})) == 28

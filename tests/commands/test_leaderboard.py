@@ -156,8 +156,6 @@ def test_a_row_keeps_its_digits_where_rounding_would_change_its_label():
         ("haart-loso-v1", {}, ""),
         ("haart-loso-v1", {"corpus_digest": "e" * 64}, "data digest eeeeeeeeeeeeeeee"),
         ("haart-loso-v1", {"subset": "split == 'train'"}, "subset split == 'train'"),
-        ("haart-loso-v1", {"protocol": "kfold"}, "protocol kfold"),
-        ("haart-loso-v1", {"target": "cover"}, "target cover"),
         ("haart-loso-v1", {"status": "FAILED"}, "status FAILED"),
         ("haart-personal-v1", {"protocol": "personal[shots=3]"}, ""),
         ("haart-personal-v1", {"protocol": "personal[shots=3, seed=1]"}, "protocol personal[shots=3, seed=1]"),

@@ -1,13 +1,10 @@
 """What commands print: tables that fit, the best marked, and commands that can be typed."""
 
 import io
-import re
 import shlex
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from rich.console import Console
 
 from bench.arguments import parse, quoted
@@ -23,26 +20,6 @@ def drawn(rows, width, **options):
     text = io.StringIO()
     printing.grid(Console(file=text, width=width, force_terminal=False), "A title", rows, **options)
     return text.getvalue()
-
-
-@given(
-    st.lists(st.text("abc", min_size=1, max_size=12), min_size=1, max_size=14, unique=True),
-    st.integers(1, 30),
-    st.integers(40, 120),
-)
-def test_columns_left_out_are_named_in_order_and_no_line_is_too_long(names, longest, width):
-    spare = [f"{name}{i}" for i, name in enumerate(names)]
-    rows = [{"system": "s" * longest, "empty": "-"} | {name: "1" * longest for name in spare}]
-    text = drawn(rows, width, left=("system",), spare=["empty", *spare])
-    table, _, rest = text.partition("columns left out: ")
-    assert all(len(line) <= width for line in text.splitlines()) and "empty" not in text
-    left_out = [name for name in spare if name not in table]
-    assert left_out == spare[: len(left_out)] and all(name in " ".join(rest.split()) for name in left_out)
-    needed = sum(3 + max(len(name), longest) for name in spare) + 1
-    needed += 3 + min(max(longest, len("system")), printing.WORDS)
-    assert bool(rest) == (needed > width)
-    if rest:
-        assert int(re.search(r"a terminal (\d+) wide", " ".join(rest.split()))[1]) == needed
 
 
 def test_a_name_that_is_markup_or_long_is_printed_in_full():

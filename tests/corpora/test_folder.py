@@ -53,13 +53,10 @@ HARM = {
     "flipped": lambda path: flip(path, path.stat().st_size // 2),
     "flipped, times set back": lambda path: flip(path, path.stat().st_size // 2, as_before=True),
     "cut": lambda path: os.truncate(path, path.stat().st_size - 1),
-    "empty": lambda path: path.write_bytes(b""),
-    "longer": lambda path: path.write_bytes(path.read_bytes() * 2),
     "a hole of a terabyte": lambda path: os.truncate(path, 1 << 40),
     "gone": lambda path: path.unlink(),
     "a folder": lambda path: (path.unlink(), path.mkdir()),
     "a pipe": lambda path: (path.unlink(), os.mkfifo(path)),
-    "a loop": lambda path: (path.unlink(), path.symlink_to(path.name)),
     "a device": lambda path: (path.unlink(), path.symlink_to("/dev/zero")),
 }
 
@@ -81,19 +78,12 @@ def test_a_harmed_file_is_refused_found_and_mended(stored, corpus, name, how):
     "change",
     [
         lambda about: about.update(rate_hz=50.0),
-        lambda about: about.update(rate_hz="100"),
         lambda about: about.update(full_scale=-1),
         lambda about: about.update(digest="0" * 64),
         lambda about: about.update(name="other"),
         lambda about: about["info"].update(synthetic=True),
-        lambda about: about["info"].pop("stored") and None,
         lambda about: about["info"]["stored"].pop("files") and None,
-        lambda about: about["info"]["stored"]["files"]["frames.npy"].reverse(),
         lambda about: about["info"].update(stored=[]),
-        lambda about: about.update(info=None),
-        lambda about: about.update(extra=1),
-        lambda about: about.pop("name") and None,
-        lambda about: [about],
         *(lambda _, text=text: text for text in ("", "null", "[" * 100_000, '{"a": ' + "9" * 5000 + "}", '"\\ud800"')),
     ],
 )
@@ -188,24 +178,6 @@ def test_writing_again_keeps_a_good_folder_and_replaces_others(stored, corpus, t
     shutil.copytree(stored, tmp_path / "d")
     write_folder(other, tmp_path / "d")  # the same content, but written for another name
     assert len(open_folder(tmp_path / "d", key="d")) == 36
-
-
-@pytest.mark.parametrize("after", ["frames.npy", "lengths.npy", "captures.parquet", "corpus.json"])
-def test_a_full_disk_leaves_the_folder_before(stored, corpus, monkeypatch, tmp_path, after):
-    def full(path):
-        if path.name == after:
-            raise OSError(28, "No space left on device")
-        return before(path)
-
-    before = module._size_and_hash
-    monkeypatch.setattr(module, "_size_and_hash", full)
-    if after == "corpus.json":
-        monkeypatch.setattr(module, "_seal", lambda *_: full(tmp_path / after))
-    with pytest.raises(OSError, match="No space"):
-        write_folder(random_corpus(seed=1), stored)
-    monkeypatch.undo()
-    assert np.array_equal(open_folder(stored).frames, corpus.frames)
-    assert [p.name for p in tmp_path.iterdir()] == ["c"]
 
 
 def test_numbers_of_numpy_and_columns_of_any_kind_are_read_back_as_they_were_stored(corpus, tmp_path):

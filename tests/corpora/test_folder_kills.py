@@ -5,14 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import bench
-from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.library import import_corpus, open_corpus
 from bench.scratch import home, scratch
-from features.jung28 import Jung28
 from tests.corpora.made import GOOD, csv
 
 ROOT = Path(bench.__file__).parents[1]
@@ -50,16 +47,3 @@ def test_an_import_that_dies_leaves_the_earlier_corpus(tmp_path, at):
     assert import_corpus("table", tmp_path / "my.csv", OPTIONS).subjects.tolist() == ["bob"]
     folder = home() / "corpora" / "arm"
     assert {p.name for p in folder.iterdir()} == {"current", (folder / "current").read_text()}
-
-
-def test_a_table_of_features_and_a_seal_that_were_half_written(corpus, tmp_path):
-    write_folder(corpus, tmp_path / "c")
-    code = f"Jung28().transform(open_folder(Path({str(tmp_path / 'c')!r})))"
-    die("os.replace", code)
-    assert hidden()
-    (tmp_path / "c" / "seal.json").write_text("[")
-    with scratch():
-        assert not hidden()
-        stored = open_folder(tmp_path / "c")
-        assert np.array_equal(stored.frames, corpus.frames)
-        assert Jung28().transform(stored).equals(Jung28().transform(corpus)) and not hidden()

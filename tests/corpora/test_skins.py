@@ -41,11 +41,6 @@ def test_frames_are_resampled_as_the_weights_say(count, times):
     np.testing.assert_allclose(other, expected, atol=1e-5)
 
 
-def test_a_long_capture_needs_no_more_memory_than_it_is():
-    long = np.ones((200_000, 1, 1), dtype=np.float32)
-    assert (resampled(long, 100.0, 54.0) == 1).all() and len(resampled(long, 100.0, 154.0)) == 308_000
-
-
 def test_a_rate_and_a_grid_by_hand():
     frames = np.arange(4 * 2 * 4, dtype=np.uint16).reshape(4, 2, 4)
     halved = resampled(frames, 100.0, 50.0)
@@ -94,10 +89,3 @@ def test_a_recording_is_found_in_the_other_corpus_in_other_numbers(kind, full_sc
     source = Corpus.from_captures(arrays, target.captures, 50.0, name="other", full_scale=full_scale)
     with pytest.raises(InputError, match="protocol=transfer: .*: 1, .*capture 7 .*subject 1.* capture 5 "):
         joined(target, source, {})
-
-
-def test_no_touch_on_a_quiet_sensor_is_no_recording_that_both_have():
-    still = np.zeros((20, 8, 8), np.uint16)
-    corpora = [random_corpus(subjects=2, seed=seed) for seed in (0, 5)]
-    target, source = (Corpus.from_captures([still, *list(c)[1:]], c.captures, 100.0) for c in corpora)
-    assert len(joined(target, source, {})) == 36

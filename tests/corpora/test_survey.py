@@ -144,10 +144,3 @@ def test_missing_and_uneven_combinations():
         ("2", "rub", "fur", "none"),
         ("10", "pat", "bare", "2 captures"),
     ]
-
-
-def test_a_typical_capture_is_in_the_middle():
-    arrays = [noise(n, seed=n) * np.uint16(k) for n, k in ((5, 1), (9, 2), (10, 3), (11, 4), (30, 9))]
-    corpus = of([*arrays, noise(3)], ["pat"] * 5 + ["tap"])
-    assert survey(corpus).typical == {"pat": 2, "tap": 5}
-    assert survey(corpus[1:]).typical["tap"] == 5

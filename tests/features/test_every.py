@@ -138,8 +138,6 @@ def test_only_training_captures_are_learnt_from(features):
     ("wrong", "message"),
     [
         (Jung28("frames"), "features.area=frames: give frame or capture"),
-        (Jung28(peaks="2014"), "features.peaks=2014: give crossings or maxima"),
-        (Jung54("frames"), "features.area=frames"),
         (Ta273("all"), "features.levels=all: give training or fixed"),
         (Balli(-1), "features.selected=-1"),
         *((Hughes36(**{name: 0}), f"features.{name}=0") for name in ("states", "iterations", "epochs")),

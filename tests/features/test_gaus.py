@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from features.gaus import FAMILIES, Gaus
-from tests.features.captures import GRIDS, LEVELS, corpus_of, ragged, row_of
+from tests.features.captures import GRIDS, LEVELS, corpus_of, ragged
 
 RATE = 100.0
 
@@ -112,20 +112,6 @@ def test_features_equal_loops_over_the_definitions(seed, grid, levels, real):
                 assert values.tolist() == expected
             else:
                 np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-9, err_msg=family)
-
-
-def test_ranges_by_hand():
-    frames = np.zeros((2, 1, 4), np.uint16)
-    frames[:, 0, 0] = 7, 58  # more than 51 above the minimum
-    frames[:, 0, 1] = 7, 59
-    frames[:, 0, 2] = 200, 100  # 100 is not above half
-    frames[:, 0, 3] = 150, 150  # never above its minimum
-    row = row_of(Gaus(("sd", "bmh")), frames, full_scale=1020.0)
-    assert row.filter(like="bmh").tolist() == [0, 0, 1, 1]
-    assert (row["sd_none_mean"], row["sd_none_sd"], row["sd_none_max"]) == (0.5, 0, 0.5)
-    assert (row["sd_touch_mean"], row["sd_touch_sd"], row["sd_touch_max"]) == (0.125, 0.125, 0.25)
-    assert (row["sd_high_mean"], row["sd_high_sd"], row["sd_high_max"]) == (0.375, 0.125, 0.5)
-    assert (row["sd_none_taxels"], row["sd_touch_taxels"], row["sd_high_taxels"]) == (0.25, 0.25, 0.5)
 
 
 def course_of(bits):

@@ -127,18 +127,6 @@ def test_of_equal_amplitudes_the_lowest_frequency_counts():
         assert row["f53_row_frequency"] == row["f54_col_frequency"] == 100 / length
 
 
-def test_spatial_peaks_by_hand():
-    frame = np.zeros((4, 5), np.uint16)
-    frame[0, 0] = frame[0, 1] = frame[1, 0] = 100  # a plateau counts once
-    frame[0, 4] = 80  # neither the row above nor the next row begins beside the last column
-    frame[1, 0] = 100
-    frame[3, 2] = 76
-    frame[3, 4] = 75  # not above three quarters
-    row = row_of(Jung54(), np.stack([frame, frame * 0]))
-    assert row["f37_spatial_peaks_mean"] == 1.5 and row["f38_spatial_peaks_variance"] == 2.25
-    assert row["f40_peak_distance_change"] == 0  # the second frame has no peak
-
-
 def test_by_hand_on_a_fingertip_that_moves_one_column():
     frames = np.zeros((2, 8, 8), np.uint16)
     frames[0, 0, 0], frames[1, 0, 1] = 100, 200

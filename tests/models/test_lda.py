@@ -112,13 +112,6 @@ def test_constant_features_have_no_weight(shrinkage):
     np.testing.assert_allclose(nothing.predict_proba(X), 1 / 3)
 
 
-def test_more_features_than_rows():
-    X, y = points(counts=(4, 4, 4), d=40)
-    for shrinkage in (0.001, 0.2):
-        proba = Discriminants(shrinkage).fit(X, y).predict_proba(X)
-        assert np.isfinite(proba).all() and np.array_equal(np.array([*"abc"])[proba.argmax(axis=1)], y)
-
-
 @pytest.mark.parametrize(
     ("name", "values"),
     [

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import wilcoxon
 
-from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale
 from bench.scratch import home
 from features.jung28 import Jung28
@@ -156,9 +155,7 @@ def test_a_study_belongs_to_captures_labels_space_and_code(monkeypatch):
     assert identity.study_name(search.study_key(), corpus, corpus.gestures) not in names
 
 
-def test_captures_after_other_steps_have_trials_of_their_own(corpus, tmp_path):
-    write_folder(corpus, tmp_path / "c")
-    stored = open_folder(tmp_path / "c")
+def test_captures_after_other_steps_have_trials_of_their_own(stored):
     steps = (Scale("peak"), Scale("log"), Repair(("stuck",)), Faulted(("noise",), 1), Faulted(("shift",), 1))
     made = [stored, *(step(stored) for step in steps)]
     assert len({identity.study_name({}, X, X.gestures) for X in made}) == len(made)

@@ -196,10 +196,8 @@ def test_test_subjects_change_nothing_that_is_chosen_or_learned_and_nothing_is_j
     ("wrong", "fact"),
     [
         ({"inner": "1"}, "model.inner=1:"),
-        ({"inner": "all"}, "model.inner=all:"),
         ({"trials": 0}, "model.trials=0:"),
         ({"budget": 0.0}, "model.budget=0:"),
-        ({"budget": float("nan")}, "model.budget=nan:"),
         ({"objective": "time"}, "model.objective=time:"),
         ({"space": {"C": Range(1.0, 2.0)}}, "no end"),
         ({}, "leaves one class.* inner= than 2"),

@@ -196,14 +196,10 @@ def test_a_baseline_is_read_as_it_was_written(tmp_path_factory, data):
     ("old", "new"),
     [
         ('"format": 1', '"format": 2'),
-        ('"classes"', '"class"'),
         ('"seed"', '"seeds"'),
-        ('"predicted": [0]', '"predicted": [7]'),
         ('"model=svm"', '"modl=svm"'),
-        ('"tested": [', '"tested": [], "other": ['),
         ("]}\n", ""),
         (None, ""),
-        (None, "[]"),
         (None, '{"format": 1, "systems": []}'),
     ],
 )

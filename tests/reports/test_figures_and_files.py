@@ -12,7 +12,7 @@ from PIL import Image
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import survey
 from bench.errors import InputError
-from reports import corpus_page, details, figures, speed
+from reports import corpus_page, details, speed
 from reports.numbers import bounded, listed, number, p_value, whole, with_sd
 from reports.provenance import command
 from reports.spreadsheet import write_sheet
@@ -56,12 +56,6 @@ def test_front_by_a_plain_loop():
     expected = {(c, a) for c, a, b in zip(cost, accuracy, beaten, strict=True) if not b and np.isfinite(c)}
     on = speed.front(cost, accuracy)
     assert {(cost[i], accuracy[i]) for i in on} == expected and (np.diff(cost[on]) > 0).all()
-
-
-def test_names_keep_apart_and_inside():
-    places = figures.spread(np.array([1.0, 1.0, 1.1, 5, 9.9]), 0.8, 0.4, 9.6)
-    assert np.diff(places).min() >= 0.8 - 1e-9 and places.min() >= 0.4 and places.max() <= 9.6
-    assert figures.spread(np.array([2.0, 5.0]), 1, 0, 10) == pytest.approx([2, 5])
 
 
 def test_calibration_by_a_plain_loop():

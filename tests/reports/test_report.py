@@ -19,8 +19,6 @@ from bench.outcomes.runs import by_subject, independent, tracked, with_groups
 from bench.outcomes.store import connect
 from reports import candidates, page
 from reports.comparison import comparison, published
-from reports.layout import Table, markdown, md_escape
-from reports.layout import page as html
 from tests.reports.store import made_up, streamed, stressed, tracked_run, with_hits
 
 GOLDEN = Path(__file__).parent / "golden"  # TOUCHBENCH_GOLDEN=write writes it anew: read the difference
@@ -255,19 +253,6 @@ def test_corpora_of_one_name_newer_runs_and_seeds(store):
     assert runs.loc[runs["system"] == "a", "run_id"].tolist() == [whole]
     table = comparison(store, runs, published())
     assert table.loc[table["system"] == "b", "seed"].tolist() == ["9", "10", "100"]
-
-
-def test_markup_in_names_is_text(tmp_path):
-    assert md_escape("a|b *c* [d](e) <f>\ng") == r"a\|b \*c\* \[d\](e) \<f\> g"
-    frame = pd.DataFrame({"<img src=x>": ["a", "b"], "a|b": ["<b>", "x|`y`"]})
-    values = {
-        "context": "<i>",
-        "sections": [("h", "", Table(frame, [["<u>"], []], code=("a|b",), groups=["g|", "g|"]))],
-    }
-    text = html("stability.jinja", "<title>", **values)
-    assert not re.search("<(i|b|u|img)[ >]", text) and "<code>&lt;b&gt;</code>" in text and "&lt;u&gt;" in text
-    lines = markdown("stability.jinja", **values).splitlines()
-    assert r"| on | \<img src=x\> | a\|b | notes |" in lines and r"| g\| | b | `` x\|`y` `` |  |" in lines
 
 
 def verdicts(store, budgets):

@@ -1,6 +1,9 @@
 """A system that is saved, loaded elsewhere and labels captures."""
 
+import os
 import shutil
+import subprocess
+import sys
 from importlib.metadata import version
 from pathlib import Path
 from types import SimpleNamespace
@@ -129,18 +132,12 @@ def test_what_cannot_be_fitted_or_loaded_is_refused(shipped, capsys):
         mlflow.pyfunc.save_model("old", python_model=shipped.fitted.recogniser, pip_requirements=[])
     shipped.fitted.recogniser.format = usual
     for arguments, fact in (
-        (["fit", "model=bayes,svm"], "one value of each key"),
-        (["fit", "protocol=loso"], "'protocol'"),
-        (["fit", "stopping=maybe"], "stopping=maybe"),
         (["fit", "out=full"], "out=full"),
         (["fit", "data=nothing"], "nothing"),
         (["fit", "where=gesture == 'pat'"], "one gesture"),
-        (["predict", "x"], "a file"),
-        (["predict", "x", "y.csv", "o=z"], "'o'"),
         (["predict", "x", "y.csv", "out=a", "out=b"], "out="),
         (["predict", "http://somewhere/model", "y.csv"], "not a saved model"),
         (["predict", "runs:/0123/model", "y.csv"], "runs:/0123/model cannot be loaded"),
-        (["predict", "models:/m-0123", "y.csv"], "models:/m-0123 cannot be loaded"),
         (["predict", "other", "y.csv"], "other is a model of something else"),
         (["predict", "old", "y.csv"], "old was saved by another version"),
     ):
@@ -187,3 +184,21 @@ def test_a_system_with_an_extra_brings_what_the_extra_names():
     usual = requirements(["svm", "jung54"])
     names = {requirement.split("==")[0] for requirement in usual}
     assert f"mlflow=={version('mlflow')}" in usual and not {"aeon", "pytest", "ruff"} & names
+
+
+@pytest.mark.nightly
+def test_a_saved_system_runs_elsewhere_on_the_code_that_it_was_trained_with(tmp_path, capsys):
+    assert main(["fit", *(f"{k}={v}" for k, v in CELL.items()), "stopping=no", "out=saved"]) == 0
+    uri = capsys.readouterr().out.split()[0]
+    as_table(open_corpus("synth", {"subjects": 1})[::9].detached()).to_csv("new.csv", index=False)
+    assert main(["predict", uri, "new.csv", "out=labels.csv"]) == 0
+    labels = pd.read_csv("labels.csv")["label"].tolist()
+    assert load("saved").stopping is None and main(["report"]) == 2  # a fit is not scored
+    code = "import mlflow, pandas as pd, sys; m = mlflow.pyfunc.load_model(sys.argv[1]); "
+    code += "import bench; print(bench.__file__); print(','.join(m.predict(pd.read_csv(sys.argv[2]))['label']))"
+    (tmp_path / "elsewhere").mkdir()
+    arguments = [sys.executable, "-c", code, str(tmp_path / "saved"), str(tmp_path / "new.csv")]
+    plain = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(arguments, cwd=tmp_path / "elsewhere", env=plain, capture_output=True, text=True, check=True)
+    file, printed = done.stdout.split()
+    assert printed.split(",") == labels and "saved/code" in file

@@ -11,7 +11,6 @@ from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics import log_loss
 
-from bench.cli import main
 from bench.corpora.corpus import Corpus, storage, unblinded
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
@@ -372,20 +371,3 @@ def test_a_replay_from_the_middle_sees_no_first_half(leveled):
     halves = corpus.lengths[fold.test] - corpus.lengths[fold.test] // 2
     assert table.groupby("capture")["frames"].last().tolist() == halves.tolist()
     assert Stream(100.0, "middle").arguments() == {"hop_ms": "100", "start": "middle"} and Stream().arguments() == {}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "fact"),
-    [
-        (["hop_ms=1"], "hop_ms=1: one frame takes 7.407 ms"),
-        (["out=/dev/null/x"], "/dev/null/x"),
-        (["data.subjects=2"], "one subject"),
-        (["source=-"], "model="),
-        (["source=-", "model=nothing"], "nothing"),
-        (["source=-", "model=x", "data=haart"], "data="),
-    ],
-)
-def test_what_cannot_be_streamed_is_refused(arguments, fact, capsys):
-    assert main(["stream", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert fact in error and error.count("\n") == 1

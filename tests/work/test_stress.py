@@ -1,14 +1,12 @@
 """Stress: what is fitted on what, what is predicted under which fault, and what is measured of it."""
 
 import pickle
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from bench.cli import main
 from bench.corpora.faults import FAULTS, as_shares, damaged
 from bench.outcomes import scores
 from bench.outcomes.stability import COLUMNS
@@ -127,30 +125,6 @@ def test_metrics_are_those_of_the_table(stressed):
     assert alone.table["fault"].eq("none").all() and set(alone.table["train_subjects"]) == {1, 3}
     assert Stress((), (1,)).arguments() == {"faults": "none", "train_subjects": "1"}
     assert Stress(tuple(FAULTS.values())).arguments() == {} and stress.arguments()["faults"] == "noise,early_end"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "facts"),
-    [
-        (["faults=nois"], "faults=nois: noise"),
-        (["faults=noise,"], "faults=noise,"),
-        (["train_subjects=0"], "train_subjects=0:"),
-        (["train_subjects=few"], "train_subjects=few:"),
-        (["train_subjects=3"], "train_subjects=3: loso 3"),
-        (["out=taken/here", "faults=noise"], "taken/here"),
-    ],
-)
-def test_bad_input_is_one_line(arguments, facts, capsys):
-    Path("taken").write_text("a file")
-    assert main(["stress", "data.subjects=4", "data.variants=normal", "model=bayes", *arguments]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert all(fact in line for fact in facts.split())
-
-
-def test_a_column_that_the_table_needs_is_refused(corpus, monkeypatch, capsys):
-    named = corpus.changed(captures=corpus.captures.assign(severity=1))
-    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: named)
-    assert main(["stress"]) == 2 and "'severity'" in capsys.readouterr().err
 
 
 def test_other_faults_or_training_subjects_are_another_run(corpus):
