@@ -131,8 +131,6 @@ def test_the_ui_opens_a_view_with_columns_that_runs_have(six_runs, monkeypatch, 
     for column in view["selectedColumns"]:
         kind, name = re.fullmatch("(metrics|params)[.]`(.+)`", column).groups()
         assert name in getattr(run.data, kind), column
-    visible = sum(view["columnWidths"][c] for c in view["columnOrder"][:5])  # name, accuracy, interval, flash
-    assert visible < 1000 - 105 - 150  # pixels that MLflow has for them at 1600, without its boxes and dates
 
 
 def test_a_port_that_is_taken(capsys):

@@ -1,10 +1,13 @@
 """What the README and the pages of docs/ promise, as it is written there."""
 
 import itertools
+import json
+import os
 import re
 import shlex
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -19,6 +22,9 @@ ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 DOCS = {path.name: path.read_text() for path in (ROOT / "docs").glob("*.md")}
 LEVEL = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)[0]
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+SMALL = ["data.subjects=3", "data.variants=normal", "data.repetitions=2"]
+OWN = dict(re.findall(r"```python\n# (\w+\.py)\n(.*?)```", DOCS["your_system.md"], flags=re.DOTALL))
 
 
 def test_every_command_is_introduced_and_every_command_line_is_taken():
@@ -57,12 +63,6 @@ def test_a_recogniser_of_ones_own_runs_from_its_file_with_its_sizes():
     assert done.stdout.strip() == "Level()"
 
 
-OWN = dict(re.findall(r"```python\n# (\w+\.py)\n(.*?)```", DOCS["your_system.md"], flags=re.DOTALL))
-
-
-SMALL = ["data.subjects=3", "data.variants=normal", "data.repetitions=2"]
-
-
 @pytest.mark.parametrize(
     "name", ["plain.py:discriminants", "with_aeon.py:minirocket", "with_sktime.py:neighbours", "with_torch.py:tiny"]
 )
@@ -80,8 +80,19 @@ def test_an_adapter_is_less_than_five_lines_and_runs(name, capsys):
     assert run.data.metrics["flash_bytes"] > 0 and run.data.metrics["ram_bytes"] > 0
 
 
-def test_objects_are_run_as_written():
-    names = {}
-    exec(OWN["objects.py"], names)
-    table = names["table"]
-    assert table["system"].tolist() == ["bayes · jung54", "GaussianNB() · jung54"] and (table["folds"] == "2/2").all()
+@pytest.mark.live
+@pytest.mark.skipif(find_spec("mkdocs") is None, reason="needs the extra docs")
+def test_the_site_is_built_with_every_example_run(tmp_path):
+    """MkDocs runs examples and notebook; warnings, such as a link to nowhere, are errors."""
+    out = tmp_path / "site"
+    variables = os.environ | {"PYTHONPATH": str(ROOT)}
+    variables.pop("TOUCHBENCH_HOME")
+    site = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(out)]
+    done = subprocess.run(site, cwd=ROOT, env=variables, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    pages = {page.relative_to(out).as_posix(): page.read_text() for page in out.rglob("*.html")}
+    assert {p.relative_to(ROOT / "docs").with_suffix(".html").as_posix() for p in PAGES} < set(pages)
+    loaded = [page for page, text in pages.items() if 'src="http' in text or 'rel="stylesheet" href="http' in text]
+    assert not loaded, "pages that load something from elsewhere"
+    book = json.loads((ROOT / "docs" / "walk.ipynb").read_text())
+    assert not any(cell.get("outputs") for cell in book["cells"]), "the notebook is stored without output"

@@ -7,7 +7,6 @@ from sklearn.model_selection import GroupKFold
 
 import bench
 from bench import contract
-from bench.corpora.faults import FAULTS
 from bench.plan.cells import cells
 from studies import ablation, epochs, learning
 from tests.conftest import with_other_values
@@ -87,22 +86,6 @@ def test_curves_of_epochs_are_pooled_and_what_has_ended_stays():
     flat = epochs.pooled([training([0.0, 0.9, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.4, 0.4], 10)])
     assert epochs.best_epoch(flat) == (8, pytest.approx(0.5))  # one lucky epoch is none
     assert epochs.best_epoch(epochs.pooled([training([0.3, 0.6], 10)])) == (2, pytest.approx(0.45))
-
-
-def test_the_ablation_measures_its_rows(tmp_path, monkeypatch):
-    row = {"model": "bayes", "features": "jung28", "data.subjects": "4", "data.repetitions": "1"}
-    row |= {"where": "gesture in ['pat', 'rub', 'grab']", "protocol": "groupkfold", "protocol.folds": "2"}
-    monkeypatch.setitem(ablation.ROWS, "quick", row)
-    few = {name: fault for name, fault in FAULTS.items() if name in ("noise", "shift")}
-    monkeypatch.setattr("bench.commands.stress.all_faults", lambda: few)
-    (found,) = ablation.main(["data=synth", "rows=quick", f"out={tmp_path}"]).to_dict("records")
-    stress = bench.stress(data="synth", **row)
-    assert found["accuracy"] == pytest.approx(stress.table["accuracy"][0]) and (tmp_path / "ablation.png").exists()
-    curves = stress["faults"]
-    assert len(curves) == 10 and found["loss"] == pytest.approx(100 * curves["loss"].mean())
-    for words in (["rows=nope"], ["data=a,b"], ["rows=networks", "device=nonsense"]):
-        with pytest.raises(bench.InputError):
-            ablation.main(words)
 
 
 @pytest.mark.parametrize("label", ablation.ROWS | ablation.CHANCES)

@@ -97,8 +97,6 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     copied(wrong="maps = [np.roll(m, 1) * (1 + (len(f) % 3)) for m, f in zip(maps, X)]")
     assert main([*gate, "junit=out/check.xml"]) == 1
     out = capsys.readouterr().out
-    assert "0 of 1 systems are what here/b.json says" in out
-    assert "check baseline=here/b.json update=true" in out
     (case,) = ElementTree.parse("out/check.xml").getroot()
     (line,) = [line for line in out.splitlines() if " labels changed" in line]
     assert case.find("failure").get("message") == line and not line.startswith("same")
@@ -110,7 +108,6 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
         capsys.readouterr().out
     )
     assert main([*gate, "update=true"]) == 1 and Path("here/b.json").read_text() == before
-    assert "a run failed; here/b.json stays as it was" in capsys.readouterr().out
 
     copied()  # as it was: its run is found again, although a newer one is tracked
     assert main(gate) == 0

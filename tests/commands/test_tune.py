@@ -25,8 +25,6 @@ TWO = ["protocol=groupkfold", "protocol.folds=2", *SMALL]
 def test_a_grid_of_values_is_searched_in_every_fold(capsys):
     line = ["tune", "features=jung28", *TWO, "model=svm", "model.C=1,512", "model.gamma=0.1", "inner=2"]
     assert main(line) == 0
-    out = capsys.readouterr().out
-    assert "tuned svm[C=1.0|512.0" in out and "Chosen in each training part" in out and "synthetic" in out
     client, (parent,) = runs("cell")
     assert parent.data.params["tuning.inner"] == "2" and parent.data.metrics["search_seconds"] > 0
     assert parent.data.tags["system"] == "tuned svm[C=1.0|512.0, gamma=0.1, inner=2] · jung28"
@@ -38,7 +36,6 @@ def test_a_grid_of_values_is_searched_in_every_fold(capsys):
     assert {c.data.params["chosen.svm.C"] for c in children} == {str(float(c)) for c in chosen["svm.C"]}
     before = predictions(client, parent)  # a stored search is printed again, and nothing is run
     assert main(line) == 0
-    assert "Chosen in each training part" in capsys.readouterr().out
     assert len(runs("cell")[1]) == 1 and predictions(client, parent).equals(before)
 
 
@@ -115,7 +112,6 @@ def test_features_are_written_as_a_table(capsys):
     expected = Jung28().transform(corpus)
     pd.testing.assert_frame_equal(table[expected.columns], expected)
     assert main(["extract", "features=ta273", "out=f.csv", "where=gesture != 'tap'", *FEW]) == 0
-    assert "fitted to all of these captures" in capsys.readouterr().out
     assert set(pd.read_csv("f.csv")["gesture"]) == set(corpus.gestures) - {"tap"}
 
 

@@ -35,8 +35,6 @@ def test_every_published_figure_that_differs_is_named(tmp_path):
     corpus = read(cost_csv(tmp_path, line()))
     warnings = corpus.info["warnings"]
     assert "captures: 1 here, 7805 published" in warnings
-    assert "captures of gesture stroke: 0 here, 556 published" in warnings
-    assert "captures of variant gentle: 1 here, 2601 published" in warnings
     assert "subjects: 1 here, 31 published" in warnings
     assert any(w.startswith("MD5 of the file") for w in warnings)
     assert any("challenge split cannot be recovered" in w for w in warnings) and "split" not in corpus.captures
@@ -116,13 +114,6 @@ def test_split_marks_gentle_and_normal_captures_only(tmp_path, monkeypatch):
 def one_capture(subject="1", frames=3, value=5, variant="rough", gesture="tap"):
     captures = pd.DataFrame({"subject": [subject], "variant": [variant], "gesture": [gesture]})
     return Corpus.from_captures([np.full((frames, 8, 8), value, np.uint16)], captures, 135.0)
-
-
-@pytest.mark.parametrize("subject, frames", [("70000", 3), ("0", 1), ("1", 65537)])
-def test_large_subject_numbers_and_long_captures_are_written_as_they_are(tmp_path, subject, frames):
-    write(one_capture(subject, frames), tmp_path / "out.csv")
-    again = read(tmp_path / "out.csv")
-    assert again.captures["subject"].tolist() == [subject] and list(again.lengths) == [frames]
 
 
 @pytest.mark.parametrize(

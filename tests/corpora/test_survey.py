@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.survey import blocks, survey
+from bench.corpora.survey import survey
 from bench.errors import InputError
 from tests.conftest import random_corpus
 
@@ -24,19 +24,6 @@ def of(arrays, gestures=None, subjects=None, **columns):
 
 def noise(frames=12, grid=(5, 6), seed=0):
     return np.random.default_rng(seed).integers(10, 100, (frames, *grid)).astype(np.uint16)
-
-
-@given(st.lists(st.integers(0, 35), min_size=1, max_size=40), st.sampled_from([1, 500, 1 << 20]))
-def test_blocks_hold_every_capture_once_and_are_bounded(chosen, most):
-    some = random_corpus(grid=(3, 4))[np.array(chosen)]
-    seen = []
-    for part, frames in blocks(some, most):
-        lengths = some.lengths[part]
-        assert frames.size <= most or len(lengths) == 1
-        seen += np.split(frames, np.cumsum(lengths)[:-1])
-    assert len(seen) == len(some)
-    for block, expected in zip(seen, some, strict=True):
-        assert np.array_equal(block, expected.reshape(len(expected), 12))
 
 
 @given(st.lists(st.integers(0, 35), min_size=1, max_size=40), st.sampled_from(["uint16", "float32"]))
@@ -137,8 +124,7 @@ def test_missing_and_uneven_combinations():
     assert {tuple(r) for r in result.gaps.to_numpy()} == {
         (*key, rows.count(key)) for key in keys if rows.count(key) != 1
     }
-    summary, *lines = result.gap_lines()
-    assert re.findall(r"\d+", summary) == ["12", "8", "1", "1", "3"]  # 8 have 1 capture, 1 another number, 3 none
+    _, *lines = result.gap_lines()
     assert [(*re.findall(r"(?:subject|gesture|cover) (\w+)", line), line.split(": ")[1]) for line in lines] == [
         ("10", "tap", "none"),  # one gap, not one for each cover
         ("2", "rub", "fur", "none"),

@@ -11,8 +11,7 @@ from sklearn.preprocessing import StandardScaler
 
 from bench.errors import InputError
 from features.base import labels
-from features.jung28 import Jung28
-from models.classic.lda import Discriminants, lda
+from models.classic.lda import Discriminants
 
 
 def points(seed=0, counts=(20, 20, 20), d=4):
@@ -110,20 +109,6 @@ def test_constant_features_have_no_weight(shrinkage):
         np.testing.assert_allclose(model.coef_[:, :3], Discriminants(0).fit(X, y).coef_, rtol=1e-5)
     nothing = Discriminants(shrinkage).fit(X * 0 + 3, y)
     np.testing.assert_allclose(nothing.predict_proba(X), 1 / 3)
-
-
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("shrinkage", (-0.1, 1.5, np.nan)),
-        ("windows", (0.5, np.nan, np.inf)),
-        ("damaged", (0.0, np.inf, np.nan)),
-    ],
-)
-def test_parameters_that_cannot_be(name, values):
-    for value in values:
-        with pytest.raises(InputError, match=f"^model.{name}={value:g}: give [^\n]*$"):
-            lda(Jung28(), **{name: value})
 
 
 @pytest.mark.parametrize(("windows", "labelled"), [(1.0, True), (2.0, True), (2.0, False)])

@@ -32,31 +32,6 @@ def at(rate, **kwargs):
     return random_corpus(**kwargs).changed(rate_hz=rate)
 
 
-@pytest.mark.parametrize(
-    ("kind", "wrong"),
-    [
-        (Hughes2017CNN, {"rate": -1}),
-        (Hughes2017CNN, {"device": "cuda:99"}),
-        (Hughes2017AERNN, {"pretraining": 0}),
-        (CNN85, {"epochs": 0}),
-        (CNN85, {"width": 0}),
-        (CNN85, {"padding": "mirror"}),
-        (Ren2023Transformer, {"seconds": 4000}),
-        (Ren2023Transformer, {"precision": "half"}),
-        (Zhou2016CNN3D, {"frames": 7, "seconds": 0.5}),
-        (CNN85, {"frames": 20, "hop": 40}),
-        (Zhou2016LRCN, {"frames": 16, "average": 17}),
-        (CNN85, {"frames": 10**9}),
-    ],
-)
-def test_parameters_that_cannot_be_are_refused_by_name_and_value(kind, wrong, corpus):
-    with pytest.raises(InputError) as refused:
-        kind(**wrong).check()
-        kind(**wrong).check_training(corpus, corpus.gestures)
-    name = [*wrong][-1]
-    assert f"model.{name}={wrong[name]}" in str(refused.value)
-
-
 def test_weights_start_as_the_docstrings_say_and_training_goes_by_the_seed(corpus, monkeypatch):
     calls = []
     monkeypatch.setattr("models.nets.window.train", lambda *arguments: calls.append(arguments) or [])

@@ -15,10 +15,8 @@ from hypothesis import strategies as st
 from sklearn.neural_network import MLPClassifier
 from sklearn.preprocessing import StandardScaler
 
-from bench.errors import InputError
-from features.jung28 import Jung28
 from models.classic.lda import Discriminants
-from models.classic.perceptron import Perceptron, perceptron
+from models.classic.perceptron import Perceptron
 from models.out_of_distribution import Guarded
 from models.sizes import parameter_count
 
@@ -104,14 +102,6 @@ def test_a_stored_one_decides_without_torch(tmp_path):
     subprocess.run(
         [sys.executable, "-c", code], check=True, cwd=tmp_path, env={"PYTHONPATH": os.pathsep.join(sys.path)}
     )
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"units": 0}, {"updates": 0}, {"smoothing": 1.0}, {"clip": 0.0}, {"clip": float("nan")}, {"damaged": 0.0}]
-)
-def test_parameters_that_cannot_be(wrong):
-    with pytest.raises(InputError, match=f"model.{next(iter(wrong))}="):
-        perceptron(Jung28(), **wrong)
 
 
 # The guard

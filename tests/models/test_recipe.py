@@ -18,9 +18,12 @@ from features import cache as kept
 from features.jung28 import Jung28
 from features.touch import TouchFeatures
 from models.classic.lda import lda
+from models.classic.softmax import softmax
 from models.classic.svm import svm
 from models.nets.cnn85 import CNN85
+from models.nets.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
 from models.recipe import Recipe, build, rows_of, taken
+from models.reflex import Reflex
 from models.rocket import Rocket
 from models.sizes import sizes
 from tests.conftest import random_corpus
@@ -213,17 +216,30 @@ def test_sizes_of_a_windowed_system_are_those_of_a_window(corpus):
         ("rf", {"copies": 0, "faults": "all"}),
         ("cnn85", {"epochs": 0, "scale": "peak"}),
         ("svm", {"person": "whole"}),
+        *(("lda", {name: value}) for name, value in (("shrinkage", -0.1), ("windows", 0.5), ("damaged", 0.0))),
+        *(("perceptron", {name: value}) for name, value in (("units", 0), ("smoothing", 1.0), ("clip", 0.0))),
+        *(("touchnet", {name: value}) for name, value in (("kernel", 4), ("seconds", -1), ("batch", 1))),
+        *(("rocket", {name: value}) for name, value in (("kernels", 83), ("transform", "rocket"))),
+        *(("hughes2017_cnn", {name: value}) for name, value in (("rate", -1), ("device", "cuda:99"))),
+        *(("cnn85", {name: value}) for name, value in (("epochs", 0), ("padding", "mirror"), ("frames", 10**9))),
+        *(("ren2023_transformer", {name: value}) for name, value in (("seconds", 4000), ("precision", "half"))),
+        ("hughes2017_ae_rnn", {"pretraining": 0}),
+        ("zhou2016_3dcnn", {"seconds": 0.5, "frames": 7}),
+        ("cnn85", {"hop": 40, "frames": 20}),
+        ("zhou2016_lrcn", {"average": 17, "frames": 16}),
         ("cnn85", {"person": "centre"}),
         ("jung2014_svm", {"person": "centre"}),
         ("lda", {"bits": 4}),
         ("hughes2017_cnn", {"bits": 4}),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(model, options):
+def test_what_cannot_be_is_refused_in_one_line(model, options, corpus):
     name, value = next(iter(options.items()))
     shown = f"{value:g}" if isinstance(value, float) else value
     with pytest.raises(InputError, match=f"^model.{name}={re.escape(str(shown))}[^\n]*$"):
-        contract.check(build(load("models", model), Jung28(), **options))
+        system = build(load("models", model), Jung28(), **options)
+        contract.check(system)
+        contract.check_training(system, corpus, corpus.gestures)
 
 
 def test_training_parts_that_cannot_be_are_refused(corpus):
@@ -275,3 +291,20 @@ def test_what_is_kept_is_no_short_cut_around_parts_of_ones_own(make, stored):
     np.testing.assert_allclose(first.predict_proba(stored), second.predict_proba(stored), atol=1e-9)
     expected = fitted(make(), stored.detached(), window=0.1)
     np.testing.assert_allclose(second.predict_proba(stored), expected.predict_proba(stored.detached()), atol=1e-6)
+
+
+# Weights in 8 bits
+
+
+def test_weights_are_whole_steps_by_hand():
+    corpus = random_corpus(longest=30)
+    models = (Recipe(softmax(Jung28()), bits=bits).fit(corpus, corpus.gestures) for bits in (32, 8))
+    for before, after in zip(*(model.system_.steps[-1][1].coef_ for model in models), strict=True):
+        step = np.abs(before).max() / 127
+        np.testing.assert_allclose(after, np.round(before / step) * np.float32(step), rtol=1e-6)
+
+
+def test_few_bits_do_not_adapt():
+    for kind in (Reflex, Hughes2017CNN):
+        assert not contract.adapts(kind(bits=8)) and contract.adapts(kind())
+    assert "bits" not in Hughes2017CNNRNN().get_params() and contract.adapts(Hughes2017CNNRNN())

@@ -16,7 +16,7 @@ from models.nets.checkpoint import Checkpoint
 from models.nets.cnn85 import RATES, SelectiveSGD
 from models.nets.hughes2017 import Hughes2017CNN
 from models.nets.touchnet import OneCycle
-from models.nets.training import Optimiser, Schedule, Windows, _stands_still, train
+from models.nets.training import Optimiser, Schedule, Windows, train
 from models.nets.zhou2016 import Zhou2016GMLSTM
 from tests.conftest import random_corpus
 
@@ -108,13 +108,6 @@ def test_the_best_epoch_is_kept_and_training_stops_when_the_loss_stands_still(wi
     assert [row["held_accuracy"] for row in history] == [0.2, 0.7, 0.7, 0.1]
     assert net[1].bias.tolist() == [2.0, 2.0]
     assert len(train(net, windows, target, still(net), Schedule(50, len(windows), 0, patience=3))) == 6
-
-
-def test_single_epochs_with_a_high_loss_neither_stop_training_nor_keep_it_going():
-    falling = [1.5, 1.4, 1.3, 1.2, 1.1, 1.0]
-    assert not _stands_still([*falling[:5], 9.0], 3)  # the mean of the last three rises
-    assert _stands_still([1.0, 9.0, 1.0, 1.0, 1.0, 1.0], 3)  # the mean falls
-    assert not _stands_still(falling, 3) and not _stands_still([1.0] * 5, 3)
 
 
 def test_loss_with_smoothing_and_several_decisions_by_hand(windows):

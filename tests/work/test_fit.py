@@ -16,11 +16,11 @@ import pytest
 from bench.cli import main
 from bench.corpora.library import open_corpus
 from bench.plan.cells import cells
-from bench.work.fit import _stopping, fit
+from bench.work.fit import fit
 from bench.work.replay import Replay, learned
 from bench.work.saved import Recogniser, load, quiet, requirements
 from tests.conftest import random_corpus, runs
-from tests.work.fakes import Level, cell_of
+from tests.work.fakes import Level
 
 CELL = {"model": "lda", "features": "touch", "data.subjects": "3", "data.variants": "normal"}
 CELL |= {"where": "gesture in ['pat', 'rub', 'tap']"}
@@ -109,13 +109,6 @@ def test_a_saved_system_decides_as_the_estimator_as_surely_as_it_may(shipped, mo
     run = shipped.run
     assert {"fit_seconds", "fit_cpu_seconds", "predict_ms_p50", "predict_ms_p99", "parameters"} <= set(run.data.metrics)
     assert run.data.tags["system"] == shipped.cell.system() and run.data.params["captures"] == str(len(corpus))
-
-
-def test_captures_that_cannot_teach_when_to_stop_are_a_warning(capsys):
-    corpus = random_corpus(subjects=1)
-    assert _stopping(cell_of(Level), corpus) is None
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "no calibration" in line and "one subject" in line
 
 
 def test_what_cannot_be_fitted_or_loaded_is_refused(shipped, capsys):

@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.cli import main
-from bench.errors import InputError
-from bench.work.live import decided_at, frames_of
+from bench.work.live import decided_at
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from bench.work.saved import Recogniser
 from tests.conftest import BENCH
@@ -39,18 +38,6 @@ def test_a_decision_is_out_before_the_next_frame_is_read():
     source = iter([np.zeros(2)] * 10)
     for _, seen, _ in decided_at(source, 100.0, 30.0, 5):
         assert source.__length_hint__() == 10 - seen
-
-
-def test_lines_are_frames_and_what_is_none_is_named():
-    """The whole grammar is in tests/export/test_lines.py, with C."""
-    text = b"1,2,3\n 4 5\t6\r\n\n\n7, 8 ,9.5\n"
-    frames = list(frames_of(io.BytesIO(text), 3, 10.0))
-    assert [f if f is None else f.tolist() for f in frames] == [[1, 2, 3], [4, 5, 6], None, None, [7, 8, 9.5]]
-    for line, fact in {b"1,2": "2 values", b"1,x,3": "'x'", b"1,-1,3": "-1 ", b"1,11,3": "11 .*full scale 10"}.items():
-        frames = frames_of(io.BytesIO(b"1,2,3\n" + line + b"\n1,2,3\n"), 3, 10.0)
-        assert next(frames) is not None
-        with pytest.raises(InputError, match=f"line 2: .*{fact}"):
-            next(frames)
 
 
 def recogniser(stopping=None):

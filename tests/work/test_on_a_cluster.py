@@ -190,19 +190,6 @@ def test_a_worker_that_is_killed_loses_no_fold(two, slow, capsys):
 
 
 @pytest.mark.nightly
-def test_a_fold_that_kills_its_process_fails_and_no_worker_does(two, slow, capsys):
-    command, folder = slow
-    command += ["model.die=3", f"cluster={two}"]
-    assert main(command) == 1
-    captured = capsys.readouterr()
-    assert "fold 3 failed: The worker process died twice" in captured.err and "3/4" in captured.out
-    died = [m for m in marks(folder) if m[0] == "3"]
-    assert len(died) == 2
-    assert not any(gone(worker) for _, _, worker in marks(folder))
-    assert main([*command[:-2], f"cluster={two}"]) == 0  # which takes the next command
-
-
-@pytest.mark.nightly
 def test_a_worker_computes_with_the_code_that_is_there_now(tmp_path, monkeypatch):
     """Its process has the old code in memory, and would stay for the next command."""
     for package in ("bench", "features", "models", "protocols", "reports"):

@@ -133,14 +133,3 @@ def test_other_faults_or_training_subjects_are_another_run(corpus):
     keys = [key_of(plan, Stress(*how)) for how in ((FEW, ()), (FEW[:1], ()), (FEW, (2,)))]
     assert len(set(keys)) == 3 and keys[0] == key_of(plan, Stress(FEW))
     assert key_of(plan, Evaluation()) not in keys
-
-
-def test_no_faulted_capture_reaches_the_feature_cache():
-    from bench.corpora.library import open_corpus
-    from bench.scratch import home
-
-    (cell,) = cells({"model": "bayes", "features": "jung28", "data.subjects": "2", "data.variants": "normal"})
-    corpus = open_corpus(cell.data, cell.data_parameters)
-    Stress(FEW).fold(cell, corpus, folds_of(cell, corpus)[0], 1)
-    (path,) = (home() / "features").glob("*.parquet")
-    assert pd.read_parquet(path).equals(cell.features.make().extract(corpus))
