@@ -1,29 +1,19 @@
 """Messages of folds, from their process to the bar, and the time left."""
 
 import time
-from io import StringIO
 from types import SimpleNamespace
 
 import pytest
-from rich.console import Console
 
 from bench import progress
 from bench.outcomes.results import FoldResult
-from bench.progress import Message, messages, note, tell, telling
+from bench.progress import messages, tell, telling
 from bench.work import workers
-from bench.work.bar import Bar
 
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
     monkeypatch.setattr(progress, "OFTEN_S", 0.0)
-
-
-@pytest.fixture
-def log(monkeypatch):
-    """What is printed where no terminal is."""
-    monkeypatch.setattr(progress, "console", Console(file=StringIO(), width=200))
-    return progress.console.file
 
 
 def words(folder):
@@ -78,22 +68,6 @@ def test_a_fold_tells_under_its_name(tmp_path):
     result = workers.do_fold(Telling(), None, corpus, fold, 1, "key of svm", tmp_path)
     assert [message[:4] for message in seen] == [("key of svm", "anna", "", None), ("key of svm", "anna", "half", 3.0)]
     assert result.seconds >= 0.05 and result.scored == {"rate": 9.0} and messages(tmp_path) == []
-
-
-def test_each_run_has_a_bar_with_its_time_left_and_a_line_for_each_message(tmp_path, log):
-    """Two seeds of one title: of the first a fold needs 80 s still, of the second nobody knows anything."""
-    now = time.time()
-    note(tmp_path, Message("seed 0", "bob", "half", 100.0, now - 20, now - 20))
-    note(tmp_path, Message("seed 1", "anna", "", None, now - 20, now - 20))
-    (tmp_path / ".3").write_text("not yet")
-    with Bar(tmp_path) as bar:
-        bar.begin("seed 0", "svm", 1, 0, lambda: 1)
-        (_, line) = bar.get_renderables()
-        assert str(line) == "  bob: half, 1 min 20 s left"
-        bar.begin("seed 1", "svm", 1, 0, lambda: 1)
-        (_, line) = bar.get_renderables()
-        assert str(line) == "  svm: bob: half, 1 min 20 s left"
-        assert [run.fields["left"] for run in bar.tasks] == ["1 min 20 s left", ""]
 
 
 def test_time_left_by_hand():

@@ -23,20 +23,6 @@ def rows(values, origin=0, **conditions):
     return pd.DataFrame(labels | conditions | frames).join(pd.DataFrame(values).add_prefix("x"))
 
 
-@pytest.mark.parametrize("origin", [0, 1])
-@pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_any_grid_rate_and_conditions(tmp_path, kind, origin):
-    table = rows(np.arange(18).reshape(3, 6), origin, place=["arm", "arm", "leg"])
-    corpus = read(stored(table.rename(columns=lambda c: f" {c}"), tmp_path, kind), 54.0, "2x3", 100.0)
-    assert corpus.grid == (2, 3) and corpus.frames.dtype == np.uint16 and list(corpus.lengths) == [2, 1]
-    assert corpus[0][1].tolist() == [[6, 7, 8], [9, 10, 11]] and (corpus.rate_hz, corpus.full_scale) == (54, 100)
-    assert corpus.captures.to_dict("list") == {
-        "subject": ["ann", "bob"],
-        "gesture": ["pat", "rub"],
-        "place": ["arm", "leg"],
-    }
-
-
 @pytest.mark.parametrize("marks", [(1, 1), (True, True), ("true", "TRUE"), (0, 0), (False, True), ("1", "0")])
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_a_column_marks_generated_captures(tmp_path, kind, marks):

@@ -224,7 +224,7 @@ def test_sizes_of_a_windowed_system_are_those_of_a_window(corpus):
         *(("cnn85", {name: value}) for name, value in (("epochs", 0), ("padding", "mirror"), ("frames", 10**9))),
         *(("ren2023_transformer", {name: value}) for name, value in (("seconds", 4000), ("precision", "half"))),
         ("hughes2017_ae_rnn", {"pretraining": 0}),
-        ("zhou2016_3dcnn", {"seconds": 0.5, "frames": 7}),
+        ("zhou2016_3dcnn", {"frames": 7, "seconds": 0.5}),
         ("cnn85", {"hop": 40, "frames": 20}),
         ("zhou2016_lrcn", {"average": 17, "frames": 16}),
         ("cnn85", {"person": "centre"}),

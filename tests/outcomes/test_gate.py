@@ -3,7 +3,6 @@
 import itertools
 from collections import Counter
 from dataclasses import replace
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -15,7 +14,7 @@ from scipy.stats import binom
 from bench.commands.check import understood
 from bench.errors import InputError
 from bench.outcomes.baseline import Measured, read, text
-from bench.outcomes.gate import LIMITS, Verdict, compare, drawn, held, interval, junit, p_value, units_of
+from bench.outcomes.gate import LIMITS, compare, drawn, held, interval, p_value, units_of
 from bench.outcomes.results import FoldResult, costs
 
 NAMES = {
@@ -205,16 +204,3 @@ def test_a_damaged_baseline_is_refused_and_stays(old, new, tmp_path):
     with pytest.raises(InputError):
         read(path, understood)
     assert path.read_text() == before
-
-
-def test_junit_has_a_case_for_each_system():
-    verdicts = [
-        Verdict("s <1>", (), "fine & well"),
-        Verdict("t", ("worse",), "1 \x07"),
-        Verdict("u", ("not run",), "", False),
-    ]
-    suite = ElementTree.fromstring(junit(verdicts))
-    assert {k: suite.get(k) for k in ("tests", "failures", "errors")} == {"tests": "3", "failures": "1", "errors": "1"}
-    good, bad, none = suite
-    assert good.get("name") == "s <1>" and good.find("system-out").text == "same     s <1>: fine & well"
-    assert bad.find("failure").get("message") == "worse    t: 1  " and none.find("error") is not None

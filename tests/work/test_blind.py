@@ -199,17 +199,6 @@ def test_random_predictions_lists_and_skipped_captures_are_told_apart():
         decisions(lists, FEW, "", TEST)
 
 
-def test_the_effect_names_capture_and_both_labels():
-    system = trained(Mean())
-    table = decisions(system, FEW, "", TEST)
-    assert batch_effects(system, FEW, TEST, table) == []
-    alone = system.predict(FEW[[TEST[4]]].blind())[0]
-    label = "tap" if alone != "tap" else "pat"
-    table.loc[4, [f"p_{c}" for c in system.classes_]] = [float(c == label) for c in system.classes_]
-    (effect,) = batch_effects(system, FEW, TEST, table)
-    assert effect == f"capture {TEST[4]} has label {alone} alone, label {label} among {len(TEST)} test captures"
-
-
 def test_declared_conditions_are_visible_and_no_others():
     covered = FEW.changed(captures=FEW.captures.assign(cover="fur"))
     system = Pipeline([("all", Cover())]).fit(covered, covered.gestures)
