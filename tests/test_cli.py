@@ -151,13 +151,6 @@ def test_a_table_that_cannot_be_written_leaves_the_earlier_one(tmp_path):
     assert (tmp_path / "f.csv").read_text() == "earlier" and not list(tmp_path.glob(".*part*"))
 
 
-def test_a_working_folder_that_is_gone(tmp_path):
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    done = subprocess.run([*BENCH, "run"], capture_output=True, text=True, cwd=gone, preexec_fn=gone.rmdir)
-    assert done.returncode == 2 and "working folder" in done.stderr and done.stderr.count("\n") == 1
-
-
 def test_memory_that_runs_out_is_one_line(monkeypatch, capsys):
     def hungry(_):
         raise MemoryError("Unable to allocate 1 TiB")

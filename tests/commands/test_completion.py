@@ -1,11 +1,5 @@
 """Completion in the shell: keys that commands take, names that are known, in real shells, nothing heavy loaded."""
 
-import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
 from bench.arguments import parse, setting
@@ -51,45 +45,3 @@ def test_names_of_values_that_the_registry_lacks_are_taken_by_the_code():
         word = f"{key}={'peak' if key == 'model.scale' else '+'.join(listed)}"
         (cell,) = cells(parse(["model=lda", "features=touch", word], {"model", "features"}))
         cell.estimator()
-
-
-@pytest.fixture
-def path(tmp_path):
-    """A PATH on which ``bench`` is this copy."""
-    (tmp_path / "bin").mkdir()
-    bench = tmp_path / "bin" / "bench"
-    root = Path(__file__).parents[2]
-    bench.write_text(
-        f"#!/bin/sh\nPYTHONPATH={root} exec {sys.executable} -c "
-        "'import sys; from bench.cli import main; sys.exit(main())' \"$@\"\n"
-    )
-    bench.chmod(0o755)
-    return os.environ | {"PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}", "HOME": str(tmp_path)}
-
-
-def shell(name, script, path):
-    if not shutil.which(name):
-        pytest.skip(f"{name} is not installed")
-    done = subprocess.run([name, "-c", script], capture_output=True, text=True, env=path, timeout=60)
-    return done.stdout.splitlines()
-
-
-TYPED = {
-    "bench ru": ["run"],
-    "bench run model=svm,xg": ["model=svm,xgb"],
-    "bench run data=synth proto": ["protocol="],
-    "bench data exp": ["export"],
-}
-
-
-@pytest.mark.parametrize(("typed", "expected"), TYPED.items())
-def test_bash_completes(typed, expected, path):
-    script = (
-        'eval "$(bench completion bash)"; complete -p bench\n'
-        f'COMP_LINE="{typed}"; COMP_POINT=${{#COMP_LINE}}; _bench 2>/dev/null; printf "%s\\n" "${{COMPREPLY[@]}}"'
-    )
-    first, *words = shell("bash", script, path)
-    assert first == "complete -F _bench bench"
-    last = typed.split()[-1]
-    behind = last.rpartition("=")[0] + "=" if "=" in last else ""  # bash puts what it gets behind the =
-    assert [behind + word for word in words] == expected

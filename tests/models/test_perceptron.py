@@ -9,7 +9,6 @@ import joblib
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.neural_network import MLPClassifier
@@ -63,21 +62,6 @@ def test_rows_are_drawn_as_often_as_they_count():
     np.testing.assert_allclose(hardly.mean_, alone.mean_, rtol=1e-4)
     np.testing.assert_allclose(hardly.coefs_[0], alone.coefs_[0], atol=1e-4)
     assert abs(much.mean_[2] - alone.mean_[2]) > 1
-
-
-def test_a_seed_is_all_that_it_draws_from():
-    """Not of torch's generator, and threads change nothing."""
-    fits, drawn = [], []
-    for threads, seed in ((1, 0), (2, 0), (1, 1)):
-        torch.set_num_threads(threads)
-        torch.manual_seed(5)
-        fits.append(Perceptron(seed=seed, **QUICK).fit(*table()).coefs_[0])
-        drawn.append(torch.rand(1).item())
-        assert torch.get_num_threads() == threads
-    torch.set_num_threads(1)
-    assert np.array_equal(fits[0], fits[1]) and not np.array_equal(fits[0], fits[2])
-    torch.manual_seed(5)
-    assert {*drawn} == {torch.rand(1).item()}
 
 
 @given(st.integers(0, 100))

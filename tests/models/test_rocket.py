@@ -1,12 +1,9 @@
 """Random convolutions and ridge: the ridge against scikit-learn, series against a loop, and what no system may do."""
 
 import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import log_softmax, softmax
@@ -119,15 +116,6 @@ def test_without_aeon_one_line_says_what_to_install(monkeypatch, capsys):
     assert not os.path.exists("mlflow.db")
 
 
-def test_aeon_is_imported_by_no_command_that_does_not_need_it():
-    code = (
-        "import sys; sys.modules['aeon'] = None; from bench.cli import main; from bench.plan.cells import cells\n"
-        "assert main(['run', '--help']) == main(['systems']) == 0\n"
-        "cells({'model': 'rocket,svm'})[0].estimator(); assert 'numba' not in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
-
-
 BOTH = pytest.mark.parametrize("transform", ["minirocket", "multirocket_hydra"])
 
 
@@ -140,17 +128,3 @@ def small(transform="minirocket", **kwargs):
 @pytest.mark.parametrize("channels", ["taxels", "both"])
 def test_contract_of_every_transform(transform, channels):
     check_contract(lambda: small(transform, channels=channels))
-
-
-@pytest.mark.nightly
-@BOTH
-def test_nothing_of_the_process_is_changed(transform, corpus):
-    threads = torch.get_num_threads()
-    np.random.seed(5)
-    torch.manual_seed(5)
-    expected = np.random.random(), torch.rand(1).item()
-    np.random.seed(5)
-    torch.manual_seed(5)
-    small(transform).fit(corpus, corpus.gestures).predict(corpus)
-    assert (np.random.random(), torch.rand(1).item()) == expected
-    assert torch.get_num_threads() == threads

@@ -1,11 +1,9 @@
 """The training loop, its optimisers, and trainings that go on after an interruption, on networks of a layer or two."""
 
-import os
-import time
-
 import numpy as np
 import pytest
 import torch
+from sklearn.base import clone
 from torch import nn
 
 from bench.corpora.library import open_corpus
@@ -13,9 +11,9 @@ from bench.scratch import home
 from models.adapters import FromTorch
 from models.nets import checkpoint
 from models.nets.checkpoint import Checkpoint
-from models.nets.cnn85 import RATES, SelectiveSGD
-from models.nets.hughes2017 import Hughes2017CNN
-from models.nets.touchnet import OneCycle
+from models.nets.cnn85 import CNN85, RATES, SelectiveSGD
+from models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
+from models.nets.touchnet import OneCycle, TouchNet
 from models.nets.training import Optimiser, Schedule, Windows, train
 from models.nets.zhou2016 import Zhou2016GMLSTM
 from tests.conftest import random_corpus
@@ -256,21 +254,36 @@ def test_a_state_has_the_name_of_all_that_the_training_depends_on(stored, monkey
     assert name(FromTorch(lambda *sizes: small(*sizes))) is None
 
 
-def test_a_system_goes_on_and_a_long_training_is_not_done_twice(stored, always, monkeypatch):
-    make = lambda seed=0: Zhou2016GMLSTM(frames=40, epochs=3, batch=8, seed=seed)  # noqa: E731
-    unbroken = make().fit(stored, stored.gestures)
+SYSTEMS = [
+    CNN85(frames=20, width=0.1, epochs=12, batch=16),  # which searches its rate again in the eleventh epoch
+    Hughes2017CNNRNN(epochs=3, batch=8),
+    Hughes2017AERNN(epochs=3, pretraining=1),
+    FromTorch(small, frames=20, epochs=3),
+    TouchNet(seconds=0.2, width=4, updates=30, batch=16),
+]
+
+
+@pytest.mark.parametrize(
+    "system",
+    [Zhou2016GMLSTM(frames=40, epochs=3, batch=8), *(pytest.param(s, marks=pytest.mark.nightly) for s in SYSTEMS)],
+    ids=lambda system: type(system).__name__,
+)
+def test_a_system_goes_on_and_a_long_training_is_not_done_twice(system, stored, always, monkeypatch):
+    with monkeypatch.context() as patched:
+        every = counted(patched)
+        unbroken = clone(system).fit(stored, stored.gestures)
     assert not hasattr(unbroken, "fit_seconds_") and not [*(home() / "training").glob("*")]
     with monkeypatch.context() as patched, pytest.raises(Killed):
-        counted(patched, 2)
-        make().fit(stored, stored.gestures)
+        counted(patched, len(every) - 1)
+        clone(system).fit(stored, stored.gestures)
     monkeypatch.setattr(checkpoint, "LONG_S", 0.0)
     epochs = counted(monkeypatch)
     for trained in (1, 1):  # the last epoch, then none
-        model = make().fit(stored, stored.gestures)
+        model = clone(system).fit(stored, stored.gestures)
         assert len(epochs) == trained and model.fit_seconds_[0] > 0 and model.history_ == unbroken.history_
         assert np.array_equal(model.predict_proba(stored), unbroken.predict_proba(stored))
-    make(seed=1).fit(stored, stored.gestures)
-    assert len(epochs) == 4
+    clone(system).set_params(seed=1).fit(stored, stored.gestures)
+    assert len(epochs) == 1 + len(every)
 
 
 def test_a_folder_that_cannot_be_written_or_is_full_costs_only_the_resuming(windows, tmp_path, always, monkeypatch):
@@ -283,11 +296,3 @@ def test_a_folder_that_cannot_be_written_or_is_full_costs_only_the_resuming(wind
         net, kept = dropping(), Checkpoint(path)
         assert len(train(net, windows, np.zeros(len(windows)), still(net), Schedule(2, 8, 0), kept=kept)) == 2
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
-
-
-def test_states_that_nobody_has_touched_for_a_month_go(tmp_path):
-    for name, days in (("old.pt", 31), ("new.pt", 29)):
-        (tmp_path / name).touch()
-        os.utime(tmp_path / name, (time.time() - days * 86400,) * 2)
-    Checkpoint(tmp_path / "mine.pt")._write({})
-    assert {p.name for p in tmp_path.iterdir()} == {"new.pt", "mine.pt"}

@@ -21,7 +21,6 @@ from features.jung28 import Jung28
 from features.ta273 import Ta273
 from models.classic.rf import et
 from models.classic.svm import svm
-from models.nets.cnn85 import CNN85
 from models.search.inner_folds import Tables, inner_folds
 from models.search.space import Range
 from models.search.study import Tried
@@ -154,15 +153,6 @@ def test_what_is_taken_by_hand():
     assert search._ranked(trials) == [3, 1, 4, 2]
     search.objective = "smallest"
     assert search._ranked(trials) == [4, 3, 1]
-
-
-def test_raw_frames_are_searched_too():
-    corpus = random_corpus(subjects=3, per_class=1, longest=12)
-    space = {"frames": [5, 8], "epochs": [1], "batch": [8]}
-    search = Search({"cnn85": CNN85}, {"cnn85": space}, inner="2").fit(corpus, corpus.gestures)
-    assert search.best_.frames == search.chosen_["cnn85.frames"] in (5, 8)
-    table, proba = search.decide(corpus)
-    assert len(table) == len(proba) >= len(corpus)
 
 
 def test_test_subjects_change_nothing_that_is_chosen_or_learned_and_nothing_is_judged_again(tmp_path, monkeypatch):

@@ -1,8 +1,5 @@
 """Arguments as cells: grids, parameters, and mistakes."""
 
-import subprocess
-import sys
-
 import pytest
 
 from bench.arguments import KEYS, jobs_of, parse
@@ -111,18 +108,6 @@ def test_an_unusable_store_or_data_folder_is_refused_before_anything_runs(tmp_pa
     assert main(run) == 2
     error = capsys.readouterr().err
     assert "TOUCHBENCH_HOME" in error and error.count("\n") == 1
-
-
-@pytest.mark.parametrize("arguments", [[], ["run", "--help"], ["data", "--help"]])
-def test_help_names_every_part_and_imports_nothing_heavy(arguments):
-    code = (
-        "import sys; from bench.cli import main; main(sys.argv[1:]);"
-        "heavy = {'numpy', 'pandas', 'sklearn', 'torch', 'mlflow', 'rich', 'matplotlib', 'psutil'} & set(sys.modules);"
-        "assert not heavy, heavy"
-    )
-    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
-    if arguments[:1] == ["run"]:
-        assert all(name in done.stdout for name in ("cnn85", "bayes", "loso", "challenge", "groupkfold", "jung28"))
 
 
 def test_a_value_may_hold_equals_signs():

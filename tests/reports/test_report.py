@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
-from bench.errors import InputError
 from bench.leaderboard.tasks import HAART
 from bench.outcomes.comparable import BATCH, CONDITIONS, MARK
 from bench.outcomes.runs import independent, tracked, with_groups
@@ -231,16 +230,6 @@ def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypat
     left.mkdir()
     page.write_report(store, Path("report"))
     assert files() != before and not left.exists()
-
-
-def test_nothing_tracked_and_nothing_written_are_one_line(quick, store, capsys):
-    with pytest.raises(InputError):
-        page.write_report(store, Path("report"))
-    tracked_run(store, "a", made_up(3))
-    Path("taken").touch()
-    with pytest.raises(InputError, match="taken"):
-        page.write_report(store, Path("taken"))
-    assert main(["report", "out=there"]) == 0 and "there/index.html" in capsys.readouterr().out
 
 
 def test_corpora_of_one_name_newer_runs_and_seeds(store):

@@ -2,7 +2,6 @@
 
 import pickle
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -27,12 +26,6 @@ from sklearn.naive_bayes import GaussianNB
 class Mine(GaussianNB):
     """Reads a table."""
 '''
-
-
-def test_a_run_on_this_machine_does_not_import_dask():
-    code = "import sys, bench.commands.run, bench.commands.stream; print({'dask', 'distributed'} & {*sys.modules})"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 0 and done.stdout == "set()\n", done.stderr
 
 
 def test_a_cluster_needs_dask_and_no_jobs(monkeypatch, capsys):
