@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.duplicates import identical, quiet, repeated, seen_before, without
+from bench.corpora.duplicates import identical, quiet, repeated, seen_before, warning, without
+from bench.corpora.survey import survey
 from tests.conftest import random_corpus
 
 
@@ -76,3 +77,12 @@ def test_a_condition_leaves_one_capture_out(position):
     corpus = random_corpus()
     left = corpus.select(without(corpus, position))
     assert left.index.tolist() == [i for i in range(36) if i != position]
+
+
+def test_an_import_warns_of_them_and_a_survey_lists_them():
+    corpus = copied(random_corpus(longest=20), [(10, 1), (30, 1), (5, 4)])
+    (line,) = warning(corpus)
+    assert "\n" not in line and line.startswith("5 captures") and warning(random_corpus()) == []
+    table = survey(corpus).duplicates
+    assert table[["group", "capture"]].to_numpy().tolist() == [[1, 1], [1, 10], [1, 30], [2, 4], [2, 5]]
+    assert survey(corpus[np.array([30, 9, 1])]).duplicates["capture"].tolist() == [1, 30]  # of the whole corpus

@@ -80,6 +80,8 @@ MISTAKES = [  # what is typed, and facts that the message names
     ("model=cnn85 model.hop=0", "model.hop=0", "1"),
     ("model.C=-1", "model.C=-1", "above 0"),
     ("model.kernel=foo", "model.kernel=foo", "linear"),
+    ("model=rf model.trees=0", "model.trees=0"),
+    ("model=xgb model.rate=0", "model.rate=0"),
     ("model=bayes model.ridge=0", "model.ridge=0"),
     ("features.area=hand", "features.area=hand", "capture"),
     ("protocol=challenge protocol.seed=-1", "protocol.seed=-1", "from 0"),

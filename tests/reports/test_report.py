@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
+from bench.errors import InputError
 from bench.leaderboard.tasks import HAART
 from bench.outcomes.comparable import BATCH, CONDITIONS, MARK
 from bench.outcomes.runs import independent, tracked, with_groups
@@ -214,6 +215,8 @@ def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypat
     def files():
         return {p: p.read_bytes() for p in Path("report").rglob("*") if p.is_file()}
 
+    with pytest.raises(InputError):  # nothing is tracked
+        page.write_report(store, Path("report"))
     tracked_run(store, "a", made_up(3))
     Path("report/figures").mkdir(parents=True)
     for name in ("9-old-speed.png", "mine.png"):

@@ -3,6 +3,7 @@
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -13,6 +14,7 @@ import psutil
 import pytest
 
 from bench.cli import main
+from bench.work import cluster
 from tests.commands.test_server import free_port
 from tests.conftest import BENCH, predictions, runs
 
@@ -175,6 +177,19 @@ def test_a_worker_with_other_code_is_left_out(tmp_path, capsys):
             assert until(lambda: main(command) == 0)
             error = capsys.readouterr().err
             assert " is left out: it has touchbench's code" in error and "4/4" in error
+
+
+@pytest.mark.nightly
+def test_something_else_that_listens_and_a_cluster_without_workers(monkeypatch, capsys):
+    monkeypatch.setattr(cluster, "ANSWER_S", 5.0)
+    monkeypatch.setattr(cluster, "FIRST_S", 1.0)
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        assert main(["run", *SMALL, f"cluster=tcp://127.0.0.1:{mute.getsockname()[1]}"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no scheduler answers (TimeoutError after 5 s)" in line
+    with scheduler() as place:
+        assert until(lambda: main(["run", *SMALL, f"cluster={place}"]) == 2)
+        assert f"has no worker; start some, such as: dask worker {place}" in capsys.readouterr().err
 
 
 def test_a_worker_that_is_killed_loses_no_fold(two, slow, capsys):
