@@ -179,10 +179,8 @@ def test_stress_stream_fit_and_tune():
     ("values", "fact"),
     [
         ({"modle": "svm"}, "did you mean model"),
-        ({"trials": 5}, "'trials'"),
         ({"model": []}, "model="),
         ({"model": SVC(), "model__C": 3}, "'C'"),
-        ({"jobs": 1.5}, "jobs=1.5"),
         ({"data__subjects": [2, "x"]}, "subjects=x"),
     ],
 )
