@@ -1,4 +1,4 @@
-"""The command ``bench check``: a system from one commit to the next, and bad input."""
+"""The command ``bench check``: a system from one commit to the next, bad input, and the gate of this project."""
 
 import sys
 from pathlib import Path

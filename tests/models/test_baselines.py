@@ -1,4 +1,4 @@
-"""Classifiers and published systems against independent computations; test_systems.py has what all must do."""
+"""Classifiers, scalers and published systems against independent computations; test_systems.py has what all must do."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
-"""Random files of every format that is imported, whole and damaged: stored as they are, or refused in a line.
+"""Random damaged files of every format that is imported: refused in a line, or stored as what they say.
 
-A whole file must be stored as it was made. What a damaged one may hold is told by readers of Python, NumPy and pandas.
+What a damaged one may hold is told by readers of Python, NumPy and pandas.
 """
 
 import csv
@@ -59,20 +59,20 @@ def captures(draw):
     return frames, lengths, {name: draw(words) for name in names}
 
 
-def long_table(frames, lengths, columns, origin=0):
+def long_table(frames, lengths, columns):
     table = pd.DataFrame({name: np.repeat(np.array(words, object), lengths) for name, words in columns.items()})
-    table["frame"] = np.concatenate([np.arange(origin, origin + n) for n in lengths])
+    table["frame"] = np.concatenate([np.arange(n) for n in lengths])
     channels = frames.reshape(len(frames), -1)
     return pd.concat([table, pd.DataFrame(channels, columns=CHANNELS[: channels.shape[1]])], axis=1)
 
 
-def text_of(table, end="\n"):
-    return table.to_csv(index=False, lineterminator=end, quoting=csv.QUOTE_MINIMAL)
+def text_of(table):
+    return table.to_csv(index=False, quoting=csv.QUOTE_MINIMAL)
 
 
-def packed(arrays, packing=zipfile.ZIP_DEFLATED):
+def packed(arrays):
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", packing) as archive:
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, array in arrays.items():
             content = io.BytesIO()
             np.save(content, array, allow_pickle=True)
@@ -80,13 +80,13 @@ def packed(arrays, packing=zipfile.ZIP_DEFLATED):
     return buffer.getvalue()
 
 
-def npz_of(frames, lengths, columns, kind="<f8"):
-    return packed({"frames": frames.astype(kind), "offsets": np.cumsum([0, *lengths]), **columns})
+def npz_of(frames, lengths, columns):
+    return packed({"frames": frames.astype("<f8"), "offsets": np.cumsum([0, *lengths]), **columns})
 
 
-def parquet_of(table, **options):
+def parquet_of(table):
     buffer = io.BytesIO()
-    table.to_parquet(buffer, index=False, **options)
+    table.to_parquet(buffer, index=False)
     return buffer.getvalue()
 
 
@@ -94,10 +94,10 @@ def grid_of(frames):
     return OPTIONS | {"grid": f"{frames.shape[1]}x{frames.shape[2]}"}
 
 
-def outcome(tmp_path, content, suffix, options, kind="table"):
+def outcome(tmp_path, content, suffix, options):
     path = tmp_path / f"a.{suffix}"
     path.write_bytes(content)
-    return bounded(imported, kind, path, options, seconds=20)
+    return bounded(imported, "table", path, options, seconds=20)
 
 
 def same(stored, frames, lengths, columns):

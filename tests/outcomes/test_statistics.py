@@ -1,4 +1,4 @@
-"""The tests of the report against scipy, hand calculations and the tables of the papers that introduced them."""
+"""The tests of the report against scipy, by hand and against papers; the rule of one standard error in fractions."""
 
 import itertools
 from fractions import Fraction

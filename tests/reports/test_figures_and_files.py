@@ -12,31 +12,12 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.survey import survey
 from bench.errors import InputError
 from reports import corpus_page, details, speed
-from reports.numbers import bounded, listed, number, p_value, whole, with_sd
 from reports.provenance import command
 from reports.spreadsheet import write_sheet
 from tests.conftest import random_corpus
 from tests.reports.store import made_up
 
 NAN = float("nan")
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        (number(-1.05, 2, sign=True), "-1.05"),
-        (number(NAN), "-"),
-        (bounded(50.04, 40, 60.06), "50.0 [40.0, 60.1]"),
-        (bounded(5, -1, 11, sign=True), "+5.0 [-1.0, +11.0]"),
-        (bounded(NAN, NAN, NAN), "-"),
-        (with_sd(5, 1.04), "5.0 ± 1.0"),
-        (whole(12345.6), "12 346"),
-        (p_value(0.0009), "< 0.001"),
-        (listed([*"abcdef"]), "a, b, c, d and 2 others"),
-    ],
-)
-def test_numbers_as_text(text, expected):
-    assert text == expected
 
 
 def test_front_by_a_plain_loop():
