@@ -33,6 +33,7 @@ from bench.outcomes.scores import ratio_interval, subject_interval
 
 REPORT = {"recording": np.int64, "reported": np.int64, "end": np.int64, "first": str, "label": str}
 REPORT |= {"confidence": np.float64}
+COLLAR_S = 0.5  # seconds after the end of a touch in which a report still belongs to it
 FALSE_ALARM = -1  # the touch of a report that belongs to none
 SHARES = ("found", "first_correct", "end_correct")
 
@@ -43,7 +44,7 @@ def report_table(rows: Iterable[tuple[int, int, int, str, str, float]]) -> pd.Da
 
 
 def matched(
-    truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, collar_s: float = 0.5
+    truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, collar_s: float = COLLAR_S
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Touches with the reports that belong to them.
 
@@ -71,7 +72,7 @@ def matched(
         numbered from 0.
     """
     truth, reports = truth.reset_index(drop=True), reports.reset_index(drop=True)
-    touch = _touches_of(truth, reports, int(collar_s * rate_hz + 1e-6))
+    touch = touches_of(truth, reports, rate_hz, collar_s)
     reports = reports.assign(touch=touch)
 
     of_touches = reports[touch != FALSE_ALARM].sort_values(["reported", "end"], kind="stable")
@@ -92,11 +93,12 @@ def matched(
     return touches.astype(kinds), reports
 
 
-def _touches_of(truth: pd.DataFrame, reports: pd.DataFrame, collar: int) -> np.ndarray:
-    """Row of the touch of each report, int64 [reports], with a collar in frames.
+def touches_of(truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, collar_s: float = COLLAR_S) -> np.ndarray:
+    """Row of the touch that each report belongs to, -1 for a false alarm, int64 [reports]; arguments of `matched`.
 
     Touches do not overlap: if the latest one that started by the time of the report ended too early, all others did.
     """
+    collar = int(collar_s * rate_hz + 1e-6)
     recording, reported = reports["recording"].to_numpy(), reports["reported"].to_numpy()
     span = 1 + max(truth["start"].max(), reported.max()) if len(truth) and len(reports) else 1
     starts = (truth["recording"] * span + truth["start"]).to_numpy()
