@@ -83,7 +83,7 @@ def corpus(data: str = "synth", where: str = "", target: str = "gesture", **para
         data: an imported corpus, or ``synth``.
         where: captures to use, a condition on their columns.
         target: columns to tell apart.
-        parameters: of ``synth``.
+        parameters: parameters of ``synth``.
 
     Raises:
         InputError: it is not here, or the condition cannot be used.
@@ -110,7 +110,7 @@ def look(
         out: folder for figures, an animation and a page that holds them; None draws nothing.
         capture: the one to animate, by its position in the whole corpus; None for a typical one of each gesture.
         target: columns that make the class to predict, such as ``variant``; its classes are counted.
-        parameters: of ``synth``.
+        parameters: parameters of ``synth``.
 
     Returns:
         Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
@@ -313,9 +313,9 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
     """Two tracked systems on whole captures, paired over subjects; seeds are averaged.
 
     Args:
-        system: as tables name it, such as ``"svm · jung54"`` or ``"reflex (reference)"``, or its values as `run` takes
-            them, such as ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or
-            ``protocol`` among these, it is looked for there.
+        system: system name as in tables, such as ``"svm · jung54"`` or ``"reflex (reference)"``, or its values as `run`
+            takes them, such as ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or
+            ``protocol`` among these, only matching runs are searched.
         other: the system to compare it with.
         values: ``data``, ``where``, ``target`` and ``protocol`` of both.
 

@@ -32,7 +32,7 @@ def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, 
     """Split ``key=value`` arguments.
 
     Args:
-        arguments: what was typed.
+        arguments: typed words.
         known: keys that may appear, see `bench.options.keys`; those of `PARTS` and ``data`` may also be dotted. None
             takes every key.
 
@@ -57,7 +57,7 @@ def parse_words(arguments: Sequence[str], known: Collection[str], most: int) -> 
     """Split arguments of a command that takes words without a key first, such as names of files.
 
     Args:
-        arguments: what was typed.
+        arguments: typed words.
         known: keys of the options.
         most: words that there may be; a word with ``=`` is one if it is a file, or if its key is unknown.
 

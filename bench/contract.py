@@ -67,8 +67,8 @@ class Hook(Generic[Value]):
     """An attribute that a system or another part may have; that it is of the declared type is up to the part's author.
 
     Args:
-        name: of the attribute.
-        default: what the harness assumes where a part has none.
+        name: name of the attribute.
+        default: value for parts that lack the attribute.
     """
 
     name: str

@@ -23,7 +23,7 @@ def ensure(asked: str, needed: float) -> None:
     """Refuse anything that needs more memory than is free, before it is asked for.
 
     Args:
-        asked: what the user typed.
+        asked: typed request.
         needed: bytes, at the least.
 
     Raises:

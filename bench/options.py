@@ -24,10 +24,10 @@ class Option:
 
     Attributes:
         key: before the ``=``; one with a dot is a parameter that many models take.
-        commands: that take it; ``data-show`` is one of those of ``bench data``.
+        commands: commands that take it; ``data-show`` is ``bench data show``.
         type: ``text``, ``number`` (above 0), ``count`` (a whole number), ``yes`` (or no) or ``amount`` (with a unit).
-        default: where it is not given.
-        help: what it is for; ``{models}`` stands for the names of a room.
+        default: value if it is not given.
+        help: text of the help; ``{models}`` stands for the names of a room.
         values: the only ones, where they can be listed.
         joint: between several values.
     """
@@ -50,8 +50,9 @@ class Command:
         summary: its line in the overview.
         text: a paragraph.
         examples: lines that can be typed.
-        usage: what is typed behind its name; a line for each form.
-        module: of ``bench.commands`` that has a function of its name; of the same name if empty.
+        usage: arguments behind its name; a line for each form.
+        module: module of ``bench.commands`` that has a function of its name; empty if module and function share the
+            name.
     """
 
     group: str

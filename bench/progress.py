@@ -29,7 +29,7 @@ class Message(NamedTuple):
     Attributes:
         run: key of the run that the fold is of; empty for a fit that is no fold.
         fold: name of the fold.
-        words: how far it is; empty before it has said anything.
+        words: progress so far; empty before the first message.
         left: seconds that it expects to need still, None if it cannot know.
         began: when it began, of `time.time`.
         at: when it said so.
@@ -113,9 +113,9 @@ def seconds_left(
 
     Args:
         spent: seconds of folds that are done.
-        running: of the others that are under way, seconds so far, and seconds left if they say so.
+        running: seconds so far of each fold under way, and seconds left, None if unknown.
         waiting: number of folds that nobody has begun.
-        workers: that do them, each one at a time.
+        workers: number of workers, each doing one fold at a time.
     """
     durations = [*spent, *(elapsed + left for elapsed, left in running if left is not None)]
     if not durations:

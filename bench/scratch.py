@@ -108,7 +108,7 @@ def sweep(folder: Path, before: str = "") -> None:
 
     Args:
         folder: whose entries are named by `owner`.
-        before: what stands before the owner in their names.
+        before: prefix of the owner in their names.
     """
     _remove_dead(folder, f"{before}*", rf"{re.escape(before + socket.gethostname())}-(\d{{1,9}})-[^-]*")
 

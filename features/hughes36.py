@@ -65,7 +65,7 @@ class Hughes36(FeatureSet):
         states: number of states of each model.
         iterations: EM iterations of each model.
         epochs: passes of the autoencoder over at most 100 000 training frames.
-        seed: of k-means, of the choice of these frames, of the autoencoder's weights and batches.
+        seed: random seed of k-means, of the choice of these frames, of the autoencoder's weights and batches.
 
     Attributes:
         classes_: gestures, as ``y`` names them.

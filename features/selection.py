@@ -23,7 +23,7 @@ class Subset(FeatureSet):
 
     Args:
         features: the feature set.
-        count: how many columns to keep.
+        count: number of columns to keep.
     """
 
     learns = True
@@ -66,7 +66,7 @@ def select(values: np.ndarray, label: np.ndarray, subject: np.ndarray, selected:
         values: table [captures, columns].
         label: class of each capture, int [captures].
         subject: whose capture it is [captures].
-        selected: how many to keep.
+        selected: number of columns to keep.
     """
     fold = left_out(label, subject)
     if len(np.unique(label)) < 2 or len(np.unique(fold)) < 2:
@@ -97,7 +97,7 @@ class Discriminant:
     Args:
         values: table [captures, columns].
         label: class of each capture, int [captures].
-        train: which captures to learn from, bool [captures]; the others are told apart.
+        train: training captures, bool [captures]; the others are classified.
     """
 
     def __init__(self, values: np.ndarray, label: np.ndarray, train: np.ndarray) -> None:

@@ -24,8 +24,8 @@ class Touch:
 
     Attributes:
         frames: float32 (integer corpora, while it holds sums over the taxels exactly) or float64 [frames, taxels].
-        integer: whether sensor values are whole numbers.
-        values: what thresholds are compared with [frames, taxels]: the integers as they are, else ``frames``.
+        integer: True if sensor values are whole numbers.
+        values: values compared with thresholds [frames, taxels]: integers unchanged, otherwise ``frames``.
         lengths: int64 [captures].
         first: int64 [captures], position of each capture's first frame.
     """

@@ -39,7 +39,7 @@ class Ta273(FeatureSet):
     ======== ==========================================================================================================
 
     Args:
-        levels: where the 16 levels lie: ``training``, equally spaced from the 1st to the 99th percentile of the mean
+        levels: position of the 16 levels: ``training``, equally spaced from the 1st to the 99th percentile of the mean
             pressure of all training frames (the set then learns these two numbers), or ``fixed``, equally spaced
             between 0 and full scale.
     """

@@ -25,8 +25,8 @@ class FromSeries(ClassifierMixin, BaseEstimator):
 
     Args:
         classifier: untrained.
-        channels: as of `Series`.
-        length: as of `Series`.
+        channels: see `Series`.
+        length: see `Series`.
     """
 
     classifier: BaseEstimator
@@ -61,8 +61,8 @@ class FromTorch(WindowNet):
         epochs: passes over the training windows.
         batch: windows per step.
         rate: learning rate.
-        seed: of weights and shuffles.
-        device: of PyTorch.
+        seed: random seed of weights and shuffles.
+        device: PyTorch device.
     """
 
     linear_last = False  # a module may end in anything

@@ -26,15 +26,15 @@ class Guarded(MostProbable):
     index, as `models.classic.lda.Discriminants` reads it. Where there are none, the network learns from the same rows.
 
     Args:
-        windows: as of `models.classic.lda.Discriminants`.
-        units: of the network's hidden layer.
+        windows: number of windows, see `models.classic.lda.Discriminants`.
+        units: number of units in the network's hidden layer.
         doubt: share of the features.
-        seed: of the network.
+        seed: random seed of the network.
 
     Attributes:
         classes_: class names.
         linear_, robust_: the two, fitted.
-        mean_, sd_: of undamaged rows, float32 [features].
+        mean_, sd_: mean and SD of undamaged rows, float32 [features].
     """
 
     windows: float = 2.0

@@ -31,9 +31,9 @@ def share(captures: np.ndarray, codes: np.ndarray | None, classes: int) -> tuple
     a few captures may be of a few classes.
 
     Args:
-        captures: of which capture each row is, numbered from 0.
+        captures: capture of each row, numbered from 0.
         codes: class of each row; None where it is not known.
-        classes: that there are.
+        classes: number of classes.
     """
     count = captures.max() + 1
     if codes is None:
@@ -62,9 +62,9 @@ def relearnt(old: np.ndarray, inputs: np.ndarray, codes: np.ndarray, captures: n
 
     Args:
         old: weights, and the intercept as the last column [classes, inputs + 1].
-        inputs: of the layer [rows, inputs].
+        inputs: inputs of the layer [rows, inputs].
         codes: class of each row.
-        captures: of which capture each row is.
+        captures: capture of each row.
     """
     inputs = np.column_stack([inputs, np.ones(len(inputs))]).astype(np.float64)
     share = (1 / np.bincount(captures)[captures])[:, None]
@@ -92,13 +92,13 @@ class PersonScaler(TransformerMixin, BaseEstimator):
     What never varied in training stays as it is.
 
     Args:
-        ways: of these; others mean nothing here.
+        ways: adaptations, from the list above; others have no effect here.
 
     Attributes:
         classes_: class names.
-        mean_, sd_, within_: of the undamaged training rows, and the spread within classes [features].
-        centres_: of the classes, from the mean [classes, features].
-        shift_, scale_: what is taken away, and divided by then [features].
+        mean_, sd_, within_: mean and SD of the undamaged training rows, and the spread within classes [features].
+        centres_: means of the classes, relative to the overall mean [classes, features].
+        shift_, scale_: subtracted shift, then divisor [features].
     """
 
     ways: tuple[str, ...] = WAYS[:2]

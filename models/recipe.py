@@ -43,18 +43,18 @@ class Recipe(MostProbable):
     mean over its windows.
 
     Args:
-        system: what learns and decides.
+        system: system to train.
         window: seconds of a window; 0 leaves captures whole.
         hop: seconds from the beginning of one window to that of the next; 0 is half a window.
         repair: kinds of broken taxels that are repaired, of `bench.corpora.steps.REPAIRS`.
         scale: ``none``, ``peak``, divided by the largest reading so far, or ``log``.
-        faults: that copies of the training captures go through; nothing else does. ``all`` stands for every fault.
-        copies: of each training capture, where there are faults.
+        faults: faults for copies of the training captures only; ``all`` stands for every fault.
+        copies: damaged copies of each training capture, if there are faults.
         turns: further copies of each training capture, on a grid that is mirrored or turned.
-        person: how a classifier on features adapts to one person (`models.person.WAYS`): ``centre`` and ``scale``
+        person: adaptation of a classifier on features to one person (`models.person.WAYS`): ``centre`` and ``scale``
             features by their own, and ``pool``, which keeps the training rows and is fitted anew to them and the
             person's, each of which counts ten times.
-        bits: of a learnt weight when it decides: 32, or 8 as `bench export` stores them.
+        bits: bits of a learnt weight in prediction: 32, or 8 as `bench export` stores them.
     """
 
     system: contract.System
@@ -264,7 +264,7 @@ def rows_of(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.n
     No frame is touched, so no copy is damaged again.
 
     Args:
-        stored: of all captures, those of one capture together, with `features.cache.PIECES`.
+        stored: rows of all captures, those of one capture together, with `features.cache.PIECES`.
         index: positions in the stored corpus.
     """
     of, piece = (stored[name].to_numpy() for name in PIECES)

@@ -48,13 +48,13 @@ class Reflex(MostProbable):
     Args:
         window: seconds of a window.
         early: seconds of a window of what is shorter than that.
-        units: of the network.
+        units: number of units of the network.
         doubt: share of unusual features from which on the network decides alone.
-        repair: as of `models.recipe.Recipe`.
-        faults: as of `models.recipe.Recipe`; ``none`` for none.
+        repair: repairs, see `models.recipe.Recipe`.
+        faults: faults, see `models.recipe.Recipe`; ``none`` for none.
         copies: damaged copies of each training capture.
-        seed: of the network; the damage is always the same.
-        bits: of a learnt weight, as of `models.recipe.Recipe`.
+        seed: random seed of the network; the damage is always the same.
+        bits: bits of a learnt weight, see `models.recipe.Recipe`.
     """
 
     window: float = 1.0

@@ -51,12 +51,12 @@ class Rocket(MostProbable):
             above 5 % of full scale), ``taxels`` for one of each taxel, or ``both``.
         kernels: convolutions of MiniRocket, or of MultiRocket on a series and again on its differences; None for the
             published 10 000 or 6250. Hydra always has 64 groups of 8.
-        seed: of convolutions, their channels and biases.
+        seed: random seed of convolutions, their channels and biases.
 
     Attributes:
         classes_: class names.
-        series_: how captures become series.
-        penalty_: of the ridge regression.
+        series_: conversion of captures to series.
+        penalty_: penalty of the ridge regression.
         temperature_: by which scores are divided before the softmax.
         fit_seconds_: wall and CPU seconds of the last fit, without what was compiled before.
     """
@@ -220,7 +220,7 @@ class Ridge:
         """What a fit to the others predicts for each group of captures [captures, n_targets].
 
         Args:
-            penalty: of the squared coefficients; the intercept has none.
+            penalty: penalty on the squared coefficients; the intercept has none.
             groups: positions of the captures of each group; every capture is in one.
         """
         residuals = penalty * self.dual(penalty)

@@ -21,8 +21,8 @@ def sizes(estimator: contract.System, taxels: int, frames: int) -> dict[str, int
 
     Args:
         estimator: fitted.
-        taxels: of a frame.
-        frames: of the longest capture that it must label.
+        taxels: taxels of a frame.
+        frames: frames of the longest capture to label.
     """
     learnt = parameter_count(estimator)
     constants = sum(map(_constants, _deciding(estimator)))

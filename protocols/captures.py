@@ -16,7 +16,7 @@ class CaptureKFold:
 
     Args:
         folds: number of folds.
-        seed: of the shuffle.
+        seed: random seed of the shuffle.
     """
 
     def __init__(self, folds: int = 10, seed: int = 0) -> None:
@@ -53,7 +53,7 @@ class Holdout:
 
     Args:
         test: share of captures that is tested.
-        seed: of the draw.
+        seed: random seed of the draw.
     """
 
     def __init__(self, test: float = 0.35, seed: int = 0) -> None:

@@ -16,7 +16,7 @@ class Challenge:
 
     Args:
         repeats: number of random splits where none is declared.
-        seed: of the draws.
+        seed: random seed of the draws.
     """
 
     def __init__(self, repeats: int = 5, seed: int = 0) -> None:

@@ -32,8 +32,8 @@ class Personal:
         shots: labelled captures of each class.
         draws: calibrations that are drawn, each tested.
         unlabelled: a whole half, without labels, in place of shots.
-        weight: how often a shot counts for a system that cannot adapt.
-        seed: of halves and draws.
+        weight: number of times that a shot counts for a system that cannot adapt.
+        seed: random seed of halves and draws.
     """
 
     def __init__(

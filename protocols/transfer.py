@@ -29,12 +29,12 @@ class Transfer(Personal):
     Args:
         source: name of the corpus that is trained on; ``synth`` may be followed by parameters, as in
             ``synth+rows=6+cols=6``.
-        classes: what its classes are called in ``data=`` where names differ, as in ``tap:pat+massage:rub``.
+        classes: names in ``data=`` of its classes where they differ, as in ``tap:pat+massage:rub``.
         shots: labelled captures of each class of the tested person.
         draws: calibrations that are drawn, each tested.
         unlabelled: half of the captures of the tested person, without labels, in place of shots.
-        weight: how often a shot counts for a system that cannot adapt.
-        seed: of halves and draws.
+        weight: number of times that a shot counts for a system that cannot adapt.
+        seed: random seed of halves and draws.
     """
 
     def __init__(

@@ -43,7 +43,7 @@ class Considered(Answer):
     """An answer with the candidates of a group of runs.
 
     Attributes:
-        choice: as `bench.outcomes.choice.decide` made it.
+        choice: result of `bench.outcomes.choice.decide`.
         subjects: accuracies in percent [candidates, subjects].
         budgets: the most of each cost.
     """
@@ -63,7 +63,7 @@ def considered(
     """What was chosen among the systems of a group, or why nothing can be.
 
     Args:
-        store: where the runs are.
+        store: store of the runs.
         group: in words.
         runs: all that are tracked, as `bench.outcomes.runs.with_groups` makes them.
         budgets: the most of each cost, in the units of `bench.costs.COSTS`.

@@ -58,10 +58,10 @@ def comparison(
     rows from generated captures have none, whatever they are called.
 
     Args:
-        store: where the runs are.
-        runs: as `bench.outcomes.runs.tracked` makes them.
+        store: store of the runs.
+        runs: table of `bench.outcomes.runs.tracked`.
         papers: `published`.
-        beside: whether reference results of the same captures and protocol stand among the rows.
+        beside: True to add reference results of the same captures and protocol.
         by_group: `systems_by_subject` of each group, where somebody has read them.
     """
     rows = []

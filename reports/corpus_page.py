@@ -36,7 +36,7 @@ def write(corpus: Corpus, found: Survey, folder: Path, capture: int | None = Non
     Args:
         corpus: the captures.
         found: `bench.corpora.survey.survey` of them.
-        folder: where the files go; it is made.
+        folder: destination folder; it is made.
         capture: the one to animate, by its position in the whole corpus; None for a typical one of each gesture.
 
     Returns:
@@ -143,7 +143,7 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
     Args:
         found: with ``means``.
         group: the corpus, in words.
-        folder: where the files go.
+        folder: destination folder.
     """
     names, means = found.gestures[:DRAWN], found.means[:DRAWN]
     figure, axes = _panels(len(names), _panel(means.shape[1:], 1.35), 0.36, 1.0, 4.5)
@@ -172,7 +172,7 @@ def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Pict
         corpus: the captures.
         found: with ``typical``.
         group: the corpus, in words.
-        folder: where the files go.
+        folder: destination folder.
     """
     names = found.gestures[:DRAWN]
     gap = 1 / 12  # between two frames, as a share of one
@@ -236,7 +236,7 @@ def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> 
         corpus: the captures.
         captures: by their position in the whole corpus.
         group: the corpus, in words.
-        folder: where the file goes.
+        folder: destination folder.
 
     Returns:
         The GIF.

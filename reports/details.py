@@ -20,7 +20,7 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
     """Counts and percent of each true class, side by side or, of many classes, one above the other.
 
     Args:
-        counts: of captures [true, predicted].
+        counts: counts of captures [true, predicted].
         system: whose they are.
         group: captures and protocol, in words.
     """

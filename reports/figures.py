@@ -27,9 +27,9 @@ class Picture:
     """A figure as it was written.
 
     Attributes:
-        name: of the files ``<name>.png`` and ``<name>.svg``.
-        caption: what is to be seen, with everything that was left out.
-        folder: where the files are.
+        name: name of the files ``<name>.png`` and ``<name>.svg``.
+        caption: description of the figure, including everything left out.
+        folder: folder of the files.
     """
 
     name: str

@@ -29,8 +29,8 @@ def curves_of(store: Store, runs: pd.DataFrame) -> list[Curves]:
     """The curves of systems that have at least two calibrations, for each set of comparable runs; the best first.
 
     Args:
-        store: where the runs are.
-        runs: as `bench.outcomes.runs.tracked` gives them.
+        store: store of the runs.
+        runs: table of `bench.outcomes.runs.tracked`.
     """
     personal = runs[runs["protocol_name"].isin(["personal", "transfer"]) & (runs["status"] == "FINISHED")]
     sets = []
@@ -51,8 +51,8 @@ def new_person_sections(sets: list[Curves], folder: Path) -> list[tuple[str, Pic
     """For each set of curves: what it is of in words, a figure and a table.
 
     Args:
-        sets: of `curves_of`.
-        folder: where figures go.
+        sets: curves from `curves_of`.
+        folder: destination folder of figures.
     """
     sections = []
     for i, (context, curves) in enumerate(sets, 1):
@@ -80,8 +80,8 @@ def curve_of(store: Store, runs: pd.DataFrame) -> pd.DataFrame:
     """A row per calibration of a system, seeds averaged: accuracies of people, gains, who loses.
 
     Args:
-        store: where the runs are.
-        runs: of one system.
+        store: store of the runs.
+        runs: runs of one system.
     """
     people: dict[str, pd.Series] = {}
     for known, rows in runs.groupby(runs.apply(known_of, axis=1), sort=False):

@@ -19,7 +19,7 @@ def notes_on(system: str, data: str) -> list[str]:
     """The footnotes of a system that a table names.
 
     Args:
-        system: as tables name it.
+        system: system name as in tables.
         data: name of the corpus.
     """
     designed = data == "haart" and re.search(r"(?<![\w.])(reflex|touch)(?![\w.])", system) is not None

@@ -27,7 +27,7 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
     """Every published number beside ours; numbers on corpora that nothing is tracked on wait behind a switch.
 
     Args:
-        beside: as `reports.reproduction.against` makes it.
+        beside: table of `reports.reproduction.against`.
 
     Returns:
         The table; the verdicts, each with how often it was given; how many rest on few subjects; whether HAART is here.

@@ -104,7 +104,7 @@ def measures(counts: pd.DataFrame, totals: np.ndarray | None = None) -> dict[str
 
     Args:
         counts: [actual, predicted].
-        totals: of the rows, where they are more than the counts.
+        totals: totals of the rows, if they exceed the counts.
     """
     values = counts.to_numpy(dtype=float)
     right = values.diagonal()

@@ -35,7 +35,7 @@ def references(runs: pd.DataFrame) -> dict[str, Submission]:
     """Reference results by the name that tables give them, which are comparable with the runs.
 
     Args:
-        runs: of one group, as `bench.outcomes.runs.with_groups` makes them.
+        runs: runs of one group, from `bench.outcomes.runs.with_groups`.
     """
     first = rows_of(runs)[0]
     answered = [task.name for task in TASKS.values() if _answers(first, task)]
@@ -53,9 +53,9 @@ def systems_by_subject(store: Store, runs: pd.DataFrame, beside: bool = True) ->
     Left out are runs that depend on the batch, and reference results of systems that the store has a complete run of.
 
     Args:
-        store: where the runs are.
-        runs: of one group, as `bench.outcomes.runs.with_groups` makes them.
-        beside: whether reference results are wanted.
+        store: store of the runs.
+        runs: runs of one group, from `bench.outcomes.runs.with_groups`.
+        beside: True to include reference results.
     """
     subjects, seeds = by_subject(store, independent(runs))
     if not beside or not len(subjects):

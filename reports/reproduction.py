@@ -45,7 +45,7 @@ def against(papers: pd.DataFrame, runs: pd.DataFrame, store: Store) -> pd.DataFr
     Args:
         papers: `reports.comparison.published`.
         runs: `bench.outcomes.runs.tracked`.
-        store: where they are; predictions are read for units whose interval is not tracked.
+        store: store of the runs; predictions are read for units whose interval is not tracked.
     """
     real = runs[(runs["synthetic"] != "true") & runs["model_name"].isin(papers["system"])]
     here = set(runs.loc[runs["synthetic"] != "true", "data"])

@@ -37,7 +37,7 @@ def speed_chart(group: Mapping[str, Any], costs: list[str]) -> tuple[Figure, str
     """A panel for each cost on a log axis, with the Pareto front and the name of every point; and the caption.
 
     Args:
-        group: of `reports.candidates.chart_data`.
+        group: group of `reports.candidates.chart_data`.
         costs: in words, as there.
     """
     points = pd.DataFrame(

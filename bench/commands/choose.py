@@ -33,12 +33,12 @@ class Chosen:
     """A choice with what it was made among.
 
     Attributes:
-        choice: as `bench.outcomes.choice.decide` made it.
+        choice: result of `bench.outcomes.choice.decide`.
         among: the candidates.
         by: the cost that is to be low.
         budgets: the most of each cost.
         margin: points that do not matter, or None.
-        clock: of the target in MHz, or None.
+        clock: clock of the target in MHz, or None.
     """
 
     choice: Choice

@@ -87,12 +87,12 @@ def looked(
     """A survey of the captures of a corpus, drawn into a folder if one is given.
 
     Args:
-        name: of the corpus.
+        name: name of the corpus.
         where: captures to look at.
         target: columns whose classes are counted besides.
         out: folder for the figures, or None.
         capture: the one to animate, by its position in the whole corpus; None for one of each gesture.
-        parameters: of ``synth``.
+        parameters: parameters of ``synth``.
 
     Raises:
         InputError: the corpus is not here, something in the values cannot be used, or the folder cannot be written.

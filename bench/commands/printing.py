@@ -114,7 +114,7 @@ def grid(
     """Print a table that fits; headings of columns that it has no room for stand below it.
 
     Args:
-        out: where; its width counts.
+        out: console; its width counts.
         title: above the table.
         rows: text by heading; all have the same headings. A column without any text but dashes is not shown.
         left: headings of text, which is aligned left; numbers are aligned right.
@@ -168,7 +168,7 @@ def show(outcomes: Sequence[Outcome]) -> int:
     """Print what was chosen in each fold, a row for each run, and what failed; the exit code.
 
     Args:
-        outcomes: of one kind.
+        outcomes: outcomes of one kind of run.
     """
     out = output()
     for outcome in outcomes:

@@ -59,7 +59,7 @@ class Origin:
         path: its folder, None for one in memory.
         index: int64 [captures], position of each capture in it.
         piece: int64 [captures], tells captures of one ``index`` apart.
-        steps: what was done to the captures since they were stored.
+        steps: changes to the captures since they were stored.
     """
 
     digest: str
@@ -92,8 +92,8 @@ class Corpus:
         info: source, licence, synthetic (bool), warnings (list of str).
         path: the folder that the frames are mapped from, or None when they are in memory.
         target: the columns of ``captures`` that make up the class, joined by ``+``.
-        steps: what was done to the captures since they were stored (`bench.corpora.steps`), in order. Several captures
-            may then come from one stored capture and have its ``index``.
+        steps: changes to the captures since they were stored (`bench.corpora.steps`), in order. Several captures may
+            then come from one stored capture and have its ``index``.
         piece: int64 [captures], tells those of one ``index`` apart; 0 before any step.
     """
 

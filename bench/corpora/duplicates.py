@@ -20,7 +20,8 @@ def identical(captures: Iterable[np.ndarray], full_scales: Iterable[float] | Non
 
     Args:
         captures: frames [frames, rows, cols] of each, uint16 or float32; a `Corpus` is such.
-        full_scales: of each capture, to compare readings as shares of it; None compares the readings themselves.
+        full_scales: full scale of each capture, to compare readings as shares of it; None compares the readings
+            themselves.
 
     Returns:
         Positions in rising order, at least two in a group; groups in the order of their first captures.
@@ -57,7 +58,7 @@ def quiet(frames: np.ndarray) -> bool:
     from that of the taxel before.
 
     Args:
-        frames: of the capture [frames, rows, cols].
+        frames: frames of the capture [frames, rows, cols].
     """
     readings = frames.reshape(len(frames), -1)
     return bool(np.count_nonzero(np.diff(readings, axis=0 if len(readings) > 1 else 1)) < CHANGES)

@@ -32,11 +32,11 @@ class Fault:
     """A fault by name.
 
     Attributes:
-        name: of the function.
+        name: name of the function.
         damage: the function.
-        unit: what follows an amount in a table, such as ``% of the taxels``.
-        amounts: what severities 1 to 5 stand for.
-        sensor: whether it belongs to the sensor (one draw per subject) or to the moment (one per capture).
+        unit: text after an amount in a table, such as ``% of the taxels``.
+        amounts: amounts at severities 1 to 5.
+        sensor: True for one draw per subject (a fault of the sensor), False for one draw per capture.
     """
 
     name: str
@@ -110,10 +110,10 @@ def damaged(corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: F
     """A corpus in memory whose captures ``test`` went through a fault.
 
     Args:
-        corpus: what the fold was cut from.
+        corpus: corpus from which the fold was cut.
         test: positions of the captures in it.
         shares: those captures, as `as_shares` gives them.
-        fault: what happens to them.
+        fault: fault to apply.
         severity: 0 to 5.
 
     Returns:

@@ -43,9 +43,9 @@ class Address:
     """Where a stored corpus is found again, by another process or on another machine.
 
     Attributes:
-        path: of its folder.
+        path: path of its folder.
         within: the same, from the data folder on, which may lie elsewhere there; None for a folder that is not in it.
-        digest: of the corpus.
+        digest: digest of the corpus.
     """
 
     path: Path
@@ -119,8 +119,8 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
     A folder that is there already stays if it holds the same corpus unharmed; else it is replaced.
 
     Args:
-        corpus: what to store.
-        folder: where.
+        corpus: corpus to store.
+        folder: destination.
         digest: its `content_digest`, if that is known.
 
     Raises:
@@ -156,7 +156,7 @@ def open_folder(folder: Path, key: str = "") -> Corpus:
     """Map a stored corpus, if it is what was stored.
 
     Args:
-        folder: where it is.
+        folder: folder of the corpus.
         key: the name of the folder that it was written for, if that matters.
 
     Raises:
@@ -179,7 +179,7 @@ def verified(folder: Path, key: str = "") -> dict[str, str]:
     """What is wrong with each file, ``""`` for nothing: all are read and hashed anew.
 
     Args:
-        folder: of a corpus.
+        folder: folder of a corpus.
         key: the name of the folder that it was written for, if that matters.
     """
     try:

@@ -120,7 +120,7 @@ def verify(name: str) -> dict[str, str]:
     """Every file of a stored corpus with what is wrong with it, ``""`` for nothing; all are read and hashed anew.
 
     Args:
-        name: of an imported corpus, or ``synth`` for all that were generated.
+        name: name of an imported corpus, or ``synth`` for all generated ones.
 
     Raises:
         InputError: there is no such corpus.
@@ -218,7 +218,7 @@ def open_joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus
     Args:
         target: captures of a stored corpus, or some of them.
         source: another stored corpus.
-        names: what classes of ``source`` are called in ``target``.
+        names: names in ``target`` of classes of ``source``.
 
     Raises:
         InputError: as of `joined`, or the data folder cannot be written.

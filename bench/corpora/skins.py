@@ -102,7 +102,7 @@ def joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     Args:
         target: captures.
         source: captures of the other skin.
-        names: what classes of ``source`` are called in ``target``, where that is something else.
+        names: names in ``target`` of classes of ``source``, where they differ.
 
     Returns:
         A corpus in memory, float32, whose column ``skin`` says which is which. People of the other skin are others,

@@ -110,7 +110,7 @@ class Faulted(_Copied):
 
     Args:
         faults: names of faults.
-        copies: of each capture, damaged; the capture itself stays.
+        copies: damaged copies of each capture, besides the capture itself.
     """
 
     faults: tuple[str, ...]
@@ -155,7 +155,7 @@ class Turned(_Copied):
     same in all frames.
 
     Args:
-        copies: of each capture, at most 7; the capture itself stays.
+        copies: copies of each capture, at most 7, besides the capture itself.
     """
 
     copies: int
@@ -202,7 +202,7 @@ class Repair(Step):
     lets go with it.
 
     Args:
-        kinds: of these.
+        kinds: repairs to apply, from the list above.
     """
 
     kinds: tuple[str, ...]
@@ -272,7 +272,7 @@ class Scale(Step):
     logarithm of 1 + 1000 times the share of full scale, and full scale stays where it is.
 
     Args:
-        kind: of these.
+        kind: ``peak`` or ``log``.
     """
 
     kind: str

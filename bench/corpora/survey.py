@@ -36,7 +36,7 @@ class Survey:
 
     Attributes:
         title: corpus, sizes and rate in one line, as `Corpus` prints.
-        synthetic: whether the captures were generated.
+        synthetic: True for generated captures.
         factors: the columns that ``counts`` crosses: ``subject``, ``gesture`` and conditions.
         counts: a row for each combination of the factors, whether recorded or not, with its number of ``captures``.
         target: the columns that make the class to predict.

@@ -106,12 +106,12 @@ def generate(
         subjects: number of subjects.
         repetitions: captures of each subject, variant and gesture.
         variants: any of gentle, normal, rough.
-        rows: of the grid, on a pad of 160 x 160 mm.
-        cols: of the grid.
+        rows: rows of the grid, on a pad of 160 x 160 mm.
+        cols: columns of the grid.
         rate_hz: frames per second.
-        gain: of the sensor before it saturates; 1 is that of CoST.
+        gain: gain of the sensor before it saturates; CoST has 1.
         noise: SD of a reading, in sensor values.
-        seed: of everything.
+        seed: random seed of all draws.
 
     Returns:
         uint16 frames 0..1023; subject, variant, gesture, repetition.

@@ -30,7 +30,7 @@ def chosen(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
     Args:
         where: such as ``variant == 'rough' and subject in ['1', '2']``.
         captures: one row per capture.
-        name: of the corpus, for messages.
+        name: name of the corpus, for messages.
 
     Raises:
         InputError: it is no condition on these columns, or no capture satisfies it.

@@ -35,8 +35,8 @@ class Decider:
 
     Attributes:
         arrays: by name, floats, or whole numbers of 8 bits.
-        body: of ``decide``, with ``{name}`` for a table.
-        comment: what it is.
+        body: body of ``decide``, with ``{name}`` for a table.
+        comment: description of the classifier.
         buffers: numbers in memory that the body works in, by name.
         defines: by name.
     """
@@ -381,7 +381,7 @@ def decider(system: Pipeline, width: int, bits: int) -> Decider:
     Args:
         system: features, scaling and classifier, fitted.
         width: number of features.
-        bits: of a learnt weight, 32 or 8.
+        bits: bits of a learnt weight, 32 or 8.
 
     Raises:
         InputError: one of them has no C.

@@ -32,7 +32,7 @@ def convolved(system: Hughes2017CNN, grid: tuple[int, int], bits: int) -> tuple[
     Args:
         system: fitted.
         grid: rows and columns of a frame.
-        bits: of a weight, 32 or 8; biases and steps have 32.
+        bits: bits of a weight, 32 or 8; biases and steps have 32.
     """
     net: Any = system.net_
     first, pool1, _, second, pool2 = net[:5]

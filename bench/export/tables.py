@@ -28,11 +28,11 @@ class Chip:
     """All that is written of a fitted system.
 
     Attributes:
-        defines: of the preprocessor, by name.
+        defines: macros of the preprocessor, by name.
         deciders: by the name of their function: ``decide``, and ``decide_early`` of what is shorter than a window.
-        features: which fixed code computes them, ``touch``, ``jung28`` or ``convolved``.
+        features: fixed code that computes the features: ``touch``, ``jung28`` or ``convolved``.
         classes: names.
-        arrays: what features were learnt, by name.
+        arrays: learnt numbers of the features, by name.
     """
 
     defines: dict[str, str]
@@ -65,8 +65,8 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
     """What the C of a saved system is made of.
 
     Args:
-        recogniser: as `bench.work.saved.load` gives it.
-        bits: of a learnt weight, 32 or 8.
+        recogniser: saved system, from `bench.work.saved.load`.
+        bits: bits of a learnt weight, 32 or 8.
 
     Raises:
         InputError: it cannot become C; the message says why.

@@ -27,7 +27,7 @@ def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
     """The newest complete run of a system that answers a task.
 
     Args:
-        store: where runs are.
+        store: store of the runs.
         task: to be answered.
         wanted: values that tags of the run must have (``system`` and ``seed``), or its ``run_id``.
         how: the command that makes such a run.

@@ -60,11 +60,11 @@ class Submission:
     """A folder that was read.
 
     Attributes:
-        name: of the folder.
-        task: that it answers.
+        name: name of the folder.
+        task: name of its task.
         metadata: the content of its ``submission.json``, by the names in `TEXTS` and `NUMBERS`.
         table: a row for each of `rows_of` the task, with ``predicted`` and, where they were given, ``p_<class>``.
-        sha256: of the names and the content of its two files.
+        sha256: SHA-256 of the names and the content of its two files.
         verified: date and revision of a maintainer's rerun, in words; empty without a rerun.
     """
 

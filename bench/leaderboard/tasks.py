@@ -30,15 +30,15 @@ class Task:
 
     Attributes:
         name: ends in its version.
-        protocol: as it is tracked.
+        protocol: protocol label of its runs.
         protocol_text: the protocol in words.
-        unit: what one row of predictions is.
+        unit: meaning of one row of predictions.
         score: the rows that accuracy is of, in words.
-        command: of bench, which makes a run that answers the task.
+        command: bench command whose run answers the task.
         keys: columns that, with ``capture``, name a row.
         split: the part of the corpus that is tested, empty for all of it.
         data: name of the corpus.
-        digest: of the corpus as touchbench imports it; empty for CoST, which is known by the MD5 of its file.
+        digest: digest of the imported corpus; empty for CoST, which is identified by the MD5 of its file.
     """
 
     name: str

@@ -24,10 +24,10 @@ class Measured:
         run: the arguments of ``bench run`` that make it.
         names: data, digest, subset, target, protocol, system and seed as they are tracked.
         environment: processor, threads and versions.
-        costs: as far as they are known, ``relative``, processor time of a prediction as a multiple of the reference
-            workload, and ``flash`` bytes.
+        costs: known costs: ``relative``, processor time of a prediction as a multiple of the reference workload, and
+            ``flash`` bytes.
         labels: one row per tested capture: ``fold``, ``capture``, ``subject``, ``true``, ``predicted``.
-        synthetic: whether the captures were generated.
+        synthetic: True for generated captures.
     """
 
     run: str
@@ -42,7 +42,7 @@ def read(path: Path, check: Callable[[str], object] = str) -> list[Measured]:
     """Load a baseline.
 
     Args:
-        path: of the file.
+        path: path of the file.
         check: raises an `InputError` for arguments of ``bench run`` that cannot be understood.
 
     Raises:

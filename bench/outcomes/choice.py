@@ -62,8 +62,8 @@ class Candidates:
             whether its bytes are as linked, with code, ``cpu`` and the keys of `TAGS`; NaN where a cost is not known).
         context: captures and protocol, in words.
         subjects: accuracies in percent [candidates, subjects].
-        mixed: whether training and test captures come from the same subjects.
-        notes: which runs are left out and why, in sentences.
+        mixed: True if training and test captures share subjects.
+        notes: excluded runs with reasons, in sentences.
     """
 
     table: pd.DataFrame
@@ -78,8 +78,8 @@ class Budget:
     """What one budget does to the candidates.
 
     Attributes:
-        cost: that it is for.
-        most: of it.
+        cost: name of the cost.
+        most: largest allowed value.
         over: number of candidates that need more.
         unknown: number of candidates whose cost is not known.
         least: index of the candidate that needs least, None if no cost is known.
@@ -111,7 +111,7 @@ class Choice:
         costlier: index of the next costlier one that fits them and is more accurate than the chosen, None if there is
             none.
         unranked: indices of those that fit the budgets and whose cost is not known, most accurate first.
-        budgets: what each of them does.
+        budgets: effect of each budget.
     """
 
     table: pd.DataFrame
@@ -138,13 +138,13 @@ def candidates(
     ``bench stream`` has replayed label after the beginning of a capture.
 
     Args:
-        store: where the runs are.
-        asked: as `eligible` takes it.
+        store: store of the runs.
+        asked: filters, as in `eligible`.
         most: ms of touch until a decision. A replayed system decides as late as that allows; with inf, each of its
             instants is a candidate; with None, replays are none.
         windows: label single windows, in percent of windows, of the systems that decide on such.
-        clock: of the target in MHz: the measured cycles at this clock are part of a decision's time.
-        batch: as `eligible` takes it.
+        clock: clock of the target in MHz: the measured cycles at this clock are part of the decision time.
+        batch: True to include batch systems, as in `eligible`.
         runs_of: `bench.outcomes.runs.tracked` by kind, where they were read before.
 
     Raises:
@@ -454,11 +454,11 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
     """The choice, its reason, what the next better system needs, what each budget costs, and for whom it holds.
 
     Args:
-        choice: that was made.
+        choice: result of `decide`.
         by: the cost that is to be low.
         margin: points of accuracy that do not matter, or None.
         subjects: number of them.
-        mixed: whether training and test captures come from the same subjects.
+        mixed: True if training and test captures share subjects.
     """
     rows = dict(zip(choice.table.index, rows_of(choice.table), strict=True))
     limits = [_limited(limit, rows, choice.best) for limit in choice.budgets]

@@ -61,9 +61,9 @@ class Facts:
     """What statistics need to know of the protocol of a run.
 
     Attributes:
-        mixes_subjects: whether captures of a subject are on both sides of a fold.
+        mixes_subjects: True if a fold has captures of one subject on both sides.
         test_over_train: tested by training captures, None where folds share no training captures.
-        official_split: whether its folds are those that were published; None where there is no such split.
+        official_split: True if the folds are the published ones; None if none were published.
     """
 
     mixes_subjects: bool

@@ -50,7 +50,7 @@ def compare(baseline: list[Measured], current: list[Measured], error: float, slo
     """Judge every system of a baseline.
 
     Args:
-        baseline: as stored.
+        baseline: stored runs.
         current: the runs to hold against it; of several that fit, one with the same seed and else the last one counts.
         error: chance, in percent, of an alarm about labels or accuracy when all systems are unchanged.
         slower: factor of computing time that is an alarm.
@@ -66,7 +66,7 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
     """Hold one run against that of the baseline.
 
     Args:
-        then: of the baseline.
+        then: run of the baseline.
         now: the current run.
         level: error rate of each test.
         slower: factor of computing time that is an alarm.
@@ -194,7 +194,7 @@ def measured(row: Row, predictions: pd.DataFrame, run: str) -> Measured:
     """What is compared of a tracked run.
 
     Args:
-        row: of `bench.outcomes.runs.tracked`.
+        row: row of `bench.outcomes.runs.tracked`.
         predictions: its table.
         run: the arguments of ``bench run`` that make it.
     """

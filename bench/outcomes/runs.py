@@ -64,7 +64,7 @@ def selected(runs: pd.DataFrame, asked: Mapping[str, Iterable[object]]) -> pd.Da
     A part of a file goes by ``file.py:Name`` from wherever it is asked for, and by the name that tables show.
 
     Args:
-        runs: as `tracked` makes them.
+        runs: table of `tracked`.
         asked: values of ``data``, ``where``, ``target``, ``protocol``, ``features``, ``model``, or of a column.
     """
     for key, values in asked.items():
@@ -163,8 +163,8 @@ def by_subject(store: Store, runs: pd.DataFrame) -> tuple[pd.DataFrame, pd.Serie
     Systems that were not tested on all subjects of the group are left out.
 
     Args:
-        store: where the runs are.
-        runs: of one group, as `with_groups` makes them; `independent` leaves out those that are not comparable.
+        store: store of the runs.
+        runs: runs of one group, from `with_groups`; `independent` leaves out those that are not comparable.
 
     Returns:
         The table, and the number of seeds behind each row.

@@ -96,7 +96,7 @@ class Store:
 
     Args:
         client: on the store.
-        experiment_id: of the experiment.
+        experiment_id: id of the MLflow experiment.
     """
 
     def __init__(self, client: MlflowClient, experiment_id: str) -> None:
@@ -157,9 +157,9 @@ class Store:
         """A run's artifact as a local file: where it lies if the store is on this machine, else fetched.
 
         Args:
-            run_id: of the run.
+            run_id: id of the run.
             artifacts: their address.
-            name: of the artifact.
+            name: name of the artifact.
 
         Returns:
             None where the run has none of that name.
@@ -254,8 +254,8 @@ class Store:
         """Keep how MLflow's page is to show the runs; what the page's address must carry to show them so.
 
         Args:
-            name: of the view.
-            view: what MLflow's button *Share* keeps of a page: columns, widths, filter, order.
+            name: name of the view.
+            view: stored settings of MLflow's button *Share*: columns, widths, filter, order.
         """
         self.client.set_experiment_tag(self.experiment_id, f"mlflow.sharedViewState.{name}", json.dumps(view))
         return f"viewStateShareKey={name}"

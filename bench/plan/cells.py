@@ -38,11 +38,11 @@ class Part(Generic[Made]):
     """A protocol, feature set or model, with every parameter it takes.
 
     Attributes:
-        room: of `bench.registry.ROOMS`.
+        room: one of `bench.registry.ROOMS`.
         name: a registered one or ``file.py:Name``; of an object what it is shown as.
         parameters: by name.
         instance: the object itself, where one was handed over from Python.
-        module: that its file was loaded as, which tells one state of the file from another; empty for other parts.
+        module: module name of its file, different for each state of the file; empty for other parts.
     """
 
     room: str
@@ -97,7 +97,7 @@ class Part(Generic[Made]):
         """The name with those parameters that are not the default: ``svm[C=8.0]``.
 
         Args:
-            seed: as of `changed`.
+            seed: default seed, as in `changed`.
         """
         texts = {k: text_of(v) if isinstance(v, tuple) else v for k, v in self.changed(seed).items()}
         changed = ", ".join(f"{k}={v}" for k, v in texts.items())

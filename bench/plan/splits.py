@@ -38,11 +38,11 @@ def label(protocol: Splitter, corpus: Corpus, mixes_subjects: bool, name: str, s
     """The protocol in words, which tell runs on other splits apart.
 
     Args:
-        protocol: that splits.
-        corpus: what it splits.
-        mixes_subjects: whether captures of a subject are on both sides of a fold.
-        name: of a protocol without a label, with its parameters.
-        seed: of the protocol, None where that is the default; a label that does not name it gets it at its end.
+        protocol: splitter.
+        corpus: corpus to split.
+        mixes_subjects: True if a fold has captures of one subject on both sides.
+        name: name of a protocol without a label, with its parameters.
+        seed: seed of the protocol, None for the default; it is appended to a label that lacks it.
     """
     if words := getattr(protocol, "label", None):
         return with_seed(words(corpus), seed)
@@ -59,10 +59,10 @@ class Calibration:
     """What is known of the person whom a fold tests.
 
     Attributes:
-        draws: of each draw, pairs of positions: known captures, and those that are tested then. In a draw every test
-            capture of the fold is tested once.
-        labelled: whether their labels are known.
-        weight: how often one counts in training.
+        draws: for each draw, pairs of positions: calibration captures, and captures tested after them. In a draw every
+            test capture of the fold is tested once.
+        labelled: True if the calibration captures have labels.
+        weight: number of times that a calibration capture counts in training.
     """
 
     draws: tuple[tuple[tuple[np.ndarray, np.ndarray], ...], ...]

@@ -43,7 +43,7 @@ class Verdict:
         check: its name.
         result: passed, failed or not applicable.
         sentence: the reason.
-        seconds: of the clock.
+        seconds: seconds of the clock.
     """
 
     check: str

@@ -19,7 +19,7 @@ class Bar(Progress):
     """A bar for each run that goes on; in a notebook too, where it needs ipywidgets.
 
     Args:
-        folder: where folds leave their messages (`bench.progress`).
+        folder: folder with the messages of folds (`bench.progress`).
     """
 
     def __init__(self, folder: Path) -> None:
@@ -39,10 +39,10 @@ class Bar(Progress):
         """Add the bar of a run.
 
         Args:
-            key: of the run.
+            key: key of the run.
             title: in front of the bar.
-            folds: of the run.
-            stored: how many of them are stored already.
+            folds: number of folds of the run.
+            stored: number of folds that are stored already.
             workers: tells how many folds of the run are done at a time.
         """
         self.add_task(title, total=folds, completed=stored, key=key, left="", seconds=[], workers=workers)

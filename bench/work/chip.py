@@ -35,7 +35,7 @@ class OnChip(Experiment[None]):
     """Fit on the training captures, export, and let the C label the test captures.
 
     Attributes:
-        bits: of a learnt weight, 32 or 8.
+        bits: bits of a learnt weight, 32 or 8.
     """
 
     kind: ClassVar[str] = "chip"

@@ -41,10 +41,10 @@ class Cluster:
         address: the address of the scheduler, or the file that it has written.
         todo: all that is to be run.
         say: tells the user a line.
-        folder: where folds say how far they are (`bench.progress`).
+        folder: folder for progress messages of folds (`bench.progress`).
 
     Attributes:
-        threads: of each fold, the least number that a worker was started with.
+        threads: threads of each fold, the least number that a worker was started with.
 
     Raises:
         InputError: there is no such cluster, or none of its workers can be used.

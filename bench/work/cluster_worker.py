@@ -40,9 +40,9 @@ def answer(command: str, threads: int, check: bytes, fold: bytes) -> tuple[str, 
 
     Args:
         command: name of the one that asks, and of dask's topic for how far the fold is.
-        threads: that the process computes with.
-        check: of `check_of`.
-        fold: what `fold_here` takes, pickled; empty to be checked only.
+        threads: threads of the process.
+        check: result of `check_of`.
+        fold: pickled arguments of `fold_here`; empty for a check only.
 
     Returns:
         The address of this worker, why it cannot be used if that is so, and the pickled result.

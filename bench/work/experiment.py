@@ -28,9 +28,8 @@ class Experiment(Generic[Shown]):
         kind: tag of its parent runs.
         fold_kind: tag of its folds.
         heading: above the table of rows.
-        columns: of its table besides those of predictions; a corpus cannot have them.
-        adapts: whether it gives systems what is known of the person who is tested; a protocol that tells it is refused
-            by one that does not.
+        columns: columns of its table besides those of predictions; a corpus cannot have them.
+        adapts: True if it passes calibration captures to systems; other kinds refuse protocols that have them.
     """
 
     kind: ClassVar[str]
@@ -70,10 +69,10 @@ class Experiment(Generic[Shown]):
         """Do one fold, in a worker process; what it raises is recorded as the fold's failure.
 
         Args:
-            cell: what is run.
+            cell: cell of the run.
             corpus: the captures that the fold is of.
             fold: names its training and test captures by position.
-            threads: that computing may use.
+            threads: threads for computing.
         """
         raise NotImplementedError
 
@@ -85,9 +84,9 @@ class Experiment(Generic[Shown]):
         """Measure the run from the folds that went well, at least one, in the order of the protocol.
 
         Args:
-            plan: what was run.
-            tags: as the run is tracked.
-            results: of the folds.
+            plan: plan of the run.
+            tags: tags of the run.
+            results: results of the folds.
         """
         raise NotImplementedError
 
@@ -95,6 +94,6 @@ class Experiment(Generic[Shown]):
         """What is printed of a run behind system, data, subset and protocol, by heading.
 
         Args:
-            metrics: as tracked; empty if no fold went well.
+            metrics: tracked metrics; empty if every fold failed.
         """
         raise NotImplementedError

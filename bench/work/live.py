@@ -134,7 +134,7 @@ def decided_at(
     """When to decide, and on what: every hop, and where a capture ends on frames that nothing was decided on.
 
     Args:
-        frames: of one capture after another, with None between them.
+        frames: frames of one capture after another, with None between them.
         rate_hz: frames per second.
         hop_ms: milliseconds between decisions, at least one frame.
         longest: frames that are kept; older ones are forgotten.

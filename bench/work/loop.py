@@ -37,11 +37,11 @@ class Outcome(Generic[Shown]):
     """What came of one plan.
 
     Attributes:
-        plan: what was run.
+        plan: plan of the run.
         experiment: its kind.
-        run_id: of its run in the store.
-        tags: as it is tracked.
-        findings: what was measured, None if no fold went well.
+        run_id: id of its run in the store.
+        tags: tags of the run.
+        findings: measurements, None if every fold failed.
         results: folds that went well.
         errors: by name of a fold that failed, where its traceback is.
     """
@@ -99,8 +99,8 @@ def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate |
     """Run what is not stored yet; what is stored is measured again from its tables.
 
     Args:
-        todo: what `prepared` gave.
-        backend: where folds are done.
+        todo: plans from `prepared`.
+        backend: workers that do the folds.
         illustrate: draws what is kept with a run besides its tables.
 
     Raises:
@@ -135,8 +135,8 @@ class Begun(Generic[Shown]):
     """A run whose folds are under way.
 
     Attributes:
-        index: of its plan in the command's list.
-        run: where it is tracked.
+        index: index of its plan in the command's list.
+        run: tracked run.
         waiting: folds that no worker has yet.
         lock: holds it against other processes.
     """
@@ -153,7 +153,7 @@ class Queue(Generic[Shown]):
     Left with an exception (Ctrl-C, a cluster that is gone), it marks the runs that are under way as killed.
 
     Args:
-        store: where runs are tracked.
+        store: store of the runs.
         todo: plans, in the order in which they begin.
         workers: do folds.
         bar: shows them.

@@ -105,8 +105,8 @@ def replayed(
     Args:
         estimator: fitted.
         corpus: captures from where the replay begins.
-        fold: what the rows are called.
-        positions: which captures.
+        fold: fold name of the rows.
+        positions: positions of the captures.
         instants: frames seen at each decision, rising.
     """
     parts, before = [], 0
@@ -135,7 +135,7 @@ class Calibration:
     rest on few captures at late instants.
 
     Args:
-        first_ms: what has been seen at the first instant; before it T stays the same.
+        first_ms: milliseconds seen at the first instant; before it T stays the same.
         last_ms: and at the last, after which T stays the same.
         first: temperature at the first instant.
         last: and at the last.
@@ -153,7 +153,7 @@ class Calibration:
         Args:
             proba: probabilities [decisions, classes].
             true: column of the true class, int [decisions].
-            ms: what each decision had seen [decisions].
+            ms: milliseconds seen before each decision [decisions].
         """
         logs = np.log(np.maximum(proba, LEAST))
         late = _lateness(ms, ms.min(), ms.max())
@@ -191,7 +191,7 @@ class Waiting:
     gestures that look the same look the same for ever. So it is not confidence that says when to stop.
 
     Args:
-        weights: of `STATE`, the variables of a decision.
+        weights: weights of the variables of a decision, in the order of `STATE`.
     """
 
     weights: tuple[float, ...]
@@ -240,9 +240,9 @@ class Stopping:
     """When to decide, as training subjects have taught it.
 
     Attributes:
-        calibration: of probabilities.
-        waiting: what the rest of a capture is expected to gain.
-        threshold: how settled a label must be; endless where no saving was found.
+        calibration: calibration of probabilities.
+        waiting: expected gain from the rest of a capture.
+        threshold: least settledness of a final label; infinite if no saving was found.
     """
 
     calibration: Calibration
@@ -284,7 +284,7 @@ def learned(
         untrained: makes a system.
         corpus: the captures.
         train: positions of the training captures.
-        replay: how captures are replayed.
+        replay: settings of the replay.
     """
     part = corpus[train]
     begun = replay.begun(part)

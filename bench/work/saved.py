@@ -57,7 +57,7 @@ class Recogniser(PythonModel):
         rate_hz: frames per second.
         full_scale: largest value of a channel.
         longest: frames of the longest training capture.
-        synthetic: whether it was trained on generated captures.
+        synthetic: True if it was trained on generated captures.
     """
 
     format = ""  # of a model that another version has saved
@@ -145,7 +145,7 @@ class Recogniser(PythonModel):
         """Label the captures of a table with one row per frame.
 
         Args:
-            context: of MLflow, unused.
+            context: context of MLflow, unused.
             model_input: columns ``capture``, ``frame`` (from 0 or 1) or both, and ch1, ch2, ... row by row.
             params: ``rate_hz``, which must be that of the training captures.
 

@@ -40,7 +40,7 @@ class Stress(Experiment[Analysis]):
     """Accuracy under faults, and with fewer training subjects.
 
     Attributes:
-        faults: what the test captures go through, each at every severity.
+        faults: faults applied to the test captures, each at every severity.
         train_subjects: numbers of training subjects that the system is fitted on besides, for clean test captures.
     """
 

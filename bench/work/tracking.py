@@ -78,22 +78,22 @@ class TrackedRun(Generic[Shown]):
     """The parent run of a plan.
 
     Args:
-        store: where it is kept.
-        plan: what is run.
+        store: store of the run.
+        plan: plan of the run.
         experiment: its kind.
         key: `key_of` both.
 
     Attributes:
-        plan: what is run.
+        plan: plan of the run.
         experiment: its kind.
-        key: that finds it again.
-        run_id: of the parent run.
-        tags: what tables know it by.
-        finished: whether an earlier command finished it.
+        key: key that identifies the run.
+        run_id: id of the parent run.
+        tags: tags of the run.
+        finished: True if an earlier command finished it.
         done: finished folds by name, as they were stored.
         errors: by name of a fold that failed, where its traceback is.
-        machine: that the run names as a whole, where its first fold was done; None before that.
-        others: where that was another, the machine of a finished fold, by its name.
+        machine: machine of its first fold, named by the run as a whole; None before that.
+        others: machine of each finished fold that was done elsewhere, by fold name.
     """
 
     def __init__(self, store: Store, plan: Plan, experiment: Experiment[Shown], key: str) -> None:
@@ -175,8 +175,8 @@ class TrackedRun(Generic[Shown]):
         """Store one fold: its run is there, complete, or it is not there.
 
         Args:
-            result: of the fold.
-            machine: that did it, None if it came to no end.
+            result: result of the fold.
+            machine: machine that did it, None if it did not finish.
         """
         if machine and self.machine is None:
             self.machine = machine

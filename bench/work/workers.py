@@ -32,9 +32,9 @@ class Task:
 
     Attributes:
         plan: whose fold it is.
-        experiment: what is done.
-        fold: which one.
-        key: of the run that it belongs to.
+        experiment: kind of run.
+        fold: fold to do.
+        key: key of its run.
     """
 
     plan: Plan
@@ -57,7 +57,7 @@ class Workers(Protocol):
     Left with an exception (Ctrl-C), it ends the folds that are under way.
 
     Attributes:
-        overlap: whether a plan may begin while folds of another are under way.
+        overlap: True if a plan may begin while folds of another are under way.
     """
 
     overlap: bool
@@ -86,7 +86,7 @@ class Processes:
     """Worker processes of this machine, which take one plan after the other, each with its number of threads.
 
     Args:
-        folder: where folds leave their messages (`bench.progress`).
+        folder: folder for messages of folds (`bench.progress`).
     """
 
     overlap = False  # plans have their own numbers of processes and threads, and share the cores with `fill_cache`

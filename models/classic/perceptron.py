@@ -31,18 +31,18 @@ class Perceptron(MostProbable):
     Rows are drawn at random as often as they count, so the updates that it learns in do not grow with the copies.
 
     Args:
-        units: of the hidden layer.
+        units: number of units in the hidden layer.
         updates: batches of 256 rows that it learns from.
         smoothing: share of a label that is spread over all classes, 0 to below 1.
         clip: SDs beyond which a feature says no more: what a broken sensor makes of it stays bounded.
-        damaged: how much a row of a damaged copy counts (``copy`` of the index is above 0); others count 1.
-        seed: of weights, draws and dropped units.
+        damaged: weight of a row of a damaged copy (``copy`` of the index is above 0); others count 1.
+        seed: random seed of weights, draws and dropped units.
 
     Attributes:
         classes_: class names.
         coefs_: [features, units] and [units, classes], float32.
         intercepts_: [units] and [classes], float32.
-        mean_, scale_: of the features, float32 [features].
+        mean_, scale_: mean and scale of the features, float32 [features].
     """
 
     units: int = 20

@@ -34,7 +34,7 @@ class Checkpoint:
         path: the file, or None.
 
     Attributes:
-        resumed: whether training went on from a state, or was done before.
+        resumed: True if training continued from a stored state, or was already done.
     """
 
     def __init__(self, path: Path | None) -> None:

@@ -67,8 +67,8 @@ class Hughes2017CNN(Hughes2017):
     On grids that are too small for a kernel or a pooling, these are cut to what is there.
 
     Args:
-        bits: of a learnt weight when it decides: 32, or 8 as `bench export` stores them.
-        epochs, batch, rate, seed, device: as of `WindowNet`.
+        bits: bits of a learnt weight in prediction: 32, or 8 as `bench export` stores them.
+        epochs, batch, rate, seed, device: see `WindowNet`.
     """
 
     batch: int = 100
@@ -117,7 +117,7 @@ class Hughes2017CNNRNN(Hughes2017):
     capture are one sequence. The cell is tanh, the paper contrasts it with LSTM; the loss is a mean over windows.
 
     Args:
-        epochs, batch, rate, seed, device: as of `WindowNet`; ``batch`` sequences per step.
+        epochs, batch, rate, seed, device: see `WindowNet`; ``batch`` sequences per step.
     """
 
     def samples(self, corpus: Corpus) -> Sequences:
@@ -143,7 +143,7 @@ class Hughes2017AERNN(Hughes2017):
 
     Args:
         pretraining: passes of the autoencoder over the training frames.
-        epochs, batch, rate, seed, device: as of `WindowNet`; ``batch`` chunks per step.
+        epochs, batch, rate, seed, device: see `WindowNet`; ``batch`` chunks per step.
     """
 
     pretraining: int = 20

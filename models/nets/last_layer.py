@@ -20,10 +20,10 @@ def relearnt(
 
     Args:
         net: fitted; it stays as it is.
-        samples: what the captures are cut into.
+        samples: pieces of the captures.
         target: class of each capture [captures].
         batch: samples at a time.
-        forward: how a network decides on a batch, as its system does it.
+        forward: forward pass of its system on a batch.
     """
     adapted = deepcopy(net).eval()
     layer = [module for module in adapted.modules() if isinstance(module, nn.Linear)][-1]

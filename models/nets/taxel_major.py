@@ -22,7 +22,7 @@ def taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
         x: [batch, channels, rows, cols]; fastest when it is laid out as [rows, cols, batch, channels].
 
     Returns:
-        What ``net(x)`` returns, up to rounding.
+        The output of ``net(x)``, up to rounding.
 
     Raises:
         TypeError: a layer before ``Flatten`` that is none of these.

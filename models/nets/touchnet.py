@@ -26,8 +26,8 @@ class Stretches:
         corpus: the captures.
         frames: length of a window.
         hop: frames from one window's start to the next.
-        drawn: whether windows in a batch are for training: as long as drawn, from places that are drawn, of a skin
-            that is mirrored, or whose rows and columns are exchanged, by a draw. PyTorch draws.
+        drawn: True for windows of training: start and length are drawn, and the skin is mirrored or has its rows and
+            columns exchanged by a draw. PyTorch draws.
 
     Attributes:
         capture: int64 [windows], position in the corpus of the capture that a window is cut from.
@@ -108,7 +108,7 @@ class TouchNet(WindowNet):
         updates: batches that it learns from, rounded up to whole passes over the training windows.
         smoothing: share of a label that is spread over all classes.
         rate: highest learning rate, a third of the way (one cycle, Smith and Topin 2019).
-        seconds, batch, seed, device: as of `WindowNet`; ``batch`` windows per update.
+        seconds, batch, seed, device: see `WindowNet`; ``batch`` windows per update.
     """
 
     seconds: float = 1.0

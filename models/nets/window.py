@@ -50,8 +50,8 @@ class WindowNet(ClassifierMixin, BaseEstimator):
     ``prepare``, ``optimiser``, ``passes`` or ``forward``.
 
     Args:
-        seed: of the weights, the shuffles and other draws, and of the held-out subject if there is one.
-        device: of PyTorch.
+        seed: random seed of the weights, the shuffles and other draws, and of the held-out subject if there is one.
+        device: PyTorch device.
         batch: samples per step; every system has it.
         epochs: most passes over the training samples. With a held-out subject, the epoch that is best for that subject
             is kept. This and the following are parameters of those systems that list them.
@@ -65,7 +65,8 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         classes_: class names.
         net_: the trained network.
         history_: per epoch what the training loop reports.
-        fit_seconds_: of the clock and of the processor, those before a kill included; only where training went on.
+        fit_seconds_: seconds of the clock and of the processor, those before a kill included; only if training was
+            resumed.
         activations_: numbers in memory while it decides on one window, or takes one step of a sequence (`activations`).
     """
 

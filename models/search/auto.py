@@ -54,7 +54,7 @@ class Auto(ClassifierMixin, BaseEstimator):
 
     Args:
         budget: seconds of the whole fit. How far it gets depends on the machine; ``chosen_`` tells.
-        trials: how many; None for as many as the budget allows. For a run that can be repeated give trials and
+        trials: number of trials; None for as many as the budget allows. For a run that can be repeated give trials and
             ``budget=inf``.
         inner: groups of training subjects that judge, or ``loso``.
         members: most systems that decide together.
@@ -63,11 +63,11 @@ class Auto(ClassifierMixin, BaseEstimator):
         max_predict: limit of the time to compute a decision, such as ``2ms``.
         max_decision: touch after which a label must be there, such as ``1s``: trials are judged by the first second of
             left-out captures. What computing takes comes on top.
-        seed: of the search and of the systems.
+        seed: random seed of the search and of the systems.
 
     Attributes:
         best_: the fitted recogniser.
-        chosen_: what it is made of, and how far the search got.
+        chosen_: members of the ensemble, and progress of the search.
         trials_: a row per trial, with its costs, its weight, and whether it is on the front of accuracy and each cost.
         tried_: the same as `Tried`.
         search_seconds_: seconds of all trials, also of those that were stored before; ``fit_seconds_`` wall and CPU

@@ -20,7 +20,7 @@ class Ensemble(ClassifierMixin, BaseEstimator):
 
     Args:
         members: recognisers of the same classes; one without probabilities gives its label 1.
-        weights: of each, which sum to 1.
+        weights: weight of each recogniser; they sum to 1.
         temperatures: by which the log probabilities of each are divided; 1 leaves them.
     """
 
@@ -62,7 +62,7 @@ def selected(
         proba: tempered probabilities of each recogniser [recognisers, captures, classes], the most accurate one first.
         codes: true class of each capture.
         subjects: whose capture it is.
-        allowed: whether these recognisers may decide together.
+        allowed: test that these recognisers may decide together.
 
     Returns:
         Weight by position; empty if none is allowed even alone.

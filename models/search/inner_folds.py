@@ -52,9 +52,9 @@ def check_search(inner: str, trials: int | None, budget: float, endless: bool) -
 
     Args:
         inner: number of groups of subjects, or ``loso``.
-        trials: how many, None for all.
+        trials: number of trials, None for all.
         budget: seconds.
-        endless: whether there is no end without trials or a budget.
+        endless: True if nothing ends the search without trials or a budget.
 
     Raises:
         InputError: one of them.

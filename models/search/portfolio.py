@@ -70,7 +70,7 @@ class Columns(TransformerMixin, BaseEstimator):
     """The columns of a table in which classes differ most, by an F-test.
 
     Args:
-        share: of the columns that are kept, at least one.
+        share: share of columns to keep, at least one column.
 
     Attributes:
         kept_: their positions, in order.
@@ -122,7 +122,7 @@ def work(trial: Trial, rows: int, width: int, classes: int) -> float:
 
     Args:
         trial: a complete one.
-        rows: of the table.
+        rows: number of rows of the table.
         width: columns of it.
         classes: number of them.
     """

@@ -30,16 +30,16 @@ class Tried:
     """One trial.
 
     Attributes:
-        trial: what was tried.
+        trial: trial.
         state: ``complete``; ``pruned``, as it was worse; of `Auto` also ``large``, as it exceeds a limit; ``late``, as
             it took too long; ``skipped``, as it would have; ``failed``; ``unjudged`` where there was no time for any.
-        seconds: that it took.
+        seconds: seconds of the trial.
         subjects: accuracy of each left-out training subject, in the order in which they were left out.
-        fit_seconds: what a fit to the whole training part should take.
+        fit_seconds: expected seconds of a fit to the whole training part.
         costs: milliseconds of a decision, bytes in flash and memory with 32 bits a number, by name.
-        proba: of left-out captures, float16 [captures, classes]; None where they are not kept.
+        proba: probabilities of left-out captures, float16 [captures, classes]; None if they are not kept.
         heat: temperature of the probabilities.
-        error: of one that failed.
+        error: error of a failed trial.
     """
 
     trial: Trial
@@ -73,11 +73,11 @@ class Study:
     Args:
         common: values of the parameters that every trial has, ``model`` first, in the order in which they are drawn.
         spaces: for each model the parameters that only its trials have.
-        seed: of the draws.
+        seed: random seed of the draws.
         most: number of trials, infinity for as many as there is time for.
         budget: seconds, infinity for no limit.
         began: when they began, of `time.perf_counter`.
-        limits: of costs; a trial that exceeds one is worse than any that does not.
+        limits: limits of costs; a trial that exceeds one is worse than any that does not.
 
     Attributes:
         tried: the finished trials.
@@ -114,7 +114,7 @@ class Study:
 
         Args:
             step: judges the next trial; None ends the search.
-            key: what trials depend on besides captures and labels.
+            key: influences on trials besides captures and labels.
             X: the training captures.
             y: their class names.
         """
@@ -147,7 +147,7 @@ class Study:
         Args:
             fixed: values that are not left to it.
             numbers: further numbers of the seed.
-            each: whether each value has a seed of its own, by its position.
+            each: True to give each value a seed of its own, by its position.
         """
         import optuna
 

@@ -39,8 +39,8 @@ class Table:
 
     Attributes:
         values: labelled by capture and copy where there are windows or copies.
-        row: which capture each is of.
-        sound: which are of no damaged copy.
+        row: capture of each row.
+        sound: rows without damage.
     """
 
     values: pd.DataFrame
@@ -61,7 +61,7 @@ class Inner:
         y: their class names.
         folds: (train, test) positions; nobody is on both sides, and every capture is tested once.
         touch: seconds of each tested capture that are seen; None for all.
-        seed: of the systems.
+        seed: random seed of the systems.
     """
 
     def __init__(self, X: Corpus, y: np.ndarray, folds: list, touch: float | None, seed: int) -> None:

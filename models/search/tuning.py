@@ -55,7 +55,7 @@ class Search(ClassifierMixin, BaseEstimator):
         objective: ``accuracy``; or ``smallest``, which gives nothing up and takes, of the combinations whose accuracy
             is not below the best by more than a standard error of the paired difference, the one that comes first in
             the lists.
-        seed: of the search, and of models that take one.
+        seed: random seed of the search, and of models that take one.
 
     Attributes:
         best_: the fitted recogniser.
@@ -296,8 +296,8 @@ def tuned(
     """The search that `bench tune` and `bench choose over=` ask for.
 
     Args:
-        name: of the model.
-        factory: of the model.
+        name: name of the model.
+        factory: factory of the model.
         features: one feature set by name, None for a model that reads captures.
         shown: the feature set as it is named in tables.
         tuning: ``space`` of the model's parameters, ``over`` (``features`` for the smallest subset of these that

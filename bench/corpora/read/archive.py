@@ -17,7 +17,7 @@ def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipf
 
     Args:
         path: the file.
-        broken: what to say of a damaged one, with a place for the reason: ``not a zip file ({}); get it again``.
+        broken: message about a damaged one, with a place for the reason: ``not a zip file ({}); get it again``.
 
     Raises:
         InputError: it cannot be read, also where it is read as a context; it unpacks to far more than its size, or

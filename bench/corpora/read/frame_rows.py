@@ -23,7 +23,7 @@ def labels_and_values(
 
     Args:
         batches: rows; of text each word once (a dictionary).
-        names: of the columns.
+        names: names of the columns.
         channels: columns of sensor values, in their order; all others are labels.
         full_scale: largest sensor value allowed.
         where: the file and the word for a row in messages: ``my.csv, line``.
@@ -72,10 +72,10 @@ def check_types(schema: pa.Schema, names: list[str], numbers: set[str], label: s
     """Refuse columns that are neither text nor numbers.
 
     Args:
-        schema: of the columns.
-        names: of the columns in messages.
+        schema: schema of the columns.
+        names: names of the columns in messages.
         numbers: columns that must hold numbers.
-        label: of the table in messages.
+        label: name of the table in messages.
 
     Raises:
         InputError: such a column.
@@ -95,7 +95,7 @@ def words_of(column: pa.Array, name: str, where: str, first: int = 1) -> pd.Cate
 
     Args:
         column: text, or bytes that should be text, perhaps as a dictionary.
-        name: of the column.
+        name: name of the column.
         where: the file and the word for a row in messages: ``my.parquet, row``.
         first: number of the first row in the file.
 

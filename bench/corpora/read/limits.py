@@ -104,8 +104,8 @@ def check_labels(labels: pd.Series, good: pd.Series, wanted: str, where: str, fi
 
     Args:
         labels: a column.
-        good: whether each is right.
-        wanted: which are, for the message.
+        good: True for each valid label.
+        wanted: description of valid labels, for the message.
         where: the file and the word for a row in messages: ``my.csv, line``.
         first: number of the row with index 0.
 
@@ -153,7 +153,7 @@ def check_unpacked(unpacked: int, path: Path, instead: str) -> None:
     Args:
         unpacked: bytes that the file claims to hold.
         path: the file.
-        instead: how to import it anyway.
+        instead: another way to import it.
 
     Raises:
         InputError: it is too much.
