@@ -1,4 +1,4 @@
-"""What the user typed: ``key=value`` with commas between several values; from Python lists and objects as well."""
+"""Typed arguments: ``key=value`` with commas between several values; from Python lists and objects as well."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def number(key: str, given: object) -> float:
 
 @dataclass(frozen=True)
 class Backend:
-    """Where folds are done.
+    """The workers that do folds.
 
     Attributes:
         jobs: processes of this machine, None for one per core.
@@ -195,7 +195,7 @@ HERE = Backend()
 
 
 def backend_of(values: Values) -> Backend:
-    """Where folds are to be done.
+    """The requested workers.
 
     Raises:
         InputError: a value that means nothing, or nothing there.
@@ -207,7 +207,7 @@ def backend_of(values: Values) -> Backend:
 
 
 def jobs_of(values: Values) -> int | None:
-    """Worker processes that were asked for."""
+    """The requested number of worker processes."""
     return convert("jobs", values["jobs"], 0) if "jobs" in values else None
 
 

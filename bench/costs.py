@@ -1,4 +1,4 @@
-"""What a system may cost, and amounts as they are typed."""
+"""The costs of a system, and amounts with units."""
 
 from __future__ import annotations
 

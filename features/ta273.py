@@ -86,12 +86,12 @@ def mean_pressure(corpus: Corpus) -> np.ndarray:
 
 
 def crossings_per_second(signal: np.ndarray, lengths: np.ndarray, levels: np.ndarray, rate_hz: float) -> np.ndarray:
-    """How often a signal passes each level, up or down, per second [captures, levels].
+    """Rate at which a signal passes each level, up or down, per second [captures, levels].
 
     Args:
         signal: float64 [frames], captures one after another.
         lengths: frames of each capture.
-        levels: in ascending order.
+        levels: levels in ascending order.
         rate_hz: frames per second.
     """
     # Between two frames every level from the lower to the higher of their places is crossed once.

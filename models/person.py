@@ -1,4 +1,4 @@
-"""What a classifier on features can do with some captures of one person."""
+"""Adaptation of a classifier on features to one person by some of their captures."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ ROUNDS = 200  # at most, until it has learnt
 
 
 def share(captures: np.ndarray, codes: np.ndarray | None, classes: int) -> tuple[float, bool]:
-    """How far the person's own mean is believed, 0 to 1, and whether their classes must be taken out of it first.
+    """Weight of the person's own mean, 0 to 1, and True if class means must be removed from it first.
 
     With as many labelled captures of each class it is the whole way, of anything else n captures go n / (n + 5) of it:
     a few captures may be of a few classes.
 
     Args:
         captures: capture of each row, numbered from 0.
-        codes: class of each row; None where it is not known.
+        codes: class of each row; None if unknown.
         classes: number of classes.
     """
     count = captures.max() + 1
@@ -104,7 +104,7 @@ class PersonScaler(TransformerMixin, BaseEstimator):
     ways: tuple[str, ...] = WAYS[:2]
 
     def fit(self, X: pd.DataFrame, y: np.ndarray) -> PersonScaler:
-        """Learn what is usual of features [rows, n_features] and class names [rows]."""
+        """Learn the usual range of features [rows, n_features] and class names [rows]."""
         rows = undamaged(X)
         values = np.asarray(X, dtype=np.float64)[rows]
         self.classes_, codes = np.unique(np.asarray(y)[rows], return_inverse=True)
@@ -122,7 +122,7 @@ class PersonScaler(TransformerMixin, BaseEstimator):
 
         Args:
             X: features [rows, n_features] of some of their captures.
-            y: class names [rows], each one that is known; None where they are not.
+            y: class names [rows]; None if unlabelled.
         """
         adapted = copy(self)
         captures = captures_of(X)
@@ -155,7 +155,7 @@ def pooled(
     Args:
         classifier: fitted or not; it stays as it is.
         training: rows and class names.
-        person: those of the person.
+        person: rows and class names of the person.
     """
     tables, labels = zip(training, *[person] * WEIGHT, strict=True)
     return clone(classifier).fit(pd.concat(tables), np.concatenate(labels))

@@ -1,4 +1,4 @@
-"""What any system can be given besides: windows, repair, scaling, and training under faults."""
+"""Additions to any system: windows, repair, scaling, and training under faults."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class Recipe(MostProbable):
             raise InputError(f"{option}: the system has no classifier on features; leave it out")
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """As of the system inside; refuses copies that need more memory than there is."""
+        """Forwarded to the wrapped system; refuses copies that need more memory than there is."""
         self.check_copies(X)
         contract.check_training(self.system, X, y)
 
@@ -123,7 +123,7 @@ class Recipe(MostProbable):
                 ensure(f"model.{name}={copies}", storage(X)[0].itemsize * values)
 
     def steps(self) -> list[Step]:
-        """What captures go through before the system sees them."""
+        """The steps of captures before the system."""
         repair: list[Step] = [Repair(self.repair)] if self.repair else []
         scale: list[Step] = [Scale(self.scale)] if self.scale != "none" else []
         return repair + scale + ([Windows(self.window, self.hop)] if self.window else [])
@@ -148,7 +148,7 @@ class Recipe(MostProbable):
         return self.around(system if self.bits == 32 else in_bits(system, self.bits), X)
 
     def around(self, system: contract.System, X: Corpus) -> Recipe:
-        """Take a system that has learnt from what the training steps make of some captures."""
+        """Wrap a system that was fitted to captures after the training steps."""
         self.system_, self.classes_ = system, system.classes_
         if self.window:
             self.window_ = Windows(self.window, self.hop).lengths(X.rate_hz)[0]
@@ -225,12 +225,12 @@ class Recipe(MostProbable):
 
 
 def build(factory: Callable, feature_set: contract.Features | None, **parameters: object) -> contract.System:
-    """A system as of `bench.contract.build`, behind its steps where some of the parameters ask for steps.
+    """Build a system as `bench.contract.build` does, wrapped in its steps if some of the parameters need steps.
 
     Args:
         factory: a class or a function.
         feature_set: a transformer of captures to a table; None for a system that reads captures.
-        parameters: keyword arguments, and any of `besides`; names joined by + stand for several.
+        parameters: keyword arguments, and any of `besides`; names joined by + give several values.
     """
     defaults = besides(factory)
     options: dict[str, Any] = {k: _typed(v, defaults[k]) for k, v in parameters.items() if k in defaults}

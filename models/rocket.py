@@ -57,8 +57,8 @@ class Rocket(MostProbable):
         classes_: class names.
         series_: conversion of captures to series.
         penalty_: penalty of the ridge regression.
-        temperature_: by which scores are divided before the softmax.
-        fit_seconds_: wall and CPU seconds of the last fit, without what was compiled before.
+        temperature_: divisor of the scores before the softmax.
+        fit_seconds_: wall and CPU seconds of the last fit, without compilation.
     """
 
     packages = ("aeon", "numba")
@@ -69,7 +69,7 @@ class Rocket(MostProbable):
     seed: int = 0
 
     def check(self) -> None:
-        """Refuse what cannot be, before anything is run.
+        """Refuse invalid parameters before anything is run.
 
         Raises:
             InputError: another value than those above, or aeon is not installed.
@@ -217,7 +217,7 @@ class Ridge:
         return self.vectors @ (self.turned / (self.values + penalty)[:, None])
 
     def left_out(self, penalty: float, groups: list[np.ndarray]) -> np.ndarray:
-        """What a fit to the others predicts for each group of captures [captures, n_targets].
+        """Predictions for each group of captures by a fit to the others [captures, n_targets].
 
         Args:
             penalty: penalty on the squared coefficients; the intercept has none.

@@ -1,4 +1,4 @@
-"""What a fitted system costs to keep: learnt numbers and bytes, counted without the author's help."""
+"""The size of a fitted system: learnt numbers and bytes, counted without the author's help."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""95 % bootstrap intervals over subjects of what classes get: recall of each, macro precision and macro recall."""
+"""95 % bootstrap intervals over subjects of class scores: recall of each, macro precision and macro recall."""
 
 from __future__ import annotations
 

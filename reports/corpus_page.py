@@ -1,4 +1,4 @@
-"""What ``bench data show`` draws: mean pressure of gestures, film strips, captures in motion, a page with all of it."""
+"""The figures of ``bench data show``: mean pressure of gestures, film strips, captures in motion, a page with all."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
     """Mean pressure on the grid, a panel for each gesture, all in the same colours.
 
     Args:
-        found: with ``means``.
+        found: survey with ``means``.
         group: the corpus, in words.
         folder: destination folder.
     """
@@ -170,7 +170,7 @@ def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Pict
 
     Args:
         corpus: the captures.
-        found: with ``typical``.
+        found: survey with ``typical``.
         group: the corpus, in words.
         folder: destination folder.
     """
@@ -234,7 +234,7 @@ def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> 
 
     Args:
         corpus: the captures.
-        captures: by their position in the whole corpus.
+        captures: captures by their position in the whole corpus.
         group: the corpus, in words.
         folder: destination folder.
 

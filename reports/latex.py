@@ -31,7 +31,7 @@ HEAD = r"% One table for each corpus, subset, protocol and unit. Needs \usepacka
 
 
 def latex(table: pd.DataFrame) -> str:
-    """Tables that compare systems, each with a caption that says what was compared.
+    """Tables that compare systems, each with a caption that names corpus, protocol and unit.
 
     Args:
         table: table from `bench.results`, of the store or of ``reference``: a row per run and unit, accuracies in

@@ -1,4 +1,4 @@
-"""What some captures of a new person are worth: accuracy against shots, from runs of ``protocol=personal``."""
+"""Accuracy against captures of a new person, from runs of ``protocol=personal``."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def curves_of(store: Store, runs: pd.DataFrame) -> list[Curves]:
 
 
 def new_person_sections(sets: list[Curves], folder: Path) -> list[tuple[str, Picture, Table]]:
-    """For each set of curves: what it is of in words, a figure and a table.
+    """A figure and a table with a heading for each set of curves.
 
     Args:
         sets: curves from `curves_of`.
@@ -111,7 +111,7 @@ def curve_of(store: Store, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def known_of(run: pd.Series) -> str:
-    """What is known of the person in a run: a number of shots, or captures without labels."""
+    """The calibration of a run: a number of shots, or captures without labels."""
     return WITHOUT if run["protocol.unlabelled"] == "True" else str(int(run["protocol.shots"]))
 
 
@@ -150,7 +150,7 @@ def table_of(curves: dict[str, pd.DataFrame]) -> pd.DataFrame:
 
 
 def drawn(curves: dict[str, pd.DataFrame], context: str) -> Figure:
-    """Accuracy against what is known, a line per system; hollow where nothing is labelled."""
+    """Accuracy against calibration captures, a line per system; hollow marks for unlabelled ones."""
     ticks = sorted({k for curve in curves.values() for k in curve["known"]}, key=_position)
     figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.65))
     axis = axes[0][0]

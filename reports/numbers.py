@@ -35,7 +35,7 @@ def listed(names: Sequence[str], most: int = 4) -> str:
 
 
 def number(value: float, digits: int = 1, sign: bool = False) -> str:
-    """A number with so many decimal places, and with its sign if that is wanted."""
+    """A number with so many decimal places, and optionally with its sign."""
     return "-" if pd.isna(value) else f"{value:{'+' * sign}.{digits}f}"
 
 

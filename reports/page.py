@@ -86,7 +86,7 @@ def _write(store: Store, folder: Path, runs: pd.DataFrame, budgets: Mapping[str,
 def assemble(
     store: Store, runs: pd.DataFrame, folder: Path, budgets: Mapping[str, float]
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
-    """What ``report.jinja`` shows, by name, and the tables that go into CSV files.
+    """The variables of ``report.jinja``, by name, and the tables of the CSV files.
 
     Args:
         store: store of the runs.

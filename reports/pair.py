@@ -24,7 +24,8 @@ class Compared:
         system: the first one, as tables name it.
         other: the second one.
         on: data, subset and protocol, in words.
-        accuracy: in percent of whole captures [subjects, 2], means over seeds; its columns are the two systems.
+        accuracy: percent of correctly classified captures [subjects, 2], means over seeds; its columns are the two
+            systems.
         difference: accuracy of the first system less that of the second, mean over subjects, in points.
         low: lower end of the 95 % t-interval of the difference over subjects; NaN for one subject.
         high: upper end of it.

@@ -1,4 +1,4 @@
-"""What the papers print, beside ours and recomputed from their own tables, as tables of the report."""
+"""The published numbers, beside ours and recomputed from the papers' own tables, as tables of the report."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _features(row: object) -> str:
 
 
 def recomputed_section(tables: pd.DataFrame) -> dict[str, object]:
-    """What the papers' own tables give.
+    """The numbers recomputed from the papers' own tables.
 
     Args:
         tables: `reports.published_tables.recomputed`.

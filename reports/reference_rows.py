@@ -18,11 +18,11 @@ REFERENCE = " (reference)"  # behind the name of such a system
 
 
 class BySubject(NamedTuple):
-    """What statistics compare in a group.
+    """The compared values of a group.
 
     Attributes:
         subjects: accuracy in percent [systems, subjects], best mean first.
-        seeds: the number of seeds behind each row, which is not known of a reference result.
+        seeds: number of seeds of each row, unknown for a reference result.
         references: the reference results among the rows, by name.
     """
 
@@ -32,7 +32,7 @@ class BySubject(NamedTuple):
 
 
 def references(runs: pd.DataFrame) -> dict[str, Submission]:
-    """Reference results by the name that tables give them, which are comparable with the runs.
+    """Reference results by their name in tables, if they are comparable with the runs.
 
     Args:
         runs: runs of one group, from `bench.outcomes.runs.with_groups`.

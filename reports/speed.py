@@ -38,7 +38,7 @@ def speed_chart(group: Mapping[str, Any], costs: list[str]) -> tuple[Figure, str
 
     Args:
         group: group of `reports.candidates.chart_data`.
-        costs: in words, as there.
+        costs: names of costs, as in the chart data.
     """
     points = pd.DataFrame(
         [{**p, **dict(zip(("accuracy", "low", "high"), p["y"], strict=True))} for p in group["points"]]

@@ -64,7 +64,7 @@ def stream_of(store: Store, run: Row) -> dict[str, Any]:
 
 
 def figure(rows: list[dict[str, Any]], folder: Path) -> list[Path]:
-    """Write what `draw` draws as ``streaming.png`` and ``.svg``."""
+    """Write the figure of `draw` as ``streaming.png`` and ``.svg``."""
     fig = draw(rows)
     paths = [folder / "streaming.png", folder / "streaming.svg"]
     for path in paths:

@@ -24,7 +24,7 @@ ACTIONS = ("import", "show", "verify", "export")
 
 
 def data(arguments: list[str]) -> int:
-    """List what is here, import a corpus, look at, verify or export one.
+    """List the corpora, or import, show, verify or export one.
 
     Raises:
         InputError: something in the arguments or the files cannot be used.
@@ -70,7 +70,7 @@ def listed() -> int:
 
 
 def show(name: str, values: dict[str, str]) -> int:
-    """Print what a corpus holds, and draw it."""
+    """Print the survey of a corpus, and draw it."""
     where, target, out = (str(setting("data-show", key, values)) for key in ("where", "target", "out"))
     parameters: dict[str, object] = {key: value for key, value in values.items() if key not in keys("data-show")}
     print(looked(name, where, target, Path(out), values.get("capture"), parameters))
@@ -84,7 +84,7 @@ def show(name: str, values: dict[str, str]) -> int:
 def looked(
     name: str, where: str, target: str, out: Path | None, capture: object, parameters: dict[str, object]
 ) -> Survey:
-    """A survey of the captures of a corpus, drawn into a folder if one is given.
+    """Survey the captures of a corpus, and draw them if a folder is given.
 
     Args:
         name: name of the corpus.
@@ -129,7 +129,7 @@ def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
 
 
 def read(kind: str, source: Path, values: dict[str, str]) -> int:
-    """Import a corpus, with a line for its warnings, one for what it replaces and one for what it holds."""
+    """Import a corpus; print its warnings, the corpus it replaces, and its contents."""
     before = _stored(values.get("name", kind))
     corpus = import_corpus(kind, source, values)
     if corpus.info["warnings"]:
@@ -157,7 +157,7 @@ def _stored(name: str) -> tuple[int, str] | None:
 
 
 def check(name: str) -> int:
-    """Print a line for every file of a stored corpus, read anew, and whether it is what was stored."""
+    """Print a line for every file of a stored corpus, read anew and compared with the stored digest."""
     files = verify(name)
     width = max(map(len, files), default=0)
     for file, damage in files.items():

@@ -1,4 +1,4 @@
-"""Captures that are the same: one recording that stands in a corpus twice, or in two corpora."""
+"""Duplicate captures: one recording twice in a corpus, or in two corpora."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _groups(positions: Sequence[int], key: Callable[[int], Hashable]) -> list[li
 
 
 def quiet(frames: np.ndarray) -> bool:
-    """Whether so little changes in a capture that another one can be equal by chance, such as no touch.
+    """Return True if a capture varies so little that another one can be equal by chance, such as no touch.
 
     Fewer than `CHANGES` readings differ from that of the same taxel one frame before; in a capture of a single frame,
     from that of the taxel before.
@@ -70,7 +70,7 @@ def repeated(corpus: Corpus) -> list[list[int]]:
 
 
 def shared(target: Corpus, source: Corpus) -> list[tuple[int, int]]:
-    """Captures that stand in two corpora, without `quiet` ones: equal in their readings or in shares of full scale.
+    """Captures in both of two corpora, without `quiet` ones: equal in their readings or in shares of full scale.
 
     Returns:
         Pairs of positions, in ``target`` and in ``source``; one for each such capture of ``target``.
@@ -118,7 +118,7 @@ def named(corpus: Corpus, position: int) -> str:
 
 
 def without(corpus: Corpus, position: int) -> str:
-    """A condition (``where=``) that leaves a capture out, and as few others as its columns can tell apart."""
+    """A condition (``where=``) that excludes a capture, and as few others as its columns allow."""
     like, parts = np.ones(len(corpus), bool), []
     for column in filter(str.isidentifier, map(str, corpus.captures)):
         values = corpus.captures[column].tolist()

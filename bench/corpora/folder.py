@@ -35,12 +35,12 @@ _seen: set[tuple] = set()  # frames verified in folders that cannot be written, 
 
 
 class Damaged(Exception):
-    """What is wrong with a stored corpus, in a few words."""
+    """A defect of a stored corpus, in a few words."""
 
 
 @dataclass(frozen=True)
 class Address:
-    """Where a stored corpus is found again, by another process or on another machine.
+    """The location of a stored corpus, for another process or machine.
 
     Attributes:
         path: path of its folder.
@@ -74,7 +74,7 @@ class Address:
 
 
 def address(corpus: Corpus) -> Address:
-    """Where a stored corpus is found again.
+    """The location of a stored corpus.
 
     Raises:
         ValueError: it is not stored.
@@ -121,7 +121,7 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
     Args:
         corpus: corpus to store.
         folder: destination.
-        digest: its `content_digest`, if that is known.
+        digest: `content_digest`, if already computed.
 
     Raises:
         OSError: the folder cannot be written.
@@ -153,7 +153,7 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
 
 
 def open_folder(folder: Path, key: str = "") -> Corpus:
-    """Map a stored corpus, if it is what was stored.
+    """Map a stored corpus after checking that it is unchanged.
 
     Args:
         folder: folder of the corpus.
@@ -176,7 +176,7 @@ def open_folder(folder: Path, key: str = "") -> Corpus:
 
 
 def verified(folder: Path, key: str = "") -> dict[str, str]:
-    """What is wrong with each file, ``""`` for nothing: all are read and hashed anew.
+    """The defect of each file, ``""`` for none: all are read and hashed anew.
 
     Args:
         folder: folder of a corpus.
@@ -265,7 +265,7 @@ def small_file(path: Path, most: int = 1 << 24) -> bytes:
 
 
 def stamp(path: Path) -> tuple[int, ...]:
-    """What changes when a file does: size, times (that of its entry cannot be set back) and inode.
+    """Attributes that change with a file: size, times (that of its entry cannot be set back) and inode.
 
     Raises:
         Damaged: there is no such file.

@@ -117,7 +117,7 @@ def _folder(name: str) -> Path:
 
 
 def verify(name: str) -> dict[str, str]:
-    """Every file of a stored corpus with what is wrong with it, ``""`` for nothing; all are read and hashed anew.
+    """Every file of a stored corpus with its defect, ``""`` for none; all are read and hashed anew.
 
     Args:
         name: name of an imported corpus, or ``synth`` for all generated ones.
@@ -147,7 +147,7 @@ def imported() -> list[str]:
 
 
 def overview() -> list[dict[str, object]]:
-    """What is here: figures of each imported corpus, or what is wrong with it under ``damaged``."""
+    """Summary of each imported corpus, or its defect under ``damaged``."""
     rows: list[dict[str, object]] = []
     for name in imported():
         try:

@@ -161,7 +161,7 @@ def generate(
 
 
 class Habits:
-    """What makes a subject's touch their own; factors are log-normal around 1.
+    """Personal traits of a subject's touch; factors are log-normal around 1.
 
     ``style`` is how far a gesture leans to its lookalike, the other tables hold a factor for each gesture.
     """
@@ -194,7 +194,7 @@ def capture(
     gain: float,
     noise: float,
 ) -> np.ndarray:
-    """One capture, uint16 [frames, rows, cols]."""
+    """Generate one capture, uint16 [frames, rows, cols]."""
     usual = GESTURES[gesture]
     lean = float(np.clip(habits.style[gesture] + rng.normal(0, 0.12), 0, 1))
     way = _blend(usual, GESTURES[LOOKALIKE[gesture]], lean)

@@ -15,7 +15,7 @@ from models.quantised import rounded
 
 
 def check(system: System) -> None:
-    """Refuse another network, or what is none.
+    """Refuse other networks and other objects.
 
     Raises:
         InputError: it is.

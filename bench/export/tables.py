@@ -1,4 +1,4 @@
-"""What the C of a fitted system needs: sizes, steps, windows, when to decide, and its classifiers."""
+"""The contents of a fitted system's C: sizes, steps, windows, stopping rule, and its classifiers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ class Chip:
 
     Attributes:
         defines: macros of the preprocessor, by name.
-        deciders: by the name of their function: ``decide``, and ``decide_early`` of what is shorter than a window.
+        deciders: classifiers by the name of their function: ``decide``, and ``decide_early`` for captures shorter than
+            a window.
         features: fixed code that computes the features: ``touch``, ``jung28`` or ``convolved``.
         classes: names.
         arrays: learnt numbers of the features, by name.
@@ -62,7 +63,7 @@ def check(estimator: Any) -> None:
 
 
 def chip_of(recogniser: Recogniser, bits: int) -> Chip:
-    """What the C of a saved system is made of.
+    """The contents of a saved system's C.
 
     Args:
         recogniser: saved system, from `bench.work.saved.load`.

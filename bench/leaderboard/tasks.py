@@ -1,4 +1,4 @@
-"""Frozen tasks: captures, subset, protocol and unit under a name, so that results of anybody can be compared.
+"""Frozen tasks: captures, subset, protocol and unit under a name, so that all results can be compared.
 
 What a name means never changes; a task that is mended gets a new one, with ``-v2`` at its end.
 """
@@ -29,7 +29,7 @@ class Task:
     """Data, protocol and unit under a name. The subset is the whole corpus and the class the gesture, in all of them.
 
     Attributes:
-        name: ends in its version.
+        name: name with its version at the end.
         protocol: protocol label of its runs.
         protocol_text: the protocol in words.
         unit: meaning of one row of predictions.
@@ -54,7 +54,7 @@ class Task:
 
     @property
     def kind(self) -> str:
-        """Of the runs that answer the task, as they are tracked."""
+        """Kind of the runs that answer the task, as tracked."""
         return "cell" if self.command == "run" else self.command
 
     def circumstances(self) -> list[tuple[str, ...]]:

@@ -1,4 +1,4 @@
-"""What ``bench check`` compares of a run, and the file that keeps it."""
+"""The measurements that ``bench check`` compares, and their file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NAMES = ("data", "corpus_digest", "subset", "target", "protocol", "system", "see
 
 @dataclass(frozen=True)
 class Measured:
-    """What one run of a system came to; a baseline holds one for each.
+    """Measurements of one run of a system; a baseline holds one for each.
 
     Attributes:
         run: the arguments of ``bench run`` that make it.

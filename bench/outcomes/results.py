@@ -1,4 +1,4 @@
-"""What a fold hands back, and what its run costs."""
+"""The result of a fold, and the costs of its run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Shown = TypeVar("Shown")  # what a kind of run shows besides its metrics and tab
 
 @dataclass
 class FoldResult:
-    """What a worker hands back; ``error`` is a traceback, or empty where the fold went well.
+    """The result of a fold; ``error`` is a traceback, or empty if it succeeded.
 
     Attributes:
         name: name of the fold.
@@ -56,11 +56,11 @@ class FoldResult:
 
 @dataclass(frozen=True)
 class Findings(Generic[Shown]):
-    """What was measured from all folds of a run.
+    """Measurements from all folds of a run.
 
     Attributes:
         metrics: tracked numbers.
-        tables: kept with the run by the name of a ``.parquet`` or ``.csv`` file.
+        tables: tables to store with the run, by the name of a ``.parquet`` or ``.csv`` file.
         facts: tags, such as the unit of a decision.
         analysis: further results for the command, of its own type.
     """

@@ -1,4 +1,4 @@
-"""Tracked runs as a table, with what they keep."""
+"""Tracked runs as a table, with their stored files."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def selected(runs: pd.DataFrame, asked: Mapping[str, Iterable[object]]) -> pd.Da
 
 
 def without_runs(tables: Iterable[pd.DataFrame], asked: Mapping[str, Iterable[object]]) -> list[str]:
-    """Of the models and feature sets that are asked for, those that no run of any table has, as ``key=value``."""
+    """The requested models and feature sets without a run in any table, as ``key=value``."""
     parts = [(key, value) for key in ("features", "model") for value in asked.get(key, ())]
     return [f"{key}={v}" for key, v in parts if not any(len(selected(runs, {key: [v]})) for runs in tables)]
 
@@ -123,7 +123,7 @@ def artifact(store: Store, run: Row, name: str) -> Path | None:
 
 
 def needed(store: Store, run: Row, name: str) -> Path:
-    """The same where nothing can be told without it.
+    """Path of a required artifact of a run.
 
     Raises:
         InputError: it is gone.

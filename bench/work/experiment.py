@@ -1,4 +1,4 @@
-"""What a kind of run is: evaluation, stress and stream are three of them, and a new one is one file.
+"""The interface of a kind of run: evaluation, stress and stream are three of them, and a new one is one file.
 
 `bench.work.loop` does the rest once for all kinds: key, resuming, failed folds, Ctrl-C, progress, tracking, printing.
 """
@@ -27,7 +27,7 @@ class Experiment(Generic[Shown]):
     Attributes:
         kind: tag of its parent runs.
         fold_kind: tag of its folds.
-        heading: above the table of rows.
+        heading: heading of the table of rows.
         columns: columns of its table besides those of predictions; a corpus cannot have them.
         adapts: True if it passes calibration captures to systems; other kinds refuse protocols that have them.
     """
@@ -43,11 +43,11 @@ class Experiment(Generic[Shown]):
         return {f"{self.kind}.{f.name}": getattr(self, f.name) for f in dataclasses.fields(self)}
 
     def identity(self) -> object:
-        """What two equal experiments have in common, by default kind and fields."""
+        """Identity of the experiment, by default kind and fields."""
         return repr(self)
 
     def arguments(self) -> dict[str, str]:
-        """The options as they are typed; what has its default is left out."""
+        """The options as typed; defaults are left out."""
         return {}
 
     def command(self, cell: Cell) -> str:
@@ -59,14 +59,14 @@ class Experiment(Generic[Shown]):
         return [type(self)]
 
     def refuse(self, plan: Plan) -> None:
-        """Refuse before anything is run what cannot be.
+        """Refuse impossible cells before anything is run.
 
         Raises:
             InputError: it cannot be.
         """
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-        """Do one fold, in a worker process; what it raises is recorded as the fold's failure.
+        """Do one fold, in a worker process; an exception is recorded as the fold's failure.
 
         Args:
             cell: cell of the run.
@@ -91,7 +91,7 @@ class Experiment(Generic[Shown]):
         raise NotImplementedError
 
     def row(self, metrics: dict[str, float]) -> dict[str, str]:
-        """What is printed of a run behind system, data, subset and protocol, by heading.
+        """The printed row of a run after system, data, subset and protocol, by heading.
 
         Args:
             metrics: tracked metrics; empty if every fold failed.

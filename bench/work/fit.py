@@ -41,10 +41,10 @@ class Fitted:
 
     Attributes:
         cell: cell of the trained system.
-        recogniser: the fitted system with what its frames must be like.
+        recogniser: fitted system with the required format of its frames.
         uri: address of the saved model in the store.
         run_id: id of its run.
-        captures: it was trained on.
+        captures: training captures.
     """
 
     cell: Cell
@@ -67,7 +67,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
     """Train on all captures of a cell, and save.
 
     Args:
-        cell: its protocol is not looked at.
+        cell: cell to train; its protocol is ignored.
         stopping: True to learn, from three more fits that leave subjects out, the calibration and the stopping rule; a
             warning appears if there are too few captures for it.
         out: a folder that is new or empty, to save the model there too.
@@ -135,7 +135,7 @@ def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
 
 
 def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarray | None, out: Path) -> float:
-    """Adapt a saved system to one person, save it as a folder, and say how many seconds adapting took.
+    """Adapt a saved system to one person, save it as a folder, and return the seconds of adapting.
 
     Args:
         model: folder of the saved system.

@@ -131,7 +131,7 @@ def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np
 def decided_at(
     frames: Iterator[np.ndarray | None], rate_hz: float, hop_ms: float, longest: int
 ) -> Iterator[tuple[int, int, list[np.ndarray]]]:
-    """When to decide, and on what: every hop, and where a capture ends on frames that nothing was decided on.
+    """Times of decisions, and their frames: every hop, and the end of a capture with undecided frames.
 
     Args:
         frames: frames of one capture after another, with None between them.

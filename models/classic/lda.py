@@ -20,7 +20,7 @@ from models.search.space import Range
 
 @dataclass(frozen=True)
 class Learnt:
-    """What `Discriminants` have learnt of their rows, which they can go on learning from.
+    """Statistics of the training rows of `Discriminants`, which further rows can update.
 
     Attributes:
         mean, sd: mean and SD of the features [features]; all that follows is in these units.
@@ -103,7 +103,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
 
         Args:
             X: features [rows, n_features] of some captures of the person.
-            y: class names [rows], each one that is known; None where they are not.
+            y: class names [rows]; None if unlabelled.
             weight: weight of a labelled row relative to one of training.
         """
         adapted = copy(self)
@@ -140,7 +140,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         return 2 * self.n_features_in_
 
     def decision_function(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
-        """Log of the density of each class, but for what is common to all [rows, classes]."""
+        """Log density of each class, up to a common constant [rows, classes]."""
         return np.asarray(X, dtype=np.float64) @ self.coef_.T + self.intercept_
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:

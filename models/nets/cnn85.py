@@ -97,7 +97,7 @@ class CNN85(FrameNet):
         )
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
-        """What ``net(x)`` gives; in training in taxel-major order, in half the bits with channels last."""
+        """The output of ``net(x)``; in training in taxel-major order, in half the bits with channels last."""
         if self.precision == "bfloat16":
             return net(x.contiguous(memory_format=torch.channels_last))
         return taxel_major(net, x) if net.training else net(x)

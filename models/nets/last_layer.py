@@ -1,4 +1,4 @@
-"""The last layer of a network, learnt anew for one person from what the layers before make of their captures."""
+"""The last layer of a network, relearnt for one person from the output of the layers before."""
 
 from __future__ import annotations
 

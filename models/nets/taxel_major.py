@@ -15,7 +15,7 @@ from torch import nn
 
 
 def taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
-    """Run a stack of convolutions, ReLUs and 2 x 2 poolings, then whatever follows `nn.Flatten`.
+    """Run a stack of convolutions, ReLUs and 2 x 2 poolings, then the layers after `nn.Flatten`.
 
     Args:
         net: ``Conv2d`` (stride 1, zero padding), ``ReLU`` and ``MaxPool2d(2, ceil_mode=True)`` up to a ``Flatten``.

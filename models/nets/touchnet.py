@@ -20,7 +20,7 @@ ROW, COL, FLOW_ROW, FLOW_COL = (SIGNALS.index(name) for name in ("row", "col", "
 
 
 class Stretches:
-    """Windows of the signals of captures; what is shorter than a window is as long as it is.
+    """Windows of the signals of captures; short captures are shorter windows.
 
     Args:
         corpus: the captures.
@@ -158,7 +158,7 @@ class TouchNet(WindowNet):
         return Stretches(corpus, self.window, (self.window + 1) // 2, drawn=True)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
-        """4 to 40 thousand parameters, whatever the grid."""
+        """Network of 4 to 40 thousand parameters on any grid."""
         widths = (len(SIGNALS), self.width, self.width * 3 // 2, 2 * self.width)
         kernels = (self.kernel, self.kernel, 3)
         layers = [_Convolved(*sizes) for sizes in zip(widths[:-1], widths[1:], kernels, strict=True)]
@@ -246,7 +246,7 @@ class OneCycle(Optimiser):
             self.cycle.step()
 
     def state_dict(self) -> dict:
-        """Of the optimiser and of the cycle."""
+        """State of the optimiser and of the cycle."""
         return {"optimiser": super().state_dict(), "cycle": self.cycle.state_dict()}
 
     def load_state_dict(self, state: dict) -> None:

@@ -151,7 +151,7 @@ class Optimiser:
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long a network is trained, and in which steps.
+    """Length and step sizes of a network's training.
 
     Attributes:
         epochs: most passes over the samples.

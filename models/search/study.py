@@ -27,7 +27,7 @@ WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial i
 
 @dataclass
 class Tried:
-    """One trial.
+    """A finished trial.
 
     Attributes:
         trial: trial.
@@ -59,7 +59,7 @@ class Tried:
 
 
 def within(costs: dict[str, float], limits: dict[str, float]) -> bool:
-    """Whether no cost that has been measured exceeds its limit."""
+    """Return True if no measured cost exceeds its limit."""
     return all(costs[name] <= limit for name, limit in limits.items() if name in costs)
 
 
@@ -72,11 +72,11 @@ class Study:
 
     Args:
         common: values of the parameters that every trial has, ``model`` first, in the order in which they are drawn.
-        spaces: for each model the parameters that only its trials have.
+        spaces: parameters by model, for its trials only.
         seed: random seed of the draws.
         most: number of trials, infinity for as many as there is time for.
         budget: seconds, infinity for no limit.
-        began: when they began, of `time.perf_counter`.
+        began: time of the search's beginning, of `time.perf_counter`.
         limits: limits of costs; a trial that exceeds one is worse than any that does not.
 
     Attributes:
@@ -113,7 +113,7 @@ class Study:
         would have made; their seconds count as spent. The file is locked against other processes.
 
         Args:
-            step: judges the next trial; None ends the search.
+            step: function that judges the next trial; None ends the search.
             key: influences on trials besides captures and labels.
             X: the training captures.
             y: their class names.
@@ -142,7 +142,7 @@ class Study:
                 tell(words, max(self.left, 0) if np.isfinite(self.budget) else None)
 
     def drawn(self, fixed: Trial, *numbers: int, each: bool = False) -> Trial:
-        """What the sampler suggests after the trials so far.
+        """The sampler's suggestion after the trials so far.
 
         Args:
             fixed: values that are not left to it.
@@ -167,7 +167,7 @@ class Study:
         return trial
 
     def worse(self, tried: Tried) -> bool:
-        """Whether a signed-rank test over the subjects so far finds a trial worse than the best one."""
+        """Return True if a signed-rank test over the subjects so far finds a trial worse than the best one."""
         import optuna
 
         seen = dict(enumerate(tried.subjects.values()))

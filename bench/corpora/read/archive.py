@@ -13,7 +13,7 @@ from bench.errors import InputError
 
 @contextmanager
 def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipfile.ZipInfo]]]:
-    """A zip archive and the files in it, without folders and what macOS adds.
+    """A zip archive and the files in it, without folders and additions of macOS.
 
     Args:
         path: the file.
@@ -37,6 +37,6 @@ def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipf
 
 
 def by_macos(name: str) -> bool:
-    """Whether macOS put this into an archive or a folder, beside the file that is meant."""
+    """Return True for a file that macOS added to an archive or a folder."""
     *folders, file = name.split("/")
     return "__MACOSX" in folders or file.startswith("._")

@@ -63,7 +63,7 @@ def _joined(parts: list) -> pd.Categorical | np.ndarray:
 
 
 def is_text(kind: pa.DataType) -> bool:
-    """Whether a column holds text, or bytes that should be text."""
+    """Return True if a column holds text, or bytes that should be text."""
     kind = kind.value_type if kinds.is_dictionary(kind) else kind
     return any(test(kind) for test in _TEXT)
 

@@ -20,7 +20,7 @@ def highest_of(full_scale: float) -> float:
 
 
 def unfit(values: np.ndarray, highest: float) -> np.ndarray:
-    """Where values are not within 0 and ``highest``, or are whole numbers that float32 would change."""
+    """Positions of values outside 0 to ``highest``, or of whole numbers that float32 would change."""
     if values.dtype == np.float16:  # which holds no number as large as EXACT
         values = values.astype(np.float32)
     wrong = ~((values >= 0) & (values <= np.float64(highest)))  # a NaN is neither

@@ -38,7 +38,7 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
     Args:
         path: the file.
         rate_hz: frames per second.
-        grid: ``ROWSxCOLS``; a ``.npz`` file knows its own.
+        grid: ``ROWSxCOLS``; a ``.npz`` file contains its own.
         full_scale: largest value that the sensor gives.
 
     Returns:
