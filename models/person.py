@@ -122,7 +122,7 @@ class PersonScaler(TransformerMixin, BaseEstimator):
 
         Args:
             X: features [rows, n_features] of some of their captures.
-            y: class names [rows]; None if unlabelled.
+            y: class names [rows], all from training; None if unlabelled.
         """
         adapted = copy(self)
         captures = captures_of(X)

@@ -61,7 +61,7 @@ class Submission:
 
     Attributes:
         name: name of the folder.
-        task: name of its task.
+        task: task that it answers.
         metadata: the content of its ``submission.json``, by the names in `TEXTS` and `NUMBERS`.
         table: predictions, a row for each of `rows_of` the task, with ``predicted`` and optionally ``p_<class>``.
         sha256: SHA-256 of the names and the content of its two files.

@@ -44,7 +44,7 @@ class Fitted:
         recogniser: fitted system with the required format of its frames.
         uri: address of the saved model in the store.
         run_id: id of its run.
-        captures: training captures.
+        captures: number of training captures.
     """
 
     cell: Cell

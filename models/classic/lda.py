@@ -103,7 +103,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
 
         Args:
             X: features [rows, n_features] of some captures of the person.
-            y: class names [rows]; None if unlabelled.
+            y: class names [rows], all from training; None if unlabelled.
             weight: weight of a labelled row relative to one of training.
         """
         adapted = copy(self)
