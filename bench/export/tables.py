@@ -25,7 +25,7 @@ LONGEST_TOUCH = 2**30  # frames; a window forgets
 
 @dataclass
 class Chip:
-    """All that is written of a fitted system.
+    """Contents of the exported C of a fitted system.
 
     Attributes:
         defines: macros of the preprocessor, by name.

@@ -141,7 +141,7 @@ class Optimiser:
         self.inner.step()
 
     def state_dict(self) -> dict:
-        """All that the next step depends on, besides the parameters."""
+        """State for the next step, besides the parameters."""
         return self.inner.state_dict()
 
     def load_state_dict(self, state: dict) -> None:
