@@ -82,8 +82,8 @@ def corpus(data: str = "synth", where: str = "", target: str = "gesture", **para
     Args:
         data: an imported corpus, or ``synth``.
         where: captures to use, a condition on their columns.
-        target: columns to tell apart.
-        parameters: of ``synth``.
+        target: columns of the class.
+        parameters: parameters of ``synth``.
 
     Raises:
         InputError: it is not here, or the condition cannot be used.
@@ -102,7 +102,7 @@ def look(
     target: str = "gesture",
     **parameters: object,
 ) -> Survey:
-    """What a corpus holds, as ``bench data show`` tells it; prints the same words.
+    """Survey a corpus, as ``bench data show`` does; the result prints as the same sentences.
 
     Args:
         data: an imported corpus, or ``synth``.
@@ -110,7 +110,7 @@ def look(
         out: folder for figures, an animation and a page that holds them; None draws nothing.
         capture: the one to animate, by its position in the whole corpus; None for a typical one of each gesture.
         target: columns that make the class to predict, such as ``variant``; its classes are counted.
-        parameters: of ``synth``.
+        parameters: parameters of ``synth``.
 
     Returns:
         Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
@@ -122,7 +122,7 @@ def look(
 
 
 def run(**values: object) -> pd.DataFrame:
-    """Evaluate every combination of the values; what is tracked already is not run again.
+    """Evaluate every combination of the values; stored runs are not repeated.
 
     Args:
         values: a list of values runs each of them. ``model__C=8`` sets a parameter of a part, as ``model.C=8`` does on
@@ -150,7 +150,7 @@ def run(**values: object) -> pd.DataFrame:
 
 
 def plans(**values: object) -> list[Plan]:
-    """What `run` would run: captures, folds and an untrained system for every combination of the values.
+    """The plans of `run`: captures, folds and an untrained system for every combination of the values.
 
     Args:
         values: keys of `run`.
@@ -257,7 +257,7 @@ def audit(**values: object) -> pd.DataFrame:
 
 
 def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
-    """The cheapest tracked system that is within one standard error of the best, as ``bench choose`` tells it.
+    """Choose the cheapest stored system within one standard error of the best, as ``bench choose`` does.
 
     With ``over``, runs are made as ``bench choose over=`` makes them; see `run` for what they give.
 
@@ -265,10 +265,10 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
         values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, to choose among;
             ``by`` (the cost to keep low, default ``flash``); budgets ``max_flash``, ``max_ram``, ``max_predict``,
             ``max_decision``, ``max_cycles``; ``clock`` of the target, such as ``64MHz``, at which measured cycles count
-            for ``max_decision``; ``margin`` (points of accuracy that do not matter); ``unit`` (``capture`` or
-            ``window``); ``batch`` (``yes`` to choose among systems whose labels depend on the batch, too); ``shots``
-            (known captures of a new person); ``over`` (a parameter, or ``features``) with ``inner`` and the other keys
-            of `run`.
+            for ``max_decision``; ``margin`` (tolerated loss of accuracy in points); ``unit`` (``capture`` or
+            ``window``); ``batch`` (``yes`` to include systems whose labels depend on the batch); ``shots`` (labelled
+            captures of a new person); ``over`` (a parameter, or ``features``) with ``inner`` and the other keys of
+            `run`.
 
     Raises:
         InputError: something in the values cannot be used, or nothing is tracked for them.
@@ -285,7 +285,7 @@ def results(of: str = "", full: bool = False, **values: object) -> pd.DataFrame 
             system, and by ``<task>/<name>`` the labels of every capture.
         full: one row per run with every tag, parameter and metric, as MLflow has them: accuracies are fractions there.
         values: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to keep. With ``model``
-            or ``features``, no reference results stand among them.
+            or ``features``, reference results are left out.
 
     Returns:
         One row per run and way to score it, as `reports.comparison.comparison` makes them.
@@ -313,9 +313,9 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
     """Two tracked systems on whole captures, paired over subjects; seeds are averaged.
 
     Args:
-        system: as tables name it, such as ``"svm · jung54"`` or ``"reflex (reference)"``, or its values as `run` takes
-            them, such as ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or
-            ``protocol`` among these, it is looked for there.
+        system: system name as in tables, such as ``"svm · jung54"`` or ``"reflex (reference)"``, or its values as `run`
+            takes them, such as ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or
+            ``protocol`` among these, only matching runs are searched.
         other: the system to compare it with.
         values: ``data``, ``where``, ``target`` and ``protocol`` of both.
 
@@ -361,7 +361,7 @@ def _reference(of: str, values: dict[str, object]) -> Found:
 
 
 def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
-    """One row per run with all that was measured; accuracies in percent."""
+    """A table with a row per run and all its measurements; accuracies in percent."""
     rows = []
     for outcome in outcomes:
         plan, cell = outcome.plan, outcome.plan.cell

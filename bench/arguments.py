@@ -1,4 +1,4 @@
-"""What the user typed: ``key=value`` with commas between several values; from Python lists and objects as well."""
+"""Typed arguments: ``key=value`` with commas between several values; from Python lists and objects as well."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, 
     """Split ``key=value`` arguments.
 
     Args:
-        arguments: what was typed.
+        arguments: typed words.
         known: keys that may appear, see `bench.options.keys`; those of `PARTS` and ``data`` may also be dotted. None
             takes every key.
 
@@ -57,7 +57,7 @@ def parse_words(arguments: Sequence[str], known: Collection[str], most: int) -> 
     """Split arguments of a command that takes words without a key first, such as names of files.
 
     Args:
-        arguments: what was typed.
+        arguments: typed words.
         known: keys of the options.
         most: words that there may be; a word with ``=`` is one if it is a file, or if its key is unknown.
 
@@ -180,7 +180,7 @@ def number(key: str, given: object) -> float:
 
 @dataclass(frozen=True)
 class Backend:
-    """Where folds are done.
+    """The workers that do folds.
 
     Attributes:
         jobs: processes of this machine, None for one per core.
@@ -195,7 +195,7 @@ HERE = Backend()
 
 
 def backend_of(values: Values) -> Backend:
-    """Where folds are to be done.
+    """The requested workers.
 
     Raises:
         InputError: a value that means nothing, or nothing there.
@@ -207,7 +207,7 @@ def backend_of(values: Values) -> Backend:
 
 
 def jobs_of(values: Values) -> int | None:
-    """Worker processes that were asked for."""
+    """The requested number of worker processes."""
     return convert("jobs", values["jobs"], 0) if "jobs" in values else None
 
 

@@ -1,4 +1,4 @@
-"""The command ``bench``. Whatever is heavy is imported by the command that needs it."""
+"""The command ``bench``. Heavy modules are imported by the commands that need them."""
 
 from __future__ import annotations
 

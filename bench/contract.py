@@ -1,4 +1,4 @@
-"""All that the harness may ask of a system, on one page: built-in ones and those of others alike.
+"""The whole interface between harness and systems, built-in ones and others alike.
 
 A system is a scikit-learn classifier whose ``X`` is a `Corpus`; ``fit``, ``predict`` and ``classes_`` are all it needs.
 It is made by a *factory*, a class or a function whose keyword arguments are its parameters; an argument without a
@@ -38,7 +38,7 @@ Part = TypeVar("Part")
 
 
 class System(Protocol):
-    """What a system must have."""
+    """The required interface of a system."""
 
     classes_: np.ndarray
 
@@ -50,7 +50,7 @@ class System(Protocol):
 
 
 class Features(Protocol):
-    """What a feature set must have: it is a scikit-learn transformer of captures to a table."""
+    """The required interface of a feature set: a scikit-learn transformer from captures to a table."""
 
     def fit(self, X: Corpus, y: np.ndarray) -> Features:
         """Learn from captures and their class names, if there is anything to learn."""
@@ -59,7 +59,7 @@ class Features(Protocol):
         """Features of each capture [captures, features]."""
 
     def fit_transform(self, X: Corpus, y: np.ndarray) -> pd.DataFrame:
-        """Both, of the same captures."""
+        """Fit, then transform the same captures."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ class Hook(Generic[Value]):
     """An attribute that a system or another part may have; that it is of the declared type is up to the part's author.
 
     Args:
-        name: of the attribute.
-        default: what the harness assumes where a part has none.
+        name: name of the attribute.
+        default: value for parts that lack the attribute.
     """
 
     name: str
@@ -165,7 +165,7 @@ def features(estimator: System) -> dict[str, Features]:
 
 
 def seen_by_features(estimator: System, X: Corpus) -> list[Corpus]:
-    """``seen(X)``: what its feature sets are given of captures, in training and when it decides; by default these."""
+    """``seen(X)``: the input of its feature sets, in training and prediction; by default the captures unchanged."""
     return getattr(estimator, "seen", lambda X: [X])(X)
 
 
@@ -204,7 +204,7 @@ def check_conditions(estimator: System, corpus: Corpus) -> None:
 
 
 def blinded(estimator: System, X: Part) -> Part:
-    """What a system gets of some captures when it predicts: no labels, no subjects, no origin (`Corpus.blind`).
+    """Captures as a system sees them in prediction: no labels, no subjects, no origin (`Corpus.blind`).
 
     A table of features stays as it is.
     """
@@ -215,7 +215,7 @@ def blinded(estimator: System, X: Part) -> Part:
 
 
 def adapts(estimator: System) -> bool:
-    """Whether it has ``adapt``, or is a pipeline whose last part has."""
+    """Return True if it has ``adapt``, or is a pipeline whose last part has."""
     part = estimator.steps[-1][1] if isinstance(estimator, Pipeline) else estimator
     return getattr(part, "adapt", None) is not None
 
@@ -226,7 +226,7 @@ def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
     Args:
         estimator: fitted, and `adapts`.
         X: captures of the person.
-        y: their class names; None where they are not known.
+        y: their class names; None if unlabelled.
     """
     X = blinded(estimator, X) if y is None else X
     estimator = deepcopy(estimator)  # one that changes itself would carry the captures of a person into other tests
@@ -242,7 +242,7 @@ def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
 
 
 def decides_often(estimator: System) -> bool:
-    """Whether it has ``decide``, and so may decide more than once per capture."""
+    """Return True if it has ``decide``, and so may decide more than once per capture."""
     return getattr(estimator, "decide", None) is not None
 
 
@@ -260,7 +260,7 @@ def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
 
 
 def has_probabilities(estimator: System) -> bool:
-    """Whether it has ``predict_proba``."""
+    """Return True if it has ``predict_proba``."""
     return getattr(estimator, "predict_proba", None) is not None
 
 
@@ -276,18 +276,18 @@ def probabilities(estimator: System, X: Corpus) -> np.ndarray:
 
 
 def fit_seconds(estimator: System, wall: float, cpu: float) -> tuple[float, float]:
-    """``fit_seconds_``: (wall, CPU) seconds of the last fit, or of the wall alone; by default what was measured."""
+    """``fit_seconds_``: (wall, CPU) seconds of the last fit, or of the wall alone; by default the measured ones."""
     seconds = getattr(estimator, "fit_seconds_", (wall, cpu))
     return (seconds, cpu) if isinstance(seconds, int | float) else seconds
 
 
 def inside(estimator: System) -> System:
-    """``best_``: what decides in place of a fitted search."""
+    """``best_``: the fitted system inside a search."""
     return getattr(estimator, "best_", estimator)
 
 
 def kept_before(estimator: System, taxels: int) -> int:
-    """``keeps_before(taxels)``: numbers in memory for what captures go through first; none by default."""
+    """``keeps_before(taxels)``: numbers in memory for the steps before the system; none by default."""
     return getattr(estimator, "keeps_before", lambda taxels: 0)(taxels)
 
 
@@ -321,7 +321,7 @@ def behind(estimator: System, feature_set: Features | None) -> System:
 
 
 def reads_tables(system: object) -> bool:
-    """Whether an estimator, a class or a factory without required arguments learns from tables, not from captures.
+    """Return True if an estimator, a class or a factory without required arguments learns from tables of features.
 
     What stands first in it decides: the first step of a pipeline, all members of a union or an ensemble, what a search
     searches. A class of one's own learns from tables if it is derived from one that does.
@@ -359,7 +359,7 @@ def _of_tables(kind: type) -> bool:
 
 
 def copied(part: Part) -> Part:
-    """An untrained copy of an estimator that was handed over; a splitter as it is."""
+    """An untrained copy of a given estimator; a splitter is returned as it is."""
     return clone(part) if isinstance(part, BaseEstimator) else part
 
 
@@ -378,7 +378,7 @@ def shown(part: object) -> str:
 
 
 def classes(part: object) -> list[Callable]:
-    """Classes of an object and of what is inside it, and functions, that are not of an installed library."""
+    """Classes of an object and of its parts, and functions, except those of installed libraries."""
     mine = (c for c in _kinds(part) if not _library(c) and c.__module__.split(".")[0] not in sys.stdlib_module_names)
     return sorted(mine, key=lambda c: (c.__module__, c.__qualname__))
 

@@ -1,4 +1,4 @@
-"""What a system may cost, and amounts as they are typed."""
+"""The costs of a system, and amounts with units."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def quantity(key: str, given: object, prefix: str = "") -> float:
 
     Args:
         key: one of `BUDGETS`, ``clock``, or another name, for a number without unit.
-        given: as it was typed.
-        prefix: of the key, where it was typed with one.
+        given: typed value.
+        prefix: prefix of the key, if it was typed with one.
 
     Raises:
         InputError: it is none, or not above 0.

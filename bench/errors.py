@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 class InputError(Exception):
-    """What the user gave cannot be used; the message is one line: what, where, what to do."""
+    """Invalid user input; the message is one line: what, where, what to do."""
 
 
 class StoreError(Exception):
@@ -15,7 +15,7 @@ class StoreError(Exception):
 
 
 class HiddenError(Exception):
-    """A system asked a corpus for what it must not use, such as labels while it predicts; one line."""
+    """Access of a system to a forbidden part of a corpus, such as labels in prediction; one line."""
 
 
 class ClusterError(Exception):

@@ -11,7 +11,7 @@ from bench.errors import InputError
 
 
 def available() -> float:
-    """Bytes that this process may still ask for: what the machine has free, or the limit of its container."""
+    """Bytes available to this process: the machine's free memory, or the limit of its container."""
     limits = [float(psutil.virtual_memory().available)]
     for name in ("memory.max", "memory/memory.limit_in_bytes"):  # of cgroups 2 and 1, which psutil does not read
         with suppress(OSError, ValueError):
@@ -20,10 +20,10 @@ def available() -> float:
 
 
 def ensure(asked: str, needed: float) -> None:
-    """Refuse anything that needs more memory than is free, before it is asked for.
+    """Refuse a request that needs more memory than is free.
 
     Args:
-        asked: what the user typed.
+        asked: typed request.
         needed: bytes, at the least.
 
     Raises:

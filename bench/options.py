@@ -23,13 +23,13 @@ class Option:
     """A key of some commands.
 
     Attributes:
-        key: before the ``=``; one with a dot is a parameter that many models take.
-        commands: that take it; ``data-show`` is one of those of ``bench data``.
+        key: key before the ``=``; one with a dot is a parameter that many models take.
+        commands: commands that take it; ``data-show`` is ``bench data show``.
         type: ``text``, ``number`` (above 0), ``count`` (a whole number), ``yes`` (or no) or ``amount`` (with a unit).
-        default: where it is not given.
-        help: what it is for; ``{models}`` stands for the names of a room.
-        values: the only ones, where they can be listed.
-        joint: between several values.
+        default: value if it is not given.
+        help: text of the help; ``{models}`` stands for the names of a room.
+        values: allowed values, if they can be listed.
+        joint: separator of several values.
     """
 
     key: str
@@ -46,12 +46,13 @@ class Command:
     """A command.
 
     Attributes:
-        group: its heading in the overview.
-        summary: its line in the overview.
+        group: heading in the overview.
+        summary: line in the overview.
         text: a paragraph.
         examples: lines that can be typed.
-        usage: what is typed behind its name; a line for each form.
-        module: of ``bench.commands`` that has a function of its name; of the same name if empty.
+        usage: arguments behind its name; a line for each form.
+        module: module of ``bench.commands`` that has a function of its name; empty if module and function share the
+            name.
     """
 
     group: str

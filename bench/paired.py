@@ -21,7 +21,7 @@ def mean_and_error(differences: np.ndarray) -> tuple[float, float]:
 
 
 def within_one_standard_error(losses: np.ndarray) -> bool:
-    """Whether the mean loss is at most its standard error; of one subject, whether there is no loss.
+    """Return True if the mean loss is at most its standard error; of one subject, if there is no loss.
 
     Where two systems differ on one subject alone, the mean loss equals its standard error, whatever the number of
     subjects. Both are rounded, so that they are compared with a tolerance.

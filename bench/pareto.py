@@ -6,7 +6,7 @@ import numpy as np
 
 
 def front(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
-    """Which points no other one beats in both: at least as accurate and as cheap, and better in one; bool [points].
+    """Points on the Pareto front: no other one is at least as accurate and as cheap, and better in one; bool [points].
 
     A point without a cost (nan) is on no front.
     """

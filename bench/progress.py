@@ -1,4 +1,4 @@
-"""How far a long fit is: messages from whichever process fits to the command that waits, and the time left."""
+"""Progress of a long fit: messages from its process to the waiting command, and the time left."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Message(NamedTuple):
     Attributes:
         run: key of the run that the fold is of; empty for a fit that is no fold.
         fold: name of the fold.
-        words: how far it is; empty before it has said anything.
-        left: seconds that it expects to need still, None if it cannot know.
-        began: when it began, of `time.time`.
-        at: when it said so.
+        words: progress so far; empty before the first message.
+        left: expected seconds left, None if unknown.
+        began: time of its beginning, of `time.time`.
+        at: time of the message.
     """
 
     run: str
@@ -49,7 +49,7 @@ _written = [float("-inf")]  # when, of `time.monotonic`
 
 @contextmanager
 def telling(folder: Path | None, fold: str = "", run: str = "") -> Iterator[None]:
-    """Keep the last message of what is done in between in a folder, gone at last; nowhere without one."""
+    """Keep the last progress message in a folder, removed at the end; without a folder, nowhere."""
     if folder is None:
         yield
         return
@@ -66,7 +66,7 @@ def telling(folder: Path | None, fold: str = "", run: str = "") -> Iterator[None
 
 
 def tell(words: str, left: float | None = None) -> None:
-    """Say in a few words how far a fit is, and in seconds how long it takes still; too often costs nothing."""
+    """Report progress in a few words, and the seconds left; frequent calls cost nothing."""
     now = time.monotonic()
     if _under_way and now - _written[0] >= OFTEN_S:
         _written[0] = now
@@ -106,16 +106,16 @@ def _path(folder: Path, run: str, fold: str) -> Path:
 def seconds_left(
     spent: Sequence[float], running: Sequence[tuple[float, float | None]], waiting: int, workers: int
 ) -> float | None:
-    """Seconds until all folds are done, None before anything is known.
+    """Seconds until all folds are done, None before any estimate.
 
     A fold takes as long as those that are done took in the mean, or as it says itself; one that has taken longer
     already is taken to need a tenth of that still. Folds that wait go to whoever is free first.
 
     Args:
         spent: seconds of folds that are done.
-        running: of the others that are under way, seconds so far, and seconds left if they say so.
+        running: seconds so far of each fold under way, and seconds left, None if unknown.
         waiting: number of folds that nobody has begun.
-        workers: that do them, each one at a time.
+        workers: number of workers, each doing one fold at a time.
     """
     durations = [*spent, *(elapsed + left for elapsed, left in running if left is not None)]
     if not durations:
@@ -130,7 +130,7 @@ def seconds_left(
 
 
 def span(seconds: float) -> str:
-    """Seconds as people say them: 8 s, 3 min 20 s, 2 h 5 min."""
+    """Seconds in words: 8 s, 3 min 20 s, 2 h 5 min."""
     minutes, rest = divmod(max(0, round(seconds)), 60)
     if not minutes:
         return f"{rest} s"

@@ -51,7 +51,7 @@ def place_of(package: str) -> Path:
 
 @cache
 def names(room: str) -> dict[str, str]:
-    """Every known part of a room and the ``module:object`` that makes it; nothing of it is imported."""
+    """Every registered part of a room and the ``module:object`` that makes it; nothing of it is imported."""
     plugins = {e.name: e.value for e in entry_points(group=f"touchbench.{room}")}
     return plugins | importlib.import_module(ROOMS[room]).PARTS
 
@@ -61,7 +61,7 @@ def load(room: str, name: str) -> Callable:
 
     Args:
         room: one of `ROOMS`.
-        name: a known one, or ``file.py:Name`` for a class or function of a file.
+        name: registered name, or ``file.py:Name`` for a class or function of a file.
 
     Raises:
         InputError: no part has that name, or it cannot be imported.
@@ -106,13 +106,13 @@ def _from_file(argument: str, path: Path, attribute: str) -> Callable:
 
 
 def parameters(part: Callable) -> dict[str, object]:
-    """Keyword parameters of a part and their defaults; one without a default is handed over by the harness."""
+    """Keyword parameters of a part and their defaults; the harness passes those without a default."""
     signature = inspect.signature(part).parameters.values()
     return {p.name: p.default for p in signature if p.default is not inspect.Parameter.empty}
 
 
 def required(part: Callable) -> list[str]:
-    """Parameters of a part that have no default: what the harness hands over, whatever they are called."""
+    """Parameters of a part that have no default: the harness passes them, whatever their names."""
     kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     signature = inspect.signature(part).parameters.values()
     return [p.name for p in signature if p.default is inspect.Parameter.empty and p.kind not in kinds]

@@ -52,7 +52,7 @@ def scratch() -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Where to write a file that then takes the place of ``path``; what is there stays if that fails.
+    """Yield a path to write, which then replaces ``path``; the old file stays if that fails.
 
     What is there and no plain file, such as ``/dev/stdout``, is written to as it is.
     """
@@ -82,7 +82,7 @@ def new_folder(out: Path) -> Path:
 
 @contextmanager
 def made_whole(out: Path) -> Iterator[Path]:
-    """Where to make a folder that then takes its name: a kill leaves none or a whole one.
+    """Yield a folder to fill, which then takes its name: a kill leaves none or a whole one.
 
     Raises:
         InputError: it cannot be written.
@@ -99,16 +99,16 @@ def made_whole(out: Path) -> Iterator[Path]:
 
 
 def owner() -> str:
-    """How the name begins of what belongs to this process, which may share its folder with other machines."""
+    """Name prefix of this process's files in a folder shared with other machines."""
     return f"{socket.gethostname()}-{os.getpid()}-"
 
 
 def sweep(folder: Path, before: str = "") -> None:
-    """Remove what dead processes of this machine have left.
+    """Remove files left by dead processes of this machine.
 
     Args:
-        folder: whose entries are named by `owner`.
-        before: what stands before the owner in their names.
+        folder: folder with entries named by `owner`.
+        before: prefix of the owner in their names.
     """
     _remove_dead(folder, f"{before}*", rf"{re.escape(before + socket.gethostname())}-(\d{{1,9}})-[^-]*")
 
@@ -137,7 +137,7 @@ def remove(path: Path) -> None:
 
 
 def alive(process: int) -> bool:
-    """Whether there is a process of this number."""
+    """Return True if there is a process of this number."""
     import psutil  # not before there is something to remove: `bench --help` is to be fast
 
     return psutil.pid_exists(process)

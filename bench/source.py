@@ -36,7 +36,7 @@ INDIFFERENT = {
 
 
 def source_digest(*parts: Code) -> str:
-    """Hash of what modules compute, or those that define classes or functions, and every module these take names from.
+    """Hash of modules, or those that define classes or functions, and of every module these take names from.
 
     Comments, docstrings and layout are left out, and so are modules that change no number (`INDIFFERENT`). Modules of
     other packages are left out too; their versions identify them.
@@ -83,7 +83,7 @@ def _names(module: ModuleType) -> set[str | None]:
 
 @lru_cache(maxsize=512)
 def meaning(path: str, changed: int) -> tuple[bytes, frozenset[tuple[str, str]]]:
-    """What a file says to Python, and what it imports from where when it is loaded itself, not in a function.
+    """The syntax tree of a file without docstrings, and its imports at module level.
 
     Read again when its time of change is another.
     """

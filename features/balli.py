@@ -80,8 +80,8 @@ class Balli(FeatureSet):
     what is missing then is added by forward steps.
 
     Args:
-        selected: how many columns to keep; all that vary if there are fewer, and all 208 if the training captures
-            have one class or cannot be split. 0 keeps all 208 and learns nothing.
+        selected: number of columns to keep; all that vary if there are fewer, and all 208 if the training captures have
+            one class or cannot be split. 0 keeps all 208 and learns nothing.
     """
 
     learns = True

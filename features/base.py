@@ -1,4 +1,4 @@
-"""What every feature set is: a scikit-learn transformer from captures to a table, computed once per corpus."""
+"""The base of feature sets: a scikit-learn transformer from captures to a table, computed once per corpus."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NOTHING = 1e-15  # and so is what moves by less than this
 
 
 def constant(X: pd.DataFrame | np.ndarray) -> np.ndarray:
-    """Which features do not vary, bool [n_features]."""
+    """Features that do not vary, bool [n_features]."""
     values = np.asarray(X, dtype=np.float64)
     return np.ptp(values, axis=0) <= np.maximum(FLAT * np.abs(values).max(axis=0), NOTHING)
 
@@ -76,7 +76,7 @@ class FeatureSet(TransformerMixin, BaseEstimator):
 
 
 def labels(capture: np.ndarray, copy: np.ndarray) -> pd.MultiIndex:
-    """Which capture, and which copy of it, each row of a table is of; three times as fast as pandas' own way."""
+    """Capture and copy of each row of a table; three times as fast as pandas' own way."""
     levels, codes = zip(*(np.unique(each, return_inverse=True) for each in (capture, copy)), strict=True)
     return pd.MultiIndex(levels, codes, names=["capture", "copy"], verify_integrity=False)
 

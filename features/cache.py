@@ -51,7 +51,7 @@ def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
 
 
 def after(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | None:
-    """Kept features of what steps make of every capture of a stored corpus, with `PIECES`; None if there are none."""
+    """Cached features after some steps, of every capture of a stored corpus, with `PIECES`; None if there are none."""
     stored = origin(X)
     if not stored.digest or stored.path is None or stored.steps or not steps:
         return None
@@ -63,7 +63,7 @@ def after(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | No
 
 
 def is_kept(features: BaseEstimator, X: Corpus, steps: tuple = ()) -> bool:
-    """Whether what steps make of the captures of a stored corpus has features that are kept."""
+    """Return True if features after some steps of a stored corpus are cached."""
     stored = origin(X)
     if not stored.digest or stored.path is None:
         return False

@@ -57,7 +57,8 @@ class Gaus(FeatureSet):
       or two frames, has zeros.
 
     Args:
-        families: which of ``sd``, ``bmh``, ``msd``, ``smmhh`` and ``lbptop``; their order has no effect.
+        families: families to compute, from ``sd``, ``bmh``, ``msd``, ``smmhh`` and ``lbptop``; their order has no
+            effect.
     """
 
     def __init__(self, families: tuple[str, ...] = FAMILIES) -> None:

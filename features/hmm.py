@@ -50,7 +50,7 @@ def forward(
     Args:
         emission: density of each frame in each state, up to a factor per frame [states, frames], in order of steps.
         start: probability of the first state [states, sequences], in order of ``steps.sequence`` as all of these.
-        transition: from state, to state [states, states, sequences].
+        transition: transition matrices, old state by new state [states, states, sequences].
         steps: the order.
 
     Returns:
@@ -76,9 +76,9 @@ def backward(emission: np.ndarray, scale: np.ndarray, transition: np.ndarray, st
     """Density of the frames after each, given its state, relative to that given the past [states, frames].
 
     Args:
-        emission: as in `forward`.
-        scale: what `forward` returned.
-        transition: as in `forward`.
+        emission: emissions, as in `forward`.
+        scale: scale returned by `forward`.
+        transition: transition matrices, as in `forward`.
         steps: the order.
     """
     future = np.ones_like(emission)
@@ -99,11 +99,11 @@ class GaussianHMMs:
     Args:
         states: number of states.
         iterations: EM iterations.
-        seed: of k-means.
+        seed: random seed of k-means.
 
     Attributes:
         start_: probability of the first state [classes, states].
-        transition_: from state, to state [classes, states, states].
+        transition_: transition matrices, old state by new state [classes, states, states].
         mean_: [classes, states, values].
         variance_: [classes, states, values].
         history_: log-likelihood of each class's sequences before each iteration [iterations, classes].

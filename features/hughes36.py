@@ -65,7 +65,7 @@ class Hughes36(FeatureSet):
         states: number of states of each model.
         iterations: EM iterations of each model.
         epochs: passes of the autoencoder over at most 100 000 training frames.
-        seed: of k-means, of the choice of these frames, of the autoencoder's weights and batches.
+        seed: random seed of k-means, of the choice of these frames, of the autoencoder's weights and batches.
 
     Attributes:
         classes_: gestures, as ``y`` names them.
@@ -132,7 +132,7 @@ class Hughes36(FeatureSet):
 
     @property
     def parameters_(self) -> int:
-        """Learnt numbers: the encoder, the hidden Markov models, means and SDs of what they see."""
+        """Learnt numbers: the encoder, the hidden Markov models, means and SDs of their inputs."""
         models = sum(a.size for m in self.models_ for a in (m.start_, m.transition_, m.mean_, m.variance_))
         encoder = sum(a.size for layer in self.encoder_ for a in layer)
         return models + encoder + sum(a.size for pair in self.standard_ for a in pair)

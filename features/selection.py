@@ -23,7 +23,7 @@ class Subset(FeatureSet):
 
     Args:
         features: the feature set.
-        count: how many columns to keep.
+        count: number of columns to keep.
     """
 
     learns = True
@@ -52,7 +52,7 @@ class Subset(FeatureSet):
         return self.features_.transform(X)[self.names_]
 
     def keeps(self, frames: int, taxels: int) -> int:
-        """What the feature set keeps, whatever few of its features are asked for."""
+        """Memory of the whole feature set, however few columns are used."""
         return self.features.keeps(frames, taxels)
 
     def __sklearn_is_fitted__(self) -> bool:
@@ -65,8 +65,8 @@ def select(values: np.ndarray, label: np.ndarray, subject: np.ndarray, selected:
     Args:
         values: table [captures, columns].
         label: class of each capture, int [captures].
-        subject: whose capture it is [captures].
-        selected: how many to keep.
+        subject: subject of each capture [captures].
+        selected: number of columns to keep.
     """
     fold = left_out(label, subject)
     if len(np.unique(label)) < 2 or len(np.unique(fold)) < 2:
@@ -97,7 +97,7 @@ class Discriminant:
     Args:
         values: table [captures, columns].
         label: class of each capture, int [captures].
-        train: which captures to learn from, bool [captures]; the others are told apart.
+        train: training captures, bool [captures]; the others are classified.
     """
 
     def __init__(self, values: np.ndarray, label: np.ndarray, train: np.ndarray) -> None:
@@ -115,7 +115,7 @@ class Discriminant:
         self.log_prior = np.log(count / len(member))
 
     def hits(self, sets: np.ndarray) -> np.ndarray:
-        """How many test captures each set of columns int [sets, size] gets right, int [sets]."""
+        """Number of correctly classified test captures for each set of columns int [sets, size], int [sets]."""
         batch = max(2**22 // (len(self.test) * len(self.classes) + sets.shape[1] ** 2), 1)
         return np.concatenate([self._hits(sets[i : i + batch]) for i in range(0, len(sets), batch)])
 

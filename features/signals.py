@@ -20,12 +20,12 @@ from bench.corpora.corpus import Corpus, storage
 
 
 class Touch:
-    """Frames of some captures of a corpus, and what can be read off each frame.
+    """Frames of some captures of a corpus, and values computed from single frames.
 
     Attributes:
         frames: float32 (integer corpora, while it holds sums over the taxels exactly) or float64 [frames, taxels].
-        integer: whether sensor values are whole numbers.
-        values: what thresholds are compared with [frames, taxels]: the integers as they are, else ``frames``.
+        integer: True if sensor values are whole numbers.
+        values: values compared with thresholds [frames, taxels]: integers unchanged, otherwise ``frames``.
         lengths: int64 [captures].
         first: int64 [captures], position of each capture's first frame.
     """
@@ -260,6 +260,6 @@ def blocks(corpus: Corpus, values: int = 2**20) -> list[slice]:
 
 
 def table(corpus: Corpus, names: pd.Index, columns: Callable[[Touch], list[np.ndarray]]) -> pd.DataFrame:
-    """Run ``columns(touch)`` over blocks of captures and name what it gives."""
+    """Run ``columns(touch)`` over blocks of captures and name its columns."""
     parts = [np.column_stack(columns(Touch(corpus[block]))) for block in blocks(corpus)]
     return pd.DataFrame(np.concatenate([np.empty((0, len(names))), *parts]), columns=names)

@@ -39,7 +39,7 @@ class Ta273(FeatureSet):
     ======== ==========================================================================================================
 
     Args:
-        levels: where the 16 levels lie: ``training``, equally spaced from the 1st to the 99th percentile of the mean
+        levels: position of the 16 levels: ``training``, equally spaced from the 1st to the 99th percentile of the mean
             pressure of all training frames (the set then learns these two numbers), or ``fixed``, equally spaced
             between 0 and full scale.
     """
@@ -86,12 +86,12 @@ def mean_pressure(corpus: Corpus) -> np.ndarray:
 
 
 def crossings_per_second(signal: np.ndarray, lengths: np.ndarray, levels: np.ndarray, rate_hz: float) -> np.ndarray:
-    """How often a signal passes each level, up or down, per second [captures, levels].
+    """Rate at which a signal passes each level, up or down, per second [captures, levels].
 
     Args:
         signal: float64 [frames], captures one after another.
         lengths: frames of each capture.
-        levels: in ascending order.
+        levels: levels in ascending order.
         rate_hz: frames per second.
     """
     # Between two frames every level from the lower to the higher of their places is crossed once.

@@ -137,7 +137,7 @@ def _batches(corpus: Corpus) -> Iterator[np.ndarray]:
 
 
 def signals(p: np.ndarray) -> np.ndarray:
-    """Signals [frames, 19] of frames that follow one another; what belongs to a step is 0 in the first.
+    """Signals [frames, 19] of consecutive frames; signals of a step are 0 in the first.
 
     Args:
         p: shares of full scale, float32 [frames, rows, cols].

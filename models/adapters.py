@@ -25,8 +25,8 @@ class FromSeries(ClassifierMixin, BaseEstimator):
 
     Args:
         classifier: untrained.
-        channels: as of `Series`.
-        length: as of `Series`.
+        channels: see `Series`.
+        length: see `Series`.
     """
 
     classifier: BaseEstimator
@@ -54,15 +54,15 @@ class FromTorch(WindowNet):
     """A module of PyTorch on windows of captures, trained by Adam.
 
     Args:
-        module: makes it, called with the frames of a window, rows, columns and classes; input [batch, frames, rows,
-            cols] scaled to 0..1, output a logit per class. A module that was made already has no place for a seed.
+        module: function or class called with the frames of a window, rows, columns and classes; input [batch, frames,
+            rows, cols] scaled to 0..1, output a logit per class. An existing module has no place for a seed.
         frames: length of a window; windows of a capture follow one another.
         seconds: the same in seconds, instead.
         epochs: passes over the training windows.
         batch: windows per step.
         rate: learning rate.
-        seed: of weights and shuffles.
-        device: of PyTorch.
+        seed: random seed of weights and shuffles.
+        device: PyTorch device.
     """
 
     linear_last = False  # a module may end in anything
@@ -88,5 +88,5 @@ class FromTorch(WindowNet):
         self.device = device
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
-        """What ``module`` makes for this grid."""
+        """Module that ``module`` makes for this grid."""
         return self.module(self.window, rows, cols, classes)

@@ -9,15 +9,15 @@ import pandas as pd
 
 
 def captures_of(X: pd.DataFrame | np.ndarray) -> np.ndarray:
-    """Of which capture each row is, numbered from 0; each of its own where rows are not labelled."""
+    """Capture of each row, numbered from 0; each of its own if rows are not labelled."""
     return np.unique(X.index.get_level_values("capture"), return_inverse=True)[1] if labelled(X) else np.arange(len(X))
 
 
 def undamaged(X: pd.DataFrame | np.ndarray) -> np.ndarray:
-    """Which rows are not of a damaged copy, bool [rows]."""
+    """Rows without damage, bool [rows]."""
     return np.asarray(X.index.get_level_values("copy") == 0) if labelled(X) else np.ones(len(X), dtype=bool)
 
 
 def labelled(X: pd.DataFrame | np.ndarray) -> TypeGuard[pd.DataFrame]:
-    """Whether the index of the rows is their capture and copy."""
+    """Return True if the index of the rows is their capture and copy."""
     return isinstance(X, pd.DataFrame) and X.index.names == ["capture", "copy"]

@@ -1,4 +1,4 @@
-"""What classifiers with probabilities have in common."""
+"""The common part of classifiers with probabilities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two classifiers for one table: one for what looks as in training, one for what does not."""
+"""Two classifiers for one table: one for usual rows, one for unusual ones."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ UNUSUAL = 2.5  # SDs of undamaged training rows
 
 @dataclass(eq=False, repr=False)
 class Guarded(MostProbable):
-    """Linear discriminants that have met no damage, and a small network that has, mixed row by row.
+    """Linear discriminants trained without damage, and a small network trained with it, mixed row by row.
 
     The more features of a row lie further than 2.5 SDs from the mean of the undamaged training rows, the more the
     network counts: nothing where none does, all from a share of ``doubt`` on. Rows of damaged copies are told by their
     index, as `models.classic.lda.Discriminants` reads it. Where there are none, the network learns from the same rows.
 
     Args:
-        windows: as of `models.classic.lda.Discriminants`.
-        units: of the network's hidden layer.
+        windows: number of windows, see `models.classic.lda.Discriminants`.
+        units: number of units in the network's hidden layer.
         doubt: share of the features.
-        seed: of the network.
+        seed: random seed of the network.
 
     Attributes:
         classes_: class names.
         linear_, robust_: the two, fitted.
-        mean_, sd_: of undamaged rows, float32 [features].
+        mean_, sd_: mean and SD of undamaged rows, float32 [features].
     """
 
     windows: float = 2.0
@@ -56,7 +56,7 @@ class Guarded(MostProbable):
         return self
 
     def adapt(self, X: pd.DataFrame, y: np.ndarray | None) -> Guarded:
-        """The same for one person (as `Discriminants.adapt`); what is usual moves with their mean as well.
+        """The same for one person (as `Discriminants.adapt`); the usual range moves with their mean as well.
 
         The network measures from that mean, too, and its last layer learns what has labels.
         """
@@ -70,7 +70,7 @@ class Guarded(MostProbable):
         return adapted
 
     def doubts(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
-        """How much the network counts, 0 to 1 [rows]; what is not a number is unusual."""
+        """Weight of the network, 0 to 1 [rows]; missing values are unusual."""
         usual = np.abs(np.asarray(X, dtype=np.float32) - self.mean_) <= np.float32(UNUSUAL) * self.sd_
         return np.minimum((~usual).mean(axis=1) / self.doubt, 1)
 
@@ -88,6 +88,6 @@ class Guarded(MostProbable):
 
     @property
     def parameters_(self) -> int:
-        """What both have learnt, and what a row is compared with."""
+        """Learnt numbers of both, and of the comparison of rows."""
         usual = self.mean_.size + self.sd_.size
         return usual + self.linear_.coef_.size + self.linear_.intercept_.size + self.robust_.parameters_

@@ -1,4 +1,4 @@
-"""What a classifier on features can do with some captures of one person."""
+"""Adaptation of a classifier on features to one person by some of their captures."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ ROUNDS = 200  # at most, until it has learnt
 
 
 def share(captures: np.ndarray, codes: np.ndarray | None, classes: int) -> tuple[float, bool]:
-    """How far the person's own mean is believed, 0 to 1, and whether their classes must be taken out of it first.
+    """Weight of the person's own mean, 0 to 1, and True if class means must be removed from it first.
 
     With as many labelled captures of each class it is the whole way, of anything else n captures go n / (n + 5) of it:
     a few captures may be of a few classes.
 
     Args:
-        captures: of which capture each row is, numbered from 0.
-        codes: class of each row; None where it is not known.
-        classes: that there are.
+        captures: capture of each row, numbered from 0.
+        codes: class of each row; None if unknown.
+        classes: number of classes.
     """
     count = captures.max() + 1
     if codes is None:
@@ -62,9 +62,9 @@ def relearnt(old: np.ndarray, inputs: np.ndarray, codes: np.ndarray, captures: n
 
     Args:
         old: weights, and the intercept as the last column [classes, inputs + 1].
-        inputs: of the layer [rows, inputs].
+        inputs: inputs of the layer [rows, inputs].
         codes: class of each row.
-        captures: of which capture each row is.
+        captures: capture of each row.
     """
     inputs = np.column_stack([inputs, np.ones(len(inputs))]).astype(np.float64)
     share = (1 / np.bincount(captures)[captures])[:, None]
@@ -92,19 +92,19 @@ class PersonScaler(TransformerMixin, BaseEstimator):
     What never varied in training stays as it is.
 
     Args:
-        ways: of these; others mean nothing here.
+        ways: adaptations, from the list above; others have no effect here.
 
     Attributes:
         classes_: class names.
-        mean_, sd_, within_: of the undamaged training rows, and the spread within classes [features].
-        centres_: of the classes, from the mean [classes, features].
-        shift_, scale_: what is taken away, and divided by then [features].
+        mean_, sd_, within_: mean and SD of the undamaged training rows, and the spread within classes [features].
+        centres_: means of the classes, relative to the overall mean [classes, features].
+        shift_, scale_: subtracted shift, then divisor [features].
     """
 
     ways: tuple[str, ...] = WAYS[:2]
 
     def fit(self, X: pd.DataFrame, y: np.ndarray) -> PersonScaler:
-        """Learn what is usual of features [rows, n_features] and class names [rows]."""
+        """Learn the usual range of features [rows, n_features] and class names [rows]."""
         rows = undamaged(X)
         values = np.asarray(X, dtype=np.float64)[rows]
         self.classes_, codes = np.unique(np.asarray(y)[rows], return_inverse=True)
@@ -122,7 +122,7 @@ class PersonScaler(TransformerMixin, BaseEstimator):
 
         Args:
             X: features [rows, n_features] of some of their captures.
-            y: class names [rows], each one that is known; None where they are not.
+            y: class names [rows], all from training; None if unlabelled.
         """
         adapted = copy(self)
         captures = captures_of(X)
@@ -155,7 +155,7 @@ def pooled(
     Args:
         classifier: fitted or not; it stays as it is.
         training: rows and class names.
-        person: those of the person.
+        person: rows and class names of the person.
     """
     tables, labels = zip(training, *[person] * WEIGHT, strict=True)
     return clone(classifier).fit(pd.concat(tables), np.concatenate(labels))

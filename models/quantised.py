@@ -34,7 +34,7 @@ def lower(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def can_be(classifier: object) -> bool:
-    """Whether its weights can be had in few bits here."""
+    """Return True if its weights can be stored in few bits."""
     return isinstance(classifier, Discriminants | Guarded | LogisticRegression | GaussianBayes)
 
 
@@ -67,7 +67,7 @@ def in_bits(system: Pipeline, bits: int) -> Pipeline:
 
 
 def back(weights: np.ndarray, bits: int) -> np.ndarray:
-    """Weights as what is stored of them says."""
+    """Weights restored from their stored form."""
     numbers, step = rounded(weights, bits)
     return numbers * step[:, None].astype(float)
 

@@ -1,4 +1,4 @@
-"""What any system can be given besides: windows, repair, scaling, and training under faults."""
+"""Additions to any system: windows, repair, scaling, and training under faults."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ class Recipe(MostProbable):
     mean over its windows.
 
     Args:
-        system: what learns and decides.
+        system: system to train.
         window: seconds of a window; 0 leaves captures whole.
         hop: seconds from the beginning of one window to that of the next; 0 is half a window.
         repair: kinds of broken taxels that are repaired, of `bench.corpora.steps.REPAIRS`.
         scale: ``none``, ``peak``, divided by the largest reading so far, or ``log``.
-        faults: that copies of the training captures go through; nothing else does. ``all`` stands for every fault.
-        copies: of each training capture, where there are faults.
+        faults: faults for copies of the training captures only; ``all`` stands for every fault.
+        copies: damaged copies of each training capture, if there are faults.
         turns: further copies of each training capture, on a grid that is mirrored or turned.
-        person: how a classifier on features adapts to one person (`models.person.WAYS`): ``centre`` and ``scale``
+        person: adaptation of a classifier on features to one person (`models.person.WAYS`): ``centre`` and ``scale``
             features by their own, and ``pool``, which keeps the training rows and is fitted anew to them and the
             person's, each of which counts ten times.
-        bits: of a learnt weight when it decides: 32, or 8 as `bench export` stores them.
+        bits: bits of a learnt weight in prediction: 32, or 8 as `bench export` stores them.
     """
 
     system: contract.System
@@ -106,7 +106,7 @@ class Recipe(MostProbable):
             raise InputError(f"{option}: the system has no classifier on features; leave it out")
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """As of the system inside; refuses copies that need more memory than there is."""
+        """Forwarded to the wrapped system; refuses copies that need more memory than there is."""
         self.check_copies(X)
         contract.check_training(self.system, X, y)
 
@@ -123,7 +123,7 @@ class Recipe(MostProbable):
                 ensure(f"model.{name}={copies}", storage(X)[0].itemsize * values)
 
     def steps(self) -> list[Step]:
-        """What captures go through before the system sees them."""
+        """The steps of captures before the system."""
         repair: list[Step] = [Repair(self.repair)] if self.repair else []
         scale: list[Step] = [Scale(self.scale)] if self.scale != "none" else []
         return repair + scale + ([Windows(self.window, self.hop)] if self.window else [])
@@ -148,7 +148,7 @@ class Recipe(MostProbable):
         return self.around(system if self.bits == 32 else in_bits(system, self.bits), X)
 
     def around(self, system: contract.System, X: Corpus) -> Recipe:
-        """Take a system that has learnt from what the training steps make of some captures."""
+        """Wrap a system that was fitted to captures after the training steps."""
         self.system_, self.classes_ = system, system.classes_
         if self.window:
             self.window_ = Windows(self.window, self.hop).lengths(X.rate_hz)[0]
@@ -225,12 +225,12 @@ class Recipe(MostProbable):
 
 
 def build(factory: Callable, feature_set: contract.Features | None, **parameters: object) -> contract.System:
-    """A system as of `bench.contract.build`, behind its steps where some of the parameters ask for steps.
+    """Build a system as `bench.contract.build` does, wrapped in its steps if some of the parameters need steps.
 
     Args:
         factory: a class or a function.
         feature_set: a transformer of captures to a table; None for a system that reads captures.
-        parameters: keyword arguments, and any of `besides`; names joined by + stand for several.
+        parameters: keyword arguments, and any of `besides`; names joined by + give several values.
     """
     defaults = besides(factory)
     options: dict[str, Any] = {k: _typed(v, defaults[k]) for k, v in parameters.items() if k in defaults}
@@ -264,7 +264,7 @@ def rows_of(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.n
     No frame is touched, so no copy is damaged again.
 
     Args:
-        stored: of all captures, those of one capture together, with `features.cache.PIECES`.
+        stored: rows of all captures, those of one capture together, with `features.cache.PIECES`.
         index: positions in the stored corpus.
     """
     of, piece = (stored[name].to_numpy() for name in PIECES)

@@ -47,14 +47,14 @@ class Reflex(MostProbable):
 
     Args:
         window: seconds of a window.
-        early: seconds of a window of what is shorter than that.
-        units: of the network.
+        early: seconds of the shorter window for captures shorter than a window.
+        units: number of units of the network.
         doubt: share of unusual features from which on the network decides alone.
-        repair: as of `models.recipe.Recipe`.
-        faults: as of `models.recipe.Recipe`; ``none`` for none.
+        repair: repairs, see `models.recipe.Recipe`.
+        faults: faults, see `models.recipe.Recipe`; ``none`` for none.
         copies: damaged copies of each training capture.
-        seed: of the network; the damage is always the same.
-        bits: of a learnt weight, as of `models.recipe.Recipe`.
+        seed: random seed of the network; the damage is always the same.
+        bits: bits of a learnt weight, see `models.recipe.Recipe`.
     """
 
     window: float = 1.0
@@ -120,7 +120,7 @@ class Reflex(MostProbable):
 
         Args:
             X: some captures of the person.
-            y: their class names; None where they are not known.
+            y: their class names; None if unlabelled.
         """
         adapted = copy(self)
         adapted.whole_, adapted.early_ = self.whole_.adapt(X, y), self.early_.adapt(X, y)
@@ -133,7 +133,7 @@ class Reflex(MostProbable):
         return [part for part in parts if len(part[1])]
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
-        """One decision per window: frames seen, and probabilities [windows, classes]."""
+        """Predict each window: frames seen, and probabilities [windows, classes]."""
         parts = self._parts(X)
         if len(parts) == 1:
             return parts[0][0].decide(X)
@@ -157,7 +157,7 @@ class Reflex(MostProbable):
         return proba
 
     def seen(self, X: Corpus) -> list[Corpus]:
-        """What the features are computed from."""
+        """The input of the features."""
         return [corpus for recipe in self._recipes() for corpus in recipe.seen(X)]
 
     @property
@@ -171,10 +171,10 @@ class Reflex(MostProbable):
         return self._recipes()[0].trained_faults
 
     def keeps_before(self, taxels: int) -> int:
-        """Of each taxel, mean, squares and largest of two halves of the other window: both lengths are kept at once."""
+        """Numbers per taxel: mean, squares and largest of two halves of the other window; both lengths are kept."""
         return 6 * taxels
 
     @property
     def members(self) -> list[Recipe]:
-        """Both classifiers."""
+        """The two classifiers."""
         return [self.whole_, self.early_]

@@ -51,14 +51,14 @@ class Rocket(MostProbable):
             above 5 % of full scale), ``taxels`` for one of each taxel, or ``both``.
         kernels: convolutions of MiniRocket, or of MultiRocket on a series and again on its differences; None for the
             published 10 000 or 6250. Hydra always has 64 groups of 8.
-        seed: of convolutions, their channels and biases.
+        seed: random seed of convolutions, their channels and biases.
 
     Attributes:
         classes_: class names.
-        series_: how captures become series.
-        penalty_: of the ridge regression.
-        temperature_: by which scores are divided before the softmax.
-        fit_seconds_: wall and CPU seconds of the last fit, without what was compiled before.
+        series_: conversion of captures to series.
+        penalty_: penalty of the ridge regression.
+        temperature_: divisor of the scores before the softmax.
+        fit_seconds_: wall and CPU seconds of the last fit, without compilation.
     """
 
     packages = ("aeon", "numba")
@@ -69,7 +69,7 @@ class Rocket(MostProbable):
     seed: int = 0
 
     def check(self) -> None:
-        """Refuse what cannot be, before anything is run.
+        """Refuse invalid parameters before anything is run.
 
         Raises:
             InputError: another value than those above, or aeon is not installed.
@@ -217,10 +217,10 @@ class Ridge:
         return self.vectors @ (self.turned / (self.values + penalty)[:, None])
 
     def left_out(self, penalty: float, groups: list[np.ndarray]) -> np.ndarray:
-        """What a fit to the others predicts for each group of captures [captures, n_targets].
+        """Predictions for each group of captures by a fit to the others [captures, n_targets].
 
         Args:
-            penalty: of the squared coefficients; the intercept has none.
+            penalty: penalty on the squared coefficients; the intercept has none.
             groups: positions of the captures of each group; every capture is in one.
         """
         residuals = penalty * self.dual(penalty)

@@ -1,4 +1,4 @@
-"""Captures as series of one length, for classifiers that know no ragged ones."""
+"""Captures as series of one length, for classifiers that need equal lengths."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Series(TransformerMixin, BaseEstimator):
         return self
 
     def each(self, X: Corpus) -> Iterator[np.ndarray]:
-        """One capture after the other, float32 [channels, length_]."""
+        """Yield the captures in order, float32 [channels, length_]."""
         for block in blocks(X):
             touch = Touch(X[block])
             signals = (self._signals(touch) - self.level_.mean_) / self.level_.scale_

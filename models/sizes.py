@@ -1,4 +1,4 @@
-"""What a fitted system costs to keep: learnt numbers and bytes, counted without the author's help."""
+"""The size of a fitted system: learnt numbers and bytes, counted without the author's help."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def sizes(estimator: contract.System, taxels: int, frames: int) -> dict[str, int
 
     Args:
         estimator: fitted.
-        taxels: of a frame.
-        frames: of the longest capture that it must label.
+        taxels: taxels of a frame.
+        frames: frames of the longest capture to label.
     """
     learnt = parameter_count(estimator)
     constants = sum(map(_constants, _deciding(estimator)))

@@ -1,4 +1,4 @@
-"""One temperature for the scores of a classifier (Guo et al. 2017)."""
+"""A temperature for the scores of a classifier (Guo et al. 2017)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who is trained on and who is tested: scikit-learn splitters over captures.
+"""Training and test captures: scikit-learn splitters over captures.
 
 What the harness may ask of one stands in `bench.plan.splits`.
 """

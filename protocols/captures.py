@@ -16,7 +16,7 @@ class CaptureKFold:
 
     Args:
         folds: number of folds.
-        seed: of the shuffle.
+        seed: random seed of the shuffle.
     """
 
     def __init__(self, folds: int = 10, seed: int = 0) -> None:
@@ -24,7 +24,7 @@ class CaptureKFold:
         self.seed = seed
 
     def label(self, corpus: Corpus) -> str:
-        """The words that stand in every row of results."""
+        """Protocol label of every row of results."""
         return f"{self.folds}-fold, subjects mixed"
 
     def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:
@@ -49,11 +49,11 @@ class CaptureKFold:
 
 
 class Holdout:
-    """One stratified split of captures, 65 / 35 as in van Wingerden et al. 2014; subjects are mixed.
+    """A stratified split of captures, 65 / 35 as in van Wingerden et al. 2014; subjects are mixed.
 
     Args:
         test: share of captures that is tested.
-        seed: of the draw.
+        seed: random seed of the draw.
     """
 
     def __init__(self, test: float = 0.35, seed: int = 0) -> None:
@@ -61,11 +61,11 @@ class Holdout:
         self.seed = seed
 
     def label(self, corpus: Corpus) -> str:
-        """The words that stand in every row of results."""
+        """Protocol label of every row of results."""
         return f"{1 - self.test:.0%} / {self.test:.0%} hold-out, subjects mixed"
 
     def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:
-        """One."""
+        """Return 1."""
         return 1
 
     def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:

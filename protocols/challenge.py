@@ -15,8 +15,8 @@ class Challenge:
     label says so: CoST's gentle and normal captures with 21 / 10 subjects, any other corpus with 2/3 - 1/3 of them.
 
     Args:
-        repeats: number of random splits where none is declared.
-        seed: of the draws.
+        repeats: number of random splits without a declared one.
+        seed: random seed of the draws.
     """
 
     def __init__(self, repeats: int = 5, seed: int = 0) -> None:
@@ -24,7 +24,7 @@ class Challenge:
         self.seed = seed
 
     def label(self, corpus: Corpus) -> str:
-        """The words that stand in every row of results."""
+        """Protocol label of every row of results."""
         if self.official_split(corpus):
             split = corpus.captures["split"]
             return f"challenge split, declared ({(split == 'train').sum()} / {(split == 'test').sum()} captures)"
@@ -33,7 +33,7 @@ class Challenge:
         return f"{self.repeats} random subject splits {train} / {rest}, seed {self.seed}, not the official split"
 
     def official_split(self, corpus: Corpus) -> bool:
-        """Whether the corpus declares the split of the challenge."""
+        """True if the corpus declares the split of the challenge."""
         return "split" in corpus.captures and bool(corpus.captures["split"].isin(["train", "test"]).any())
 
     def get_n_splits(self, X: Corpus, y: object = None, groups: object = None) -> int:

@@ -32,8 +32,8 @@ class Personal:
         shots: labelled captures of each class.
         draws: calibrations that are drawn, each tested.
         unlabelled: a whole half, without labels, in place of shots.
-        weight: how often a shot counts for a system that cannot adapt.
-        seed: of halves and draws.
+        weight: number of times that a shot counts for a system that cannot adapt.
+        seed: random seed of halves and draws.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Personal:
             )
 
     def label(self, corpus: Corpus) -> str:
-        """The words that stand in every row of results."""
+        """Protocol label of every row of results."""
         half = "half of the captures without labels"
         shots = half if self.unlabelled else f"{self._fewest(corpus)}{self.shots} shots"
         drawn = f", {self.draws} draws" if self.shots else ""
@@ -78,7 +78,7 @@ class Personal:
         yield from LOSO().split(X, y, groups)
 
     def calibrations(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Iterator[list[Pairs]]:
-        """Of each fold and draw, pairs of indices: captures of the subject to calibrate on, and those tested then."""
+        """For each fold and draw, pairs of indices: calibration captures of the subject, captures tested after them."""
         labels = (X.gestures if y is None else np.asarray(y)).astype(str)
         who = (X.subjects if groups is None else np.asarray(groups)).astype(str)
         for name in natural_order(who):

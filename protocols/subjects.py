@@ -1,4 +1,4 @@
-"""Splits by subject: nobody is on both sides."""
+"""Splits by subject: none is on both sides."""
 
 from collections.abc import Iterator
 
@@ -20,7 +20,7 @@ class LOSO:
     """Leave one subject out: as many folds as subjects, each tested on one of them."""
 
     def label(self, corpus: Corpus) -> str:
-        """The words that stand in every row of results."""
+        """Protocol label of every row of results."""
         return f"LOSO ({len(set(corpus.subjects))} subjects)"
 
     def get_n_splits(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> int:
@@ -57,7 +57,7 @@ class SubjectKFold:
         self.seed = seed
 
     def label(self, corpus: Corpus) -> str:
-        """The words that stand in every row of results."""
+        """Protocol label of every row of results."""
         return f"{self.folds}-fold by subject"
 
     def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:

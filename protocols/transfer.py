@@ -29,12 +29,12 @@ class Transfer(Personal):
     Args:
         source: name of the corpus that is trained on; ``synth`` may be followed by parameters, as in
             ``synth+rows=6+cols=6``.
-        classes: what its classes are called in ``data=`` where names differ, as in ``tap:pat+massage:rub``.
+        classes: names in ``data=`` of its classes where they differ, as in ``tap:pat+massage:rub``.
         shots: labelled captures of each class of the tested person.
         draws: calibrations that are drawn, each tested.
         unlabelled: half of the captures of the tested person, without labels, in place of shots.
-        weight: how often a shot counts for a system that cannot adapt.
-        seed: of halves and draws.
+        weight: number of times that a shot counts for a system that cannot adapt.
+        seed: random seed of halves and draws.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Transfer(Personal):
         return {old: new for old, _, new in pairs}
 
     def label(self, corpus: Corpus) -> str:
-        """The words that stand in every row of results."""
+        """Protocol label of every row of results."""
         target = corpus.captures["skin"].to_numpy() == OWN
         personal = super().label(corpus[target]).removeprefix("personal, ").rpartition(" (")[0]
         calibration = f", {personal}" if self.shots or self.unlabelled else ""
@@ -93,7 +93,7 @@ class Transfer(Personal):
         yield np.flatnonzero(skin == SOURCE), np.flatnonzero(skin == OWN)
 
     def calibrations(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Iterator[list[Pairs]]:
-        """Of each draw, pairs of indices for every tested subject: captures to calibrate on, and those tested then."""
+        """For each draw, pairs of indices per tested subject: calibration captures, and captures tested after them."""
         target = np.flatnonzero(X.captures["skin"].to_numpy() == OWN)
         people = list(super().calibrations(X[target], None if y is None else np.asarray(y)[target]))
         draws = [chain.from_iterable(pairs) for pairs in zip(*people, strict=True)]

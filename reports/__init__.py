@@ -1,1 +1,1 @@
-"""Tables and figures, made from what MLflow holds and from the published numbers; nothing else is read."""
+"""Tables and figures, made only from the store and the published numbers."""

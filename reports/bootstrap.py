@@ -1,4 +1,4 @@
-"""95 % bootstrap intervals over subjects of what classes get: recall of each, macro precision and macro recall."""
+"""95 % bootstrap intervals over subjects of class scores: recall of each, macro precision and macro recall."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def drawn_confusions(labelled: pd.DataFrame, classes: list[str], draws: int, see
     Args:
         labelled: decisions with ``subject``, ``true`` and ``predicted``.
         classes: their names.
-        draws: of the bootstrap, whole subjects each.
-        seed: of the draws.
+        draws: draws of the bootstrap, whole subjects each.
+        seed: random seed of the draws.
     """
     counts = np.array([scores.confusion(part, classes) for _, part in labelled.groupby("subject", sort=True)])
     drawn = np.random.default_rng(seed).multinomial(len(counts), np.full(len(counts), 1 / len(counts)), draws)

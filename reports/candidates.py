@@ -1,4 +1,4 @@
-"""Which system to take, as ``bench choose`` says it, and every candidate as a mark of the page's chart."""
+"""The choice of ``bench choose``, and every candidate as a mark of the page's chart."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Answer:
-    """What a reader came for: a sentence, its reasons, and the command that gives the same; empty where none does."""
+    """The verdict of the page: a sentence, its reasons, and the command that gives the same; empty without one."""
 
     title: str
     lines: list[str]
@@ -43,7 +43,7 @@ class Considered(Answer):
     """An answer with the candidates of a group of runs.
 
     Attributes:
-        choice: as `bench.outcomes.choice.decide` made it.
+        choice: result of `bench.outcomes.choice.decide`.
         subjects: accuracies in percent [candidates, subjects].
         budgets: the most of each cost.
     """
@@ -60,14 +60,14 @@ def considered(
     budgets: Mapping[str, float],
     runs_of: Mapping[str, pd.DataFrame] | None = None,
 ) -> Answer:
-    """What was chosen among the systems of a group, or why nothing can be.
+    """The choice among the systems of a group, or the reason why there is none.
 
     Args:
-        store: where the runs are.
-        group: in words.
+        store: store of the runs.
+        group: description of the group.
         runs: all that are tracked, as `bench.outcomes.runs.with_groups` makes them.
         budgets: the most of each cost, in the units of `bench.costs.COSTS`.
-        runs_of: `bench.outcomes.runs.tracked` by kind, where somebody has read it.
+        runs_of: `bench.outcomes.runs.tracked` by kind, if already read.
     """
     first = runs[runs["group"] == group].iloc[0].to_dict()
     try:
@@ -98,12 +98,12 @@ def _command(table: pd.DataFrame, first: Row, runs: pd.DataFrame, budgets: Mappi
 
 
 def chart_data(answers: list[Considered], models: Mapping[str, str], papers: pd.DataFrame) -> dict[str, object]:
-    """What the interactive chart of the page draws, as plain values.
+    """The data of the page's interactive chart, as plain values.
 
     Args:
         answers: the candidates of each group.
         models: name of the model of each system.
-        papers: `reports.comparison.published`, to tell which systems are published ones.
+        papers: `reports.comparison.published`, to mark published systems.
     """
     published = set(papers["system"]) - {""}
     costs = [c for c in COSTS if any((each.choice.table[c] > 0).any() for each in answers)]

@@ -49,7 +49,7 @@ def comparison(
     beside: bool = True,
     by_group: Mapping[str, BySubject] | None = None,
 ) -> pd.DataFrame:
-    """One row per run and way to score it, most accurate systems first within each data, subset, protocol and unit.
+    """Table with a row per run and way to score it, best first within each data, subset, protocol and unit.
 
     ``unit`` is what is labelled, a capture or a window; ``combined`` is how a system on windows labels a capture.
     Accuracies, SDs and F1 are in percent. ``difference`` (points, mean over subjects) and ``p_holm`` compare the system
@@ -58,11 +58,11 @@ def comparison(
     rows from generated captures have none, whatever they are called.
 
     Args:
-        store: where the runs are.
-        runs: as `bench.outcomes.runs.tracked` makes them.
+        store: store of the runs.
+        runs: table of `bench.outcomes.runs.tracked`.
         papers: `published`.
-        beside: whether reference results of the same captures and protocol stand among the rows.
-        by_group: `systems_by_subject` of each group, where somebody has read them.
+        beside: True to add reference results of the same captures and protocol.
+        by_group: `systems_by_subject` of each group, if already read.
     """
     rows = []
     numbers = {key: list(part.itertuples()) for key, part in papers.groupby(SAME)}
@@ -139,7 +139,7 @@ def _published(run: Row, units: Sequence[str], numbers: dict[tuple, list]) -> st
 
 
 def shown(table: pd.DataFrame) -> pd.DataFrame:
-    """The same as text, for people who know the group of each row."""
+    """The same as text, without the group of each row."""
     rows = [*table.itertuples()]
     return pd.DataFrame(
         {

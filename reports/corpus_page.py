@@ -1,4 +1,4 @@
-"""What ``bench data show`` draws: mean pressure of gestures, film strips, captures in motion, a page with all of it."""
+"""The figures of ``bench data show``: mean pressure of gestures, film strips, captures in motion, a page with all."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def write(corpus: Corpus, found: Survey, folder: Path, capture: int | None = Non
     Args:
         corpus: the captures.
         found: `bench.corpora.survey.survey` of them.
-        folder: where the files go; it is made.
+        folder: destination folder; it is made.
         capture: the one to animate, by its position in the whole corpus; None for a typical one of each gesture.
 
     Returns:
@@ -141,9 +141,9 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
     """Mean pressure on the grid, a panel for each gesture, all in the same colours.
 
     Args:
-        found: with ``means``.
+        found: survey with ``means``.
         group: the corpus, in words.
-        folder: where the files go.
+        folder: destination folder.
     """
     names, means = found.gestures[:DRAWN], found.means[:DRAWN]
     figure, axes = _panels(len(names), _panel(means.shape[1:], 1.35), 0.36, 1.0, 4.5)
@@ -170,9 +170,9 @@ def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Pict
 
     Args:
         corpus: the captures.
-        found: with ``typical``.
+        found: survey with ``typical``.
         group: the corpus, in words.
-        folder: where the files go.
+        folder: destination folder.
     """
     names = found.gestures[:DRAWN]
     gap = 1 / 12  # between two frames, as a share of one
@@ -234,9 +234,9 @@ def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> 
 
     Args:
         corpus: the captures.
-        captures: by their position in the whole corpus.
+        captures: captures by their position in the whole corpus.
         group: the corpus, in words.
-        folder: where the file goes.
+        folder: destination folder.
 
     Returns:
         The GIF.

@@ -20,8 +20,8 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
     """Counts and percent of each true class, side by side or, of many classes, one above the other.
 
     Args:
-        counts: of captures [true, predicted].
-        system: whose they are.
+        counts: counts of captures [true, predicted].
+        system: name of the system.
         group: captures and protocol, in words.
     """
     values = counts.to_numpy(dtype=float)
@@ -73,7 +73,7 @@ def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure,
 
 
 def calibration(predictions: pd.DataFrame) -> tuple[pd.DataFrame, float] | None:
-    """How often captures labelled with a given confidence are labelled correctly.
+    """The share of correctly classified captures by confidence.
 
     Confidence is the highest mean probability of a capture, in ten bins of equal width.
 

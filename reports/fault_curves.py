@@ -1,4 +1,4 @@
-"""How systems behave under faults and over time, on the page: all methods of each context in one figure."""
+"""Systems under faults and over time, on the page: all methods of each context in one figure."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def stress_sections(contexts: dict[str, list[Row]], folder: Path) -> list[Sectio
 
 
 def stream_sections(store: Store, contexts: dict[str, list[Row]], folder: Path) -> list[Section]:
-    """Accuracy against touch seen, and what stopping at the learned threshold gives."""
+    """Accuracy against touch seen, and the result of stopping at the learned threshold."""
     sections = []
     for i, (context, runs) in enumerate(contexts.items(), 1):
         figure = streaming.draw([streaming.stream_of(store, r) for r in runs])
@@ -47,12 +47,12 @@ def stream_sections(store: Store, contexts: dict[str, list[Row]], folder: Path) 
 
 
 def contexts(runs: pd.DataFrame | None) -> dict[str, list[Row]]:
-    """Complete runs by what must agree for them to be compared: of each system and its lowest seed the newest.
+    """Complete runs by comparability: for each system, the newest of its lowest seed.
 
     A run that met more faults stands before a newer one that met fewer.
 
     Args:
-        runs: `bench.outcomes.runs.tracked` of a kind; None where there is none.
+        runs: `bench.outcomes.runs.tracked` of a kind; None if there is none.
 
     Returns:
         At most `CONTEXTS` groups, people first and the largest first, each with its `METHODS` most accurate methods.
@@ -75,7 +75,7 @@ def contexts(runs: pd.DataFrame | None) -> dict[str, list[Row]]:
 
 
 def context_words(run: Row) -> str:
-    """What a run is on, and how captures were replayed."""
+    """Corpus and protocol of a run, and the way of replay, in words."""
     parts = [*context_of(run)]
     parts += ["from the middle of the capture"] if run.get("stream.start") == "middle" else []
     parts += [f"a decision every {hop} ms"] if (hop := run.get("stream.hop_ms", "None")) != "None" else []

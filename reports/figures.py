@@ -1,4 +1,4 @@
-"""What the figures of the report share: how they are drawn, marked and saved."""
+"""Shared parts of the report's figures: drawing, marks, files."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class Picture:
     """A figure as it was written.
 
     Attributes:
-        name: of the files ``<name>.png`` and ``<name>.svg``.
-        caption: what is to be seen, with everything that was left out.
-        folder: where the files are.
+        name: name of the files ``<name>.png`` and ``<name>.svg``.
+        caption: description of the figure, including everything left out.
+        folder: folder of the files.
     """
 
     name: str
@@ -59,7 +59,7 @@ def new_figure(
         panels: rows and columns.
         margins: left, right, bottom and top of all panels.
         between: gaps between columns and between rows.
-        title: on top of all.
+        title: heading of the figure.
     """
     from matplotlib.figure import Figure
 
@@ -93,7 +93,7 @@ def width_of(names: Iterable[str]) -> float:
 
 
 def save(figure: Figure, folder: Path, name: str, group: str, caption: str) -> Picture:
-    """Write a figure as PNG and SVG, all its text in one size; one of generated captures says so on its face."""
+    """Write a figure as PNG and SVG, all its text in one size; generated captures are marked on it."""
     import matplotlib
     from matplotlib.text import Text
 
@@ -112,7 +112,7 @@ def save(figure: Figure, folder: Path, name: str, group: str, caption: str) -> P
 
 
 def bars(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """What matplotlib draws as an interval: the ways down and up from each value, 0 where there is no interval."""
+    """The error bars of matplotlib: distances down and up from each value, 0 without an interval."""
     value = np.asarray(value)
     return np.nan_to_num([value - np.asarray(low), np.asarray(high) - value]).clip(0)
 
@@ -127,7 +127,7 @@ def log_ticks(axis: Axis, subs: tuple[int, ...] = (1, 2, 5)) -> None:
 
 
 def mark(figure: Figure) -> None:
-    """Say on the face of a figure that its captures were generated."""
+    """Mark a figure of generated captures."""
     figure.text(0.995, 0.004, SYNTHETIC, fontsize=TEXT, color="0.4", ha="right", va="bottom", style="italic")
 
 
@@ -136,7 +136,7 @@ def spread(values: np.ndarray, gap: float, low: float, high: float) -> np.ndarra
 
     Args:
         values: sorted, [labels].
-        gap: between two labels.
+        gap: distance between two labels.
         low: the lowest place.
         high: the highest; there must be room for all.
     """

@@ -31,11 +31,11 @@ HEAD = r"% One table for each corpus, subset, protocol and unit. Needs \usepacka
 
 
 def latex(table: pd.DataFrame) -> str:
-    """Tables that compare systems, each with a caption that says what was compared.
+    """Tables that compare systems, each with a caption that names corpus, protocol and unit.
 
     Args:
-        table: as `bench.results` gives it, that of the store or of ``reference``: a row per run and unit, accuracies in
-            percent. Rows on the same captures, under the same protocol and in the same unit come into one table. Choose
+        table: table from `bench.results`, of the store or of ``reference``: a row per run and unit, accuracies in
+            percent. Rows on the same captures, under the same protocol and in the same unit share one table. Choose
             systems with `bench.results` rather than in its table: p is corrected for all systems of that.
 
     Returns:

@@ -30,10 +30,10 @@ class Table:
 
     Attributes:
         frame: text by column.
-        remarks: for each row, what stands in its footnotes; equal remarks share a number.
+        remarks: footnotes of each row; equal remarks share a number.
         code: columns that hold commands.
-        groups: for each row, what it shares with its neighbours, which stands above them.
-        away: for each row, whether the page shows it only when its switch is on.
+        groups: heading of each row, shared with its neighbours.
+        away: True for each row that is hidden until its switch is on.
         switch: the words of that switch.
     """
 
@@ -135,7 +135,7 @@ def _base64(path: Path) -> str:
 
 
 def inline_svg(picture: Picture, number: int) -> Markup:
-    """A drawing of matplotlib to stand among others in one page: without prologue and metadata, names of its own.
+    """A matplotlib drawing to embed in a page: without prologue and metadata, names of its own.
 
     Its width is given in inches, so that the page draws all on one scale and their text in one size.
     """

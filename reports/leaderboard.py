@@ -47,7 +47,7 @@ def note(one: Submission) -> str:
 
 
 def scores_of(submissions: Sequence[Submission]) -> pd.DataFrame:
-    """One row per submission, best first within each task; accuracies in percent.
+    """Scores of the submissions, best first within each task; accuracies in percent.
 
     ``behind``, ``behind_low`` and ``behind_high`` are the difference to the best of the task, as
     `bench.leaderboard.submissions.behind` gives it, in points; NaN for the best itself.
@@ -88,7 +88,7 @@ def board(submissions: Sequence[Submission], left_out: list[str]) -> str:
     """The page.
 
     Args:
-        submissions: to be shown.
+        submissions: submissions to list.
         left_out: a line for each folder that could not be used.
     """
     tables = {}

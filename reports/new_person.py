@@ -1,4 +1,4 @@
-"""What some captures of a new person are worth: accuracy against shots, from runs of ``protocol=personal``."""
+"""Accuracy against captures of a new person, from runs of ``protocol=personal``."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def curves_of(store: Store, runs: pd.DataFrame) -> list[Curves]:
     """The curves of systems that have at least two calibrations, for each set of comparable runs; the best first.
 
     Args:
-        store: where the runs are.
-        runs: as `bench.outcomes.runs.tracked` gives them.
+        store: store of the runs.
+        runs: table of `bench.outcomes.runs.tracked`.
     """
     personal = runs[runs["protocol_name"].isin(["personal", "transfer"]) & (runs["status"] == "FINISHED")]
     sets = []
@@ -48,11 +48,11 @@ def curves_of(store: Store, runs: pd.DataFrame) -> list[Curves]:
 
 
 def new_person_sections(sets: list[Curves], folder: Path) -> list[tuple[str, Picture, Table]]:
-    """For each set of curves: what it is of in words, a figure and a table.
+    """A figure and a table with a heading for each set of curves.
 
     Args:
-        sets: of `curves_of`.
-        folder: where figures go.
+        sets: curves from `curves_of`.
+        folder: destination folder of figures.
     """
     sections = []
     for i, (context, curves) in enumerate(sets, 1):
@@ -80,8 +80,8 @@ def curve_of(store: Store, runs: pd.DataFrame) -> pd.DataFrame:
     """A row per calibration of a system, seeds averaged: accuracies of people, gains, who loses.
 
     Args:
-        store: where the runs are.
-        runs: of one system.
+        store: store of the runs.
+        runs: runs of one system.
     """
     people: dict[str, pd.Series] = {}
     for known, rows in runs.groupby(runs.apply(known_of, axis=1), sort=False):
@@ -111,7 +111,7 @@ def curve_of(store: Store, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def known_of(run: pd.Series) -> str:
-    """What is known of the person in a run: a number of shots, or captures without labels."""
+    """The calibration of a run: a number of shots, or captures without labels."""
     return WITHOUT if run["protocol.unlabelled"] == "True" else str(int(run["protocol.shots"]))
 
 
@@ -150,7 +150,7 @@ def table_of(curves: dict[str, pd.DataFrame]) -> pd.DataFrame:
 
 
 def drawn(curves: dict[str, pd.DataFrame], context: str) -> Figure:
-    """Accuracy against what is known, a line per system; hollow where nothing is labelled."""
+    """Accuracy against calibration captures, a line per system; hollow marks for unlabelled ones."""
     ticks = sorted({k for curve in curves.values() for k in curve["known"]}, key=_position)
     figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.65))
     axis = axes[0][0]

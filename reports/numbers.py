@@ -19,7 +19,7 @@ def notes_on(system: str, data: str) -> list[str]:
     """The footnotes of a system that a table names.
 
     Args:
-        system: as tables name it.
+        system: system name as in tables.
         data: name of the corpus.
     """
     designed = data == "haart" and re.search(r"(?<![\w.])(reflex|touch)(?![\w.])", system) is not None
@@ -35,7 +35,7 @@ def listed(names: Sequence[str], most: int = 4) -> str:
 
 
 def number(value: float, digits: int = 1, sign: bool = False) -> str:
-    """A number with so many decimal places, and with its sign if that is wanted."""
+    """A number with so many decimal places, and optionally with its sign."""
     return "-" if pd.isna(value) else f"{value:{'+' * sign}.{digits}f}"
 
 

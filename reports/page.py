@@ -42,8 +42,8 @@ def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None
     """Write ``index.html``, ``comparison.md``, ``comparison.tex``, a CSV file for each table, figures as PNG and SVG.
 
     Args:
-        store: where the runs are.
-        folder: where they go; it is created.
+        store: store of the runs.
+        folder: destination folder; it is created.
         budgets: the most of each cost that a system to choose may take, in the units of `bench.costs.COSTS`.
 
     Returns:
@@ -86,12 +86,12 @@ def _write(store: Store, folder: Path, runs: pd.DataFrame, budgets: Mapping[str,
 def assemble(
     store: Store, runs: pd.DataFrame, folder: Path, budgets: Mapping[str, float]
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
-    """What ``report.jinja`` shows, by name, and the tables that go into CSV files.
+    """The variables of ``report.jinja``, by name, and the tables of the CSV files.
 
     Args:
-        store: where the runs are.
-        runs: of the kind ``cell``, as `bench.outcomes.runs.tracked` makes them.
-        folder: where figures are drawn.
+        store: store of the runs.
+        runs: runs of the kind ``cell``, from `bench.outcomes.runs.tracked`.
+        folder: destination folder of figures.
         budgets: the most of each cost.
     """
     papers, others = published(), of_kinds(store, ("stress", "stream", "chip"))
@@ -152,8 +152,8 @@ def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
     """Every tracked run and unit, as far as the page has room, and the groups with few subjects.
 
     Args:
-        table: as `reports.comparison.comparison` makes it.
-        order: of the groups.
+        table: table of `reports.comparison.comparison`.
+        order: order of the groups.
     """
     table = table.sort_values("group", key=lambda names: names.map(order.index), kind="stable")
     together = table["group"] + table["unit"].map({"capture": ", whole captures", "window": ", single windows"})

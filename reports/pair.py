@@ -24,11 +24,12 @@ class Compared:
         system: the first one, as tables name it.
         other: the second one.
         on: data, subset and protocol, in words.
-        accuracy: in percent of whole captures [subjects, 2], means over seeds; its columns are the two systems.
+        accuracy: percent of correctly classified captures [subjects, 2], means over seeds; its columns are the two
+            systems.
         difference: accuracy of the first system less that of the second, mean over subjects, in points.
         low: lower end of the 95 % t-interval of the difference over subjects; NaN for one subject.
         high: upper end of it.
-        p: of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for one subject.
+        p: p-value of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for one subject.
         subjects: number of them.
         gain: subjects on whom the first system is more accurate.
         lose: subjects on whom the second system is more accurate.
@@ -76,8 +77,8 @@ def compared(store: Store, sides: Sequence[tuple[str, pd.DataFrame]]) -> Compare
     """Two systems on whole captures of the one group of runs that both have.
 
     Args:
-        store: where the runs are.
-        sides: of each system, its name and the runs to look for it in, as `bench.outcomes.runs.with_groups` makes them.
+        store: store of the runs.
+        sides: for each system, its name and the runs to search, from `bench.outcomes.runs.with_groups`.
 
     Raises:
         InputError: one has no complete run, or they share no group, or several.

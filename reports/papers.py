@@ -1,4 +1,4 @@
-"""What the papers print, beside ours and recomputed from their own tables, as tables of the report."""
+"""The published numbers, beside ours and recomputed from the papers' own tables, as tables of the report."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
     """Every published number beside ours; numbers on corpora that nothing is tracked on wait behind a switch.
 
     Args:
-        beside: as `reports.reproduction.against` makes it.
+        beside: table of `reports.reproduction.against`.
 
     Returns:
         The table; the verdicts, each with how often it was given; how many rest on few subjects; whether HAART is here.
@@ -86,7 +86,7 @@ def _features(row: object) -> str:
 
 
 def recomputed_section(tables: pd.DataFrame) -> dict[str, object]:
-    """What the papers' own tables give.
+    """The numbers recomputed from the papers' own tables.
 
     Args:
         tables: `reports.published_tables.recomputed`.

@@ -1,4 +1,4 @@
-"""Where a row comes from: the command that rebuilds it, and what it ran on."""
+"""The origin of a row: its command, and its machine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def command(run: dict) -> str:
 
 
 def provenance(runs: pd.DataFrame) -> pd.DataFrame:
-    """One row per run: what it is, the command that repeats it, corpus, revision, machine and MLflow id."""
+    """Origin of each run, a row each: its name, command, corpus, revision, machine and MLflow id."""
     machine = runs.reindex(columns=["git", "cpu", "threads"]).fillna("-").replace("", "-")
     return pd.DataFrame(
         {

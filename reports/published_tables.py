@@ -30,7 +30,7 @@ CORPORA = {"cost": "CoST", "haart": "HAART"}
 
 
 def table(name: str) -> pd.DataFrame:
-    """One of the CSV files, its first column as index."""
+    """Read one of the CSV files, with its first column as index."""
     with (files("reports") / f"{name}.csv").open() as f:
         return pd.read_csv(f, index_col=0)
 
@@ -56,7 +56,7 @@ def hughes_percent(number: str) -> pd.DataFrame:
 
 
 def hughes_counts(number: str) -> tuple[pd.DataFrame, np.ndarray] | None:
-    """The counts behind a table of percentages; None for Table V, whose windows by class are not known.
+    """The counts behind a table of percentages; None for Table V, whose windows by class are unpublished.
 
     HAART's test captures by class are known. The rows of VI and VII count parts of captures, so that a row's total
     is the smallest one that gives its percentages (`implied_counts`).
@@ -76,7 +76,7 @@ def hughes_counts(number: str) -> tuple[pd.DataFrame, np.ndarray] | None:
 
 
 def implied_counts(percent: np.ndarray, least: int) -> tuple[np.ndarray, int]:
-    """Whole numbers that printed percentages stand for, and their total.
+    """Whole numbers behind printed percentages, and their total.
 
     The smallest total of one to three parts a capture whose counts give every percentage within rounding and add up
     to it; if there is none, one unit of the last digit and one count are granted to slips of the print. A row that
@@ -104,7 +104,7 @@ def measures(counts: pd.DataFrame, totals: np.ndarray | None = None) -> dict[str
 
     Args:
         counts: [actual, predicted].
-        totals: of the rows, where they are more than the counts.
+        totals: totals of the rows, if they exceed the counts.
     """
     values = counts.to_numpy(dtype=float)
     right = values.diagonal()
@@ -119,7 +119,7 @@ def measures(counts: pd.DataFrame, totals: np.ndarray | None = None) -> dict[str
 
 
 def recomputed(papers: pd.DataFrame) -> pd.DataFrame:
-    """One row per confusion table of the papers: what is claimed, and what the table itself gives.
+    """The confusion tables of the papers, a row each: the claimed accuracy, and the recomputed one.
 
     ``agrees`` says whether the claim is the pooled accuracy to half a unit of the claim's last digit, with a tenth of
     a percent for tables that are themselves printed in percent.
@@ -144,7 +144,7 @@ def recomputed(papers: pd.DataFrame) -> pd.DataFrame:
 
 
 def swaps(albawi: pd.DataFrame, jung: pd.DataFrame) -> pd.DataFrame:
-    """How alike the confusions of two tables are, as printed and after exchanging two labels of the first.
+    """The similarity of two confusion tables, as printed and after exchanging two labels of the first.
 
     Alike is the correlation, over pairs of classes, of the share of each class that is taken for the other, added in
     both directions.

@@ -18,11 +18,11 @@ REFERENCE = " (reference)"  # behind the name of such a system
 
 
 class BySubject(NamedTuple):
-    """What statistics compare in a group.
+    """The compared values of a group.
 
     Attributes:
         subjects: accuracy in percent [systems, subjects], best mean first.
-        seeds: the number of seeds behind each row, which is not known of a reference result.
+        seeds: number of seeds of each row, unknown for a reference result.
         references: the reference results among the rows, by name.
     """
 
@@ -32,10 +32,10 @@ class BySubject(NamedTuple):
 
 
 def references(runs: pd.DataFrame) -> dict[str, Submission]:
-    """Reference results by the name that tables give them, which are comparable with the runs.
+    """Reference results by their name in tables, if they are comparable with the runs.
 
     Args:
-        runs: of one group, as `bench.outcomes.runs.with_groups` makes them.
+        runs: runs of one group, from `bench.outcomes.runs.with_groups`.
     """
     first = rows_of(runs)[0]
     answered = [task.name for task in TASKS.values() if _answers(first, task)]
@@ -53,9 +53,9 @@ def systems_by_subject(store: Store, runs: pd.DataFrame, beside: bool = True) ->
     Left out are runs that depend on the batch, and reference results of systems that the store has a complete run of.
 
     Args:
-        store: where the runs are.
-        runs: of one group, as `bench.outcomes.runs.with_groups` makes them.
-        beside: whether reference results are wanted.
+        store: store of the runs.
+        runs: runs of one group, from `bench.outcomes.runs.with_groups`.
+        beside: True to include reference results.
     """
     subjects, seeds = by_subject(store, independent(runs))
     if not beside or not len(subjects):

@@ -36,7 +36,7 @@ NOTHING = dict.fromkeys(("ours", "low", "high", "ours_sd", "subjects", "differen
 
 
 def against(papers: pd.DataFrame, runs: pd.DataFrame, store: Store) -> pd.DataFrame:
-    """One row per published number and seed of ours; one without ours where there is none.
+    """Published numbers, a row for each and each seed of ours; one without ours if there is none.
 
     Only complete runs of the very system count, with the parameters of the paper, on captures of people. Numbers are
     percent. ``note`` holds what a reader must know, a remark a line, ``verdict`` one of those of this module, or why
@@ -45,7 +45,7 @@ def against(papers: pd.DataFrame, runs: pd.DataFrame, store: Store) -> pd.DataFr
     Args:
         papers: `reports.comparison.published`.
         runs: `bench.outcomes.runs.tracked`.
-        store: where they are; predictions are read for units whose interval is not tracked.
+        store: store of the runs; predictions are read for units whose interval is not tracked.
     """
     real = runs[(runs["synthetic"] != "true") & runs["model_name"].isin(papers["system"])]
     here = set(runs.loc[runs["synthetic"] != "true", "data"])
@@ -65,13 +65,13 @@ def against(papers: pd.DataFrame, runs: pd.DataFrame, store: Store) -> pd.DataFr
 
 
 def corrections() -> pd.DataFrame:
-    """By id of ``published.csv``: the number in CNN85's Table 4, its SD, and what is to be said about the claim."""
+    """Corrections by id of ``published.csv``: the number in CNN85's Table 4, its SD, and a remark on the claim."""
     with (files("reports") / "corrections.csv").open() as f:
         return pd.read_csv(f, index_col="id")
 
 
 def verdict(published: float, low: float, high: float) -> str:
-    """Where our interval lies beside a published number."""
+    """The position of our interval beside a published number."""
     if np.isnan(published):
         return "no number published"
     if np.isnan(low):

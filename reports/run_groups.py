@@ -1,4 +1,4 @@
-"""One group of runs, on the same captures under the same protocol: its statistics, subjects and details."""
+"""A group of runs, on the same captures under the same protocol: its statistics, subjects and details."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ SYSTEMS = 2  # systems of a group whose predictions are read and drawn
 
 @dataclass(frozen=True)
 class Group:
-    """What the report shows of a group.
+    """The contents of a group in the report.
 
     Attributes:
-        subjects: accuracy in percent [systems, subjects], best first, reference results among them; empty where no run
-            is complete.
-        mixed: whether captures of one subject are on both sides of a fold.
+        subjects: accuracy in percent [systems, subjects], best first, reference results among them; empty without
+            complete runs.
+        mixed: True if a fold has captures of one subject on both sides.
         rows: the statistics, a row per system.
-        pairs: those of every pair of the most accurate systems.
-        limits: what limits conclusions, in sentences.
+        pairs: tests of all pairs of the most accurate systems.
+        limits: limits of the conclusions, in sentences.
         compared: the statistics as text.
-        matrix: every pair as text; None where there are only two systems or one subject.
-        pictures: by kind: subjects, and those of `detail_figures`.
+        matrix: pairs as text; None with only two systems or one subject.
+        pictures: figures by kind: subjects, and those of `detail_figures`.
         labels_only: systems whose predictions would be drawn, but hold no probabilities.
     """
 
@@ -53,7 +53,7 @@ class Group:
 
     @property
     def few(self) -> bool:
-        """Whether there are too few subjects for any conclusion."""
+        """True if there are too few subjects for any conclusion."""
         return self.subjects.shape[1] < statistics.FEW_SUBJECTS
 
     @property
@@ -79,11 +79,11 @@ def group_of(store: Store, runs: pd.DataFrame, compared: BySubject, folder: Path
     """Statistics and figures of the runs of one group.
 
     Args:
-        store: where they are.
-        runs: of the group, as `bench.outcomes.runs.with_groups` makes them.
+        store: store of the runs.
+        runs: runs of the group, from `bench.outcomes.runs.with_groups`.
         compared: `reports.reference_rows.systems_by_subject` of them.
-        folder: where figures go.
-        name: what the names of their files begin with.
+        folder: destination folder of figures.
+        name: prefix of file names.
     """
     group = runs["group"].iloc[0]
     subjects = compared.subjects
@@ -133,10 +133,10 @@ def detail_figures(
     """Figures that need predictions, of the most accurate systems, one seed each, not the luckiest.
 
     Args:
-        store: where the runs are.
-        runs: of one group.
+        store: store of the runs.
+        runs: runs of one group.
         systems: their names, best first.
-        group: in words.
+        group: description of the group.
 
     Returns:
         Figures with captions, by kind; and the systems that give labels only, so that nothing can be calibrated.

@@ -37,8 +37,8 @@ def speed_chart(group: Mapping[str, Any], costs: list[str]) -> tuple[Figure, str
     """A panel for each cost on a log axis, with the Pareto front and the name of every point; and the caption.
 
     Args:
-        group: of `reports.candidates.chart_data`.
-        costs: in words, as there.
+        group: group of `reports.candidates.chart_data`.
+        costs: names of costs, as in the chart data.
     """
     points = pd.DataFrame(
         [{**p, **dict(zip(("accuracy", "low", "high"), p["y"], strict=True))} for p in group["points"]]

@@ -41,7 +41,7 @@ def heat_map(losses: pd.DataFrame, clean: list[float], context: str) -> Figure:
     """Mean loss of accuracy over severities, a row for each method and a column for each fault, costliest first.
 
     Args:
-        losses: shares [methods, faults], NaN where a method did not meet a fault.
+        losses: shares [methods, faults], NaN for faults that a method was not tested on.
         clean: accuracy of each method without faults.
         context: data, subset and protocol.
     """

@@ -1,4 +1,4 @@
-"""What `bench stress` found, to read: tables in text for the console and markdown, CSV files and figures."""
+"""The results of `bench stress` to read: tables in text for the console and markdown, CSV files and figures."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _in_context(one: Analysis, table: pd.DataFrame) -> pd.DataFrame:
 
 
 def title(one: Analysis) -> str:
-    """Data, subset and protocol as they stand above every table and figure."""
+    """Data, subset and protocol, the heading of every table and figure."""
     return ", ".join(one.context)
 
 

@@ -25,9 +25,9 @@ def write_streaming(store: Store, run_ids: list[str], folder: Path) -> list[Path
     """Write ``streaming.csv``, ``stopping.csv`` and ``streaming.png`` / ``.svg`` of some runs.
 
     Args:
-        store: where they are.
-        run_ids: of parent runs of ``bench stream``; those without a fold that went well are left out.
-        folder: where they go; it is created.
+        store: store of the runs.
+        run_ids: ids of parent runs of ``bench stream``; those without a successful fold are left out.
+        folder: destination folder; it is created.
 
     Returns:
         The files written; none where there is nothing to show.
@@ -64,7 +64,7 @@ def stream_of(store: Store, run: Row) -> dict[str, Any]:
 
 
 def figure(rows: list[dict[str, Any]], folder: Path) -> list[Path]:
-    """Write what `draw` draws as ``streaming.png`` and ``.svg``."""
+    """Write the figure of `draw` as ``streaming.png`` and ``.svg``."""
     fig = draw(rows)
     paths = [folder / "streaming.png", folder / "streaming.svg"]
     for path in paths:
@@ -80,7 +80,7 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
     its interval is what stopping at the threshold learned on training subjects gives.
 
     Args:
-        rows: as `stream_of` gives them.
+        rows: rows from `stream_of`.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Rectangle

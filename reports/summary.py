@@ -1,4 +1,4 @@
-"""What the runs show, in a sentence each: early decisions, faults, people, statistics."""
+"""The results of the runs, in a sentence each: early decisions, faults, people, statistics."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ EARLY, FAULTS, PEOPLE, STATISTICS = "Early decisions", "Faults", "People", "Stat
 def briefs(
     streams: dict[str, list[Row]], stresses: dict[str, list[Row]], groups: dict[str, Group], curves: list[Curves]
 ) -> list[tuple[str, str]]:
-    """Topics and sentences, as far as there is something to say; a topic is the heading under which there is more.
+    """Topics and sentences, if there are any; a topic is the heading of its details.
 
     Args:
         streams: `reports.fault_curves.contexts` of ``bench stream``.
         stresses: the same of ``bench stress``.
-        groups: by their words.
+        groups: groups by name.
         curves: `reports.new_person.curves_of`.
     """
     differ = " ".join(f"On {name}: {told_apart(g)}" for name, g in groups.items() if len(g.subjects))
@@ -35,7 +35,7 @@ def briefs(
 
 
 def early(contexts: dict[str, list[Row]]) -> str:
-    """What the best replayed system reaches when it may decide early, on the first of all comparable captures."""
+    """A sentence on the best replayed system with early decisions, on the first of all comparable captures."""
     for runs in contexts.values():
         runs = [r for r in runs if not depends_on_batch(r) and np.isfinite(r.get("adaptive_accuracy", np.nan))]
         if not runs:
@@ -52,7 +52,7 @@ def early(contexts: dict[str, list[Row]]) -> str:
 
 
 def faults(contexts: dict[str, list[Row]]) -> str:
-    """Who loses least under faults, and to which it loses most, on the first of all comparable captures."""
+    """A sentence on the most robust system under faults, on the first of all comparable captures."""
     for runs in contexts.values():
         losses = {method_of(r): under(r, "loss.") for r in runs if not depends_on_batch(r)}
         sets = Counter(frozenset(loss) for loss in losses.values() if loss)
@@ -72,7 +72,7 @@ def faults(contexts: dict[str, list[Row]]) -> str:
 
 
 def people(groups: dict[str, Group]) -> str:
-    """How far people differ with the most accurate system of the first group that has several."""
+    """A sentence on the spread over people of the best system of the first group with several people."""
     for name, group in groups.items():
         if len(group.subjects) and group.subjects.shape[1] > 1:
             best = group.subjects.iloc[0]
@@ -84,7 +84,7 @@ def people(groups: dict[str, Group]) -> str:
 
 
 def shots(curves: list[Curves]) -> str:
-    """What captures of a new person are worth to the most accurate system."""
+    """A sentence on the gain of the most accurate system from captures of a new person."""
     for context, by_system in curves:
         system, curve = next(iter(by_system.items()))
         row = curve[curve["known"] != WITHOUT].iloc[-1]
@@ -98,7 +98,7 @@ def shots(curves: list[Curves]) -> str:
 
 
 def told_apart(group: Group) -> str:
-    """Which systems of a group differ from the best one and which do not, by the p Holm of its table."""
+    """The systems of a group that differ from the best one, and the others, by the p Holm of its table."""
     subjects = group.subjects.iloc[: statistics.RANKED]
     best, (systems, n) = subjects.index[0], subjects.shape
     if systems == 1:

@@ -1,4 +1,4 @@
-"""The command ``bench check``: whether systems still do what a stored baseline says, a gate for CI."""
+"""The command ``bench check``: a gate for CI that compares systems with a stored baseline."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command ``bench chip``: what systems answer as C, and what they take of a microcontroller."""
+"""The command ``bench chip``: labels of systems exported as C, and their costs on a microcontroller."""
 
 from __future__ import annotations
 

@@ -30,15 +30,15 @@ FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench 
 
 @dataclass(frozen=True)
 class Chosen:
-    """A choice with what it was made among.
+    """A choice and its candidates.
 
     Attributes:
-        choice: as `bench.outcomes.choice.decide` made it.
+        choice: result of `bench.outcomes.choice.decide`.
         among: the candidates.
         by: the cost that is to be low.
         budgets: the most of each cost.
         margin: points that do not matter, or None.
-        clock: of the target in MHz, or None.
+        clock: clock of the target in MHz, or None.
     """
 
     choice: Choice
@@ -50,7 +50,7 @@ class Chosen:
 
     @property
     def system(self) -> str | None:
-        """What is chosen, None if nothing fits the budgets."""
+        """Name of the chosen system, None if nothing fits the budgets."""
         chosen = self.choice.chosen
         return None if chosen is None else str(self.choice.table.loc[chosen, "system"])
 
@@ -58,7 +58,7 @@ class Chosen:
         return "\n".join([f"{self.among.context}:", *self.lines()])
 
     def lines(self) -> list[str]:
-        """The choice and its reason, or what binds and what to do."""
+        """The choice and its reason, or the binding budget and a remedy."""
         subjects, table = self.among.subjects.shape[1], self.among.table
         lines = sentences(self.choice, self.by, self.margin, subjects, self.among.mixed)
         if self.clock is not None:

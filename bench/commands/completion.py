@@ -1,4 +1,4 @@
-"""The command ``bench completion``: a script for a shell, and what that script asks for at each TAB.
+"""The command ``bench completion``: a script for a shell, and the completions at each TAB.
 
 A TAB starts this once and must be answered at once, so nothing heavy is imported: keys come from `bench.options`,
 values from there, the registry and the data folder.
@@ -78,10 +78,10 @@ def completion(arguments: list[str]) -> int:
 
 
 def answer(words: list[str]) -> list[str]:
-    """What the last word may become, in full.
+    """List all completions of the last word.
 
     Args:
-        words: behind ``bench``, the last one as far as it is typed.
+        words: typed words after ``bench``, the last one perhaps incomplete.
     """
     *before, word = words or [""]
     if not before:
@@ -108,7 +108,7 @@ def _options(before: list[str]) -> dict[str, Option]:
 
 
 def values(key: str, table: Mapping[str, Option]) -> Iterable[str]:
-    """What a key may be, as far as it is a name."""
+    """List the possible names for a key."""
     rooms = {"model": "models", "features": "features", "protocol": "protocols"}
     if key in rooms:
         return sorted(names(rooms[key]))

@@ -27,7 +27,7 @@ ACTIONS = ("import", "show", "verify", "export")
 
 
 def data(arguments: list[str]) -> int:
-    """List what is here, import a corpus, look at, verify or export one.
+    """List the corpora, or import, show, verify or export one.
 
     Raises:
         InputError: something in the arguments or the files cannot be used.
@@ -122,15 +122,15 @@ def show_recordings(recordings: Recordings) -> int:
 def looked(
     name: str, where: str, target: str, out: Path | None, capture: object, parameters: dict[str, object]
 ) -> Survey:
-    """A survey of the captures of a corpus, drawn into a folder if one is given.
+    """Survey the captures of a corpus, and draw them if a folder is given.
 
     Args:
-        name: of the corpus.
+        name: name of the corpus.
         where: captures to look at.
         target: columns whose classes are counted besides.
         out: folder for the figures, or None.
         capture: the one to animate, by its position in the whole corpus; None for one of each gesture.
-        parameters: of ``synth``.
+        parameters: parameters of ``synth``.
 
     Raises:
         InputError: the corpus is not here, something in the values cannot be used, or the folder cannot be written.
@@ -167,7 +167,7 @@ def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
 
 
 def read(kind: str, source: Path, values: dict[str, str]) -> int:
-    """Import a corpus, with a line for its warnings, one for what it replaces and one for what it holds."""
+    """Import a corpus; print its warnings, the corpus it replaces, and its contents."""
     before = _stored(values.get("name", kind))
     value = import_corpus(kind, source, values)
     corpus = _corpus(value)
@@ -212,7 +212,7 @@ def _unit(value: Corpus | Recordings) -> str:
 
 
 def check(name: str) -> int:
-    """Print a line for every file of a stored corpus, read anew, and whether it is what was stored."""
+    """Print a line for every file of a stored corpus, read anew and compared with the stored digest."""
     files = verify(name)
     width = max(map(len, files), default=0)
     for file, damage in files.items():

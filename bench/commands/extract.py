@@ -1,4 +1,4 @@
-"""The command ``bench extract``: one table of features with what is known of each capture."""
+"""The command ``bench extract``: one table of features with the labels of each capture."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def fit(arguments: list[str]) -> int:
 
 
 def trained(values: Values) -> tuple[Fitted, Path | None]:
-    """The system of some values, fitted and saved; and the folder that was asked for.
+    """Fit and save the system of some values; also return the folder of ``out=``.
 
     Raises:
         InputError: something in the values or the data cannot be used, or they name several systems.

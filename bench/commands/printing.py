@@ -1,4 +1,4 @@
-"""What commands print of what was run, and where; exit codes."""
+"""Printed results of runs, and exit codes."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _led = [False]  # whether another command leads from one command to the next
 
 
 def output() -> Console:
-    """Where results are printed."""
+    """The console for results."""
     out = Console()
     if not out.is_terminal:
         out.width = WIDTH
@@ -55,21 +55,21 @@ def output() -> Console:
 
 
 def say(*lines: str) -> None:
-    """Print lines as they are, long ones too: what is cut by a terminal's edge cannot be pasted."""
+    """Print lines unwrapped, long ones too, so that they can be pasted."""
     out = output()
     for line in lines:
         out.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def then(*commands: str) -> None:
-    """Print what to type next."""
+    """Print the next command to type."""
     if commands and not _led[0]:
         say(*(f"{'      ' if i else 'next: '}{command}" for i, command in enumerate(commands)))
 
 
 @contextmanager
 def led() -> Iterator[None]:
-    """Commands in between do not say what to type next: whoever calls them does."""
+    """Suppress hints of commands in between; the caller prints its own."""
     before, _led[0] = _led[0], True
     try:
         yield
@@ -90,7 +90,7 @@ def writable(folder: Path) -> Path:
 
 @contextmanager
 def unwritable(out: Path) -> Iterator[None]:
-    """Refuse a place that cannot be written, in one line; what was there stays.
+    """Refuse an unwritable destination, in one line; existing files stay.
 
     Raises:
         InputError: it cannot be.
@@ -111,15 +111,15 @@ def grid(
     spare: Sequence[str] = (),
     bold: Collection[int] = (),
 ) -> None:
-    """Print a table that fits; headings of columns that it has no room for stand below it.
+    """Print a table that fits; headings of columns without room follow below it.
 
     Args:
-        out: where; its width counts.
-        title: above the table.
+        out: console; its width counts.
+        title: heading of the table.
         rows: text by heading; all have the same headings. A column without any text but dashes is not shown.
         left: headings of text, which is aligned left; numbers are aligned right.
         spare: headings that may be left out, the first to go first.
-        bold: numbers of rows that stand out.
+        bold: numbers of highlighted rows.
     """
     names = [n for n in rows[0] if n not in spare or any(row[n] not in ("-", "") for row in rows)]
     wide = {n: max(cell_len(text) for text in (n, *(row[n] for row in rows))) for n in names}
@@ -165,10 +165,10 @@ def best(outcomes: Sequence[Outcome]) -> list[int]:
 
 
 def show(outcomes: Sequence[Outcome]) -> int:
-    """Print what was chosen in each fold, a row for each run, and what failed; the exit code.
+    """Print the chosen values of each fold, a row for each run, and failures; return the exit code.
 
     Args:
-        outcomes: of one kind.
+        outcomes: outcomes of one kind of run.
     """
     out = output()
     for outcome in outcomes:
@@ -183,7 +183,7 @@ def show(outcomes: Sequence[Outcome]) -> int:
 
 
 def one_label(outcomes: Sequence[Outcome]) -> None:
-    """Warn of systems that give every test capture of a fold, though of several classes, one and the same label."""
+    """Warn of systems that predict one label for all test captures of a fold with several classes."""
     systems = []
     for outcome in outcomes:
         tables = [captures(result.table) for result in outcome.results]

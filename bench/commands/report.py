@@ -1,4 +1,4 @@
-"""The commands that show what is tracked: ``bench report`` and ``bench ui``."""
+"""The commands that show stored runs: ``bench report`` and ``bench ui``."""
 
 from __future__ import annotations
 

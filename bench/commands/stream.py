@@ -43,7 +43,7 @@ def stream(arguments: list[str]) -> int:
 
 
 def streamed(values: Values) -> tuple[list[Outcome], Path]:
-    """The cells of some values, replayed; and the folder that was asked for.
+    """Replay the cells of some values; also return the folder of ``out=``.
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.

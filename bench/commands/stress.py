@@ -1,4 +1,4 @@
-"""The command ``bench stress``: where recognisers fail, under faults and under what is not a fault."""
+"""The command ``bench stress``: failures of recognisers, under faults and without."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def stressed(values: Values) -> tuple[list[Outcome[Analysis]], Path]:
 
 
 def grouped(outcomes: list[Outcome[Analysis]], out: Path) -> dict[Path, list[Outcome[Analysis]]]:
-    """What went well by the folder of its tables: one for each corpus, subset and protocol."""
+    """Successful runs by the folder of their tables: one for each corpus, subset and protocol."""
     folders: dict[Path, list[Outcome[Analysis]]] = {}
     groups = contexts(outcomes)
     for rows in groups:

@@ -69,7 +69,7 @@ def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
     Args:
         touches: captures of touches; an excerpt of 2 to 6 s of each is used.
         quiet: captures of background; gaps of 3 to 10 s are filled with excerpts of them.
-        seed: of order, excerpts and gaps; they depend on it, the subject and these captures alone.
+        seed: seed of order, excerpts and gaps; they depend on it, the subject and these captures alone.
 
     Returns:
         Recordings in the order of the subjects' names, without the corpus's conditions.

@@ -1,4 +1,4 @@
-"""The corpus: ragged captures of a pressure grid, sliced without copying frames. A value: it knows no disk.
+"""The corpus: ragged captures of a pressure grid, sliced without copying frames, independent of the disk.
 
 Everything that features, models and protocols may know of the harness is on this page. A system that predicts gets a
 *blind* corpus (`Corpus.blind`): frames, lengths, rate, full scale and grid, and nothing that tells whose capture it is.
@@ -28,7 +28,7 @@ class Hidden(Generic[Value]):
     """An attribute of a `Corpus` that a blind one does not have.
 
     Args:
-        doc: its docstring.
+        doc: text of its docstring.
     """
 
     def __init__(self, doc: str) -> None:
@@ -52,14 +52,14 @@ class Hidden(Generic[Value]):
 
 @dataclass(frozen=True)
 class Origin:
-    """Where the captures of a corpus come from: what caches identify them by, also of a blind corpus.
+    """Source of the captures of a corpus, also of a blind one: the identity for caches.
 
     Attributes:
         digest: content hash of the stored corpus, ``""`` for one in memory.
-        path: its folder, None for one in memory.
+        path: folder of the corpus, None for one in memory.
         index: int64 [captures], position of each capture in it.
-        piece: int64 [captures], tells captures of one ``index`` apart.
-        steps: what was done to the captures since they were stored.
+        piece: int64 [captures], number of the capture among those of one ``index``.
+        steps: changes to the captures since they were stored.
     """
 
     digest: str
@@ -92,9 +92,9 @@ class Corpus:
         info: source, licence, synthetic (bool), warnings (list of str).
         path: the folder that the frames are mapped from, or None when they are in memory.
         target: the columns of ``captures`` that make up the class, joined by ``+``.
-        steps: what was done to the captures since they were stored (`bench.corpora.steps`), in order. Several captures
-            may then come from one stored capture and have its ``index``.
-        piece: int64 [captures], tells those of one ``index`` apart; 0 before any step.
+        steps: changes to the captures since they were stored (`bench.corpora.steps`), in order. Several captures may
+            then come from one stored capture and have its ``index``.
+        piece: int64 [captures], number of the capture among those of one ``index``; 0 before any step.
     """
 
     name: Hidden[str] = Hidden("The name under which the corpus was imported.")
@@ -202,7 +202,7 @@ class Corpus:
 
     @property
     def is_blind(self) -> bool:
-        """Whether it is what a system gets when it predicts."""
+        """True for captures without labels, as in prediction."""
         return self._visible is not None
 
     def _refuse_if_blind(self, name: str) -> None:
@@ -217,7 +217,7 @@ class Corpus:
 
     @property
     def shape(self) -> tuple[int]:
-        """(captures,); scikit-learn indexes whatever has a shape as an array."""
+        """(captures,); scikit-learn indexes objects with a shape as arrays."""
         return (len(self),)
 
     @property
@@ -245,7 +245,7 @@ class Corpus:
 
     @property
     def captures(self) -> pd.DataFrame:
-        """One row per capture: subject, gesture and conditions; of a blind corpus the declared conditions alone."""
+        """Table of the captures: subject, gesture and conditions; of a blind corpus the declared conditions alone."""
         if self._visible is None:
             return self._captures
         if not self._visible:
@@ -254,7 +254,7 @@ class Corpus:
 
     @property
     def synthetic(self) -> bool:
-        """Whether the captures were generated; every output made from them must say so."""
+        """True for generated captures; every output made from them must be marked."""
         return bool(self.info.get("synthetic"))
 
     @property
@@ -312,7 +312,7 @@ class Corpus:
         return self[np.flatnonzero(chosen(where, self.captures, self.name))]
 
     def with_target(self, target: str) -> Corpus:
-        """The same captures, told apart by other columns: ``variant``, or ``gesture+variant``.
+        """The same captures with other class columns: ``variant``, or ``gesture+variant``.
 
         Raises:
             InputError: a column is not there, or says nothing of some capture.
@@ -325,7 +325,7 @@ class Corpus:
         return self.changed(target=target)
 
     def detached(self) -> Corpus:
-        """A copy in memory that no cache knows, as a robot would hand it over."""
+        """A copy in memory without identity for caches, like captures from a robot."""
         return self.changed(
             frames=np.array(self.frames),
             digest="",
@@ -350,7 +350,7 @@ class Corpus:
         """A picture of one capture: its mean pressure on the grid, and the summed pressure over time.
 
         Args:
-            capture: its position in this corpus.
+            capture: position in this corpus.
 
         Returns:
             A matplotlib figure.
@@ -365,7 +365,7 @@ class Corpus:
 
 
 def unblinded(corpus: Corpus) -> tuple[Corpus, tuple[str, ...] | None]:
-    """The same captures with all that is known of them, and what a blind corpus shows; None if it was not blind."""
+    """The same captures with labels, and the columns of the blind corpus; None if it was not blind."""
     return corpus._with(visible=None), corpus._visible
 
 
@@ -378,5 +378,5 @@ def storage(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
 
 
 def origin(corpus: Corpus) -> Origin:
-    """Where the captures of a corpus come from, also of a blind one: for caches, which know what they may give."""
+    """Source of the captures of a corpus, also of a blind one, for caches."""
     return Origin(*(corpus.__dict__[f"_{name}"] for name in ("digest", "path", "index", "piece", "steps")))

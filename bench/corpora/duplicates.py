@@ -1,4 +1,4 @@
-"""Captures that are the same: one recording that stands in a corpus twice, or in two corpora."""
+"""Duplicate captures: one recording twice in a corpus, or in two corpora."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ def identical(captures: Iterable[np.ndarray], full_scales: Iterable[float] | Non
 
     Args:
         captures: frames [frames, rows, cols] of each, uint16 or float32; a `Corpus` is such.
-        full_scales: of each capture, to compare readings as shares of it; None compares the readings themselves.
+        full_scales: full scale of each capture, to compare readings as shares of it; None compares the readings
+            themselves.
 
     Returns:
         Positions in rising order, at least two in a group; groups in the order of their first captures.
@@ -51,13 +52,13 @@ def _groups(positions: Sequence[int], key: Callable[[int], Hashable]) -> list[li
 
 
 def quiet(frames: np.ndarray) -> bool:
-    """Whether so little changes in a capture that another one can be equal by chance, such as no touch.
+    """Return True if a capture varies so little that another one can be equal by chance, such as no touch.
 
     Fewer than `CHANGES` readings differ from that of the same taxel one frame before; in a capture of a single frame,
     from that of the taxel before.
 
     Args:
-        frames: of the capture [frames, rows, cols].
+        frames: frames of the capture [frames, rows, cols].
     """
     readings = frames.reshape(len(frames), -1)
     return bool(np.count_nonzero(np.diff(readings, axis=0 if len(readings) > 1 else 1)) < CHANGES)
@@ -69,7 +70,7 @@ def repeated(corpus: Corpus) -> list[list[int]]:
 
 
 def shared(target: Corpus, source: Corpus) -> list[tuple[int, int]]:
-    """Captures that stand in two corpora, without `quiet` ones: equal in their readings or in shares of full scale.
+    """Captures in both of two corpora, without `quiet` ones: equal in their readings or in shares of full scale.
 
     Returns:
         Pairs of positions, in ``target`` and in ``source``; one for each such capture of ``target``.
@@ -117,7 +118,7 @@ def named(corpus: Corpus, position: int) -> str:
 
 
 def without(corpus: Corpus, position: int) -> str:
-    """A condition (``where=``) that leaves a capture out, and as few others as its columns can tell apart."""
+    """A condition (``where=``) that excludes a capture, and as few others as its columns allow."""
     like, parts = np.ones(len(corpus), bool), []
     for column in filter(str.isidentifier, map(str, corpus.captures)):
         values = corpus.captures[column].tolist()

@@ -1,4 +1,4 @@
-"""What may go wrong with a sensor, its readings and its place, at five severities each.
+"""Faults of a sensor, its readings and its place, at five severities each.
 
 A fault is a function ``(frames, amount, rng) -> frames``: float32 [frames, rows, cols] of one capture as shares of
 full scale, how much of it in the fault's unit, and a random generator. It gives shares of full scale again, on the same
@@ -32,11 +32,11 @@ class Fault:
     """A fault by name.
 
     Attributes:
-        name: of the function.
+        name: name of the function.
         damage: the function.
-        unit: what follows an amount in a table, such as ``% of the taxels``.
-        amounts: what severities 1 to 5 stand for.
-        sensor: whether it belongs to the sensor (one draw per subject) or to the moment (one per capture).
+        unit: text after an amount in a table, such as ``% of the taxels``.
+        amounts: amounts at severities 1 to 5.
+        sensor: True for one draw per subject (a fault of the sensor), False for one draw per capture.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Fault:
         return seeded(f"{self.name}, {whom}")
 
     def apply(self, frames: np.ndarray, severity: int, subject: str, capture: int) -> np.ndarray:
-        """One capture [frames, rows, cols] as shares of full scale under this fault; severity 0 changes nothing."""
+        """Damage one capture [frames, rows, cols] in shares of full scale; severity 0 changes nothing."""
         if severity == 0:
             return frames
         return self.damage(frames, self.amounts[severity - 1], self.generator(subject, capture))
@@ -65,12 +65,12 @@ FAULTS: dict[str, Fault] = {}
 
 
 def seeded(text: str) -> np.random.Generator:
-    """The random numbers that a text stands for."""
+    """A random generator seeded by a text."""
     return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "little"))
 
 
 def fault(unit: str, *amounts: float, sensor: bool = False) -> Callable[[Damage], Damage]:
-    """Make a function known as a fault, by its name.
+    """Register a function as a fault, by its name.
 
     Raises:
         ValueError: it does not have five amounts.
@@ -98,7 +98,7 @@ def as_shares(corpus: Corpus, captures: np.ndarray) -> list[np.ndarray]:
 
 
 def as_readings(corpus: Corpus, shares: np.ndarray) -> np.ndarray:
-    """Shares of full scale, float32, as what the sensor of a corpus would give: whole numbers are rounded."""
+    """Shares of full scale, float32, as readings of the corpus's sensor: whole numbers are rounded."""
     frames = shares * np.float32(corpus.full_scale)
     if storage(corpus)[0].dtype.kind in "iu":
         np.rint(frames, out=frames)
@@ -110,10 +110,10 @@ def damaged(corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: F
     """A corpus in memory whose captures ``test`` went through a fault.
 
     Args:
-        corpus: what the fold was cut from.
+        corpus: corpus from which the fold was cut.
         test: positions of the captures in it.
-        shares: those captures, as `as_shares` gives them.
-        fault: what happens to them.
+        shares: shares of full scale of those captures, from `as_shares`.
+        fault: fault to apply.
         severity: 0 to 5.
 
     Returns:
@@ -137,13 +137,13 @@ def at_least_one(percent: float, count: int) -> int:
 
 @fault("% of the taxels", 2, 5, 10, 20, 40, sensor=True)
 def dead_taxels(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """Taxels without contact read 0 whatever touches them."""
+    """Taxels without contact always read 0."""
     return _with_taxels(frames, amount, rng, 0)
 
 
 @fault("% of the taxels", 1, 2, 5, 10, 20, sensor=True)
 def stuck_taxels(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """Short-circuited taxels read full scale whatever touches them."""
+    """Short-circuited taxels always read full scale."""
     return _with_taxels(frames, amount, rng, 1)
 
 
@@ -177,7 +177,7 @@ def gain_drift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> n
 
 @fault("% of full scale, SD", 0.2, 0.5, 1, 2, 5, sensor=True)
 def offset_drift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """What an untouched taxel reads has drifted since training; half of the variance is shared by all taxels."""
+    """Readings of untouched taxels have drifted since training; half of the variance is shared by all taxels."""
     return np.clip(frames + np.float32(amount / 100) * _spread(frames, rng), 0, 1)
 
 
@@ -189,7 +189,7 @@ def _spread(frames: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 @fault("% of full scale cut off", 50, 75, 90, 95, 98, sensor=True)
 def saturation(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """The amplifier saturates early: what exceeds the rest of the range reads its end."""
+    """The amplifier saturates early: readings above the reduced range are clipped to its end."""
     return np.minimum(frames, np.float32(1 - amount / 100))
 
 
@@ -202,7 +202,7 @@ def noise(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.nda
 
 @fault("bits", 8, 7, 6, 5, 4, sensor=True)
 def fewer_bits(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """A coarser converter: readings go to the nearest of 2^bits values from 0 to full scale; 0 bits stand for none."""
+    """A coarser converter: readings go to the nearest of 2^bits values from 0 to full scale; 0 bits change nothing."""
     if amount == 0:
         return frames
     steps = np.float32(2**amount - 1)
@@ -211,7 +211,7 @@ def fewer_bits(frames: np.ndarray, amount: float, rng: np.random.Generator) -> n
 
 @fault("% of the frames", 5, 10, 20, 40, 60)
 def dropped_frames(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """Frames are lost at random and nobody is told: the capture becomes shorter. The luckiest frame always arrives."""
+    """Frames are lost at random without notice: the capture becomes shorter. The luckiest frame always arrives."""
     luck = rng.random(len(frames))
     return frames[(luck >= amount / 100) | (luck == luck.max())]
 
@@ -242,13 +242,13 @@ def late_start(frames: np.ndarray, amount: float, rng: np.random.Generator) -> n
 
 @fault("% of the capture", 10, 20, 40, 60, 80)
 def early_end(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """The label is wanted early: the last frames are missing."""
+    """The label is needed early: the last frames are missing."""
     return frames[: len(frames) - int(amount * len(frames) / 100)]
 
 
 @fault("taxels", 0.5, 1, 1.5, 2, 3, sensor=True)
 def shift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """The sensor sits elsewhere: touch is moved in a random direction, and what lies beyond the edge reads 0."""
+    """The sensor sits elsewhere: touch is moved in a random direction; taxels beyond the edge read 0."""
     direction = rng.uniform(0, 2 * np.pi)
     row, col = np.indices(frames.shape[1:])
     return _read_at(frames, row - amount * np.sin(direction), col - amount * np.cos(direction))
@@ -256,7 +256,7 @@ def shift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.nda
 
 @fault("degrees", 5, 10, 20, 45, 90, sensor=True)
 def rotation(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """The sensor sits turned about its middle, to a random side; what lies beyond the edge reads 0."""
+    """The sensor sits turned about its middle, to a random side; taxels beyond the edge read 0."""
     angle = np.radians(amount) * rng.choice([-1, 1])
     row, col = np.indices(frames.shape[1:])
     down, right = (frames.shape[1] - 1) / 2, (frames.shape[2] - 1) / 2
@@ -297,7 +297,7 @@ def smaller_grid(frames: np.ndarray, amount: float, rng: np.random.Generator) ->
 
 @fault("taxels, SD", 0.5, 0.75, 1, 1.5, 2, sensor=True)
 def cover(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """A thick cover spreads the pressure like a Gaussian; what spreads beyond the edge is lost."""
+    """A thick cover spreads the pressure like a Gaussian; pressure beyond the edge is lost."""
     if amount == 0:
         return frames
     rows, cols = (_gaussian(side, amount) for side in frames.shape[1:])

@@ -1,4 +1,4 @@
-"""What one capture looks like."""
+"""A picture of one capture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def picture(frames: np.ndarray, rate_hz: float, title: str) -> Figure:
     Args:
         frames: sensor values [frames, rows, cols].
         rate_hz: frames per second.
-        title: above both.
+        title: heading of both panels.
     """
     from matplotlib.figure import Figure
 

@@ -38,17 +38,17 @@ _seen: set[tuple] = set()  # frames verified in folders that cannot be written, 
 
 
 class Damaged(Exception):
-    """What is wrong with a stored corpus, in a few words."""
+    """A defect of a stored corpus, in a few words."""
 
 
 @dataclass(frozen=True)
 class Address:
-    """Where a stored corpus is found again, by another process or on another machine.
+    """The location of a stored corpus, for another process or machine.
 
     Attributes:
-        path: of its folder.
+        path: path of its folder.
         within: the same, from the data folder on, which may lie elsewhere there; None for a folder that is not in it.
-        digest: of the corpus.
+        digest: digest of the corpus.
     """
 
     path: Path
@@ -77,7 +77,7 @@ class Address:
 
 
 def address(corpus: Corpus) -> Address:
-    """Where a stored corpus is found again.
+    """The location of a stored corpus.
 
     Raises:
         ValueError: it is not stored.
@@ -130,8 +130,8 @@ def write_folder(value: Corpus | Recordings, folder: Path, digest: str = "") -> 
     A folder that is there already stays if it holds the same corpus unharmed; else it is replaced.
 
     Args:
-        value: what to store.
-        folder: where.
+        value: corpus or recordings to store.
+        folder: destination.
         digest: its `content_digest`, if that is known.
 
     Raises:
@@ -172,7 +172,7 @@ def open_folder(folder: Path, key: str = "") -> Corpus:
     """Map a stored corpus, or that of stored recordings, if it is what was stored.
 
     Args:
-        folder: where it is.
+        folder: folder of the corpus.
         key: the name of the folder that it was written for, if that matters.
 
     Raises:
@@ -185,7 +185,7 @@ def open_stored(folder: Path, key: str = "") -> Corpus | Recordings:
     """As `open_folder`, but recordings with their events.
 
     Args:
-        folder: where it is.
+        folder: folder of the corpus.
         key: the name of the folder that it was written for, if that matters.
 
     Raises:
@@ -208,10 +208,10 @@ def open_stored(folder: Path, key: str = "") -> Corpus | Recordings:
 
 
 def verified(folder: Path, key: str = "") -> dict[str, str]:
-    """What is wrong with each file, ``""`` for nothing: all are read and hashed anew.
+    """The defect of each file, ``""`` for none: all are read and hashed anew.
 
     Args:
-        folder: of a corpus.
+        folder: folder of a corpus.
         key: the name of the folder that it was written for, if that matters.
     """
     try:
@@ -297,7 +297,7 @@ def small_file(path: Path, most: int = 1 << 24) -> bytes:
 
 
 def stamp(path: Path) -> tuple[int, ...]:
-    """What changes when a file does: size, times (that of its entry cannot be set back) and inode.
+    """Attributes that change with a file: size, times (that of its entry cannot be set back) and inode.
 
     Raises:
         Damaged: there is no such file.

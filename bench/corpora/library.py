@@ -107,8 +107,8 @@ def recordings(name: str, parameters: dict[str, object] | None = None) -> Record
     """Open imported recordings, or generate and open the synthetic ones.
 
     Args:
-        name: of imported recordings, or ``synth``.
-        parameters: of ``synth``.
+        name: name of imported recordings, or ``synth``.
+        parameters: parameters of ``synth``.
 
     Raises:
         InputError: there are no such recordings, the name is that of a corpus of captures, or they are no longer what
@@ -158,10 +158,10 @@ def _folder(name: str) -> Path:
 
 
 def verify(name: str) -> dict[str, str]:
-    """Every file of a stored corpus with what is wrong with it, ``""`` for nothing; all are read and hashed anew.
+    """Every file of a stored corpus with its defect, ``""`` for none; all are read and hashed anew.
 
     Args:
-        name: of an imported corpus, or ``synth`` for all that were generated.
+        name: name of an imported corpus, or ``synth`` for all generated ones.
 
     Raises:
         InputError: there is no such corpus.
@@ -188,7 +188,7 @@ def imported() -> list[str]:
 
 
 def overview() -> list[dict[str, object]]:
-    """What is here: figures of each imported corpus, or what is wrong with it under ``damaged``."""
+    """Summary of each imported corpus, or its defect under ``damaged``."""
     rows: list[dict[str, object]] = []
     for name in imported():
         try:
@@ -271,7 +271,7 @@ def open_joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus
     Args:
         target: captures of a stored corpus, or some of them.
         source: another stored corpus.
-        names: what classes of ``source`` are called in ``target``.
+        names: names in ``target`` of classes of ``source``.
 
     Raises:
         InputError: as of `joined`, or the data folder cannot be written.

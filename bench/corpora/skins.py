@@ -1,4 +1,4 @@
-"""Captures of one skin as another would have given them: full scale, rate and grid, each by a function of its own.
+"""Captures of one skin converted to another: full scale, rate and grid, each by a function of its own.
 
 Nothing is learnt, and what becomes of a capture depends on that capture alone. What the other skin cannot hold is lost:
 `bench_transfer.py` in benchmarks sends a corpus through each step and back and says what that costs.
@@ -17,7 +17,7 @@ OWN, SOURCE = "own", "source"  # what the column ``skin`` says
 
 
 def weights(count: int, wanted: int) -> np.ndarray:
-    """How values along an axis make up more or fewer of them, rows of which each sums to 1 [wanted, count].
+    """Weights to resample values along an axis, with rows that sum to 1 [wanted, count].
 
     Both lie evenly over the same length. Where there are to be fewer, each is the mean over its share of that length;
     where there are to be more, each lies on the line between the two values whose middles are next to its own.
@@ -70,7 +70,7 @@ def regridded(frames: np.ndarray, rows: int, cols: int) -> np.ndarray:
 
 
 def brought(corpus: Corpus, rate_hz: float, grid: tuple[int, int], full_scale: float) -> list[np.ndarray]:
-    """Captures of a corpus as a skin with this rate, grid and full scale would have given them, float32."""
+    """Captures of a corpus converted to the rate, grid and full scale of another skin, float32."""
     shares = (scaled(frames, corpus.full_scale, full_scale) for frames in corpus)
     return [regridded(resampled(values, corpus.rate_hz, rate_hz), *grid) for values in shares]
 
@@ -102,7 +102,7 @@ def joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     Args:
         target: captures.
         source: captures of the other skin.
-        names: what classes of ``source`` are called in ``target``, where that is something else.
+        names: names in ``target`` of classes of ``source``, where they differ.
 
     Returns:
         A corpus in memory, float32, whose column ``skin`` says which is which. People of the other skin are others,

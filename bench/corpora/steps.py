@@ -1,4 +1,4 @@
-"""What may be done to captures before a system sees them: damage for training, repair, scaling, windows.
+"""Steps before a system: damage for training, repair, scaling, windows.
 
 A step is called with a `Corpus` and gives another, captures in the same order. It learns nothing, so that it does the
 same in training and test, and what it makes of a capture depends on that capture alone. `Repair` and `Scale` are
@@ -26,14 +26,14 @@ PASSES = 3  # broken taxels without a sound neighbour are filled from filled one
 
 
 class Step:
-    """One step: it makes of each capture one or several."""
+    """A step, which turns each capture into one or several."""
 
     def rows(self, corpus: Corpus) -> np.ndarray:
-        """Which capture of a corpus each of those that are made of it comes from."""
+        """The original capture of each new one, as an index."""
         return np.arange(len(corpus))
 
     def code(self) -> list[Callable]:
-        """What it computes with, beyond which no change is one of its results."""
+        """The code that its results depend on."""
         return [type(self)]
 
     def keeps(self, taxels: int) -> int:
@@ -63,7 +63,7 @@ class Windows(Step):
         return frames, max(1, round(self.hop * rate_hz) if self.hop else (frames + 1) // 2)
 
     def rows(self, corpus: Corpus) -> np.ndarray:
-        """As many of each capture as it has windows."""
+        """The original capture of each window, as an index."""
         return np.repeat(np.arange(len(corpus)), self._count(corpus))
 
     def _count(self, corpus: Corpus) -> np.ndarray:
@@ -110,7 +110,7 @@ class Faulted(_Copied):
 
     Args:
         faults: names of faults.
-        copies: of each capture, damaged; the capture itself stays.
+        copies: damaged copies of each capture, besides the capture itself.
     """
 
     faults: tuple[str, ...]
@@ -155,7 +155,7 @@ class Turned(_Copied):
     same in all frames.
 
     Args:
-        copies: of each capture, at most 7; the capture itself stays.
+        copies: copies of each capture, at most 7, besides the capture itself.
     """
 
     copies: int
@@ -194,7 +194,7 @@ def _mountings(grid: tuple[int, int]) -> list[Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Repair(Step):
-    """Broken taxels found in a capture's own past and filled with the mean of their sound neighbours.
+    """Repair broken taxels, found in a capture's own past, by the mean of their sound neighbours.
 
     ``stuck``: a taxel has read full scale in every frame so far; or nothing but one value for a quarter of a second,
     above all taxels that have varied. ``dead``: nothing but one value for a quarter of a second, while more than half
@@ -202,7 +202,7 @@ class Repair(Step):
     lets go with it.
 
     Args:
-        kinds: of these.
+        kinds: repairs to apply, from the list above.
     """
 
     kinds: tuple[str, ...]
@@ -213,7 +213,7 @@ class Repair(Step):
                 raise InputError(f"model.repair={'+'.join(self.kinds)}: give {' or '.join(REPAIRS)}, joined by +")
 
     def keeps(self, taxels: int) -> int:
-        """Of each taxel the least and largest value, what has moved and is sound, the mean around it, an offset."""
+        """Numbers per taxel: the least and largest value, moved and sound flags, the mean around it, an offset."""
         return (5 * bool({"stuck", "dead"} & set(self.kinds)) + ("offset" in self.kinds)) * taxels
 
     def __call__(self, corpus: Corpus) -> Corpus:
@@ -272,7 +272,7 @@ class Scale(Step):
     logarithm of 1 + 1000 times the share of full scale, and full scale stays where it is.
 
     Args:
-        kind: of these.
+        kind: ``peak`` or ``log``.
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""What a corpus holds, before any model sees it: counts and gaps, durations, pressure, broken taxels, duplicates.
+"""A survey of a corpus before any training: counts and gaps, durations, pressure, broken taxels, duplicates.
 
 Pure functions of a `Corpus`. Frames are read in blocks of whole captures, so that memory does not grow with their
 number.
@@ -32,27 +32,27 @@ NAMED = 12  # of a kind that are named in print; the tables have all
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What a corpus holds; prints as sentences and short tables.
+    """Survey of a corpus; prints as sentences and short tables.
 
     Attributes:
         title: corpus, sizes and rate in one line, as `Corpus` prints.
-        synthetic: whether the captures were generated.
+        synthetic: True for generated captures.
         factors: the columns that ``counts`` crosses: ``subject``, ``gesture`` and conditions.
         counts: a row for each combination of the factors, whether recorded or not, with its number of ``captures``.
         target: the columns that make the class to predict.
-        classes: by class of the target: ``captures`` and ``subjects``.
-        durations: by gesture: ``captures``, ``subjects``, and seconds ``median``, ``shortest``, ``longest``.
-        pressure: by gesture, in sensor values: ``lowest``, ``mean`` and ``highest`` reading; ``full_scale``, percent of
+        classes: ``captures`` and ``subjects`` by class of the target.
+        durations: ``captures``, ``subjects``, and seconds ``median``, ``shortest``, ``longest`` by gesture.
+        pressure: sensor values by gesture: ``lowest``, ``mean`` and ``highest`` reading; ``full_scale``, percent of
             readings at full scale; ``still``, captures in which nothing varies.
         taxels: a row for each taxel, row by row: ``row`` and ``col`` from 0, ``lowest``, ``mean``, ``highest``;
             ``full_scale``, percent of frames at full scale; ``sd`` around the mean of each capture; ``around``, the
             median SD of the up to eight taxels around it that do vary; ``still``, percent of captures in which it does
             not vary while all of those around it do; ``verdict``, empty where nothing is odd.
-        duplicates: a row for each capture whose frames are those of another one: ``group``, ``capture``, its labels,
-            ``differs``, the columns that tell the captures of a group apart, and ``quiet``, whether so little changes
-            that they can be equal by chance; such groups come last.
+        duplicates: rows of captures with the same frames as another one: ``group``, ``capture``, its labels,
+            ``differs``, the columns that differ within a group, and ``quiet``, True if so little changes that they can
+            be equal by chance; such groups come last.
         means: mean pressure of each gesture, each frame counted once, float64 [gestures, rows, cols].
-        typical: by gesture, the capture nearest to the middle in duration, mean and highest pressure.
+        typical: capture nearest to the middle in duration, mean and highest pressure, by gesture.
     """
 
     title: str
@@ -70,7 +70,7 @@ class Survey:
 
     @property
     def gestures(self) -> list[str]:
-        """In the order of ``means`` and of the tables."""
+        """Gestures, in the order of ``means`` and of the tables."""
         return self.durations["gesture"].tolist()
 
     @cached_property
@@ -103,7 +103,7 @@ class Survey:
     __repr__ = __str__
 
     def gap_lines(self) -> list[str]:
-        """How even the counts are: a sentence, and the first examples."""
+        """Balance of the counts: a sentence, and the first examples."""
         counts, usual = self.counts, self.usual
         absent, other = counts["captures"] == 0, ~counts["captures"].isin([0, usual])
         factors = ", ".join(self.factors[:-1]) + f" and {self.factors[-1]}"
@@ -119,7 +119,7 @@ class Survey:
         return [summary, *_first(lines, len(lines))]
 
     def taxel_lines(self) -> list[str]:
-        """Which taxels are odd: a sentence, and the first examples."""
+        """Odd taxels: a sentence, and the first examples."""
         odd = self.odd_taxels
         if not len(odd):
             return [f"Taxels: nothing is odd about the {len(self.taxels)}"]
@@ -134,7 +134,7 @@ class Survey:
         return [summary, *_first(lines, len(lines))]
 
     def duplicate_lines(self) -> list[str]:
-        """Which captures are the same: a sentence, and the first examples."""
+        """Duplicate captures: a sentence, and the first examples."""
         if not len(self.duplicates):
             return ["Duplicates: no two captures have the same frames"]
         lines = []
@@ -183,7 +183,7 @@ def survey(corpus: Corpus) -> Survey:
     """Count, time and measure the captures of a corpus.
 
     Args:
-        corpus: or some captures of one; those that share frames with others are measured as often as they stand there.
+        corpus: corpus, or some captures of one; repeated ones are measured as often as they occur.
 
     Raises:
         InputError: there is no capture.
@@ -237,7 +237,7 @@ def blocks(corpus: Corpus, most: int = BLOCK) -> Iterator[tuple[slice, np.ndarra
     """Runs of captures with their frames, one after the other.
 
     Args:
-        corpus: whose captures need not lie next to each other.
+        corpus: captures, which need not lie next to each other.
         most: values of a block, unless it is a single capture.
 
     Yields:

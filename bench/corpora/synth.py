@@ -106,12 +106,12 @@ def generate(
         subjects: number of subjects.
         repetitions: captures of each subject, variant and gesture.
         variants: any of gentle, normal, rough.
-        rows: of the grid, on a pad of 160 x 160 mm.
-        cols: of the grid.
+        rows: rows of the grid, on a pad of 160 x 160 mm.
+        cols: columns of the grid.
         rate_hz: frames per second.
-        gain: of the sensor before it saturates; 1 is that of CoST.
+        gain: gain of the sensor before it saturates; CoST has 1.
         noise: SD of a reading, in sensor values.
-        seed: of everything.
+        seed: random seed of all draws.
 
     Returns:
         uint16 frames 0..1023; subject, variant, gesture, repetition.
@@ -185,7 +185,7 @@ def check_parameters(
 
 
 class Habits:
-    """What makes a subject's touch their own; factors are log-normal around 1.
+    """Personal traits of a subject's touch; factors are log-normal around 1.
 
     ``style`` is how far a gesture leans to its lookalike, the other tables hold a factor for each gesture.
     """
@@ -324,9 +324,9 @@ def sensed(
     """What the fabric sensor reports: creep after load, saturation, offset, noise, 10 bits.
 
     Args:
-        rng: of the noise.
+        rng: random numbers of the noise.
         pressure: in sensor values [frames, rows, cols].
-        offset: of an untouched taxel, in sensor values [rows, cols] or [frames, rows, cols].
+        offset: reading of an untouched taxel, in sensor values [rows, cols] or [frames, rows, cols].
         rate_hz: frames per second.
         noise: SD of a reading, in sensor values.
 

@@ -1,4 +1,4 @@
-"""Conditions on the columns of captures (``where=``): an allow-list, and what passes it is evaluated by pandas."""
+"""Conditions on the columns of captures (``where=``): pandas evaluates those that pass an allow-list."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 
 
 def chosen(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
-    """Which captures satisfy a condition, bool [captures].
+    """Captures that satisfy a condition, bool [captures].
 
     Args:
-        where: such as ``variant == 'rough' and subject in ['1', '2']``.
+        where: condition, such as ``variant == 'rough' and subject in ['1', '2']``.
         captures: one row per capture.
-        name: of the corpus, for messages.
+        name: name of the corpus, for messages.
 
     Raises:
         InputError: it is no condition on these columns, or no capture satisfies it.

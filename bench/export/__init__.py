@@ -1,1 +1,1 @@
-"""A fitted system as C99: what of it is needed (`tables`), and the files that hold it (`write`)."""
+"""A fitted system as C99: its numbers (`tables`), and the files that hold them (`write`)."""

@@ -1,4 +1,4 @@
-"""What each classifier becomes: tables, and the lines of C that use them."""
+"""Each classifier as C: tables, and the lines that use them."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class Decider:
     """A classifier on features as C: tables by name, and the body of the function that uses them.
 
     Attributes:
-        arrays: by name, floats, or whole numbers of 8 bits.
-        body: of ``decide``, with ``{name}`` for a table.
-        comment: what it is.
+        arrays: tables by name, floats, or whole numbers of 8 bits.
+        body: body of ``decide``, with ``{name}`` for a table.
+        comment: description of the classifier.
         buffers: numbers in memory that the body works in, by name.
-        defines: by name.
+        defines: macros by name.
     """
 
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
@@ -248,7 +248,7 @@ class Nodes:
     roots: list[int] = field(default_factory=list)
 
     def add(self, sides: tuple[np.ndarray, np.ndarray], feature: np.ndarray, threshold: np.ndarray, leaf: Leaf) -> None:
-        """One tree; ``sides`` are the left and right child of each node, ``leaf(node)`` says which leaf a node is."""
+        """Add one tree; ``sides`` are the left and right child of each node, ``leaf(node)`` is the number of a leaf."""
         left, right = sides
         self.roots.append(len(self.feature))
         waiting: list[tuple[int, int]] = [(0, -1)]
@@ -371,7 +371,7 @@ DECIDERS: dict[Any, Callable[[Affine, Any, int], Decider]] = {
 
 
 def has_c(classifier: object) -> bool:
-    """Whether a classifier, fitted or not, can become C."""
+    """Return True if a classifier, fitted or not, can become C."""
     return isinstance(classifier, tuple(DECIDERS))
 
 
@@ -381,7 +381,7 @@ def decider(system: Pipeline, width: int, bits: int) -> Decider:
     Args:
         system: features, scaling and classifier, fitted.
         width: number of features.
-        bits: of a learnt weight, 32 or 8.
+        bits: bits of a learnt weight, 32 or 8.
 
     Raises:
         InputError: one of them has no C.

@@ -1,4 +1,4 @@
-"""Exported C as it runs: asked on this machine, measured for a Cortex-M4."""
+"""Exported C in use: run on this machine, measured for a Cortex-M4."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _output(call: list[str], folder: Path) -> str:
 
 @cache
 def toolchain() -> list[str]:
-    """What each program says of its version, which bytes, instructions and rounding depend on."""
+    """Versions of the programs that bytes, instructions and rounding depend on."""
     return [
         subprocess.run([name, "--version"], capture_output=True, text=True, check=False).stdout.partition("\n")[0]
         for name in PROGRAMS

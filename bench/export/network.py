@@ -15,7 +15,7 @@ from models.quantised import rounded
 
 
 def check(system: System) -> None:
-    """Refuse another network, or what is none.
+    """Refuse other networks and other objects.
 
     Raises:
         InputError: it is.
@@ -32,7 +32,7 @@ def convolved(system: Hughes2017CNN, grid: tuple[int, int], bits: int) -> tuple[
     Args:
         system: fitted.
         grid: rows and columns of a frame.
-        bits: of a weight, 32 or 8; biases and steps have 32.
+        bits: bits of a weight, 32 or 8; biases and steps have 32.
     """
     net: Any = system.net_
     first, pool1, _, second, pool2 = net[:5]

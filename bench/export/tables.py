@@ -1,4 +1,4 @@
-"""What the C of a fitted system needs: sizes, steps, windows, when to decide, and its classifiers."""
+"""The contents of a fitted system's C: sizes, steps, windows, stopping rule, and its classifiers."""
 
 from __future__ import annotations
 
@@ -25,14 +25,15 @@ LONGEST_TOUCH = 2**30  # frames; a window forgets
 
 @dataclass
 class Chip:
-    """All that is written of a fitted system.
+    """Contents of the exported C of a fitted system.
 
     Attributes:
-        defines: of the preprocessor, by name.
-        deciders: by the name of their function: ``decide``, and ``decide_early`` of what is shorter than a window.
-        features: which fixed code computes them, ``touch``, ``jung28`` or ``convolved``.
+        defines: macros of the preprocessor, by name.
+        deciders: classifiers by the name of their function: ``decide``, and ``decide_early`` for captures shorter than
+            a window.
+        features: fixed code that computes the features: ``touch``, ``jung28`` or ``convolved``.
         classes: names.
-        arrays: what features were learnt, by name.
+        arrays: learnt numbers of the features, by name.
     """
 
     defines: dict[str, str]
@@ -62,11 +63,11 @@ def check(estimator: Any) -> None:
 
 
 def chip_of(recogniser: Recogniser, bits: int) -> Chip:
-    """What the C of a saved system is made of.
+    """The contents of a saved system's C.
 
     Args:
-        recogniser: as `bench.work.saved.load` gives it.
-        bits: of a learnt weight, 32 or 8.
+        recogniser: saved system, from `bench.work.saved.load`.
+        bits: bits of a learnt weight, 32 or 8.
 
     Raises:
         InputError: it cannot become C; the message says why.

@@ -62,8 +62,8 @@ def files_of(recogniser: Recogniser, bits: int, title: str) -> dict[str, str]:
 
     Args:
         recogniser: a saved system.
-        bits: of a learnt weight, 32 or 8.
-        title: what it is, in a line.
+        bits: bits of a learnt weight, 32 or 8.
+        title: description in one line.
 
     Raises:
         InputError: it cannot become C.

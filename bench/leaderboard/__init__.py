@@ -1,1 +1,1 @@
-"""Frozen tasks, submissions of anybody, and which of them were verified. Nothing here runs a fold."""
+"""Frozen tasks, submissions, and marks of verified ones. Nothing here runs a fold."""

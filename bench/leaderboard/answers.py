@@ -27,8 +27,8 @@ def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
     """The newest complete run of a system that answers a task.
 
     Args:
-        store: where runs are.
-        task: to be answered.
+        store: store of the runs.
+        task: task to answer.
         wanted: values that tags of the run must have (``system`` and ``seed``), or its ``run_id``.
         how: the command that makes such a run.
 
@@ -49,7 +49,7 @@ def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
 
 
 def differs(task: Task, run: Row) -> str:
-    """What of a run is not what the task fixes, with its value; empty if all is."""
+    """Tags of a run that differ from the task, with their values; empty if none does."""
     fixed = {"corpus_digest": tasks.digest_of(task), "protocol": task.protocol, **SHARED}
     if "ms" in task.keys:
         fixed["stream.start"] = "onset"
@@ -117,7 +117,7 @@ def _damaged(task: Task, stored: pd.DataFrame) -> pd.DataFrame:
 
 
 def metadata(task: Task, run: Row, who: str, command: str) -> dict[str, Any]:
-    """Where a run comes from and what it needs, as a submission says it.
+    """Origin and costs of a run, in the words of a submission.
 
     Of a system in a file of one's own: the file's name and its SHA-256, not the folder it lies in; touchbench's
     revision would tell nothing of it.
@@ -141,7 +141,7 @@ def metadata(task: Task, run: Row, who: str, command: str) -> dict[str, Any]:
 
 
 def rests_on(run: Row) -> dict[str, str]:
-    """What the labels of a run rest on besides single captures, as a submission records it: ``batch``, ``conditions``.
+    """Inputs of the labels of a run besides single captures, as a submission records them: ``batch``, ``conditions``.
 
     Empty for a run without the tags `BATCH` and `CONDITIONS`.
     """

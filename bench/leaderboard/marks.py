@@ -37,7 +37,7 @@ def read() -> dict[str, dict[str, Any]]:
 
 
 def marked(submissions: Sequence[Submission]) -> list[Submission]:
-    """The submissions; those whose labels were repeated, and which did not change since, say when.
+    """The submissions, with the date of verification for those that were verified and have not changed since.
 
     Raises:
         InputError: the file cannot be used.
@@ -55,7 +55,7 @@ def add(submission: Submission, mark: dict[str, Any]) -> None:
     """Write the mark of a submission, in place of an earlier one.
 
     Args:
-        submission: whose labels were repeated.
+        submission: verified submission.
         mark: the day, the revision and the system of the rerun, the number of labels and the accuracy.
 
     Raises:

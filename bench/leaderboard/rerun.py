@@ -83,12 +83,12 @@ def _with_path(one: Submission, part: str) -> str:
 
 
 def answer(store: Store, one: Submission, folder: Path) -> Submission:
-    """What the only run of a store answers to the task of a submission, as it would be submitted.
+    """Submission from the only run of a store, for the task of another submission.
 
     Args:
-        store: in which the command of the submission was repeated.
+        store: store with the repeated run of the submission.
         one: the submission.
-        folder: to be made, where the answer is written.
+        folder: new folder for the answer.
 
     Raises:
         InputError: the run does not answer the task, or rests on more than the submission says.

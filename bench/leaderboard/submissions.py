@@ -60,11 +60,11 @@ class Submission:
     """A folder that was read.
 
     Attributes:
-        name: of the folder.
-        task: that it answers.
+        name: name of the folder.
+        task: task that it answers.
         metadata: the content of its ``submission.json``, by the names in `TEXTS` and `NUMBERS`.
-        table: a row for each of `rows_of` the task, with ``predicted`` and, where they were given, ``p_<class>``.
-        sha256: of the names and the content of its two files.
+        table: predictions, a row for each of `rows_of` the task, with ``predicted`` and optionally ``p_<class>``.
+        sha256: SHA-256 of the names and the content of its two files.
         verified: date and revision of a maintainer's rerun, in words; empty without a rerun.
     """
 
@@ -77,12 +77,12 @@ class Submission:
 
     @property
     def reference(self) -> bool:
-        """Whether it is one of the results that come with touchbench; `read` refuses their name to all others."""
+        """True for a reference result of touchbench; `read` refuses their names to all others."""
         return _is_reserved(self.metadata["who"])
 
     @property
     def remarks(self) -> str:
-        """What its labels rest on besides single captures, as the run recorded it; empty for nothing."""
+        """Inputs of its labels besides single captures, as the run recorded them; empty for none."""
         batch = "labels depend on other test captures" if "batch" in self.metadata else ""
         conditions = self.metadata.get("conditions", "")
         return "; ".join(filter(None, [batch, conditions and f"uses {conditions.replace(',', ', ')}"]))
@@ -121,7 +121,7 @@ class Submission:
 
 
 def read(folder: Path) -> Submission:
-    """Read and check a folder that anybody may have made.
+    """Read and check the folder of a submission.
 
     Raises:
         InputError: it is no submission, or not one of a task; the message begins with the name of the folder.
@@ -162,7 +162,7 @@ def behind(one: Submission, best: Submission, draws: int = 2000, seed: int = 0) 
 
 
 def write(folder: Path, metadata: dict[str, Any], table: pd.DataFrame) -> Submission:
-    """Write a submission into a new folder and read it as anybody would.
+    """Write a submission into a new folder and read it back.
 
     Probabilities are rounded to three decimals, except in rows whose label that would change.
 

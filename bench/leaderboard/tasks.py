@@ -1,4 +1,4 @@
-"""Frozen tasks: captures, subset, protocol and unit under a name, so that results of anybody can be compared.
+"""Frozen tasks: captures, subset, protocol and unit under a name, so that all results can be compared.
 
 What a name means never changes; a task that is mended gets a new one, with ``-v2`` at its end.
 """
@@ -29,16 +29,16 @@ class Task:
     """Data, protocol and unit under a name. The subset is the whole corpus and the class the gesture, in all of them.
 
     Attributes:
-        name: ends in its version.
-        protocol: as it is tracked.
+        name: name with its version at the end.
+        protocol: protocol label of its runs.
         protocol_text: the protocol in words.
-        unit: what one row of predictions is.
+        unit: meaning of one row of predictions.
         score: the rows that accuracy is of, in words.
-        command: of bench, which makes a run that answers the task.
+        command: bench command whose run answers the task.
         keys: columns that, with ``capture``, name a row.
         split: the part of the corpus that is tested, empty for all of it.
         data: name of the corpus.
-        digest: of the corpus as touchbench imports it; empty for CoST, which is known by the MD5 of its file.
+        digest: digest of the imported corpus; empty for CoST, which is identified by the MD5 of its file.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Task:
 
     @property
     def kind(self) -> str:
-        """Of the runs that answer the task, as they are tracked."""
+        """Kind of the runs that answer the task, as tracked."""
         return "cell" if self.command == "run" else self.command
 
     def circumstances(self) -> list[tuple[str, ...]]:

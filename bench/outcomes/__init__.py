@@ -1,1 +1,1 @@
-"""What came out of runs: pure functions of their tables, and the one place that asks MLflow."""
+"""Results of runs: pure functions of their tables, and the one module that queries MLflow."""

@@ -1,4 +1,4 @@
-"""What ``bench check`` compares of a run, and the file that keeps it."""
+"""The measurements that ``bench check`` compares, and their file."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ NAMES = ("data", "corpus_digest", "subset", "target", "protocol", "system", "see
 
 @dataclass(frozen=True)
 class Measured:
-    """What one run of a system came to; a baseline holds one for each.
+    """Measurements of one run of a system; a baseline holds one for each.
 
     Attributes:
         run: the arguments of ``bench run`` that make it.
         names: data, digest, subset, target, protocol, system and seed as they are tracked.
         environment: processor, threads and versions.
-        costs: as far as they are known, ``relative``, processor time of a prediction as a multiple of the reference
-            workload, and ``flash`` bytes.
+        costs: known costs: ``relative``, processor time of a prediction as a multiple of the reference workload, and
+            ``flash`` bytes.
         labels: one row per tested capture: ``fold``, ``capture``, ``subject``, ``true``, ``predicted``.
-        synthetic: whether the captures were generated.
+        synthetic: True for generated captures.
     """
 
     run: str
@@ -42,7 +42,7 @@ def read(path: Path, check: Callable[[str], object] = str) -> list[Measured]:
     """Load a baseline.
 
     Args:
-        path: of the file.
+        path: path of the file.
         check: raises an `InputError` for arguments of ``bench run`` that cannot be understood.
 
     Raises:

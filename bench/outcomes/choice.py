@@ -1,4 +1,4 @@
-"""Which system to take: the cheapest that is within one standard error of the best one."""
+"""The choice of a system: the cheapest within one standard error of the best one."""
 
 from __future__ import annotations
 
@@ -59,11 +59,11 @@ class Candidates:
     Attributes:
         table: one row per candidate (``system``, ``unit``, ``accuracy`` in percent as a mean over subjects, ``flash``
             and ``ram`` in kB, ``predict`` and ``decision`` in ms, ``cycles`` in thousands of instructions, ``linked``,
-            whether its bytes are as linked, with code, ``cpu`` and the keys of `TAGS`; NaN where a cost is not known).
+            True for linked bytes, with code, ``cpu`` and the keys of `TAGS`; NaN for unknown costs).
         context: captures and protocol, in words.
         subjects: accuracies in percent [candidates, subjects].
-        mixed: whether training and test captures come from the same subjects.
-        notes: which runs are left out and why, in sentences.
+        mixed: True if training and test captures share subjects.
+        notes: excluded runs with reasons, in sentences.
     """
 
     table: pd.DataFrame
@@ -75,17 +75,17 @@ class Candidates:
 
 @dataclass(frozen=True)
 class Budget:
-    """What one budget does to the candidates.
+    """The effect of one budget on the candidates.
 
     Attributes:
-        cost: that it is for.
-        most: of it.
+        cost: name of the cost.
+        most: largest allowed value.
         over: number of candidates that need more.
-        unknown: number of candidates whose cost is not known.
-        least: index of the candidate that needs least, None if no cost is known.
+        unknown: number of candidates with unknown cost.
+        least: index of the candidate that needs least, None if no cost is measured.
         without: index of the best one that fits all the other budgets, None if none does.
-        gain: its accuracy minus that of the best one that fits all budgets, mean over subjects in points; NaN if none
-            does.
+        gain: accuracy of that candidate minus that of the best one that fits all budgets, mean over subjects in points;
+            NaN if none does.
         error: the standard error of that.
     """
 
@@ -101,17 +101,17 @@ class Budget:
 
 @dataclass(frozen=True)
 class Choice:
-    """What was chosen among candidates.
+    """The result of a choice.
 
     Attributes:
-        table: the candidates with ``loss`` (mean over subjects of best minus own accuracy, in points), ``error`` (its
-            standard error) and ``verdict``, cheapest first; those whose cost is not known stand last.
+        table: candidates with ``loss`` (mean over subjects of best minus own accuracy, in points), ``error`` (its
+            standard error) and ``verdict``, cheapest first; those with unknown cost come last.
         chosen: index in it, None if no candidate fits the budgets.
         best: index of the most accurate one that fits them.
         costlier: index of the next costlier one that fits them and is more accurate than the chosen, None if there is
             none.
-        unranked: indices of those that fit the budgets and whose cost is not known, most accurate first.
-        budgets: what each of them does.
+        unranked: indices of those that fit the budgets but have an unknown cost, most accurate first.
+        budgets: effect of each budget.
     """
 
     table: pd.DataFrame
@@ -138,14 +138,14 @@ def candidates(
     ``bench stream`` has replayed label after the beginning of a capture.
 
     Args:
-        store: where the runs are.
-        asked: as `eligible` takes it.
+        store: store of the runs.
+        asked: filters, as in `eligible`.
         most: ms of touch until a decision. A replayed system decides as late as that allows; with inf, each of its
             instants is a candidate; with None, replays are none.
         windows: label single windows, in percent of windows, of the systems that decide on such.
-        clock: of the target in MHz: the measured cycles at this clock are part of a decision's time.
-        batch: as `eligible` takes it.
-        runs_of: `bench.outcomes.runs.tracked` by kind, where they were read before.
+        clock: clock of the target in MHz: the measured cycles at this clock are part of the decision time.
+        batch: True to include batch systems, as in `eligible`.
+        runs_of: `bench.outcomes.runs.tracked` by kind, if already read.
 
     Raises:
         NothingTracked: no complete run is tracked for these values.
@@ -185,10 +185,9 @@ def eligible(
     Args:
         tables: `bench.outcomes.runs.tracked` of some kinds.
         asked: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to choose among, and
-            ``shots`` that are known of a new person; parameters of the protocol by their dotted names; or values of
-            `COMPARABLE`.
-        windows: only runs that decide on windows.
-        batch: also systems whose predictions depend on the captures that are predicted together.
+            number of ``shots``; parameters of the protocol by their dotted names; or values of `COMPARABLE`.
+        windows: True for runs that decide on windows only.
+        batch: True to include systems whose predictions depend on the other captures of the batch.
 
     Raises:
         NothingTracked: there is none.
@@ -429,7 +428,7 @@ def amount(cost: str, value: float) -> str:
 
 
 def apart(cost: str, one: float, other: float) -> tuple[str, str]:
-    """Two amounts of a cost with as many digits as tell them apart."""
+    """Two amounts of a cost with enough digits to differ."""
     texts = amount(cost, one), amount(cost, other)
     digits = 4
     while texts[0] == texts[1] and one != other and digits < 17:
@@ -451,14 +450,14 @@ def named(row: Mapping[Any, Any]) -> str:
 
 
 def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixed: bool = False) -> list[str]:
-    """The choice, its reason, what the next better system needs, what each budget costs, and for whom it holds.
+    """The choice, its reason, the cost of the next better system and of each budget, and its scope.
 
     Args:
-        choice: that was made.
+        choice: result of `decide`.
         by: the cost that is to be low.
         margin: points of accuracy that do not matter, or None.
         subjects: number of them.
-        mixed: whether training and test captures come from the same subjects.
+        mixed: True if training and test captures share subjects.
     """
     rows = dict(zip(choice.table.index, rows_of(choice.table), strict=True))
     limits = [_limited(limit, rows, choice.best) for limit in choice.budgets]

@@ -1,4 +1,4 @@
-"""What makes two runs comparable, in tags and in words, and the facts that statistics need of a protocol."""
+"""Comparability of two runs, in tags and in words, and the protocol facts that statistics need."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ SAME_SYSTEM = ("protocol", "system", "seed")  # besides, what makes two runs rep
 
 
 def comparable(run: Row) -> tuple[str, ...]:
-    """What must agree for two runs to be compared: captures and protocol, and how they are replayed.
+    """Tags that must agree for two runs to be compared: captures and protocol, and the way of replay.
 
     Args:
-        run: its tags and parameters.
+        run: tags and parameters of the run.
     """
     return tuple(str(run.get(k, "")) for k in (*COMPARABLE, *_replay(run)))
 
@@ -35,7 +35,7 @@ def context_of(tags: Row) -> tuple[str, str, str]:
 
 
 def depends_on_batch(tags: Row) -> bool:
-    """Whether predictions of a capture changed with the other captures that were predicted together."""
+    """Return True if predictions of a capture changed with the other captures in the batch."""
     return tags.get(BATCH) == "true"
 
 
@@ -58,12 +58,12 @@ def seed_number(seed: str) -> int:
 
 @dataclass(frozen=True)
 class Facts:
-    """What statistics need to know of the protocol of a run.
+    """Properties of a protocol that statistics need.
 
     Attributes:
-        mixes_subjects: whether captures of a subject are on both sides of a fold.
-        test_over_train: tested by training captures, None where folds share no training captures.
-        official_split: whether its folds are those that were published; None where there is no such split.
+        mixes_subjects: True if a fold has captures of one subject on both sides.
+        test_over_train: tested by training captures, None if folds share no training captures.
+        official_split: True if the folds are the published ones; None if none were published.
     """
 
     mixes_subjects: bool

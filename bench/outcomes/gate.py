@@ -1,4 +1,4 @@
-"""Whether systems still do what a stored baseline says: the gate of ``bench check``.
+"""The gate of ``bench check``: systems compared with a stored baseline.
 
 Three questions about each system. Its accuracy, by a paired bootstrap that every system with a current run is put to.
 Its labels, where the same captures must get the same ones: a system without a seed, or one with the same seed on the
@@ -33,7 +33,7 @@ NEGLIGIBLE = 1e-30  # probability at the ends of a distribution
 
 @dataclass(frozen=True)
 class Verdict:
-    """The line on one system; ``wrong`` is empty if it is as before, ``current`` tells whether it has a run."""
+    """The line on one system; ``wrong`` is empty if nothing changed, ``current`` is False without a run."""
 
     name: str
     wrong: tuple[str, ...]
@@ -50,7 +50,7 @@ def compare(baseline: list[Measured], current: list[Measured], error: float, slo
     """Judge every system of a baseline.
 
     Args:
-        baseline: as stored.
+        baseline: stored runs.
         current: the runs to hold against it; of several that fit, one with the same seed and else the last one counts.
         error: chance, in percent, of an alarm about labels or accuracy when all systems are unchanged.
         slower: factor of computing time that is an alarm.
@@ -66,7 +66,7 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
     """Hold one run against that of the baseline.
 
     Args:
-        then: of the baseline.
+        then: run of the baseline.
         now: the current run.
         level: error rate of each test.
         slower: factor of computing time that is an alarm.
@@ -102,7 +102,7 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
 
 
 def held(then: Measured, now: Measured) -> bool:
-    """Whether unchanged code must give the same labels."""
+    """Return True if unchanged code must give the same labels."""
     seed = then.names["seed"]
     return seed == now.names["seed"] and (seed == "none" or then.environment == now.environment)
 
@@ -116,7 +116,7 @@ def _free(then: Measured, now: Measured) -> str:
 
 
 def units_of(tested: pd.DataFrame, level: float) -> tuple[np.ndarray, str]:
-    """What is drawn in the bootstrap: subjects, or captures where subjects are too few.
+    """The units of the bootstrap: subjects, or captures if there are too few subjects.
 
     They are too few if a run that is worse on all of them but two could not be told from chance by the sign of the
     differences. Captures tell as well whether the code has changed: they, and the people, are the same in both runs.
@@ -181,7 +181,7 @@ def _missing(then: Measured, current: list[Measured]) -> Verdict:
 
 
 def named(measured: Measured) -> str:
-    """A system with what it is tested on, in one line."""
+    """A system with its corpus and protocol, in one line."""
     names = measured.names
     parts = [names["system"], names["data"] + ("*" if measured.synthetic else "")]
     parts += [names["subset"]] if names["subset"] != "all" else []
@@ -191,11 +191,11 @@ def named(measured: Measured) -> str:
 
 
 def measured(row: Row, predictions: pd.DataFrame, run: str) -> Measured:
-    """What is compared of a tracked run.
+    """The compared measurements of a tracked run.
 
     Args:
-        row: of `bench.outcomes.runs.tracked`.
-        predictions: its table.
+        row: row of `bench.outcomes.runs.tracked`.
+        predictions: predictions of the run.
         run: the arguments of ``bench run`` that make it.
     """
     environment = {k: str(v) for k, v in row.items() if k in ("cpu", "simd", "threads") or k.startswith("version.")}

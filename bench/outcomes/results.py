@@ -1,4 +1,4 @@
-"""What a fold hands back, and what its run costs."""
+"""The result of a fold, and the costs of its run."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ Shown = TypeVar("Shown")  # what a kind of run shows besides its metrics and tab
 
 @dataclass
 class FoldResult:
-    """What a worker hands back; ``error`` is a traceback, or empty where the fold went well.
+    """The result of a fold; ``error`` is a traceback, or empty if it succeeded.
 
     Attributes:
-        name: of the fold.
+        name: name of the fold.
         predictions: one row per decision, with the columns that its kind of run describes.
         metrics: numbers of this fold.
         predict_ms: milliseconds from raw frames to the label, one per timed capture.
         decide_ms: the same for no more of a capture than one decision needs.
         history: numbers by epoch.
-        chosen: what was chosen on the training part, by name.
-        trials: what it was chosen among, a row each.
+        chosen: values chosen on the training part, by name.
+        trials: compared trials, a row each.
         batch_effects: sentences on captures whose prediction depends on those predicted together with them.
-        error: of a fold that failed.
-        scored: what is tracked of it, as its kind of run measures a fold.
-        seconds: that the whole fold took.
+        error: error of a fold that failed.
+        scored: tracked values of the fold, as its kind of run measures them.
+        seconds: seconds of the whole fold.
     """
 
     name: str
@@ -56,13 +56,13 @@ class FoldResult:
 
 @dataclass(frozen=True)
 class Findings(Generic[Shown]):
-    """What was measured from all folds of a run.
+    """Measurements from all folds of a run.
 
     Attributes:
         metrics: tracked numbers.
-        tables: kept with the run by the name of a ``.parquet`` or ``.csv`` file.
+        tables: tables to store with the run, by the name of a ``.parquet`` or ``.csv`` file.
         facts: tags, such as the unit of a decision.
-        analysis: what the command shows besides, of its own type.
+        analysis: further results for the command, of its own type.
     """
 
     metrics: dict[str, float]

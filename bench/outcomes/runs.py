@@ -1,4 +1,4 @@
-"""Tracked runs as a table, with what they keep."""
+"""Tracked runs as a table, with their stored files."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def selected(runs: pd.DataFrame, asked: Mapping[str, Iterable[object]]) -> pd.Da
     A part of a file goes by ``file.py:Name`` from wherever it is asked for, and by the name that tables show.
 
     Args:
-        runs: as `tracked` makes them.
+        runs: table of `tracked`.
         asked: values of ``data``, ``where``, ``target``, ``protocol``, ``features``, ``model``, or of a column.
     """
     for key, values in asked.items():
@@ -78,7 +78,7 @@ def selected(runs: pd.DataFrame, asked: Mapping[str, Iterable[object]]) -> pd.Da
 
 
 def without_runs(tables: Iterable[pd.DataFrame], asked: Mapping[str, Iterable[object]]) -> list[str]:
-    """Of the models and feature sets that are asked for, those that no run of any table has, as ``key=value``."""
+    """The requested models and feature sets without a run in any table, as ``key=value``."""
     parts = [(key, value) for key in ("features", "model") for value in asked.get(key, ())]
     return [f"{key}={v}" for key, v in parts if not any(len(selected(runs, {key: [v]})) for runs in tables)]
 
@@ -123,7 +123,7 @@ def artifact(store: Store, run: Row, name: str) -> Path | None:
 
 
 def needed(store: Store, run: Row, name: str) -> Path:
-    """The same where nothing can be told without it.
+    """Path of a required artifact of a run.
 
     Raises:
         InputError: it is gone.
@@ -163,8 +163,8 @@ def by_subject(store: Store, runs: pd.DataFrame) -> tuple[pd.DataFrame, pd.Serie
     Systems that were not tested on all subjects of the group are left out.
 
     Args:
-        store: where the runs are.
-        runs: of one group, as `with_groups` makes them; `independent` leaves out those that are not comparable.
+        store: store of the runs.
+        runs: runs of one group, from `with_groups`; `independent` leaves out those that are not comparable.
 
     Returns:
         The table, and the number of seeds behind each row.

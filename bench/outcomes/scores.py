@@ -27,7 +27,7 @@ def windows(predictions: pd.DataFrame) -> pd.DataFrame:
 
 
 def captures(predictions: pd.DataFrame, vote: bool = False) -> pd.DataFrame:
-    """One row per tested capture, labelled by mean probability or by majority vote.
+    """Score each tested capture: a row each, labelled by mean probability or by majority vote.
 
     A tied vote goes to the tied class with the highest mean probability.
     """

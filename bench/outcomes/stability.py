@@ -1,4 +1,4 @@
-"""Where recognisers fail: the analysis of what `bench stress` found. Every function is pure.
+"""The analysis of the tables of `bench stress`: where recognisers fail. Every function is pure.
 
 The table of a run is described in `bench.work.stress`; here it also has ``hit``, whether the label is right. A *unit*
 is one tested capture of one fold. A *slice* is a part of the units (of one subject, class, condition or length), all
@@ -31,7 +31,7 @@ LENGTH_BINS = 5
 
 @dataclass(frozen=True)
 class Analysis:
-    """One tracked run and what its table says; ``method`` is the system with its seed unless that is the usual one.
+    """One tracked run and its results; ``method`` is the system with its seed unless that is the usual one.
 
     ``context`` is what must agree for methods to be compared: data, subset, protocol.
     ``clean`` and ``chance`` are accuracies: of the captures as they are, and of always naming the most frequent class.
@@ -75,7 +75,7 @@ def analyse(tags: dict[str, str], table: pd.DataFrame) -> Analysis:
 
 
 def metrics(one: Analysis) -> dict[str, float]:
-    """What is tracked of a run besides its tables; ``half_margin.<fault>`` is left out where it is never reached."""
+    """Tracked metrics of a run; ``half_margin.<fault>`` is left out if it is never reached."""
     numbers = {"accuracy": one.clean, "chance": one.chance}
     numbers |= {f"{name}_slices": int(one.slices[name].sum()) for name in ("failing", "tested")}
     for fault, severity, accuracy in one.curves[["fault", "severity", "accuracy"]].itertuples(index=False):
@@ -100,7 +100,7 @@ def unharmed(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def curves(table: pd.DataFrame) -> pd.DataFrame:
-    """One row per fault and severity.
+    """Accuracy by fault and severity, a row each.
 
     Columns: ``fault``, ``severity``, ``amount``, ``captures``, ``accuracy`` with a 95 % bootstrap interval over
     subjects (``low``, ``high``), ``loss`` (clean accuracy minus this), and how many captures went from a right label to
@@ -120,7 +120,7 @@ def curves(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def half_margins(by_fault: pd.DataFrame, clean: float, chance: float) -> pd.DataFrame:
-    """One row per fault: mean ``loss`` over severities, and where half of the margin over chance is lost.
+    """Mean ``loss`` over severities of each fault, and the severity at which half of the margin over chance is lost.
 
     ``half_margin`` is the first severity, linear between two, at which accuracy is halfway from clean to chance: inf
     where it stays above, NaN for a method that is no better than chance. ``where`` says it in amounts.
@@ -145,7 +145,7 @@ def half_margins(by_fault: pd.DataFrame, clean: float, chance: float) -> pd.Data
 
 
 def factors(units: pd.DataFrame, target: str) -> dict[str, pd.Series]:
-    """By what units are told apart, each with the value of every unit: subject, class, every condition, length."""
+    """Factors of a unit with their values: subject, class, every condition, length."""
     values_of = {"subject": units["subject"], target: units["true"]}
     values_of |= {c: units[c] for c in units.columns if c not in NOT_CONDITIONS and c not in values_of}
     if units["length"].nunique() > 1:
@@ -285,13 +285,13 @@ def _tested(
 
 
 def families(tests: pd.DataFrame) -> pd.Series:
-    """Which slices are corrected together: single ones and pairs, of clean captures and under faults."""
+    """Families of slices for correction of p: single ones and pairs, of clean captures and under faults."""
     pair = tests["kind"].astype(str).str.contains(" x ").map({True: "pairs", False: "single slices"})
     return pair.where(tests["fault"] == "", pair + " under faults")
 
 
 def flipped(difference: np.ndarray) -> np.ndarray:
-    """One-sided sign-flip p-values: how often random signs give a sum as low as that seen.
+    """One-sided sign-flip p-values: share of random signs with a sum at or below the observed one.
 
     Args:
         difference: one row per test, one column per subject, 0 where a subject has none.
@@ -310,7 +310,7 @@ def flipped(difference: np.ndarray) -> np.ndarray:
 
 
 def seeds(analyses: list[Analysis]) -> pd.DataFrame:
-    """One row per system with several seeds: SD of its clean accuracy, and captures that do not keep their label."""
+    """Variation over seeds, a row per system: SD of its clean accuracy, and captures whose label changes."""
     rows = []
     for system in dict.fromkeys(a.system for a in analyses):
         same = [a for a in analyses if a.system == system]

@@ -1,4 +1,4 @@
-"""Whether systems differ: paired by subject, because people differ far more than systems do.
+"""Tests of differences between systems, paired by subject, because people differ far more than systems do.
 
 Accuracies are of captures, in percent, [systems, subjects], averaged over the seeds of a system.
 
@@ -31,8 +31,8 @@ class Ranks:
     Attributes:
         mean: mean rank of each system, best (1) first.
         chi2: Friedman's statistic, NaN if it is not defined.
-        p: its p-value.
-        critical: mean ranks that differ by less are not told apart (5 %, all pairs).
+        p: p-value of the test.
+        critical: smallest significant difference of mean ranks (5 %, all pairs).
         subjects: number of them.
     """
 
@@ -71,9 +71,8 @@ def against_best(
 
     Args:
         subjects: accuracy in percent [systems, subjects], the best system first.
-        folds: accuracy in percent [systems, folds], where folds are not subjects.
-        test_over_train: tested by training captures of a fold, where folds share training captures; None where there
-            is nothing to correct.
+        folds: accuracy in percent [systems, folds], if folds are not subjects.
+        test_over_train: tested by training captures of a fold, if folds share training captures; otherwise None.
 
     Returns:
         A row per system: ``difference`` from the best, in points, with a 95 % t-interval over subjects (``low``,
@@ -209,7 +208,7 @@ def rank_biserial(differences: np.ndarray) -> float:
 
 
 def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
-    """What limits the conclusions, in sentences; empty where nothing does."""
+    """Limits of the conclusions, in sentences; empty for none."""
     lines = []
     if subjects < FEW_SUBJECTS:
         lines.append(

@@ -1,4 +1,4 @@
-"""When a replayed capture is decided on: what stands at an instant, and when waiting gains too little.
+"""Early stopping of replayed captures: the label at an instant, and the end of useful waiting.
 
 Pure functions of the replay table, which `bench.work.replay` describes.
 """
@@ -21,7 +21,7 @@ SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
 
 
 class Curves(TypedDict):
-    """What figures show of a replay: accuracy at instants and at thresholds, and at the learned one (``adaptive``)."""
+    """Curves of a replay: accuracy at instants and at thresholds, and at the learned one (``adaptive``)."""
 
     instants: pd.DataFrame
     stopping: pd.DataFrame
@@ -30,7 +30,7 @@ class Curves(TypedDict):
 
 
 def standing(table: pd.DataFrame, frames: int) -> pd.DataFrame:
-    """The decision of each capture that stands when ``frames`` could have been seen, with its label."""
+    """The latest decision of each capture within ``frames`` frames, with its label."""
     return windows(table[table["instant"] <= frames].groupby(["fold", "capture"], sort=False).tail(1))
 
 
@@ -43,7 +43,7 @@ def stopped(table: pd.DataFrame, threshold: float) -> pd.DataFrame:
 
 
 def learn_stopping(table: pd.DataFrame, rate_hz: float) -> tuple[float, pd.DataFrame]:
-    """The threshold that saves most time for what training subjects show to be no loss.
+    """The threshold that saves most time without loss on training subjects.
 
     Args:
         table: replay of training captures by systems that their subjects had no part in, with ``settled``.
@@ -76,7 +76,7 @@ def learn_stopping(table: pd.DataFrame, rate_hz: float) -> tuple[float, pd.DataF
 
 
 def saves(measured: Mapping[str, float]) -> bool:
-    """Whether deciding early takes less touch than whole captures, from the metrics of a run of ``bench stream``."""
+    """Return True if early decisions take less touch than whole captures, by the metrics of a ``bench stream`` run."""
     return measured["adaptive_ms"] < measured.get("mean_ms", math.inf) - 0.5  # ms, as they are printed
 
 
@@ -118,7 +118,7 @@ def _scored(labelled: pd.DataFrame, rate_hz: float) -> dict[str, float]:
 
 
 def shown(table: pd.DataFrame, rate_hz: float) -> dict[int, float]:
-    """Accuracy of the decisions that stand after a few round times, of those at which there are any."""
+    """Accuracy of the latest decisions after a few round times, of those with any decisions."""
     accuracy = {}
     for ms in SHOWN_MS:
         frames = int(ms * rate_hz / 1000 + 1e-6)

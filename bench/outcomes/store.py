@@ -1,4 +1,4 @@
-"""The one place that asks MLflow: runs found, written and read. Only the main process comes here.
+"""The one module that queries MLflow: runs found, written and read. Only the main process uses it.
 
 Tags by which runs are found again: ``touchbench.kind`` (of a parent run ``cell``, ``stream``, ``stress`` or ``fit``,
 of a fold ``fold`` or the parent's with ``_fold``), ``touchbench.cell`` (the key of the run), ``touchbench.fold``.
@@ -39,7 +39,7 @@ Result = TypeVar("Result")
 
 
 def patient(work: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Wait while another program has MLflow's file; what fails for good ends as a `StoreError`."""
+    """Wait while another program locks MLflow's file; a lasting failure raises `StoreError`."""
 
     @wraps(work)
     def done(*args: Given.args, **kwargs: Given.kwargs) -> Result:
@@ -58,7 +58,7 @@ def patient(work: Callable[Given, Result]) -> Callable[Given, Result]:
 
 @contextmanager
 def reached() -> Iterator[None]:
-    """Say in one line what failed in MLflow, its file, its server or the disk.
+    """Report a failure of MLflow, its file, its server or the disk in one line.
 
     Raises:
         StoreError: instead of theirs.
@@ -87,7 +87,7 @@ def _shown(uri: str) -> str:
 
 
 def store_uri() -> str:
-    """Where runs are kept: ``MLFLOW_TRACKING_URI``, or MLflow's SQLite file in the working folder."""
+    """Address of the store: ``MLFLOW_TRACKING_URI``, or MLflow's SQLite file in the working folder."""
     return os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{Path.cwd() / 'mlflow.db'}"
 
 
@@ -95,8 +95,8 @@ class Store:
     """Runs in MLflow, of touchbench's experiment.
 
     Args:
-        client: on the store.
-        experiment_id: of the experiment.
+        client: client of the store.
+        experiment_id: id of the MLflow experiment.
     """
 
     def __init__(self, client: MlflowClient, experiment_id: str) -> None:
@@ -109,7 +109,7 @@ class Store:
 
     @patient
     def runs(self, condition: str) -> list[Run]:
-        """Every run that MLflow's filter lets through, newest first; what another version has stored is left out."""
+        """Every run that passes MLflow's filter, newest first; runs of other versions are left out."""
         stored: list[Run] = []
         page = None
         while page is None or page.token:
@@ -157,9 +157,9 @@ class Store:
         """A run's artifact as a local file: where it lies if the store is on this machine, else fetched.
 
         Args:
-            run_id: of the run.
+            run_id: id of the run.
             artifacts: their address.
-            name: of the artifact.
+            name: name of the artifact.
 
         Returns:
             None where the run has none of that name.
@@ -182,7 +182,7 @@ class Store:
         return Path(self.client.download_artifacts(run_id, name))
 
     def where(self, run_id: str, name: str) -> str:
-        """Where an artifact can be looked at: its path if the store is on this machine, else in words."""
+        """Location of an artifact: its path if the store is on this machine, else in words."""
         folder = _local(self.run(run_id).info.artifact_uri)
         return f"{name} of run {run_id} in bench ui" if folder is None else str(folder / name)
 
@@ -251,11 +251,11 @@ class Store:
 
     @patient
     def keep_view(self, name: str, view: Mapping[str, object]) -> str:
-        """Keep how MLflow's page is to show the runs; what the page's address must carry to show them so.
+        """Store a view of MLflow's page; return the query of its address.
 
         Args:
-            name: of the view.
-            view: what MLflow's button *Share* keeps of a page: columns, widths, filter, order.
+            name: name of the view.
+            view: stored settings of MLflow's button *Share*: columns, widths, filter, order.
         """
         self.client.set_experiment_tag(self.experiment_id, f"mlflow.sharedViewState.{name}", json.dumps(view))
         return f"viewStateShareKey={name}"
@@ -368,7 +368,7 @@ def only_one(key: str) -> Iterator[None]:
 
 
 def lock_folder() -> Path:
-    """Where locks lie.
+    """Folder of the locks.
 
     Raises:
         InputError: the data folder cannot be written.

@@ -1,1 +1,1 @@
-"""What is to be done, as values: arguments, cells and plans. Nothing here runs anything."""
+"""Work to do, as values: arguments, cells and plans. Nothing here runs anything."""

@@ -38,11 +38,11 @@ class Part(Generic[Made]):
     """A protocol, feature set or model, with every parameter it takes.
 
     Attributes:
-        room: of `bench.registry.ROOMS`.
-        name: a registered one or ``file.py:Name``; of an object what it is shown as.
-        parameters: by name.
-        instance: the object itself, where one was handed over from Python.
-        module: that its file was loaded as, which tells one state of the file from another; empty for other parts.
+        room: one of `bench.registry.ROOMS`.
+        name: registered name or ``file.py:Name``; for an object, its displayed text.
+        parameters: parameters by name.
+        instance: object from Python, if there is one.
+        module: module name of its file, different for each state of the file; empty for other parts.
     """
 
     room: str
@@ -97,14 +97,14 @@ class Part(Generic[Made]):
         """The name with those parameters that are not the default: ``svm[C=8.0]``.
 
         Args:
-            seed: as of `changed`.
+            seed: default seed, as in `changed`.
         """
         texts = {k: text_of(v) if isinstance(v, tuple) else v for k, v in self.changed(seed).items()}
         changed = ", ".join(f"{k}={v}" for k, v in texts.items())
         return f"{self.short}[{changed}]" if changed else self.short
 
     def identity(self) -> tuple:
-        """What two equal parts have in common: name, parameters, and what their code says."""
+        """Identity of a part: name, parameters, and digest of its code."""
         if self.instance is None:
             beyond = set(self.parameters) - set(parameters(self.factory))
             code = source_digest(self.factory, *([recipe.Recipe] if beyond else []))
@@ -119,7 +119,7 @@ class Part(Generic[Made]):
 
 @dataclass(frozen=True)
 class Cell:
-    """One (data, protocol, features, model, parameters, seed) combination.
+    """A combination of data, protocol, features, model, parameters and seed.
 
     What is built of it and kept (`untrained`, `splitter`) stays in this process: a class of the user's file cannot be
     unpickled in another one.
@@ -144,7 +144,7 @@ class Cell:
 
     @cached_property
     def untrained(self) -> contract.System:
-        """The system as it is before training, built once: it is only asked, never fitted."""
+        """The system before training, built once and never fitted."""
         return self.estimator()
 
     @cached_property
@@ -163,12 +163,12 @@ class Cell:
 
     @property
     def has_objects(self) -> bool:
-        """Whether a part is an object that was handed over from Python."""
+        """True if a part is a Python object."""
         return any(part.instance is not None for part in self.parts)
 
     @property
     def seed(self) -> int | None:
-        """Of the search, of the model, or else of the feature set; None where there is nothing random."""
+        """Seed of the search, of the model, or else of the feature set; None without randomness."""
         parts = [part.parameters for part in (self.model, self.features) if part]
         seeds = [self.tuning.get("seed")] if self.tuning else [p["seed"] for p in parts if "seed" in p]
         return seeds[0] if seeds and isinstance(seeds[0], int) else None
@@ -201,7 +201,7 @@ class Cell:
         return self.model.packages()
 
     def identity(self) -> dict[str, object]:
-        """What its results depend on, besides the captures: selection, parts with parameters and code, versions."""
+        """Identity of its results, besides the captures: selection, parts with parameters and code, versions."""
         search = []
         if self.tuning:
             from models.search.tuning import machinery
@@ -222,7 +222,7 @@ class Cell:
         return {"faults": [(f.name, f.amounts, source_digest(f.damage)) for f in trained]} if trained else {}
 
     def arguments(self) -> dict[str, str]:
-        """The arguments that make this cell, as they are typed; what has its default is left out."""
+        """The arguments that make this cell, as typed; defaults are left out."""
         values = {"data": self.data}
         values |= {f"data.{k}": text_of(v) for k, v in self.data_parameters.items() if v != parameters(generate)[k]}
         values |= {"where": self.where} if self.where else {}

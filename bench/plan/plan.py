@@ -1,4 +1,4 @@
-"""A cell with its captures and folds, and how many processes share them: all that a run needs to know beforehand."""
+"""A cell with its captures and folds, and the number of processes: everything fixed before a run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bench.plan.cells import Cell
 
 @dataclass(frozen=True)
 class Fold:
-    """One split of the captures of a corpus, by position."""
+    """A split of the captures of a corpus, by position."""
 
     name: str
     train: np.ndarray
@@ -31,14 +31,14 @@ class Fold:
 
 @dataclass(frozen=True)
 class Plan:
-    """What one run is about.
+    """The content of one run.
 
     Attributes:
         cell: the system and how it is tested.
         corpus: the captures.
         folds: all of them, in the order of the protocol.
         workers: processes.
-        threads: in each of them.
+        threads: threads of each process.
     """
 
     cell: Cell
@@ -49,12 +49,12 @@ class Plan:
 
     @cached_property
     def mixes_subjects(self) -> bool:
-        """Whether captures of a subject are on both sides of a fold: optimistic for a new person."""
+        """True if captures of a subject are on both sides of a fold: optimistic for a new person."""
         return mixes_subjects(self.corpus, self.folds)
 
     @cached_property
     def repeats(self) -> list[tuple[int, int]]:
-        """Tested captures with the same frames as a training capture, or as a known one of their person, and that one.
+        """Tested captures with the same frames as a training or calibration capture, and that capture.
 
         Positions in the corpus, one pair for each tested capture.
         """
@@ -64,13 +64,13 @@ class Plan:
 
     @cached_property
     def label(self) -> str:
-        """The protocol in the words that stand in every row of results."""
+        """Protocol label of every row of results."""
         part = self.cell.protocol
         return splits.label(self.cell.splitter, self.corpus, self.mixes_subjects, str(part), part.changed().get("seed"))
 
     @cached_property
     def facts(self) -> dict[str, str]:
-        """What statistics and tables need to know of the protocol; ``""`` for what it has not."""
+        """Properties of the protocol for statistics and tables; ``""`` for missing ones."""
         official = splits.official_split(self.cell.splitter, self.corpus)
         ratio = shared_ratio(self.folds)
         return {
@@ -80,7 +80,7 @@ class Plan:
         }
 
     def identity(self) -> dict[str, object]:
-        """What its results depend on: corpus, chosen captures, folds, cell, threads of a fold."""
+        """Identity of its results: corpus, chosen captures, folds, cell, threads of a fold."""
         folds = hashlib.sha256()
         for fold in self.folds:
             pairs = [pair for draw in fold.known.draws for pair in draw] if fold.known else []
@@ -115,7 +115,7 @@ def planned(cells: list[Cell], jobs: int | None) -> list[Plan]:
 
 
 def refuse_repeats(plan: Plan) -> None:
-    """Refuse a protocol that separates people where a capture stands under two of them, on both sides of a fold.
+    """Refuse a protocol that separates people if a recording of two of them is on both sides of a fold.
 
     Raises:
         InputError: there is such a capture; the message names the first and a condition that leaves it out.
@@ -198,7 +198,7 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
 
 
 def mixes_subjects(corpus: Corpus, folds: list[Fold] | tuple[Fold, ...]) -> bool:
-    """Whether a fold trains and tests captures of the same subject."""
+    """Return True if a fold trains and tests captures of the same subject."""
     subjects = corpus.subjects
     return any(set(subjects[fold.train]) & set(subjects[fold.test]) for fold in folds)
 

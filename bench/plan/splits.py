@@ -1,4 +1,4 @@
-"""What the harness may ask of a protocol. scikit-learn's splitters are protocols as they are.
+"""The interface of a protocol. scikit-learn's splitters work unchanged.
 
 A protocol is an object with ``split(X, y, groups)`` over a `Corpus`, its classes and its subjects, which yields (train,
 test) capture positions. It may also have
@@ -28,21 +28,21 @@ from bench.corpora.corpus import Corpus
 
 
 class Splitter(Protocol):
-    """What a protocol must have."""
+    """The required interface of a protocol."""
 
     def split(self, X: Corpus, y: np.ndarray, groups: np.ndarray) -> Iterable[tuple[np.ndarray, np.ndarray]]:
         """Training and test captures of each fold, by position."""
 
 
 def label(protocol: Splitter, corpus: Corpus, mixes_subjects: bool, name: str, seed: object = None) -> str:
-    """The protocol in words, which tell runs on other splits apart.
+    """The protocol in words, distinct for runs on other splits.
 
     Args:
-        protocol: that splits.
-        corpus: what it splits.
-        mixes_subjects: whether captures of a subject are on both sides of a fold.
-        name: of a protocol without a label, with its parameters.
-        seed: of the protocol, None where that is the default; a label that does not name it gets it at its end.
+        protocol: splitter.
+        corpus: corpus to split.
+        mixes_subjects: True if a fold has captures of one subject on both sides.
+        name: name of a protocol without a label, with its parameters.
+        seed: seed of the protocol, None for the default; it is appended to a label that lacks it.
     """
     if words := getattr(protocol, "label", None):
         return with_seed(words(corpus), seed)
@@ -56,13 +56,13 @@ def with_seed(label: str, seed: object) -> str:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What is known of the person whom a fold tests.
+    """Calibration captures of the tested person in a fold.
 
     Attributes:
-        draws: of each draw, pairs of positions: known captures, and those that are tested then. In a draw every test
-            capture of the fold is tested once.
-        labelled: whether their labels are known.
-        weight: how often one counts in training.
+        draws: for each draw, pairs of positions: calibration captures, and captures tested after them. In a draw every
+            test capture of the fold is tested once.
+        labelled: True if the calibration captures have labels.
+        weight: number of times that a calibration capture counts in training.
     """
 
     draws: tuple[tuple[tuple[np.ndarray, np.ndarray], ...], ...]
@@ -71,7 +71,7 @@ class Calibration:
 
 
 def calibrations(protocol: Splitter, corpus: Corpus, y: np.ndarray, groups: np.ndarray) -> Iterator[Calibration | None]:
-    """Of each fold what is known of its person; None for ever where a protocol tells nothing of the kind."""
+    """Yield the calibration of each fold; None without end for a protocol without any."""
     drawn = getattr(protocol, "calibrations", None)
     if drawn is None:
         yield from repeat(None)
@@ -84,12 +84,12 @@ def calibrations(protocol: Splitter, corpus: Corpus, y: np.ndarray, groups: np.n
 
 
 def captures(protocol: Splitter, corpus: Corpus) -> Corpus:
-    """What the protocol splits: the captures themselves, or they and others."""
+    """The captures to split: the corpus itself, or with others."""
     joined = getattr(protocol, "joined", None)
     return corpus if joined is None else joined(corpus)
 
 
 def official_split(protocol: Splitter, corpus: Corpus) -> bool | None:
-    """Whether its folds are those that were published, None where there is nothing of the kind."""
+    """Return True if its folds are the published ones, None if none were published."""
     official = getattr(protocol, "official_split", None)
     return official(corpus) if official else None

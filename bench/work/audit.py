@@ -37,13 +37,13 @@ Answer = tuple[str, str]  # a result and a sentence
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer of one check.
+    """The result of one check.
 
     Attributes:
-        check: its name.
-        result: passed, failed or not applicable.
+        check: name of the check.
+        result: verdict: passed, failed or not applicable.
         sentence: the reason.
-        seconds: of the clock.
+        seconds: seconds of the clock.
     """
 
     check: str
@@ -71,7 +71,7 @@ def with_conditions(corpus: Corpus, names: tuple[str, ...]) -> Corpus:
 
 
 class Audited:
-    """The system that is audited, with what several checks need of it.
+    """The audited system, with values shared by several checks.
 
     Args:
         cell: names the system; its data and protocol are not looked at.
@@ -108,7 +108,7 @@ class Audited:
 
     @property
     def is_seeded(self) -> bool:
-        """Whether it declares random training by a parameter ``seed`` or ``random_state``."""
+        """True if it declares random training by a parameter ``seed`` or ``random_state``."""
         params: dict[str, object] = getattr(self.cell.estimator(), "get_params", dict)()
         named = any(k.split("__")[-1] in ("seed", "random_state") and v is not None for k, v in params.items())
         return self.cell.seed is not None or (self.cell.has_objects and named)
@@ -131,7 +131,7 @@ def predicted(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:
 
 
 def difference(one: pd.DataFrame, other: pd.DataFrame) -> str:
-    """How two tables of `predicted` of the same captures differ; empty where they do not."""
+    """The difference of two `predicted` tables of the same captures; empty if they agree."""
     if set(one) != set(other):
         return f"the classes differ: {len(one.columns)} and {len(other.columns)}"
     labels = int((one.idxmax(axis=1) != other.idxmax(axis=1)).sum())
@@ -319,10 +319,10 @@ def saved(subject: Audited) -> Answer:
 
 @dataclass(frozen=True)
 class Check:
-    """One rule.
+    """A rule with its test.
 
     Attributes:
-        name: in the table.
+        name: name in the table.
         answer: the function that checks it.
         needs: the check without which this one is not applicable; empty for none.
     """

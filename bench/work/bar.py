@@ -1,4 +1,4 @@
-"""The bar of the folds of each run, with the time left, and a line below it for each fold that says how far it is."""
+"""A progress bar for each run, with the time left, and a line below it for each fold that reports progress."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Bar(Progress):
     """A bar for each run that goes on; in a notebook too, where it needs ipywidgets.
 
     Args:
-        folder: where folds leave their messages (`bench.progress`).
+        folder: folder with the messages of folds (`bench.progress`).
     """
 
     def __init__(self, folder: Path) -> None:
@@ -39,11 +39,11 @@ class Bar(Progress):
         """Add the bar of a run.
 
         Args:
-            key: of the run.
-            title: in front of the bar.
-            folds: of the run.
-            stored: how many of them are stored already.
-            workers: tells how many folds of the run are done at a time.
+            key: key of the run.
+            title: text before the bar.
+            folds: number of folds of the run.
+            stored: number of folds that are stored already.
+            workers: function that returns how many folds of the run are done at a time.
         """
         self.add_task(title, total=folds, completed=stored, key=key, left="", seconds=[], workers=workers)
 
@@ -107,5 +107,5 @@ class Bar(Progress):
 
 
 def last_line(error: str) -> str:
-    """The last line of a traceback: what was raised."""
+    """The last line of a traceback: its exception."""
     return error.strip().splitlines()[-1]

@@ -35,7 +35,7 @@ class OnChip(Experiment[None]):
     """Fit on the training captures, export, and let the C label the test captures.
 
     Attributes:
-        bits: of a learnt weight, 32 or 8.
+        bits: bits of a learnt weight, 32 or 8.
     """
 
     kind: ClassVar[str] = "chip"
@@ -61,7 +61,7 @@ class OnChip(Experiment[None]):
         return super().options() | {"chip.toolchain": "; ".join(toolchain())}
 
     def depends(self) -> list[Code]:
-        """What is imported where it is needed, besides."""
+        """Modules that are imported late."""
         from bench.export import network
         from bench.work import saved
 
@@ -119,7 +119,7 @@ class OnChip(Experiment[None]):
         return Findings(metrics, {"predictions.parquet": predictions, "per_subject.csv": scores.per_subject(labelled)})
 
     def row(self, metrics: dict[str, float]) -> dict[str, str]:
-        """Accuracies, and what the chip needs."""
+        """Accuracies, and costs on the chip."""
 
         def text(name: str, scale: float, digits: int = 1) -> str:
             return f"{scale * metrics[name]:,.{digits}f}" if name in metrics else "-"

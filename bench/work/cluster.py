@@ -40,11 +40,11 @@ class Cluster:
     Args:
         address: the address of the scheduler, or the file that it has written.
         todo: all that is to be run.
-        say: tells the user a line.
-        folder: where folds say how far they are (`bench.progress`).
+        say: function that prints a line.
+        folder: folder for progress messages of folds (`bench.progress`).
 
     Attributes:
-        threads: of each fold, the least number that a worker was started with.
+        threads: threads of each fold, the least number that a worker was started with.
 
     Raises:
         InputError: there is no such cluster, or none of its workers can be used.
@@ -75,20 +75,20 @@ class Cluster:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None:
-        """Part from the cluster, whose workers then end what they do for this command."""
+        """Disconnect from the cluster, whose workers then end their tasks for this command."""
         self.client.close(timeout=5)
 
     def count(self, plan: Plan) -> int:
-        """How many folds are done at a time."""
+        """The number of folds done at a time."""
         return max(1, len(self.good))
 
     def room(self, plan: Plan) -> bool:
-        """Whether to submit a fold now: twice as many as can run, so that no worker waits while results are stored."""
+        """Return True to submit a fold now: twice the number that can run, so that workers never wait for storing."""
         ahead = 2 if self.threads == 1 else 1  # dask takes a worker with more threads for one that does more at a time
         return len(self.running) < ahead * self.count(plan)
 
     def begin(self, plan: Plan) -> None:
-        """Nothing: each machine computes its own features."""
+        """Do nothing: each machine computes its own features."""
 
     def submit(self, task: Task) -> None:
         """Have a fold done by any good worker, or if all of them are gone by a new one."""
@@ -218,7 +218,7 @@ def connected(address: str) -> Client:
     """Dask's client of a scheduler.
 
     Args:
-        address: its address, or the file that it has written it into.
+        address: address of the scheduler, or the file that holds it.
 
     Raises:
         InputError: dask is not installed, or no scheduler answers there.

@@ -1,4 +1,4 @@
-"""What a worker of dask does for `bench.work.cluster`: it has folds done, one at a time, by a process of its own.
+"""The worker's side of `bench.work.cluster`: a dask worker has folds done, one at a time, by a process of its own.
 
 The worker itself only waits. So a fold that dies takes no worker with it, the fold of a command that is gone can be
 ended, and each command has a process that has imported the code that is there now.
@@ -40,9 +40,9 @@ def answer(command: str, threads: int, check: bytes, fold: bytes) -> tuple[str, 
 
     Args:
         command: name of the one that asks, and of dask's topic for how far the fold is.
-        threads: that the process computes with.
-        check: of `check_of`.
-        fold: what `fold_here` takes, pickled; empty to be checked only.
+        threads: threads of the process.
+        check: result of `check_of`.
+        fold: pickled arguments of `fold_here`; empty for a check only.
 
     Returns:
         The address of this worker, why it cannot be used if that is so, and the pickled result.
@@ -80,7 +80,7 @@ def answer(command: str, threads: int, check: bytes, fold: bytes) -> tuple[str, 
 
 
 def fold_here(check: bytes, fold: bytes, folder: str) -> tuple[str, bytes]:
-    """Why this machine cannot be used, if that is so, and the pickled result of a fold with what the machine is."""
+    """The reason why this machine cannot be used, if any, and the pickled fold result with the machine's properties."""
     import cloudpickle
 
     from bench.work.machine import this_machine
@@ -121,7 +121,7 @@ def packed(*values: object) -> bytes:
 
 
 def check_of(cells: Iterable[Cell]) -> bytes:
-    """What a machine must have to give the results of this one, pickled: `difference` takes it."""
+    """Requirements for a machine to give the results of this one, pickled: `difference` takes it."""
     kinds: dict[str, Cell] = {}
     for cell in cells:
         parts = [(p.room, p.name, id(p.instance)) for p in cell.parts]
@@ -130,7 +130,7 @@ def check_of(cells: Iterable[Cell]) -> bytes:
 
 
 def facts(cells: Sequence[Cell]) -> dict[str, str]:
-    """What this machine has: versions, touchbench's code, and of cells corpora and code, by name.
+    """Properties of this machine: versions, touchbench's code, and of cells corpora and code, by name.
 
     Raises:
         InputError: a corpus or a part of a cell is not there.
@@ -165,7 +165,7 @@ def difference(base: dict[str, str], here: dict[str, str], cells: bytes) -> str:
     Args:
         base: versions and touchbench's code on the command's machine; under others, the cells may not be understood.
         here: all that it has.
-        cells: those that it runs, pickled.
+        cells: cells of the command, pickled.
 
     Raises:
         InputError: a corpus or a part of a cell is not there.

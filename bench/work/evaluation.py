@@ -34,7 +34,7 @@ class Evaluation(Experiment[pd.DataFrame]):
         return "run" if not cell.tuning else "choose" if "over" in cell.tuning else "tune"
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-        """Predictions of the test captures, and what they cost."""
+        """Predictions of the test captures, and their costs."""
         parts, effects = [], []
         share = -(-ALONE // (sum(map(len, fold.known.draws)) if fold.known else 1))
         with computing(threads):

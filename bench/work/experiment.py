@@ -1,4 +1,4 @@
-"""What a kind of run is: evaluation, stress and stream are three of them, and a new one is one file.
+"""The interface of a kind of run: evaluation, stress and stream are three of them, and a new one is one file.
 
 `bench.work.loop` does the rest once for all kinds: key, resuming, failed folds, Ctrl-C, progress, tracking, printing.
 """
@@ -27,10 +27,9 @@ class Experiment(Generic[Shown]):
     Attributes:
         kind: tag of its parent runs.
         fold_kind: tag of its folds.
-        heading: above the table of rows.
-        columns: of its table besides those of predictions; a corpus cannot have them.
-        adapts: whether it gives systems what is known of the person who is tested; a protocol that tells it is refused
-            by one that does not.
+        heading: heading of the table of rows.
+        columns: columns of its table besides those of predictions; a corpus cannot have them.
+        adapts: True if it passes calibration captures to systems; other kinds refuse protocols that have them.
     """
 
     kind: ClassVar[str]
@@ -44,11 +43,11 @@ class Experiment(Generic[Shown]):
         return {f"{self.kind}.{f.name}": getattr(self, f.name) for f in dataclasses.fields(self)}
 
     def identity(self) -> object:
-        """What two equal experiments have in common, by default kind and fields."""
+        """Identity of the experiment, by default kind and fields."""
         return repr(self)
 
     def arguments(self) -> dict[str, str]:
-        """The options as they are typed; what has its default is left out."""
+        """The options as typed; defaults are left out."""
         return {}
 
     def command(self, cell: Cell) -> str:
@@ -60,20 +59,20 @@ class Experiment(Generic[Shown]):
         return [type(self)]
 
     def refuse(self, plan: Plan) -> None:
-        """Refuse before anything is run what cannot be.
+        """Refuse impossible cells before anything is run.
 
         Raises:
             InputError: it cannot be.
         """
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-        """Do one fold, in a worker process; what it raises is recorded as the fold's failure.
+        """Do one fold, in a worker process; an exception is recorded as the fold's failure.
 
         Args:
-            cell: what is run.
+            cell: cell of the run.
             corpus: the captures that the fold is of.
             fold: names its training and test captures by position.
-            threads: that computing may use.
+            threads: threads for computing.
         """
         raise NotImplementedError
 
@@ -85,16 +84,16 @@ class Experiment(Generic[Shown]):
         """Measure the run from the folds that went well, at least one, in the order of the protocol.
 
         Args:
-            plan: what was run.
-            tags: as the run is tracked.
-            results: of the folds.
+            plan: plan of the run.
+            tags: tags of the run.
+            results: results of the folds.
         """
         raise NotImplementedError
 
     def row(self, metrics: dict[str, float]) -> dict[str, str]:
-        """What is printed of a run behind system, data, subset and protocol, by heading.
+        """The printed row of a run after system, data, subset and protocol, by heading.
 
         Args:
-            metrics: as tracked; empty if no fold went well.
+            metrics: tracked metrics; empty if every fold failed.
         """
         raise NotImplementedError

@@ -40,11 +40,11 @@ class Fitted:
     """A system that was trained on all captures.
 
     Attributes:
-        cell: what was trained.
-        recogniser: the fitted system with what its frames must be like.
+        cell: cell of the trained system.
+        recogniser: fitted system with the required format of its frames.
         uri: address of the saved model in the store.
-        run_id: of its run.
-        captures: it was trained on.
+        run_id: id of its run.
+        captures: number of training captures.
     """
 
     cell: Cell
@@ -67,9 +67,9 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
     """Train on all captures of a cell, and save.
 
     Args:
-        cell: its protocol is not looked at.
-        stopping: whether to learn how sure the system may be and when it can decide, too, from three more fits that
-            leave subjects out; a warning says so where the captures cannot teach it.
+        cell: cell to train; its protocol is ignored.
+        stopping: True to learn, from three more fits that leave subjects out, the calibration and the stopping rule; a
+            warning appears if there are too few captures for it.
         out: a folder that is new or empty, to save the model there too.
 
     Raises:
@@ -135,11 +135,11 @@ def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
 
 
 def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarray | None, out: Path) -> float:
-    """Adapt a saved system to one person, save it as a folder, and say how many seconds adapting took.
+    """Adapt a saved system to one person, save it as a folder, and return the seconds of adapting.
 
     Args:
-        model: where it was saved.
-        recogniser: what was saved there.
+        model: folder of the saved system.
+        recogniser: saved system in that folder.
         corpus: some captures of the person.
         y: their class names; None without labels.
         out: a folder that is new or empty.

@@ -1,4 +1,4 @@
-"""What is done with a system in a fold, in a worker process: fit, decide, measure."""
+"""One system in a fold, in a worker process: fit, predict, measure."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ REFERENCES = 8  # before the timed captures, and again after them
 
 @contextmanager
 def computing(threads: int) -> Iterator[None]:
-    """Limit what computes to so many threads; libraries that are not loaded yet are not reached.
+    """Limit computing to so many threads; libraries that are not loaded yet are not reached.
 
     PyTorch keeps its own count, which threadpoolctl does not reach.
     """
@@ -217,7 +217,7 @@ def reference() -> float:
 
 
 def milliseconds(work: Callable, *arguments: object) -> tuple[float, float]:
-    """Of the wall clock and of the processor."""
+    """Milliseconds of the wall clock and of the processor."""
     wall, cpu = time.perf_counter(), time.process_time()
     work(*arguments)
     cpu = time.process_time() - cpu

@@ -131,10 +131,10 @@ def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np
 def decided_at(
     frames: Iterator[np.ndarray | None], rate_hz: float, hop_ms: float, longest: int
 ) -> Iterator[tuple[int, int, list[np.ndarray]]]:
-    """When to decide, and on what: every hop, and where a capture ends on frames that nothing was decided on.
+    """Times of decisions, and their frames: every hop, and the end of a capture with undecided frames.
 
     Args:
-        frames: of one capture after another, with None between them.
+        frames: frames of one capture after another, with None between them.
         rate_hz: frames per second.
         hop_ms: milliseconds between decisions, at least one frame.
         longest: frames that are kept; older ones are forgotten.

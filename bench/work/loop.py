@@ -29,21 +29,21 @@ from bench.work.workers import Done, Processes, Task, Todo, Workers
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C where what is finished is stored."""
+    """Ctrl-C after finished results were stored."""
 
 
 @dataclass(frozen=True)
 class Outcome(Generic[Shown]):
-    """What came of one plan.
+    """The result of one plan.
 
     Attributes:
-        plan: what was run.
-        experiment: its kind.
-        run_id: of its run in the store.
-        tags: as it is tracked.
-        findings: what was measured, None if no fold went well.
+        plan: plan of the run.
+        experiment: kind of the run.
+        run_id: id of its run in the store.
+        tags: tags of the run.
+        findings: measurements, None if every fold failed.
         results: folds that went well.
-        errors: by name of a fold that failed, where its traceback is.
+        errors: location of the traceback of each failed fold, by fold name.
     """
 
     plan: Plan
@@ -56,19 +56,19 @@ class Outcome(Generic[Shown]):
 
     @property
     def metrics(self) -> dict[str, float]:
-        """What was measured; empty if no fold went well."""
+        """Measured metrics; empty if no fold succeeded."""
         return self.findings.metrics if self.findings else {}
 
     @property
     def analysis(self) -> Shown:
-        """What its kind of run shows besides; there is none if no fold went well."""
+        """Further results of its kind of run; none if no fold succeeded."""
         if self.findings is None or self.findings.analysis is None:
             raise ValueError(f"nothing was found by {self.run_id}")
         return self.findings.analysis
 
     @property
     def chosen(self) -> dict[str, dict[str, object]]:
-        """By fold, what was chosen on its training part."""
+        """Values chosen on the training part, by fold."""
         return {r.name: r.chosen for r in self.results if r.chosen}
 
 
@@ -96,12 +96,12 @@ def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment[Shown]], jo
 
 
 def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate | None = None) -> list[Outcome[Shown]]:
-    """Run what is not stored yet; what is stored is measured again from its tables.
+    """Run missing folds; stored ones are scored again from their tables.
 
     Args:
-        todo: what `prepared` gave.
-        backend: where folds are done.
-        illustrate: draws what is kept with a run besides its tables.
+        todo: plans from `prepared`.
+        backend: workers that do the folds.
+        illustrate: function that draws the figures of a run.
 
     Raises:
         InputError: the store or the cluster cannot be used, or another process runs one of the cells.
@@ -135,10 +135,10 @@ class Begun(Generic[Shown]):
     """A run whose folds are under way.
 
     Attributes:
-        index: of its plan in the command's list.
-        run: where it is tracked.
+        index: index of its plan in the command's list.
+        run: tracked run.
         waiting: folds that no worker has yet.
-        lock: holds it against other processes.
+        lock: lock of the run against other processes.
     """
 
     index: int
@@ -153,11 +153,11 @@ class Queue(Generic[Shown]):
     Left with an exception (Ctrl-C, a cluster that is gone), it marks the runs that are under way as killed.
 
     Args:
-        store: where runs are tracked.
+        store: store of the runs.
         todo: plans, in the order in which they begin.
         workers: do folds.
-        bar: shows them.
-        illustrate: draws what is kept with a run besides its tables.
+        bar: progress bar.
+        illustrate: function that draws the figures of a run.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class Queue(Generic[Shown]):
         return [self.outcomes[index] for index in sorted(self.outcomes)]
 
     def next(self) -> Task | None:
-        """The next fold for the workers; None if they have no room, or must finish others first, or all are given."""
+        """The next fold for the workers; None if they are full, must finish others first, or all are submitted."""
         while True:
             for key, begun in self.under_way.items():
                 if begun.waiting:
@@ -258,7 +258,7 @@ class Queue(Generic[Shown]):
 
 
 def warnings(plan: Plan) -> list[str]:
-    """What a user should know before the run."""
+    """Warnings before the run."""
     cell, corpus = plan.cell, plan.corpus
     damage = corpus.info.get("warnings", [])
     lines = [f"warning: {cell.data}: {briefly(damage, f'bench data show {cell.data}')}"] if damage else []

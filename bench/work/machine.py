@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class Machine(NamedTuple):
-    """What of a machine times and rounding depend on."""
+    """Properties of a machine that times and rounding depend on."""
 
     cpu: str
     simd: str
@@ -31,7 +31,7 @@ def cpu_model() -> str:
 
 
 def simd() -> str:
-    """The processor's vector instructions: libraries choose by them, and so does the rounding; empty if not known."""
+    """The processor's vector instructions: libraries choose by them, and so does the rounding; empty if unknown."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         flags = next(line.split(":", 1)[1].split() for line in lines if line.startswith(("flags", "Features")))

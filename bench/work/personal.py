@@ -23,10 +23,10 @@ class Met:
     """A fitted system and the captures of a fold that it predicts.
 
     Attributes:
-        name: of the fold and the draw.
+        name: name of the fold and the draw.
         estimator: fitted.
         tested: positions of the captures.
-        metrics: what the fit took, and adapting.
+        metrics: costs of fitting and adapting.
     """
 
     name: str

@@ -20,7 +20,7 @@ Result = TypeVar("Result")
 
 
 class Executor(Protocol):
-    """What is asked of loky, which has no types."""
+    """The used part of loky, which has no types."""
 
     def submit(self, work: Callable[Given, Result], *args: Given.args, **kwargs: Given.kwargs) -> Future[Result]:
         """Have something done in a process."""

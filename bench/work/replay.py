@@ -1,4 +1,4 @@
-"""Captures as a robot sees them, only what has been touched so far: decisions at instants, and when to stop early.
+"""Captures seen by a robot, only the touch so far: decisions at instants, and early stopping.
 
 The replay table has one row per capture and instant at which there was something new: the columns of the predictions
 table (`bench.outcomes.scores`), where ``start`` and ``frames`` are what had been seen, ``instant`` (the frames that a
@@ -40,7 +40,7 @@ TIMED_INSTANTS = 8
 
 @dataclass(frozen=True)
 class Replay:
-    """How captures are replayed.
+    """Settings of a replay.
 
     Args:
         hop_ms: milliseconds from one decision to the next; None decides whenever 1.41 times as much has been seen,
@@ -52,7 +52,7 @@ class Replay:
     start: str = "onset"
 
     def check(self, rate_hz: float) -> None:
-        """Refuse what cannot be replayed.
+        """Refuse systems that cannot be replayed.
 
         Raises:
             InputError: another start, or a hop below one frame.
@@ -104,9 +104,9 @@ def replayed(
 
     Args:
         estimator: fitted.
-        corpus: captures from where the replay begins.
-        fold: what the rows are called.
-        positions: which captures.
+        corpus: captures from the beginning of the replay.
+        fold: fold name of the rows.
+        positions: positions of the captures.
         instants: frames seen at each decision, rising.
     """
     parts, before = [], 0
@@ -128,17 +128,17 @@ def replayed(
 
 @dataclass(frozen=True)
 class Calibration:
-    """Temperature scaling (Guo et al. 2017) with a temperature that changes with what has been seen.
+    """Temperature scaling (Guo et al. 2017) with a temperature that changes with the amount of touch seen.
 
     Probabilities become softmax(log p / T), where log T goes in a straight line over log milliseconds from the first
     instant to the last. One temperature for all instants would trust early decisions too much, and one for each would
     rest on few captures at late instants.
 
     Args:
-        first_ms: what has been seen at the first instant; before it T stays the same.
-        last_ms: and at the last, after which T stays the same.
+        first_ms: milliseconds seen at the first instant; before it T stays the same.
+        last_ms: milliseconds at the last instant, after which T stays the same.
         first: temperature at the first instant.
-        last: and at the last.
+        last: temperature at the last instant.
     """
 
     first_ms: float
@@ -153,7 +153,7 @@ class Calibration:
         Args:
             proba: probabilities [decisions, classes].
             true: column of the true class, int [decisions].
-            ms: what each decision had seen [decisions].
+            ms: milliseconds seen before each decision [decisions].
         """
         logs = np.log(np.maximum(proba, LEAST))
         late = _lateness(ms, ms.min(), ms.max())
@@ -185,20 +185,20 @@ def _lateness(ms: np.ndarray, first: float, last: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Waiting:
-    """What the rest of a capture is expected to gain, in accuracy: least squares over replayed training captures.
+    """The expected gain in accuracy from the rest of a capture: least squares over replayed training captures.
 
     A capture that would be labelled no better at its end can be decided on at once, however unsure its label is: two
     gestures that look the same look the same for ever. So it is not confidence that says when to stop.
 
     Args:
-        weights: of `STATE`, the variables of a decision.
+        weights: weights of the variables of a decision, in the order of `STATE`.
     """
 
     weights: tuple[float, ...]
 
     @classmethod
     def fit(cls, table: pd.DataFrame, rate_hz: float) -> Waiting:
-        """From a replay table: its target is 1 where only the last decision is right, -1 where only this one is."""
+        """Fit to a replay table: the target is 1 if only the last decision is right, -1 if only this one is."""
         right = table["true"].astype(str) == windows(table)["predicted"]
         last = right.groupby([table["fold"], table["capture"]], sort=False).transform("last")
         regression = Ridge(RIDGE, fit_intercept=False).fit(_state(table, rate_hz), last.astype(float) - right)
@@ -237,12 +237,12 @@ def weighed(table: pd.DataFrame, calibration: Calibration, waiting: Waiting, rat
 
 @dataclass(frozen=True)
 class Stopping:
-    """When to decide, as training subjects have taught it.
+    """The stopping rule learned from training subjects.
 
     Attributes:
-        calibration: of probabilities.
-        waiting: what the rest of a capture is expected to gain.
-        threshold: how settled a label must be; endless where no saving was found.
+        calibration: calibration of probabilities.
+        waiting: expected gain from the rest of a capture.
+        threshold: least settledness of a final label; infinite if no saving was found.
     """
 
     calibration: Calibration
@@ -251,12 +251,12 @@ class Stopping:
 
     @property
     def saves(self) -> bool:
-        """Whether there is a moment before the end of a capture at which its label is settled."""
+        """True if a label settles before the end of a capture."""
         return bool(np.isfinite(self.threshold))
 
 
 def unlearnable(estimator: contract.System, corpus: Corpus) -> str:
-    """Why no `Stopping` can be learned from some training captures; empty if it can.
+    """The reason why no `Stopping` can be learned from some training captures; empty if it can.
 
     Raises:
         InputError: the system refuses one of the inner training parts.
@@ -276,15 +276,15 @@ def unlearnable(estimator: contract.System, corpus: Corpus) -> str:
 def learned(
     untrained: Callable[[], contract.System], corpus: Corpus, train: np.ndarray, replay: Replay
 ) -> tuple[Stopping, pd.DataFrame]:
-    """When to decide, learned from the training part, and what each threshold gives there.
+    """Learn the stopping rule from the training part; also return the result of each threshold there.
 
     Each of its subjects is replayed by a system that was not trained on it. No other capture is looked at.
 
     Args:
-        untrained: makes a system.
+        untrained: function that makes a system.
         corpus: the captures.
         train: positions of the training captures.
-        replay: how captures are replayed.
+        replay: settings of the replay.
     """
     part = corpus[train]
     begun = replay.begun(part)
@@ -321,7 +321,7 @@ def decision_latency(estimator: contract.System, begun: Corpus, instants: np.nda
 
 
 def system_hop(estimator: contract.System, captures: Corpus) -> float | None:
-    """Frames from one decision of a system to the next, None for one that decides once whatever it is given."""
+    """Frames from one decision of a system to the next, None for one decision per input of any length."""
     longest = int(captures.lengths.argmax())
     starts = np.unique(contract.decide(estimator, captures[longest : longest + 1])[0]["start"])
     return float(np.median(np.diff(starts))) if len(starts) > 1 else None

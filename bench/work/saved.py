@@ -1,4 +1,4 @@
-"""Fitted systems as MLflow models: what `bench fit` saves, and what is loaded again.
+"""Fitted systems as MLflow models: saved by `bench fit`, and loaded again.
 
 A model is code: loading one runs it. Only the user's store and folders that the user names are loaded from.
 """
@@ -44,12 +44,12 @@ PACKAGES = ("bench", "features", "models", "protocols")  # whose code goes with 
 
 
 class Recogniser(PythonModel):
-    """A fitted system with what its frames must be like.
+    """A fitted system with the required format of its frames.
 
     Args:
         estimator: fitted to a `Corpus`.
         corpus: the captures that it was fitted to; their frames are not kept.
-        stopping: when to decide, and how sure it may be; None where its captures could not teach it.
+        stopping: calibration and stopping rule; None if its captures could not teach them.
 
     Attributes:
         classes: class names, sorted.
@@ -57,7 +57,7 @@ class Recogniser(PythonModel):
         rate_hz: frames per second.
         full_scale: largest value of a channel.
         longest: frames of the longest training capture.
-        synthetic: whether it was trained on generated captures.
+        synthetic: True if it was trained on generated captures.
     """
 
     format = ""  # of a model that another version has saved
@@ -93,7 +93,7 @@ class Recogniser(PythonModel):
             )
 
     def label(self, corpus: Corpus) -> pd.DataFrame:
-        """One row per capture: label, confidence (the probability of the label), and p_<class> for each class.
+        """Classify captures, a row each: label, confidence (probability of the label), and p_<class> for each class.
 
         A system that decides per window has the mean probability of its windows. Probabilities are calibrated, where
         the model has learned how sure it may be.
@@ -103,7 +103,7 @@ class Recogniser(PythonModel):
         return pd.concat([pd.DataFrame({"label": label, "confidence": proba.max(axis=1)}), proba], axis=1)
 
     def decision(self, corpus: Corpus, before: str | None) -> tuple[str, float, float | None]:
-        """Label, confidence, and how settled the label is, 0 to 1, of one capture that has been seen so far.
+        """Label, confidence, and settledness of the label, 0 to 1, of the frames of one capture so far.
 
         Args:
             corpus: one capture.
@@ -123,7 +123,7 @@ class Recogniser(PythonModel):
         return self.classes[best], float(proba[best]), settled
 
     def is_settled(self, settled: float | None) -> bool:
-        """Whether a label is settled enough to act on it, for what training subjects have taught."""
+        """Return True if a label is settled enough to act on, by the rule from training subjects."""
         return settled is not None and self.stopping is not None and settled >= self.stopping.threshold
 
     def _calibrated(self, proba: pd.DataFrame, lengths: np.ndarray) -> pd.DataFrame:
@@ -145,7 +145,7 @@ class Recogniser(PythonModel):
         """Label the captures of a table with one row per frame.
 
         Args:
-            context: of MLflow, unused.
+            context: context of MLflow, unused.
             model_input: columns ``capture``, ``frame`` (from 0 or 1) or both, and ch1, ch2, ... row by row.
             params: ``rate_hz``, which must be that of the training captures.
 
@@ -163,7 +163,7 @@ class Recogniser(PythonModel):
         return pd.concat([corpus.captures[["capture"]], self.label(corpus)], axis=1)
 
     def signature(self) -> ModelSignature:
-        """Of `predict`; channels take whole numbers and decimals."""
+        """MLflow signature of `predict`; channels take whole numbers and decimals."""
         inputs: list[ColSpec | TensorSpec] = [ColSpec(AnyType(), n, required=False) for n in ("capture", "frame")]
         inputs += [ColSpec(AnyType(), name) for name in self.channels]
         outputs: list[ColSpec | TensorSpec] = [ColSpec(DataType.string, name) for name in ("capture", "label")]
@@ -194,7 +194,7 @@ class Recogniser(PythonModel):
 
 
 def requirements(plugins: list[str], packages: tuple[str, ...] = ()) -> list[str]:
-    """What a model needs besides touchbench's own code, which goes with it, at the versions that are installed."""
+    """Requirements of a model at their installed versions, besides touchbench's own code, which is saved with it."""
     names = list(packages)
     for line in requires("touchbench") or []:
         extra = re.search(r"extra == [\"'](.+?)[\"']", line)
@@ -210,7 +210,7 @@ def requirements(plugins: list[str], packages: tuple[str, ...] = ()) -> list[str
 
 
 def by_value() -> None:
-    """Let parts that were loaded from a file go into the model itself: nobody else can import them."""
+    """Save parts from a user's file inside the model: other programs cannot import them."""
     import cloudpickle
 
     for name, module in list(sys.modules.items()):

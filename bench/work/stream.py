@@ -1,4 +1,4 @@
-"""Systems in a stream: fitted on whole captures, replayed on what has been touched so far."""
+"""Systems in a stream: fitted on whole captures, replayed on the touch so far."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Stream(Experiment[Curves]):
 
     @property
     def replay(self) -> Replay:
-        """How captures are replayed."""
+        """Settings of the replay."""
         return Replay(self.hop_ms, self.start)
 
     def arguments(self) -> dict[str, str]:
@@ -111,7 +111,7 @@ class Stream(Experiment[Curves]):
         }
 
     def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[Curves]:
-        """Accuracy of whole captures and of adaptive stopping, and what a decision costs; both curves."""
+        """Accuracy of whole captures and of adaptive stopping, and the cost of a decision; both curves."""
         predictions, rate_hz = table_of(results), plan.corpus.rate_hz
         instants, stopping = by_instant(predictions, rate_hz), by_threshold(predictions, rate_hz)
         end = instants.iloc[-1]
@@ -146,5 +146,5 @@ class Stream(Experiment[Curves]):
 
 
 def thresholds(results: list[FoldResult]) -> dict[str, float]:
-    """How settled a label must be, as the training part of each fold has taught."""
+    """Thresholds of settledness, learned from the training part of each fold."""
     return {r.name: float(str(r.chosen["threshold"])) for r in results}

@@ -40,7 +40,7 @@ class Stress(Experiment[Analysis]):
     """Accuracy under faults, and with fewer training subjects.
 
     Attributes:
-        faults: what the test captures go through, each at every severity.
+        faults: faults applied to the test captures, each at every severity.
         train_subjects: numbers of training subjects that the system is fitted on besides, for clean test captures.
     """
 
@@ -136,7 +136,7 @@ class Stress(Experiment[Analysis]):
         return {"accuracy": float((clean["true"] == clean["predicted"]).mean())} | named | result.metrics
 
     def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[Analysis]:
-        """Where the system fails (`bench.outcomes.stability`), and mean seconds of a fold."""
+        """Failures of the system (`bench.outcomes.stability`), and mean seconds of a fold."""
         table = table_of(results)
         analysis = stability.analyse(tags, table)
         means = {k: sum(r.metrics[k] for r in results) / len(results) for k in results[0].metrics}
@@ -158,7 +158,7 @@ class Stress(Experiment[Analysis]):
 
 
 def labelled(estimator: contract.System, corpus: Corpus, fold: str, test: np.ndarray, columns: Columns) -> pd.DataFrame:
-    """One row per test capture with the label that ``bench run`` would give it."""
+    """Test captures, a row each, with the label of ``bench run``."""
     predictions = decisions(estimator, corpus, fold, test)
     proba = [scores.PREFIX + c for c in scores.classes_of(predictions)]
     mean = predictions.groupby(["fold", "capture"], sort=False)[proba].mean().to_numpy()

@@ -1,4 +1,4 @@
-"""A plan's run in the store: found again if it was begun before, one child for each fold."""
+"""A plan's run in the store, resumed if it exists, with one child for each fold."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Illustrate = Callable[[str, dict[str, str], Findings, Path], None]  # kind, tags
 
 
 def key_of(plan: Plan, experiment: Experiment) -> str:
-    """What makes two runs the same run: all that its stored numbers depend on (docs/notes/decisions.md, identity)."""
+    """Key of a run: everything that its stored numbers depend on (docs/notes/decisions.md, identity)."""
     same = plan.identity() | {
         "kind": experiment.kind,
         "options": experiment.identity(),
@@ -39,7 +39,7 @@ def key_of(plan: Plan, experiment: Experiment) -> str:
 
 
 def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
-    """What tables know a run's data and system by."""
+    """Tags that identify a run's data and system in tables."""
     conditions = ",".join(contract.conditions(cell.untrained))
     return ({"touchbench.conditions": conditions} if conditions else {}) | {
         "data": cell.data,
@@ -78,22 +78,22 @@ class TrackedRun(Generic[Shown]):
     """The parent run of a plan.
 
     Args:
-        store: where it is kept.
-        plan: what is run.
-        experiment: its kind.
+        store: store of the run.
+        plan: plan of the run.
+        experiment: kind of the run.
         key: `key_of` both.
 
     Attributes:
-        plan: what is run.
-        experiment: its kind.
-        key: that finds it again.
-        run_id: of the parent run.
-        tags: what tables know it by.
-        finished: whether an earlier command finished it.
+        plan: plan of the run.
+        experiment: kind of the run.
+        key: key that identifies the run.
+        run_id: id of the parent run.
+        tags: tags of the run.
+        finished: True if an earlier command finished it.
         done: finished folds by name, as they were stored.
-        errors: by name of a fold that failed, where its traceback is.
-        machine: that the run names as a whole, where its first fold was done; None before that.
-        others: where that was another, the machine of a finished fold, by its name.
+        errors: location of the traceback of each failed fold, by fold name.
+        machine: machine of its first fold, named by the run as a whole; None before that.
+        others: machine of each finished fold that was done elsewhere, by fold name.
     """
 
     def __init__(self, store: Store, plan: Plan, experiment: Experiment[Shown], key: str) -> None:
@@ -133,7 +133,7 @@ class TrackedRun(Generic[Shown]):
 
     @property
     def complete(self) -> bool:
-        """Whether every fold is stored, or has failed."""
+        """True if every fold is stored, or has failed."""
         return not self.missing
 
     def _create(self, key: str) -> str:
@@ -175,8 +175,8 @@ class TrackedRun(Generic[Shown]):
         """Store one fold: its run is there, complete, or it is not there.
 
         Args:
-            result: of the fold.
-            machine: that did it, None if it came to no end.
+            result: result of the fold.
+            machine: machine that did it, None if it did not finish.
         """
         if machine and self.machine is None:
             self.machine = machine
@@ -254,7 +254,7 @@ class TrackedRun(Generic[Shown]):
         return findings
 
     def interrupt(self) -> None:
-        """Mark the run as killed; what is stored stays and is found again."""
+        """Mark the run as killed; stored folds stay and are found again."""
         self.store.end(self.run_id, "KILLED")
 
 
@@ -264,7 +264,7 @@ def _plain(value: object) -> object:
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
-    """As parquet or CSV, as its name says."""
+    """Write a table as parquet or CSV, as its name implies."""
     table.to_parquet(path, index=False) if path.suffix == ".parquet" else table.to_csv(path, index=False)
 
 

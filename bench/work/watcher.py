@@ -74,7 +74,7 @@ class Clock:
         return cls(hop, detect, hop * max(1, round(name / hop)))
 
     def up(self, frames: np.ndarray) -> np.ndarray:
-        """The first decision at or after so many frames; decisions fall ``detect`` frames and any hops after the start."""
+        """Round up to frames at which there is a decision: ``detect`` and any number of hops."""
         return self.detect + -(-(frames - self.detect) // self.hop) * self.hop
 
 
@@ -103,7 +103,7 @@ class Detector:
 
     Attributes:
         classifier_: fitted to windows of each gesture and of background.
-        mean_, sd_: of the features of training windows, float32 [features].
+        mean_, sd_: statistics of the features of training windows, float32 [features].
         limit_: share of features beyond 3 SDs from which on a window is refused.
     """
 
@@ -117,7 +117,7 @@ class Detector:
             labels: gesture of each window, `BACKGROUND` for background.
             events: number of the event, or the gap between events, that each window lies in.
         """
-        rows = pd.DataFrame(table, index=row_labels(np.unique(events, return_inverse=True)[1], 0))
+        rows = pd.DataFrame(table, index=row_labels(events, np.zeros(len(events), np.int64)))
         self.classifier_ = Discriminants(windows=REPEATED).fit(rows, labels)
         self.mean_, self.sd_ = table.mean(axis=0), table.std(axis=0)
         self.sd_[constant(table) | (self.sd_ == 0)] = np.inf
@@ -129,7 +129,7 @@ class Detector:
 
         Args:
             table: features [windows, n_features], float32.
-            still: whether no taxel changes in a window, bool [windows].
+            still: True if no taxel changes in a window, bool [windows].
         """
         scores = self.classifier_.decision_function(table)
         quiet = self.classifier_.classes_ == BACKGROUND
@@ -167,8 +167,8 @@ def touched(log_odds: np.ndarray, clock: Clock, rate_hz: float) -> np.ndarray:
     """Probability of touch now, from the log-odds of windows so far: a filter with two states, float32.
 
     Args:
-        log_odds: of the windows of one recording, in order along the first axis; further axes are filtered alike.
-        clock: of the windows.
+        log_odds: values of the windows of one recording, in order along the first axis; further axes are filtered alike.
+        clock: timing of the windows.
         rate_hz: frames per second.
     """
     hop_s = np.float32(clock.hop / rate_hz)
@@ -210,7 +210,7 @@ class Watcher:
     Attributes:
         system: fitted to captures.
         background: names of its classes that are no gesture.
-        clock: of both windows.
+        clock: timing of both windows.
         detector: fitted to windows of training recordings.
         bias: added to the detector's log-odds, learned for a number of false alarms per hour.
         tail: frames from the end of a touch until that is detected, learned.
@@ -276,8 +276,8 @@ def reports_of(touches: np.ndarray, clock: Clock, rate_hz: float) -> tuple[np.nd
     """When events are reported: `WAIT_S` after their first window is complete, or at their end if that comes first.
 
     Args:
-        touches: as of `spans` [touches, 3].
-        clock: of the windows.
+        touches: result of `spans` [touches, 3].
+        clock: timing of the windows.
         rate_hz: frames per second.
 
     Returns:
@@ -298,7 +298,7 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
 
     Args:
         system: fitted to captures of the same subjects.
-        recordings: of training subjects.
+        recordings: recordings of training subjects.
         false_alarms: per hour of background, at most.
 
     Raises:
@@ -350,7 +350,7 @@ def bias_table(recordings: Recordings, odds: list[np.ndarray], clock: Clock) -> 
     Args:
         recordings: with their events.
         odds: log-odds of the windows of each recording.
-        clock: of the windows.
+        clock: timing of the windows.
     """
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600

@@ -1,4 +1,4 @@
-"""Where folds are done: in processes of this machine, or on those of a cluster (`bench.work.cluster`)."""
+"""Workers for folds: processes of this machine, or of a cluster (`bench.work.cluster`)."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ Todo = list[tuple[Plan, Experiment[Shown]]]  # what a command is to run
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A fold of a plan, and what is done with it.
+    """A fold of a plan, and its experiment.
 
     Attributes:
-        plan: whose fold it is.
-        experiment: what is done.
-        fold: which one.
-        key: of the run that it belongs to.
+        plan: plan of the fold.
+        experiment: kind of run.
+        fold: fold to do.
+        key: key of its run.
     """
 
     plan: Plan
@@ -44,7 +44,7 @@ class Task:
 
 
 class Done(NamedTuple):
-    """A task with what came of it, and the machine that did it; None where nobody is left to say which."""
+    """A task with its result and its machine; None if the machine is unknown."""
 
     task: Task
     result: FoldResult
@@ -52,12 +52,12 @@ class Done(NamedTuple):
 
 
 class Workers(Protocol):
-    """Whoever does folds, several at once; every one that is submitted gives one result, a crashed worker a failed one.
+    """Workers that do several folds at once; every submitted fold gives one result, a crashed worker a failed one.
 
     Left with an exception (Ctrl-C), it ends the folds that are under way.
 
     Attributes:
-        overlap: whether a plan may begin while folds of another are under way.
+        overlap: True if a plan may begin while folds of another are under way.
     """
 
     overlap: bool
@@ -67,10 +67,10 @@ class Workers(Protocol):
     def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None: ...
 
     def count(self, plan: Plan) -> int:
-        """How many folds of this plan are done at a time, as far as others leave room."""
+        """The number of folds of this plan at a time, as far as others leave room."""
 
     def room(self, plan: Plan) -> bool:
-        """Whether to submit a fold of this plan now."""
+        """Return True to submit a fold of this plan now."""
 
     def begin(self, plan: Plan) -> None:
         """Make ready for the folds of a plan."""
@@ -86,7 +86,7 @@ class Processes:
     """Worker processes of this machine, which take one plan after the other, each with its number of threads.
 
     Args:
-        folder: where folds leave their messages (`bench.progress`).
+        folder: folder for messages of folds (`bench.progress`).
     """
 
     overlap = False  # plans have their own numbers of processes and threads, and share the cores with `fill_cache`
@@ -107,11 +107,11 @@ class Processes:
             self._pool(plan).shutdown(wait=True, kill_workers=True)
 
     def count(self, plan: Plan) -> int:
-        """How many folds of this plan are done at a time."""
+        """The number of folds of this plan at a time."""
         return 1 if plan is self.alone else plan.workers
 
     def room(self, plan: Plan) -> bool:
-        """Whether to submit a fold of this plan now.
+        """Return True to submit a fold of this plan now.
 
         One more than can run, so that no worker waits while a result is tracked; all of them at once is what loky
         stumbles over when it is killed.
@@ -121,7 +121,7 @@ class Processes:
         return len(self.running) <= plan.workers
 
     def begin(self, plan: Plan) -> None:
-        """Start the processes, which import what they need; meanwhile compute once what needs no learning."""
+        """Start the processes, which import their modules; meanwhile compute features that need no learning."""
         self.alone = None
         for _ in range(plan.workers):
             self._pool(plan).submit(usable_cores)
@@ -165,7 +165,7 @@ class Processes:
 def do_fold(
     experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads: int, key: str, folder: Path | None = None
 ) -> FoldResult:
-    """One fold of an experiment, in a worker; an exception becomes the result's ``error``.
+    """Do one fold of an experiment, in a worker; an exception becomes the result's ``error``.
 
     Its messages lie in a folder under the key of its run (`bench.progress`).
     """
@@ -182,7 +182,7 @@ def do_fold(
 
 
 def fill_cache(cell: Cell, corpus: Corpus) -> None:
-    """Compute once for all folds what needs no learning; a set that fails here fails in every fold, recorded there."""
+    """Compute once for all folds the features that need no learning; failures recur in every fold, recorded there."""
     captures = contract.seen_by_features(cell.untrained, corpus[:1])
     for features in cell.feature_sets().values():
         for seen in captures:

@@ -10,7 +10,7 @@ def balli2015_rf(selected: int = 42, seed: int = 0) -> Pipeline:
     """Random forest of 500 trees, a number that is our reading, on the selected features.
 
     Args:
-        selected: how many features floating selection keeps.
-        seed: of the forest.
+        selected: number of features that floating selection keeps.
+        seed: random seed of the forest.
     """
     return rf(Balli(selected), trees=500, seed=seed)

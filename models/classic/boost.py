@@ -19,7 +19,7 @@ def boost(features: TransformerMixin, rounds: int = 300, depth: int = 8, seed: i
         features: transformer from captures to a table.
         rounds: number of trees.
         depth: largest depth of a tree.
-        seed: of the tried features.
+        seed: random seed of the tried features.
 
     Raises:
         InputError: a count below 1.

@@ -14,7 +14,7 @@ def jung2014_bayes(ridge: float = 1e-2) -> Pipeline:
 
 
 def jung2014_svm(inner: str = "3") -> Search:
-    """Linear SVM on features scaled to 0..1; its penalty, which the papers do not tell, is searched.
+    """Linear SVM on features scaled to 0..1; its penalty, missing from the papers, is searched.
 
     Args:
         inner: groups of training subjects that choose it, or ``loso``.

@@ -20,13 +20,13 @@ from models.search.space import Range
 
 @dataclass(frozen=True)
 class Learnt:
-    """What `Discriminants` have learnt of their rows, which they can go on learning from.
+    """Statistics of the training rows of `Discriminants`, which further rows can update.
 
     Attributes:
-        mean, sd: of the features [features]; all that follows is in these units.
-        centres: of the classes [classes, features].
+        mean, sd: mean and SD of the features [features]; all that follows is in these units.
+        centres: means of the classes [classes, features].
         heavy: weight of the rows of each class [classes].
-        scatter: of the rows about the centres of their classes [features, features].
+        scatter: scatter of the rows about the means of their classes [features, features].
     """
 
     mean: np.ndarray
@@ -46,15 +46,15 @@ class Discriminants(ClassifierMixin, BaseEstimator):
     these are the usual linear discriminants. Classes count alike, however many captures they have.
 
     Args:
-        shrinkage: of the covariance, 0 to 1.
-        windows: that decide on a label together.
-        damaged: how much a row of a damaged copy counts (``copy`` of the index is above 0); others count 1.
+        shrinkage: shrinkage of the covariance, 0 to 1.
+        windows: number of windows that decide on a label together.
+        damaged: weight of a row of a damaged copy (``copy`` of the index is above 0); others count 1.
 
     Attributes:
         classes_: class names.
         coef_: [classes, features], of the features as they are given.
         intercept_: [classes].
-        learnt_: what they are made of.
+        learnt_: statistics of the training rows.
     """
 
     shrinkage: float = 0.2
@@ -103,8 +103,8 @@ class Discriminants(ClassifierMixin, BaseEstimator):
 
         Args:
             X: features [rows, n_features] of some captures of the person.
-            y: class names [rows], each one that is known; None where they are not.
-            weight: of a row with a label beside one of training.
+            y: class names [rows], all from training; None if unlabelled.
+            weight: weight of a labelled row relative to one of training.
         """
         adapted = copy(self)
         old = self.learnt_
@@ -140,7 +140,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         return 2 * self.n_features_in_
 
     def decision_function(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
-        """Log of the density of each class, but for what is common to all [rows, classes]."""
+        """Log density of each class, up to a common constant [rows, classes]."""
         return np.asarray(X, dtype=np.float64) @ self.coef_.T + self.intercept_
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:

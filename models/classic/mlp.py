@@ -29,7 +29,7 @@ class EarlyStoppedNet(MostProbable):
         held: share of the training captures, drawn at random within each class, that decides when to stop.
         patience: epochs without a better accuracy on these before training stops; the best epoch is kept.
         runs: networks trained from different starts; the one that is best on its held captures is kept.
-        seed: of weights, batches and draws.
+        seed: random seed of weights, batches and draws.
     """
 
     layers: tuple[int, ...] = (54, 27)
@@ -89,7 +89,7 @@ def mlp(
         patience: epochs without improvement before training stops.
         runs: networks of which the best is kept.
         scaling: ``range`` to -1..1, or ``z`` to mean 0 and SD 1, of the training captures.
-        seed: of weights, batches and draws.
+        seed: random seed of weights, batches and draws.
 
     Raises:
         InputError: a count below 1, a share that is none, or another scaling.

@@ -31,18 +31,18 @@ class Perceptron(MostProbable):
     Rows are drawn at random as often as they count, so the updates that it learns in do not grow with the copies.
 
     Args:
-        units: of the hidden layer.
+        units: number of units in the hidden layer.
         updates: batches of 256 rows that it learns from.
         smoothing: share of a label that is spread over all classes, 0 to below 1.
-        clip: SDs beyond which a feature says no more: what a broken sensor makes of it stays bounded.
-        damaged: how much a row of a damaged copy counts (``copy`` of the index is above 0); others count 1.
-        seed: of weights, draws and dropped units.
+        clip: number of SDs at which features are clipped, so that broken sensors have bounded effects.
+        damaged: weight of a row of a damaged copy (``copy`` of the index is above 0); others count 1.
+        seed: random seed of weights, draws and dropped units.
 
     Attributes:
         classes_: class names.
         coefs_: [features, units] and [units, classes], float32.
         intercepts_: [units] and [classes], float32.
-        mean_, scale_: of the features, float32 [features].
+        mean_, scale_: mean and scale of the features, float32 [features].
     """
 
     units: int = 20
@@ -113,7 +113,7 @@ class Perceptron(MostProbable):
 
         Args:
             X: features [rows, n_features] of some captures of the person.
-            y: class names [rows]; None where they are not known, which changes nothing.
+            y: class names [rows]; None if unlabelled, which changes nothing.
         """
         if y is None:
             return self
@@ -131,7 +131,7 @@ class Perceptron(MostProbable):
 
     @property
     def parameters_(self) -> int:
-        """Weights, biases, and what features are scaled by."""
+        """Weights, biases, and the scaling of features."""
         return sum(a.size for a in (*self.coefs_, *self.intercepts_, self.mean_, self.scale_))
 
 

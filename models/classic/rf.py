@@ -16,7 +16,7 @@ def rf(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float
         trees: number of trees.
         leaf: fewest captures in a leaf.
         tried: share of the features that is tried at each split; 0 for the square root of their number.
-        seed: of the bootstrap and the tried features.
+        seed: random seed of the bootstrap and the tried features.
 
     Raises:
         InputError: a count below 1, or a share that is none.

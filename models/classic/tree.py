@@ -22,7 +22,7 @@ class PrunedTree(MostProbable):
         level: steps of the sequence; one step cuts all links that are equally weak, the first one also those that cost
             nothing. 0 leaves the full tree. A step that leaves fewer leaves than there are classes is not taken, nor
             what follows it: the trees of separable classes have few steps, and the root alone knows one class.
-        seed: of the order in which equal splits are tried.
+        seed: random seed of the order in which equal splits are tried.
     """
 
     level: int = 10

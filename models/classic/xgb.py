@@ -22,7 +22,7 @@ class BoostedTrees(MostProbable):
         trees: boosting rounds.
         depth: largest depth of a tree.
         rate: learning rate.
-        seed: of the row and column samples.
+        seed: random seed of the row and column samples.
     """
 
     trees: int = 300

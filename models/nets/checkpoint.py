@@ -1,4 +1,4 @@
-"""Where a killed training goes on: the state of a network after its last epoch, kept in the data folder.
+"""Checkpoints of training: the state of a network after its last epoch, kept in the data folder.
 
 A training that took longer than a minute stays when it is done, so that ``bench stream`` and ``bench stress`` need not
 train what ``bench run`` has trained. What nobody has touched for a month goes.
@@ -34,7 +34,7 @@ class Checkpoint:
         path: the file, or None.
 
     Attributes:
-        resumed: whether training went on from a state, or was done before.
+        resumed: True if training continued from a stored state, or was already done.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -43,7 +43,7 @@ class Checkpoint:
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """Count from now: what was read is of no use."""
+        """Count from now: the stored state is of no use."""
         self.resumed = False
         self._wall, self._cpu = time.perf_counter(), time.process_time()
 
@@ -72,7 +72,7 @@ class Checkpoint:
             self._due = ended + max(OFTEN_S, SHARE * (ended - began))
 
     def done(self, state: dict) -> None:
-        """Keep the last state of what took long, and forget that of what did not."""
+        """Keep the last state of a long training, and delete that of a short one."""
         if self.seconds()[0] > LONG_S:
             self._write(state)
         elif self.path is not None:
@@ -91,7 +91,7 @@ class Checkpoint:
             self.path = None
 
     def seconds(self) -> tuple[float, float]:
-        """Of the clock and of the processor that training took, those before a kill included."""
+        """Seconds of the clock and of the processor for training, those before a kill included."""
         return time.perf_counter() - self._wall, time.process_time() - self._cpu
 
 
@@ -104,7 +104,7 @@ def _sweep(folder: Path) -> None:
 
 
 def checkpoint(estimator: BaseEstimator, X: Corpus, y: np.ndarray) -> Checkpoint:
-    """Of a training, named by all that its result depends on: system, parameters, code, captures and labels.
+    """Checkpoint of a training, named by all that its result depends on: system, parameters, code, captures and labels.
 
     Nothing is kept where that has no name: of parameters that are objects, or functions made by others.
     """

@@ -31,10 +31,11 @@ class CNN85(FrameNet):
     Args:
         hop: frames from one training window to the next, None for windows that do not overlap; those that are scored
             never do.
-        padding: of the last window of a capture: ``zero``, as published, or ``edge``, which repeats its last frame.
+        padding: padding of the last window of a capture: ``zero``, as published, or ``edge``, which repeats its last
+            frame.
         rates: learning rates that are tried: those that the ``paper`` lists, or those of its ``toolbox``.
         width: share of the published number of filters and units.
-        frames, epochs, batch, seed, device, seconds, precision: as of `WindowNet`.
+        frames, epochs, batch, seed, device, seconds, precision: see `WindowNet`.
     """
 
     frames: int = 85
@@ -96,7 +97,7 @@ class CNN85(FrameNet):
         )
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
-        """What ``net(x)`` gives; in training in taxel-major order, in half the bits with channels last."""
+        """The output of ``net(x)``; in training in taxel-major order, in half the bits with channels last."""
         if self.precision == "bfloat16":
             return net(x.contiguous(memory_format=torch.channels_last))
         return taxel_major(net, x) if net.training else net(x)

@@ -29,7 +29,7 @@ ENCODER = (200, 100, 50, 25, 10)
 
 
 class Hughes2017(WindowNet):
-    """What the three share: the design for the corpus, CoST or HAART, whose rate is nearer, and how they learn.
+    """Base of the three: the design for the corpus, CoST or HAART, whose rate is nearer, and the training.
 
     Attributes:
         design_: `COST` or `HAART`.
@@ -51,7 +51,7 @@ class Hughes2017(WindowNet):
         return Windows(corpus, *self.design_[1:3])
 
     def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]]:
-        """Weights as `start` says."""
+        """Initialise the weights by `start`."""
         start(net)
         return []
 
@@ -67,8 +67,8 @@ class Hughes2017CNN(Hughes2017):
     On grids that are too small for a kernel or a pooling, these are cut to what is there.
 
     Args:
-        bits: of a learnt weight when it decides: 32, or 8 as `bench export` stores them.
-        epochs, batch, rate, seed, device: as of `WindowNet`.
+        bits: bits of a learnt weight in prediction: 32, or 8 as `bench export` stores them.
+        epochs, batch, rate, seed, device: see `WindowNet`.
     """
 
     batch: int = 100
@@ -106,7 +106,7 @@ class Hughes2017CNN(Hughes2017):
         )
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
-        """What ``net(x)`` gives, the first layer pooled before its bias is added."""
+        """The output of ``net(x)``, the first layer pooled before its bias is added."""
         return pooled_first(net, x)
 
 
@@ -117,7 +117,7 @@ class Hughes2017CNNRNN(Hughes2017):
     capture are one sequence. The cell is tanh, the paper contrasts it with LSTM; the loss is a mean over windows.
 
     Args:
-        epochs, batch, rate, seed, device: as of `WindowNet`; ``batch`` sequences per step.
+        epochs, batch, rate, seed, device: see `WindowNet`; ``batch`` sequences per step.
     """
 
     def samples(self, corpus: Corpus) -> Sequences:
@@ -130,7 +130,7 @@ class Hughes2017CNNRNN(Hughes2017):
         return Recurrent(nn.Sequential(*convolutions(self.design_, rows, cols)), UNITS, head)
 
     def forward(self, net: nn.Module, x: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
-        """What ``net(x)`` gives, with the encoder of each window as `Hughes2017CNN` runs it."""
+        """The output of ``net(x)``, with the encoder of each window as `Hughes2017CNN` runs it."""
         return net(x, partial(pooled_first, net.encoder))
 
 
@@ -143,7 +143,7 @@ class Hughes2017AERNN(Hughes2017):
 
     Args:
         pretraining: passes of the autoencoder over the training frames.
-        epochs, batch, rate, seed, device: as of `WindowNet`; ``batch`` chunks per step.
+        epochs, batch, rate, seed, device: see `WindowNet`; ``batch`` chunks per step.
     """
 
     pretraining: int = 20
@@ -252,7 +252,7 @@ class _States(torch.autograd.Function):
 
 
 def pooled_first(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
-    """What `convolutions`, and layers after them, give for windows; the first is pooled before its bias is added."""
+    """The output of `convolutions` and later layers for windows; the first is pooled before its bias is added."""
     conv, pool, relu, *rest = net
     return nn.Sequential(*rest)(pooled(conv, x, pool.kernel_size).relu_())
 

@@ -1,4 +1,4 @@
-"""The last layer of a network, learnt anew for one person from what the layers before make of their captures."""
+"""The last layer of a network, relearnt for one person from the output of the layers before."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def relearnt(
 
     Args:
         net: fitted; it stays as it is.
-        samples: what the captures are cut into.
+        samples: pieces of the captures.
         target: class of each capture [captures].
         batch: samples at a time.
-        forward: how a network decides on a batch, as its system does it.
+        forward: forward pass of its system on a batch.
     """
     adapted = deepcopy(net).eval()
     layer = [module for module in adapted.modules() if isinstance(module, nn.Linear)][-1]

@@ -20,7 +20,7 @@ class Ren2023Transformer(FrameNet):
     Windows do not overlap; a capture of HAART has three.
 
     Args:
-        frames, epochs, batch, rate, seed, device, seconds, precision: as of `WindowNet`.
+        frames, epochs, batch, rate, seed, device, seconds, precision: see `WindowNet`.
     """
 
     holds_out = True

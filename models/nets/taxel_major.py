@@ -15,14 +15,14 @@ from torch import nn
 
 
 def taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
-    """Run a stack of convolutions, ReLUs and 2 x 2 poolings, then whatever follows `nn.Flatten`.
+    """Run a stack of convolutions, ReLUs and 2 x 2 poolings, then the layers after `nn.Flatten`.
 
     Args:
         net: ``Conv2d`` (stride 1, zero padding), ``ReLU`` and ``MaxPool2d(2, ceil_mode=True)`` up to a ``Flatten``.
         x: [batch, channels, rows, cols]; fastest when it is laid out as [rows, cols, batch, channels].
 
     Returns:
-        What ``net(x)`` returns, up to rounding.
+        The output of ``net(x)``, up to rounding.
 
     Raises:
         TypeError: a layer before ``Flatten`` that is none of these.

@@ -20,14 +20,14 @@ ROW, COL, FLOW_ROW, FLOW_COL = (SIGNALS.index(name) for name in ("row", "col", "
 
 
 class Stretches:
-    """Windows of the signals of captures; what is shorter than a window is as long as it is.
+    """Windows of the signals of captures; short captures are shorter windows.
 
     Args:
         corpus: the captures.
         frames: length of a window.
         hop: frames from one window's start to the next.
-        drawn: whether windows in a batch are for training: as long as drawn, from places that are drawn, of a skin
-            that is mirrored, or whose rows and columns are exchanged, by a draw. PyTorch draws.
+        drawn: True for windows of training: start and length are drawn, and the skin is mirrored or has its rows and
+            columns exchanged by a draw. PyTorch draws.
 
     Attributes:
         capture: int64 [windows], position in the corpus of the capture that a window is cut from.
@@ -108,7 +108,7 @@ class TouchNet(WindowNet):
         updates: batches that it learns from, rounded up to whole passes over the training windows.
         smoothing: share of a label that is spread over all classes.
         rate: highest learning rate, a third of the way (one cycle, Smith and Topin 2019).
-        seconds, batch, seed, device: as of `WindowNet`; ``batch`` windows per update.
+        seconds, batch, seed, device: see `WindowNet`; ``batch`` windows per update.
     """
 
     seconds: float = 1.0
@@ -158,7 +158,7 @@ class TouchNet(WindowNet):
         return Stretches(corpus, self.window, (self.window + 1) // 2, drawn=True)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
-        """4 to 40 thousand parameters, whatever the grid."""
+        """Network of 4 to 40 thousand parameters on any grid."""
         widths = (len(SIGNALS), self.width, self.width * 3 // 2, 2 * self.width)
         kernels = (self.kernel, self.kernel, 3)
         layers = [_Convolved(*sizes) for sizes in zip(widths[:-1], widths[1:], kernels, strict=True)]
@@ -246,7 +246,7 @@ class OneCycle(Optimiser):
             self.cycle.step()
 
     def state_dict(self) -> dict:
-        """Of the optimiser and of the cycle."""
+        """State of the optimiser and of the cycle."""
         return {"optimiser": super().state_dict(), "cycle": self.cycle.state_dict()}
 
     def load_state_dict(self, state: dict) -> None:

@@ -31,7 +31,7 @@ class Windows:
         corpus: the captures.
         frames: length of a window.
         hop: frames from one window's start to the next.
-        padding: of windows that reach beyond their capture: ``zero``, or ``edge`` to repeat its last frame.
+        padding: padding of windows that reach beyond their capture: ``zero``, or ``edge`` to repeat its last frame.
 
     Attributes:
         capture: int64 [windows], position in the corpus of the capture that a window is cut from.
@@ -141,7 +141,7 @@ class Optimiser:
         self.inner.step()
 
     def state_dict(self) -> dict:
-        """All that the next step depends on, besides the parameters."""
+        """State for the next step, besides the parameters."""
         return self.inner.state_dict()
 
     def load_state_dict(self, state: dict) -> None:
@@ -151,12 +151,12 @@ class Optimiser:
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long a network is trained, and in which steps.
+    """Length and step sizes of a network's training.
 
     Attributes:
         epochs: most passes over the samples.
         batch: samples per step; with fewer than that, all of them are one batch.
-        seed: of the shuffles.
+        seed: random seed of the shuffles.
         patience: stop when the median loss of this many epochs is not 0.1 % below that of as many before them.
         smoothing: share of a label that is spread over all classes.
     """
@@ -182,15 +182,15 @@ def train(
 
     Args:
         net: maps a batch to logits [decisions, classes]; trained in place.
-        samples: what it is trained on.
+        samples: training samples.
         target: int64 [samples], class of each.
-        optimiser: of the parameters of ``net``.
+        optimiser: optimiser of the parameters of ``net``.
         schedule: epochs, batches, and when to stop.
         forward: a faster way to compute ``net(x)`` (`WindowNet.logits`).
         judge: accuracy of the network on captures it is not trained on; the epoch with the highest, the first of equal
             ones, is the one that is kept.
-        kept: where the state after each epoch is kept and, after a kill, found again; on a processor the result is
-            then the same bit for bit. What has been trained to the end is not trained again.
+        kept: file for the state after each epoch, read again after a kill; on a processor the result is then the same
+            bit for bit. A finished training is not repeated.
 
     Returns:
         Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.

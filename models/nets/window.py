@@ -50,22 +50,23 @@ class WindowNet(ClassifierMixin, BaseEstimator):
     ``prepare``, ``optimiser``, ``passes`` or ``forward``.
 
     Args:
-        seed: of the weights, the shuffles and other draws, and of the held-out subject if there is one.
-        device: of PyTorch.
+        seed: random seed of the weights, the shuffles and other draws, and of the held-out subject if there is one.
+        device: PyTorch device.
         batch: samples per step; every system has it.
         epochs: most passes over the training samples. With a held-out subject, the epoch that is best for that subject
             is kept. This and the following are parameters of those systems that list them.
         rate: learning rate.
         frames: length of a window.
-        seconds: length of a window in seconds at the corpus's rate; 0 for what ``frames`` says.
-        precision: ``float32``, or ``bfloat16``: matrix products in half the bits, up to twice as fast where the
-            processor has them; weights, norms and the loss keep 32 bits.
+        seconds: length of a window in seconds at the corpus's rate; 0 uses ``frames``.
+        precision: ``float32``, or ``bfloat16``: matrix products in half the bits, up to twice as fast on processors
+            that support it; weights, norms and the loss keep 32 bits.
 
     Attributes:
         classes_: class names.
         net_: the trained network.
-        history_: per epoch what the training loop reports.
-        fit_seconds_: of the clock and of the processor, those before a kill included; only where training went on.
+        history_: reports of the training loop, per epoch.
+        fit_seconds_: seconds of the clock and of the processor, those before a kill included; only if training was
+            resumed.
         activations_: numbers in memory while it decides on one window, or takes one step of a sequence (`activations`).
     """
 
@@ -101,15 +102,15 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         raise NotImplementedError
 
     def forward(self, net: nn.Module, x: object) -> torch.Tensor:
-        """What ``net(x)`` gives, up to rounding; a system may have a faster way."""
+        """The output of ``net(x)``, up to rounding; a system may have a faster way."""
         return net(x)
 
     def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]]:
-        """What comes before the training loop, such as how weights start; what it reports. Nothing by default."""
+        """Prepare training, such as initial weights; return values to report. Nothing by default."""
         return []
 
     def optimiser(self, net: nn.Module, samples: Samples) -> Optimiser:
-        """How the network learns: by Adam."""
+        """Optimiser of the network: Adam."""
         return Optimiser(torch.optim.Adam(net.parameters(), self.rate))
 
     def passes(self, samples: Samples) -> int:
@@ -133,11 +134,11 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         return vars(self).get("window_", self.frames)
 
     def samples(self, corpus: Corpus) -> Samples:
-        """What captures are cut into: windows that do not overlap."""
+        """Samples of captures: windows that do not overlap."""
         return Windows(corpus, self.window, self.window)
 
     def training_samples(self, corpus: Corpus) -> Samples:
-        """What training captures are cut into."""
+        """Samples of training captures."""
         return self.samples(corpus)
 
     def check(self) -> None:
@@ -224,7 +225,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
 
         Args:
             X: some captures of the person.
-            y: their class names; None where they are not known.
+            y: their class names; None if unlabelled.
         """
         check_is_fitted(self, "net_")
         if y is None:
@@ -238,7 +239,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         return float((self.predict_proba(X).argmax(axis=1) == codes).mean())
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
-        """One decision per sample.
+        """Predict each sample: frames seen, and probabilities.
 
         Returns:
             A table with ``capture`` (position in X), ``start`` and ``frames`` (first frame and frames seen), and

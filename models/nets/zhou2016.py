@@ -26,7 +26,7 @@ class Zhou2016(FrameNet):
 
     Args:
         average: frames that are averaged into one; 1 for the full rate, which takes four times as long.
-        frames, epochs, batch, rate, seed, device, seconds, precision: as of `WindowNet`.
+        frames, epochs, batch, rate, seed, device, seconds, precision: see `WindowNet`.
     """
 
     holds_out = True

@@ -37,7 +37,7 @@ CHEAP = 3  # of those that come first, where there is no time to judge any
 
 
 class Auto(ClassifierMixin, BaseEstimator):
-    """The best of many systems, or several together, found in a given time on the training part alone.
+    """The best of many systems, or several together, searched in a given time on the training part alone.
 
     A trial is judged by training subjects that are left out (groups of them), and given up as soon as a Wilcoxon
     signed-rank test over the subjects seen so far finds it worse than the best one (p < 0.1), unless it needs less than
@@ -53,21 +53,21 @@ class Auto(ClassifierMixin, BaseEstimator):
     there is time for are used. With ``budget=inf`` nothing depends on time, unless ``max_predict`` is asked for.
 
     Args:
-        budget: seconds of the whole fit. How far it gets depends on the machine; ``chosen_`` tells.
-        trials: how many; None for as many as the budget allows. For a run that can be repeated give trials and
+        budget: seconds of the whole fit. Progress depends on the machine; see ``chosen_``.
+        trials: number of trials; None for as many as the budget allows. For a run that can be repeated give trials and
             ``budget=inf``.
         inner: groups of training subjects that judge, or ``loso``.
         members: most systems that decide together.
-        max_flash: limit of what must be stored, with 32 bits a number, such as ``64kB``; empty for none.
-        max_ram: limit of what must be in memory during a decision.
+        max_flash: limit of stored bytes, with 32 bits a number, such as ``64kB``; empty for none.
+        max_ram: limit of memory during a decision.
         max_predict: limit of the time to compute a decision, such as ``2ms``.
         max_decision: touch after which a label must be there, such as ``1s``: trials are judged by the first second of
             left-out captures. What computing takes comes on top.
-        seed: of the search and of the systems.
+        seed: random seed of the search and of the systems.
 
     Attributes:
         best_: the fitted recogniser.
-        chosen_: what it is made of, and how far the search got.
+        chosen_: members of the ensemble, and progress of the search.
         trials_: a row per trial, with its costs, its weight, and whether it is on the front of accuracy and each cost.
         tried_: the same as `Tried`.
         search_seconds_: seconds of all trials, also of those that were stored before; ``fit_seconds_`` wall and CPU
@@ -131,14 +131,14 @@ class Auto(ClassifierMixin, BaseEstimator):
 
     @property
     def trained_faults(self) -> tuple[str, ...]:
-        """What was trained on damaged copies; before the search every fault, for some of its trials may be."""
+        """Faults of damaged training copies; before the search every fault, since some trials may use any."""
         if "best_" in vars(self):
             parts = contract.members(self.best_) or [self.best_]
             return tuple(sorted({name for part in parts for name in contract.trained_faults(part)}))
         return Recipe(None, faults=("all",)).trained_faults  # type: ignore[arg-type]
 
     def fit(self, X: Corpus, y: np.ndarray) -> Auto:
-        """Search on the captures and their class names, then fit what was found to all of them.
+        """Search on the captures and their class names, then fit the best system to all of them.
 
         Raises:
             InputError: fewer than two subjects, or no trial is within the limits.
@@ -182,7 +182,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
     def study_key(self) -> dict[str, object]:
-        """What trials depend on besides captures and labels; not on how many there are, so that a study can grow."""
+        """Influences on trials besides captures and labels; not their number, so that a study can grow."""
         limits = [self.max_flash, self.max_ram, self.max_predict, self.max_decision]
         return {"search": [identity(Auto), self.inner, self.seed, self.budget, *limits]}
 

@@ -20,8 +20,8 @@ class Ensemble(ClassifierMixin, BaseEstimator):
 
     Args:
         members: recognisers of the same classes; one without probabilities gives its label 1.
-        weights: of each, which sum to 1.
-        temperatures: by which the log probabilities of each are divided; 1 leaves them.
+        weights: weight of each recogniser; they sum to 1.
+        temperatures: divisors of the log probabilities of each; 1 leaves them.
     """
 
     def __init__(self, members: list[contract.System], weights: list[float], temperatures: list[float]) -> None:
@@ -46,7 +46,7 @@ def tempered(proba: np.ndarray, temperature: float) -> np.ndarray:
 
 
 def logarithms(proba: np.ndarray) -> np.ndarray:
-    """Of probabilities, of which none is taken for impossible, float64."""
+    """Logarithms of probabilities, none of them 0, float64."""
     return np.log(np.maximum(proba.astype(np.float64), LEAST))
 
 
@@ -61,8 +61,8 @@ def selected(
     Args:
         proba: tempered probabilities of each recogniser [recognisers, captures, classes], the most accurate one first.
         codes: true class of each capture.
-        subjects: whose capture it is.
-        allowed: whether these recognisers may decide together.
+        subjects: subject of each capture.
+        allowed: test that these recognisers may decide together.
 
     Returns:
         Weight by position; empty if none is allowed even alone.

@@ -14,7 +14,7 @@ from bench.source import source_digest, versions
 
 
 def study_name(what: dict[str, object], X: Corpus, y: np.ndarray) -> str:
-    """Hash of the captures with the steps that they went through, the labels, what is searched and library versions."""
+    """Hash of the captures with their steps, the labels, the search space and library versions."""
     code = source_digest(*(part for step in X.steps for part in step.code())) if X.steps else ""
     parts = {
         "captures": [X.digest, hashlib.sha256(X.index.tobytes()).hexdigest()],

@@ -1,4 +1,4 @@
-"""Inner folds of whole training subjects, and what is fitted and judged in each."""
+"""Inner folds of whole training subjects, and the inputs of fitting and judging in each."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TIMED = 3  # single captures whose prediction is timed
 
 
 def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
-    """(train, test) positions of inner folds; nobody is on both sides.
+    """(train, test) positions of inner folds; no subject is on both sides.
 
     Raises:
         InputError: fewer than two subjects, which leaves nobody to judge by.
@@ -48,13 +48,13 @@ def labelled_folds(X: Corpus, y: np.ndarray, inner: str) -> list[tuple[np.ndarra
 
 
 def check_search(inner: str, trials: int | None, budget: float, endless: bool) -> None:
-    """Refuse what no search can have.
+    """Refuse impossible searches.
 
     Args:
         inner: number of groups of subjects, or ``loso``.
-        trials: how many, None for all.
+        trials: number of trials, None for all.
         budget: seconds.
-        endless: whether there is no end without trials or a budget.
+        endless: True if nothing ends the search without trials or a budget.
 
     Raises:
         InputError: one of them.
@@ -75,7 +75,7 @@ def by_subject(hit: np.ndarray, subjects: np.ndarray) -> dict[str, float]:
 
 
 class Tables:
-    """What models are fitted to and judged by in each inner fold: tables of features, or captures."""
+    """Inputs of fitting and judging in each inner fold: tables of features, or captures."""
 
     def __init__(self, features: dict[str, TransformerMixin], X: Corpus, y: np.ndarray, folds: list) -> None:
         self.features = {name: clone(part) for name, part in features.items()}
@@ -87,7 +87,7 @@ class Tables:
         self._milliseconds: dict[str, float] = {}
 
     def part(self, name: str | None, fold: int, side: int) -> Corpus | pd.DataFrame:
-        """What a model is fitted to (side 0) or judged by (side 1) in an inner fold; captures without a feature set."""
+        """Input of fitting (side 0) or judging (side 1) in an inner fold; captures without a feature set."""
         part = self.folds[fold][side]
         if not name:
             return self.X[part]

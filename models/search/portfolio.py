@@ -1,4 +1,4 @@
-"""What `models.search.auto` tries: systems and their ranges, what it begins with, and what each should cost.
+"""The search space of `models.search.auto`: systems and their ranges, first trials, and expected costs.
 
 A trial is a dict, as Optuna's are: ``model``, ``features``, what captures go through first (``window``, ``repair``,
 ``faults``, ``scale`` of `models.recipe.Recipe`), the share of ``columns`` that an F-test keeps, and parameters of the
@@ -70,7 +70,7 @@ class Columns(TransformerMixin, BaseEstimator):
     """The columns of a table in which classes differ most, by an F-test.
 
     Args:
-        share: of the columns that are kept, at least one.
+        share: share of columns to keep, at least one column.
 
     Attributes:
         kept_: their positions, in order.
@@ -96,20 +96,20 @@ class Columns(TransformerMixin, BaseEstimator):
 
 
 def complete(trial: Trial) -> Trial:
-    """A trial with what it leaves out, as the sampler tells it."""
+    """A trial completed with the sampler's defaults."""
     usual = {"model": trial["model"], "features": "touch"} | {k: list(values)[0] for k, values in BEFORE.items()}
     defaults = parameters(MODELS[str(trial["model"])])
     return usual | {f"{trial['model']}.{k}": defaults[k] for k in SPACES[str(trial["model"])]} | trial
 
 
 def steps_of(trial: Trial) -> recipe.Recipe:
-    """What the captures of a trial go through first, in a recipe without a system."""
+    """The steps of a trial's captures, in a recipe without a system."""
     names = {k: tuple(filter(None, str(trial[k]).split("+"))) for k in ("repair", "faults")}
     return recipe.Recipe(None, window=trial["window"], scale=trial["scale"], **names)  # type: ignore[arg-type]
 
 
 def classifier(trial: Trial, seed: int) -> Pipeline:
-    """What learns from the table of a trial: selection of columns, scaling, classifier."""
+    """The estimator on the table of a trial: selection of columns, scaling, classifier."""
     name = str(trial["model"])
     values: dict[str, object] = {k.partition(".")[2]: v for k, v in trial.items() if k.startswith(f"{name}.")}
     values |= {"seed": seed} if "seed" in parameters(MODELS[name]) else {}
@@ -122,7 +122,7 @@ def work(trial: Trial, rows: int, width: int, classes: int) -> float:
 
     Args:
         trial: a complete one.
-        rows: of the table.
+        rows: number of rows of the table.
         width: columns of it.
         classes: number of them.
     """

@@ -1,4 +1,4 @@
-"""What a search may try for a parameter: a list of values, or a range."""
+"""The values of a parameter in a search: a list, or a range."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def suggested(draft: Draft, name: str, values: Range | Sequence) -> object:
 
 
 class How(TypedDict, total=False):
-    """How a search goes: arguments of `models.search.tuning.Search`, and ``over`` of `bench choose`."""
+    """Settings of a search: arguments of `models.search.tuning.Search`, and ``over`` of `bench choose`."""
 
     inner: str
     trials: int
@@ -56,6 +56,6 @@ class How(TypedDict, total=False):
 
 
 class Tuning(How):
-    """The same with what is searched."""
+    """The same with the search space."""
 
     space: Space

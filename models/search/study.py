@@ -27,19 +27,19 @@ WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial i
 
 @dataclass
 class Tried:
-    """One trial.
+    """A finished trial.
 
     Attributes:
-        trial: what was tried.
+        trial: trial.
         state: ``complete``; ``pruned``, as it was worse; of `Auto` also ``large``, as it exceeds a limit; ``late``, as
             it took too long; ``skipped``, as it would have; ``failed``; ``unjudged`` where there was no time for any.
-        seconds: that it took.
+        seconds: seconds of the trial.
         subjects: accuracy of each left-out training subject, in the order in which they were left out.
-        fit_seconds: what a fit to the whole training part should take.
+        fit_seconds: expected seconds of a fit to the whole training part.
         costs: milliseconds of a decision, bytes in flash and memory with 32 bits a number, by name.
-        proba: of left-out captures, float16 [captures, classes]; None where they are not kept.
+        proba: probabilities of left-out captures, float16 [captures, classes]; None if they are not kept.
         heat: temperature of the probabilities.
-        error: of one that failed.
+        error: error of a failed trial.
     """
 
     trial: Trial
@@ -59,7 +59,7 @@ class Tried:
 
 
 def within(costs: dict[str, float], limits: dict[str, float]) -> bool:
-    """Whether no cost that has been measured exceeds its limit."""
+    """Return True if no measured cost exceeds its limit."""
     return all(costs[name] <= limit for name, limit in limits.items() if name in costs)
 
 
@@ -72,12 +72,12 @@ class Study:
 
     Args:
         common: values of the parameters that every trial has, ``model`` first, in the order in which they are drawn.
-        spaces: for each model the parameters that only its trials have.
-        seed: of the draws.
+        spaces: parameters by model, for its trials only.
+        seed: random seed of the draws.
         most: number of trials, infinity for as many as there is time for.
         budget: seconds, infinity for no limit.
-        began: when they began, of `time.perf_counter`.
-        limits: of costs; a trial that exceeds one is worse than any that does not.
+        began: time of the search's beginning, of `time.perf_counter`.
+        limits: limits of costs; a trial that exceeds one is worse than any that does not.
 
     Attributes:
         tried: the finished trials.
@@ -113,8 +113,8 @@ class Study:
         would have made; their seconds count as spent. The file is locked against other processes.
 
         Args:
-            step: judges the next trial; None ends the search.
-            key: what trials depend on besides captures and labels.
+            step: function that judges the next trial; None ends the search.
+            key: influences on trials besides captures and labels.
             X: the training captures.
             y: their class names.
         """
@@ -142,12 +142,12 @@ class Study:
                 tell(words, max(self.left, 0) if np.isfinite(self.budget) else None)
 
     def drawn(self, fixed: Trial, *numbers: int, each: bool = False) -> Trial:
-        """What the sampler suggests after the trials so far.
+        """The sampler's suggestion after the trials so far.
 
         Args:
             fixed: values that are not left to it.
             numbers: further numbers of the seed.
-            each: whether each value has a seed of its own, by its position.
+            each: True to give each value a seed of its own, by its position.
         """
         import optuna
 
@@ -167,7 +167,7 @@ class Study:
         return trial
 
     def worse(self, tried: Tried) -> bool:
-        """Whether a signed-rank test over the subjects so far finds a trial worse than the best one."""
+        """Return True if a signed-rank test over the subjects so far finds a trial worse than the best one."""
         import optuna
 
         seen = dict(enumerate(tried.subjects.values()))

@@ -1,4 +1,4 @@
-"""How a trial of `auto` is judged: by training subjects that were left out, on tables that trials share."""
+"""Scores of `auto` trials: by left-out training subjects, on tables that trials share."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Table:
     """Features of training captures.
 
     Attributes:
-        values: labelled by capture and copy where there are windows or copies.
-        row: which capture each is of.
-        sound: which are of no damaged copy.
+        values: features, labelled by capture and copy if there are windows or copies.
+        row: capture of each row.
+        sound: rows without damage.
     """
 
     values: pd.DataFrame
@@ -49,7 +49,7 @@ class Table:
 
     @property
     def bytes(self) -> int:
-        """Of the values."""
+        """Bytes of the values."""
         return self.values.shape[0] * self.values.shape[1] * 4
 
 
@@ -61,7 +61,7 @@ class Inner:
         y: their class names.
         folds: (train, test) positions; nobody is on both sides, and every capture is tested once.
         touch: seconds of each tested capture that are seen; None for all.
-        seed: of the systems.
+        seed: random seed of the systems.
     """
 
     def __init__(self, X: Corpus, y: np.ndarray, folds: list, touch: float | None, seed: int) -> None:
@@ -86,7 +86,7 @@ class Inner:
         return key, self.begun if begun else self.X, prepared, steps
 
     def table(self, trial: Trial, tested: bool = False) -> Table:
-        """What a trial learns from, or what it is judged by."""
+        """The training input of a trial, or its test input."""
         key, X, prepared, steps = self._captures(trial, tested)
         if key not in self.tables:
             prepared.check_copies(X)
@@ -96,7 +96,7 @@ class Inner:
         return self.tables[key]
 
     def rows(self, trial: Trial) -> int:
-        """Of the table that a trial learns from."""
+        """Rows of the training table of a trial."""
         key, X, prepared, _ = self._captures(trial, tested=False)
         if key in self.tables:
             return len(self.tables[key].row)
@@ -141,7 +141,7 @@ class Inner:
         return self.probed[name]
 
     def judge(self, trial: Trial) -> Iterator[tuple[Pipeline, np.ndarray, np.ndarray, float]]:
-        """Of each inner fold: what learnt, positions of tested captures, their probabilities, seconds of the fit."""
+        """For each inner fold: the fitted estimator, positions of tested captures, their probabilities, seconds."""
         learnt, tested = self.table(trial), self.table(trial, tested=True)
         for train, test in self.folds:
             part = np.isin(learnt.row, train)
@@ -163,7 +163,7 @@ class Inner:
         return self.system(trial, model)
 
     def system(self, trial: Trial, model: Pipeline) -> contract.System:
-        """What decides on captures, from what has learnt from a table."""
+        """A system on captures, made of an estimator fitted to a table."""
         prepared, features = portfolio.steps_of(trial), portfolio.FEATURES[str(trial["features"])]
         system = Pipeline([("features", clone(features).fit(self.X)), *model.steps])
         if not prepared.steps() and not prepared.faults:
@@ -171,7 +171,7 @@ class Inner:
         return prepared.set_params(system=system).around(system, self.X)
 
     def bytes(self, system: contract.System) -> dict[str, float]:
-        """What a fitted system needs in flash and memory, with 32 bits a number."""
+        """Bytes of a fitted system in flash and memory, with 32 bits a number."""
         needed = sizes(system, self.X.grid[0] * self.X.grid[1], self.longest)
         return {name: needed[name] for name in ("flash_bytes", "ram_bytes")}
 

@@ -14,7 +14,7 @@ COSTS = {"flash": "flash_bytes", "ram": "ram_bytes", "predict": "predict_ms"}
 
 
 def together(costs: list[dict[str, float]]) -> dict[str, float]:
-    """What several systems cost that decide one after the other."""
+    """Costs of several systems that decide one after the other."""
     sums = {name: sum(each[name] for each in costs) for name in COSTS.values()}
     return sums | {"ram_bytes": max(each["ram_bytes"] for each in costs)}
 
@@ -37,7 +37,7 @@ def table_of(tried: list[Tried], chosen: list[tuple[Tried, float]]) -> pd.DataFr
 
 
 def summary(tried: list[Tried], chosen: list[tuple[Tried, float]], part: slice | np.ndarray) -> dict[str, object]:
-    """What was chosen, in words, and how far the search got."""
+    """The chosen systems, in words, and the progress of the search."""
     words: dict[str, object] = {str(i): f"{w:.2f} {named(t.trial)}" for i, (t, w) in enumerate(chosen, 1)}
     states = [t.state for t in tried]
     words |= {name: states.count(name) for name in ("complete", "pruned", "large", "late", "skipped", "failed")}
@@ -46,7 +46,7 @@ def summary(tried: list[Tried], chosen: list[tuple[Tried, float]], part: slice |
 
 
 def named(trial: Trial) -> str:
-    """A trial in words: ``lda · touch, window 1, shrinkage 0.2``; what captures and columns are left at is left out."""
+    """A trial in words: ``lda · touch, window 1, shrinkage 0.2``; default steps and columns are left out."""
     first = {k: list(values)[0] for k, values in portfolio.BEFORE.items()}
     parts = [f"{k} {_short(trial[k])}" for k in first if trial[k] != first[k]]
     parts += [f"{k.partition('.')[2]} {_short(v)}" for k, v in trial.items() if "." in k]

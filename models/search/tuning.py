@@ -46,7 +46,7 @@ class Search(ClassifierMixin, BaseEstimator):
     Args:
         models: factories by name; called with one value of each parameter of its space and, if they take them, with
             ``features`` and ``seed``.
-        spaces: for each model the values of each parameter: a list, or a `Range`.
+        spaces: values of each parameter, by model: a list, or a `Range`.
         features: feature sets to choose from by name; empty for models that read raw frames.
         inner: number of groups into which the training subjects are dealt, or ``loso``.
         trials: combinations to try; None for all of them, which needs lists only. Fewer than all are drawn by a
@@ -55,7 +55,7 @@ class Search(ClassifierMixin, BaseEstimator):
         objective: ``accuracy``; or ``smallest``, which gives nothing up and takes, of the combinations whose accuracy
             is not below the best by more than a standard error of the paired difference, the one that comes first in
             the lists.
-        seed: of the search, and of models that take one.
+        seed: random seed of the search, and of models that take one.
 
     Attributes:
         best_: the fitted recogniser.
@@ -152,7 +152,7 @@ class Search(ClassifierMixin, BaseEstimator):
                 contract.check_training(model, X[train], np.asarray(y)[train])
 
     def study_key(self) -> dict[str, object]:
-        """What trials depend on besides captures and labels; not on how many there are, so that a study can grow."""
+        """Influences on trials besides captures and labels; not their number, so that a study can grow."""
         return {
             "models": {name: identity(model) for name, model in self.models.items()},
             "spaces": repr(self.spaces),
@@ -293,11 +293,11 @@ def _table(tried: list[Tried]) -> pd.DataFrame:
 def tuned(
     name: str, factory: Callable, features: dict[str, TransformerMixin] | None, shown: str, tuning: Tuning
 ) -> Search:
-    """The search that `bench tune` and `bench choose over=` ask for.
+    """The search of `bench tune` and `bench choose over=`.
 
     Args:
-        name: of the model.
-        factory: of the model.
+        name: name of the model.
+        factory: factory of the model.
         features: one feature set by name, None for a model that reads captures.
         shown: the feature set as it is named in tables.
         tuning: ``space`` of the model's parameters, ``over`` (``features`` for the smallest subset of these that

@@ -1,1 +1,1 @@
-"""One file per format that can be imported; the limits of the libraries bound time and memory."""
+"""Readers, a file per format; the limits of the libraries bound time and memory."""

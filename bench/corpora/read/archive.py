@@ -13,11 +13,11 @@ from bench.errors import InputError
 
 @contextmanager
 def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipfile.ZipInfo]]]:
-    """A zip archive and the files in it, without folders and what macOS adds.
+    """A zip archive and the files in it, without folders and additions of macOS.
 
     Args:
         path: the file.
-        broken: what to say of a damaged one, with a place for the reason: ``not a zip file ({}); get it again``.
+        broken: message about a damaged one, with a place for the reason: ``not a zip file ({}); get it again``.
 
     Raises:
         InputError: it cannot be read, also where it is read as a context; it unpacks to far more than its size, or
@@ -37,6 +37,6 @@ def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipf
 
 
 def by_macos(name: str) -> bool:
-    """Whether macOS put this into an archive or a folder, beside the file that is meant."""
+    """Return True for a file that macOS added to an archive or a folder."""
     *folders, file = name.split("/")
     return "__MACOSX" in folders or file.startswith("._")

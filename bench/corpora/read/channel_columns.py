@@ -1,4 +1,4 @@
-"""Which columns of a table are the channels of the sensor, and in which order."""
+"""The channel columns of a table, and their order."""
 
 from __future__ import annotations
 

@@ -162,7 +162,7 @@ def write(corpus: Corpus, path: Path) -> None:
 
 
 def differences(captures: pd.DataFrame, lengths: np.ndarray, md5: str) -> list[str]:
-    """What differs from the published corpus, one sentence per figure."""
+    """Differences from the published corpus, one sentence per figure."""
     counts = captures["variant"].value_counts(), captures["gesture"].value_counts()
     return deviations(
         [
@@ -178,7 +178,7 @@ def differences(captures: pd.DataFrame, lengths: np.ndarray, md5: str) -> list[s
 
 
 def training_subjects(captures: pd.DataFrame, lengths: np.ndarray) -> set[str]:
-    """The 21 training subjects of the challenge by the lengths of their captures, or nobody if they do not match.
+    """The 21 training subjects of the challenge by the lengths of their captures, or none if they do not match.
 
     A training subject has a known sum in each of the four gestures. A test subject may share one of them by chance,
     about 2 in 100 do for a gesture, but not all four; so the subjects found must be 21 and have exactly the known sums.

@@ -75,7 +75,7 @@ class FrameFile:
             counts: label columns that hold whole numbers; the other label columns are text.
             channels: columns of sensor values, 0..full_scale.
             full_scale: largest value allowed.
-            fractions: whether values may have decimals.
+            fractions: True if values may have decimals.
             blank: column of text whose cells may be empty.
 
         Returns:

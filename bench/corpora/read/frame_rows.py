@@ -29,7 +29,7 @@ def labels_and_values(
 
     Args:
         batches: rows; of text each word once (a dictionary).
-        names: of the columns.
+        names: names of the columns.
         channels: columns of sensor values, in their order; all others are labels.
         full_scale: largest sensor value allowed.
         where: the file and the word for a row in messages: ``my.csv, line``.
@@ -70,7 +70,7 @@ def _joined(parts: list) -> pd.Categorical | np.ndarray:
 
 
 def is_text(kind: pa.DataType) -> bool:
-    """Whether a column holds text, or bytes that should be text."""
+    """Return True if a column holds text, or bytes that should be text."""
     kind = kind.value_type if kinds.is_dictionary(kind) else kind
     return any(test(kind) for test in _TEXT)
 
@@ -79,10 +79,10 @@ def check_types(schema: pa.Schema, names: list[str], numbers: set[str], label: s
     """Refuse columns that are neither text nor numbers.
 
     Args:
-        schema: of the columns.
-        names: of the columns in messages.
+        schema: schema of the columns.
+        names: names of the columns in messages.
         numbers: columns that must hold numbers.
-        label: of the table in messages.
+        label: name of the table in messages.
 
     Raises:
         InputError: such a column.
@@ -102,10 +102,10 @@ def words_of(column: pa.Array, name: str, where: str, first: int = 1, blank: boo
 
     Args:
         column: text, or bytes that should be text, perhaps as a dictionary.
-        name: of the column.
+        name: name of the column.
         where: the file and the word for a row in messages: ``my.parquet, row``.
         first: number of the first row in the file.
-        blank: whether cells may be empty.
+        blank: True if cells may be empty.
 
     Raises:
         InputError: a label that cannot be; the message names its row.

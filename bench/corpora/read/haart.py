@@ -57,7 +57,7 @@ def read(path: Path) -> Corpus:
 
 
 def differences(captures: pd.DataFrame) -> list[str]:
-    """What differs from the published release, one sentence per figure."""
+    """Differences from the published release, one sentence per figure."""
     figures = []
     for split, published in PUBLISHED.items():
         counts = captures.loc[captures["split"] == split, "gesture"].value_counts()

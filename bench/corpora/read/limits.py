@@ -1,4 +1,4 @@
-"""Limits on files that nobody has checked, and how messages quote them: in one line of bounded length."""
+"""Limits on unchecked files, and quotation of their contents in messages: one line of bounded length."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def briefly(warnings: list[str], rest: str) -> str:
     """Warnings of an import in one line: the first three, and where all of them are.
 
     Args:
-        warnings: at least one.
+        warnings: warnings, at least one.
         rest: the command that prints all.
     """
     text = "; ".join(warnings[:3])
@@ -64,7 +64,7 @@ def briefly(warnings: list[str], rest: str) -> str:
 
 
 def flaw(word: str) -> str:
-    """Why a label is refused, as the end of a message, or nothing."""
+    """The defect of a label, as the end of a message, or nothing."""
     if not word:
         return "is empty; fill it"
     if len(word) > MOST_LABEL:
@@ -104,8 +104,8 @@ def check_labels(labels: pd.Series, good: pd.Series, wanted: str, where: str, fi
 
     Args:
         labels: a column.
-        good: whether each is right.
-        wanted: which are, for the message.
+        good: True for each valid label.
+        wanted: description of valid labels, for the message.
         where: the file and the word for a row in messages: ``my.csv, line``.
         first: number of the row with index 0.
 
@@ -153,7 +153,7 @@ def check_unpacked(unpacked: int, path: Path, instead: str) -> None:
     Args:
         unpacked: bytes that the file claims to hold.
         path: the file.
-        instead: how to import it anyway.
+        instead: another way to import it.
 
     Raises:
         InputError: it is too much.

@@ -20,7 +20,7 @@ def highest_of(full_scale: float) -> float:
 
 
 def unfit(values: np.ndarray, highest: float) -> np.ndarray:
-    """Where values are not within 0 and ``highest``, or are whole numbers that float32 would change."""
+    """Positions of values outside 0 to ``highest``, or of whole numbers that float32 would change."""
     if values.dtype == np.float16:  # which holds no number as large as EXACT
         values = values.astype(np.float32)
     wrong = ~((values >= 0) & (values <= np.float64(highest)))  # a NaN is neither
@@ -47,8 +47,8 @@ def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.n
     Args:
         values: numbers [rows, ...] of any type.
         full_scale: the largest value allowed.
-        name: what messages call the file.
-        unit: what they call a row.
+        name: name of the file in messages.
+        unit: word for a row in messages.
 
     Raises:
         InputError: a value that is not within 0 and the full scale, or a whole number that float32 would change.
@@ -66,9 +66,9 @@ def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, nam
     Args:
         values: numbers [rows, columns] of any type.
         full_scale: the largest value allowed.
-        where: what messages call the file and a row: ``my.csv, line``.
+        where: the file and the word for a row in messages: ``my.csv, line``.
         first: number of the first row in the file.
-        names: of the columns; without them they are channels from 1.
+        names: names of the columns; the default is channel numbers from 1.
 
     Raises:
         InputError: the first of these values.

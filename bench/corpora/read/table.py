@@ -38,7 +38,7 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
     Args:
         path: the file.
         rate_hz: frames per second.
-        grid: ``ROWSxCOLS``; a ``.npz`` file knows its own.
+        grid: ``ROWSxCOLS``; a ``.npz`` file contains its own.
         full_scale: largest value that the sensor gives.
 
     Returns:
@@ -74,8 +74,8 @@ def described(corpus: Corpus, path: Path, warnings: list[str], name: str) -> Cor
     Args:
         corpus: the captures of the file.
         path: the file.
-        warnings: of the reader.
-        name: of the corpus.
+        warnings: warnings of the reader.
+        name: name of the corpus.
 
     Raises:
         InputError: a condition has a reserved name, or a mark ``synthetic`` is neither true nor false.
