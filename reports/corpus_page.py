@@ -69,7 +69,7 @@ def place(corpus: Corpus, capture: int) -> int:
     positions = np.flatnonzero(corpus.index == capture)
     if not len(positions):
         raise InputError(
-            f"capture={capture}: not among the {len(corpus)} captures looked at; "
+            f"capture={capture}: not among the {len(corpus)} captures shown; "
             f"give a number such as {corpus.index[0]} ({corpus.index.min()} to {corpus.index.max()})"
         )
     return int(positions[0])

@@ -154,7 +154,7 @@ def corpus_of(cell: Cell) -> Corpus:
     corpus = splits.captures(cell.splitter, corpus)
     if len(set(corpus.gestures)) < 2:
         raise InputError(
-            f"data={cell.data} where={cell.where!r}: only one {corpus.target} is left, nothing to tell apart"
+            f"data={cell.data} where={cell.where!r}: only one {corpus.target} is left; choose captures of two or more"
         )
     return corpus
 
@@ -188,7 +188,7 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
         if lacking := sorted(set(gestures[fold.test]) - set(gestures[fold.train])):
             leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
-                f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} and trains none of it; "
+                f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} but has no training capture of it; "
                 f"{leave}choose another protocol"
             )
         named.append(replace(fold, name=name))

@@ -300,7 +300,7 @@ def one_frame(subject: Audited) -> Answer:
 def saved(subject: Audited) -> Answer:
     """A system that is pickled and loaded as ``bench fit`` and ``bench predict`` do."""
     if columns := contract.conditions(subject.first):
-        return SKIPPED, f"it needs {', '.join(columns)} to predict, which a saved system is not given"
+        return SKIPPED, f"it needs {', '.join(columns)} to predict, which a saved model does not get"
 
     import cloudpickle
 
@@ -313,7 +313,7 @@ def saved(subject: Audited) -> Answer:
     return passed_if(
         difference(*(table.drop(columns=["label", "confidence"]) for table in labels)),
         f"saved ({len(content) / 1000:,.0f} kB) and loaded, it predicts the same",
-        "saved and loaded, it predicts otherwise",
+        "saved and loaded, it gives other predictions",
     )
 
 
