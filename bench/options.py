@@ -160,9 +160,10 @@ COMMANDS = {
     "choose": Command(
         "start here",
         "find the cheapest system within one standard error of the best",
-        "Compares stored runs on the same captures. The standard error is that of the paired difference over subjects. "
-        "If no system fits the budgets, it prints the lowest cost for each budget; exit code 1. Runs with failed folds "
-        "or of an older corpus are left out and counted. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
+        "Finds, among stored runs on the same captures, the cheapest system within one standard error of the most "
+        "accurate one. This is the standard error of the paired difference over subjects. If no system fits the "
+        "budgets, it prints the lowest cost for each budget; exit code 1. Runs with failed folds or of an older corpus "
+        "are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
         "for runs of bench chip, which also count instructions. over= runs systems instead: each fold chooses the "
         "smallest value on left-out training subjects. The values are those of model.X=, or an eighth, a quarter, a "
         "half and all of the default.",

@@ -139,7 +139,7 @@ def table_of(curves: dict[str, pd.DataFrame]) -> pd.DataFrame:
             rows.append(
                 {
                     "system": system,
-                    "known": row["known"],
+                    "shots": row["known"],
                     "accuracy": bounded(row["accuracy"], row["low"], row["high"]),
                     "gain": bounded(*gains, sign=True),
                     "worse": str(row["worse"] or "nobody") if np.isfinite(gains[0]) else "-",

@@ -67,6 +67,6 @@ def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
     ax.grid(axis="x", alpha=0.25)
     left = len(subjects) - len(kept)
     return figure, (
-        f"Each tick is one of {subjects.shape[1]} subjects, the dot is their mean, the bar is its 95 % t-interval. Seeds are "
-        "averaged." + (f" {left} less accurate systems are left out." if left else "")
+        f"Each tick is one of {subjects.shape[1]} subjects, the dot is their mean, the bar is its 95 % t-interval. "
+        "Seeds are averaged." + (f" {left} less accurate systems are left out." if left else "")
     )

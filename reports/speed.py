@@ -55,10 +55,10 @@ def speed_chart(group: Mapping[str, Any], costs: list[str]) -> tuple[Figure, str
     for ax in [*axes.flat][len(shown) :]:
         ax.set_axis_off()
     return figure, (
-        "Mean over subjects of captures labelled correctly, with 95 % t-intervals over subjects, against each cost. "
-        "Filled circles: published systems run here; hollow circles: these with other settings; squares: others; "
-        "triangles: measured as C. The line and bold names are the Pareto front: no other is cheaper and more "
-        "accurate." + (f" {group['left']} less accurate systems are not drawn." if group["left"] else "")
+        "Accuracy, mean over subjects with 95 % t-intervals, against each cost. Filled circles: published systems run "
+        "here. Hollow circles: these with other settings. Squares: other systems. Triangles: measured in C. The line "
+        "and the bold names show the Pareto front: no other system is both cheaper and more accurate."
+        + (f" {group['left']} less accurate systems are not drawn." if group["left"] else "")
     )
 
 

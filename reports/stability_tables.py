@@ -89,11 +89,19 @@ def sections(analyses: list[Analysis]) -> list[tuple[str, str, pd.DataFrame]]:
         parts.append((f"Failing groups: {a.method}", _tests_words(a.slices, ~faulty), _slice_table(a, ~faulty)))
         if faulty.any():
             table = _slice_table(a, faulty & ~_as_such(a.slices) & ~_before(a.slices))
-            note = "Each listed group fails at a severity at which all captures together do not; clean, it does not fail."
-            parts.append((f"Groups that fail under a fault: {a.method}", f"{_tests_words(a.slices, faulty)} {note}", table))
+            note = (
+                "Each listed group fails at a severity at which all captures together do not; clean, it does not fail."
+            )
+            parts.append(
+                (f"Groups that fail under a fault: {a.method}", f"{_tests_words(a.slices, faulty)} {note}", table)
+            )
     if len(analyses) > 1 and len(analyses[0].curves):
         parts.append(
-            ("Ranks", "By mean accuracy over severities; Kendall's tau compares the order with the clean one.", _rank_table(analyses))
+            (
+                "Ranks",
+                "By mean accuracy over severities; Kendall's tau compares the order with the clean one.",
+                _rank_table(analyses),
+            )
         )
     if len(varied := seeds(analyses)):
         shown = varied.assign(**{c: varied[c].map(percent) for c in ("accuracy", "sd", "lowest", "highest")})
@@ -170,8 +178,8 @@ def _tests_words(slices: pd.DataFrame, mask: pd.Series) -> str:
         needed = {name: int(np.ceil(round(len(FAMILIES) * n * floor / ALPHA, 6))) for name, n in count.items()}
         those = " or ".join(f"{max(n, 1)} {name.replace('slices', 'groups')}" for name, n in needed.items())
         words.append(
-            f"With {several['subjects'].max()} subjects, the p of a group of several subjects is at least {floor:.2g}. After "
-            f"correction, such a group can fail only if at least {those} have this p."
+            f"With {several['subjects'].max()} subjects, the p of a group of several subjects is at least {floor:.2g}. "
+            f"After correction, such a group can fail only if at least {those} have this p."
         )
     return " ".join(words)
 

@@ -52,7 +52,7 @@ def data(arguments: list[str]) -> int:
 def listed() -> int:
     """Print every corpus with counts, digest, source and licence."""
     print(f"Corpora in {home()}\n")
-    print("synth\n  generated on demand, with any number of subjects and repetitions; synthetic, says nothing about people")
+    print("synth\n  synthetic: generated on demand, any number of subjects and repetitions; says nothing about people")
     for row in overview():
         if "damaged" in row:
             print(f"{row['data']}\n  {row['damaged']}")
@@ -142,7 +142,9 @@ def read(kind: str, source: Path, values: dict[str, str]) -> int:
         f"{corpus.grid[0]}x{corpus.grid[1]} at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}"
     )
     usual = float(np.median(corpus.lengths)) / corpus.rate_hz
-    print(f"the median capture lasts {usual:.2g} s; if that looks wrong, rate_hz is wrong, and so are all reported times")
+    print(
+        f"the median capture lasts {usual:.2g} s; if that looks wrong, rate_hz is wrong, and so are all reported times"
+    )
     then(f"bench data show {corpus.name}")
     return 0
 
@@ -164,7 +166,7 @@ def check(name: str) -> int:
         state = f"damaged: {damage.removeprefix(f'{file} ')}" if damage else "unchanged"
         print(f"{file:{width}}  {state}")
     if any(files.values()):
-        print(f"{name}: damaged; " + ("it is generated again at its next use" if name == "synth" else "import it again"))
+        print(f"{name}: damaged; " + ("its next use repairs it" if name == "synth" else "import it again"))
         return 1
     print(f"{name}: {'unchanged' if files else 'nothing is stored'}")
     return 0

@@ -34,7 +34,7 @@ def extract(arguments: list[str]) -> int:
     contract.check(features)
     columns = features.fit(corpus, corpus.gestures).transform(corpus)
     if both := sorted(set(corpus.captures.columns) & set(columns.columns)):
-        raise InputError(f"{corpus.name} has a column {both[0]!r}, which is also a feature; rename the column and import again")
+        raise InputError(f"{corpus.name} has a column {both[0]!r}, which is also a feature; rename it and import again")
     table = pd.concat([corpus.captures, columns], axis=1)
     with unwritable(out), replacing(out) as beside:
         table.to_parquet(beside, index=False) if out.suffix == ".parquet" else table.to_csv(beside, index=False)

@@ -87,7 +87,9 @@ def adapt(arguments: list[str]) -> int:
         raise InputError("bench adapt needs out=, the folder for the adapted model")
     out = new_folder(Path(values["out"]))
     if len(people := set(corpus.captures.get("subject", []))) > 1:
-        raise InputError(f"the file has captures of {len(people)} subjects; a model adapts to one, so give captures of one subject")
+        raise InputError(
+            f"the file has captures of {len(people)} subjects; a model adapts to one, so give captures of one subject"
+        )
     labels = corpus.captures["gesture"].to_numpy() if "gesture" in corpus.captures else None
     seconds = save_adapted(model, recogniser, corpus, labels, out)
     how = "without labels" if labels is None else "with labels"

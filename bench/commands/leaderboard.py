@@ -44,9 +44,7 @@ def submit(arguments: list[str]) -> int:
     store = connect()
     run = answers.find(store, task, wanted, how)
     if "batch" in answers.rests_on(run) and not batch:
-        raise InputError(
-            f"run {run['run_id']}: its labels depend on other test captures; to submit it, add batch=yes"
-        )
+        raise InputError(f"run {run['run_id']}: its labels depend on other test captures; to submit it, add batch=yes")
     metadata = answers.metadata(task, run, values["who"], command_of(dict(run)))
     table = answers.table(store, task, run)
     with made_whole(out) as beside:

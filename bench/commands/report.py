@@ -82,7 +82,7 @@ def ui(arguments: list[str]) -> int:
         while server.poll() is None and not _answers(port):
             time.sleep(0.2)
         if server.poll() is None:
-            print(f"{page}\nopen this page in a browser: accuracy, confidence interval and sizes of all runs", flush=True)
+            print(f"{page}\nopen this page in a browser: accuracy, interval and sizes of all runs", flush=True)
         return server.wait()
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -24,9 +24,7 @@ ALONE = 1.0  # percent of captures in which it alone does not vary: beyond it, a
 CROSSED = 10  # combinations for each capture, beyond which nobody meant to record them all
 LESS = "varies far less than its neighbours"
 DURATIONS = "seconds of a capture of each gesture"
-PRESSURE = (
-    "sensor values; full_scale: readings at full scale in percent; still: captures without any change"
-)
+PRESSURE = "sensor values; full_scale: readings at full scale in percent; still: captures without any change"
 NAMED = 12  # of a kind that are named in print; the tables have all
 
 
@@ -125,7 +123,7 @@ class Survey:
             return [f"Taxels: none of {len(self.taxels)} is odd"]
         lines = [
             f"row {t['row']}, col {t['col']}: {t['verdict']} (SD {t['sd']:.3g}, neighbours {t['around']:.3g}; "
-            f"readings {t['lowest']:g} to {t['highest']:g}; constant in {t['still']:.3g} % of captures, unlike its neighbours)"
+            f"readings {t['lowest']:g} to {t['highest']:g}; alone constant in {t['still']:.3g} % of captures)"
             for t in odd.to_dict("records")
         ]
         summary = f"Taxels: {len(odd)} of {len(self.taxels)} odd; rows and columns from 0"

@@ -73,7 +73,9 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
     """
     both = then.labels.merge(now.labels, on=["fold", "capture"], how="outer", suffixes=("", "_now"), indicator="side")
     if (both["side"] != "both").any() or (both["true"] != both["true_now"]).any():
-        return Verdict(named(then), ("other captures",), "the run tests other captures than the baseline; update the baseline")
+        return Verdict(
+            named(then), ("other captures",), "the run tests other captures than the baseline; update the baseline"
+        )
     hit_then, hit_now = (both[label] == both["true"] for label in ("predicted", "predicted_now"))
     difference = hit_now.astype(int) - hit_then.astype(int)
     units, kind = units_of(both.assign(difference=difference), level)
@@ -112,7 +114,11 @@ def _free(then: Measured, now: Measured) -> str:
     if held(then, now):
         return ""
     seed = now.names["seed"]
-    return f" (allowed with seed {seed})" if seed != then.names["seed"] else " (allowed with other processors, threads or versions)"
+    return (
+        f" (allowed with seed {seed})"
+        if seed != then.names["seed"]
+        else " (allowed with other processors, threads or versions)"
+    )
 
 
 def units_of(tested: pd.DataFrame, level: float) -> tuple[np.ndarray, str]:

@@ -218,8 +218,8 @@ def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
         )
     elif (least := 2.0 ** (1 - subjects)) * (systems - 1) > 0.05:
         lines.append(
-            f"With {subjects} subjects, the smallest possible p is {least:.2g}; corrected for {systems - 1} comparisons, "
-            "no p can reach 0.05."
+            f"With {subjects} subjects, the smallest possible p is {least:.2g}; corrected for {systems - 1} "
+            "comparisons, no p can reach 0.05."
         )
     if folds < 2:
         lines.append("There is only one split, so the variation between training sets is unknown.")

@@ -272,7 +272,9 @@ def cells(values: Values) -> list[Cell]:
     takes = [_takes_features(model) for model in chosen["model"]]
     if "features" in values and not any(takes):
         models = ", ".join(map(str, chosen["model"]))
-        raise InputError(f"features={values['features']} has no effect: {models} uses no feature set; leave features= out")
+        raise InputError(
+            f"features={values['features']} has no effect: {models} uses no feature set; leave features= out"
+        )
     seeds = [convert("seed", s, 0) for s in chosen["seed"]]
     distinct: dict[str, Cell] = {}
     for data, where, target, protocol, (model, takes_features), seed in itertools.product(

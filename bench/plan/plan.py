@@ -188,8 +188,8 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
         if lacking := sorted(set(gestures[fold.test]) - set(gestures[fold.train])):
             leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
-                f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} but has no training capture of it; "
-                f"{leave}choose another protocol"
+                f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} but has no training "
+                f"capture of it; {leave}choose another protocol"
             )
         named.append(replace(fold, name=name))
     if len({fold.name for fold in named}) < len(named):  # random splits may test the same subject twice

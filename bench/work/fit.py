@@ -152,9 +152,7 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
     from bench.work.saved import by_value, quiet
 
     if recogniser.adapted:
-        raise InputError(
-            f"{model} is adapted already; adapt the original model to all captures of the person at once"
-        )
+        raise InputError(f"{model} is adapted already; adapt the original model to all captures of the person at once")
     if not contract.adapts(recogniser.estimator):
         raise InputError(
             f"{model} cannot adapt to a person; use reflex, lda, a network or a model fitted with model.person="

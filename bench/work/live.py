@@ -107,9 +107,7 @@ def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np
     while line := stream.readline(most + 1):
         at += 1
         if len(line) > most:
-            raise InputError(
-                f"line {at}: longer than {most} bytes; send one frame of {channels} values per line"
-            )
+            raise InputError(f"line {at}: longer than {most} bytes; send one frame of {channels} values per line")
         text = line.removesuffix(b"\n").removesuffix(b"\r").strip(b" \t")
         if not text:
             yield None
@@ -124,7 +122,8 @@ def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np
             values = np.array(cells, dtype=np.float64).astype(np.float32).astype(np.float64)
         within = (values >= 0) & (values <= highest_of(full_scale))
         if not within.all():
-            raise InputError(f"line {at}: {values[~within][0]:g} is not between 0 and the full scale {full_scale:g}; send sensor values")
+            wrong_value = f"{values[~within][0]:g} is not between 0 and the full scale {full_scale:g}"
+            raise InputError(f"line {at}: {wrong_value}; send sensor values")
         yield values
 
 

@@ -127,7 +127,9 @@ def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate |
                 with Bar(folder) as bar, Queue(connect(), todo, workers, bar, illustrate) as queue:
                     return queue.work()
     except KeyboardInterrupt as e:
-        raise Interrupted("interrupted; every finished fold is stored, and the same command continues from there") from e
+        raise Interrupted(
+            "interrupted; every finished fold is stored, and the same command continues from there"
+        ) from e
 
 
 @dataclass(eq=False)
@@ -263,12 +265,15 @@ def warnings(plan: Plan) -> list[str]:
     damage = corpus.info.get("warnings", [])
     lines = [f"warning: {cell.data}: {briefly(damage, f'bench data show {cell.data}')}"] if damage else []
     if plan.mixes_subjects:
-        lines.append(f"warning: protocol={cell.protocol} has the same subjects in training and test; expect lower accuracy for a new person")
+        lines.append(
+            f"warning: protocol={cell.protocol} trains and tests on the same subjects; expect lower accuracy for a new "
+            "person"
+        )
     if plan.repeats:
         tested, trained = plan.repeats[0]
         lines.append(
-            f"warning: {cell.data}: {len(plan.repeats)} test captures have the same frames as a training capture, such as "
-            f"{named(corpus, tested)} and {named(corpus, trained)}; accuracy is too high"
+            f"warning: {cell.data}: {len(plan.repeats)} test captures have the same frames as a training capture, "
+            f"such as {named(corpus, tested)} and {named(corpus, trained)}; accuracy is too high"
         )
     plain = replace(cell, tuning=None) if cell.tuning else cell
     frames = contract.window(plain.untrained, corpus.rate_hz)

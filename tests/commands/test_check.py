@@ -36,7 +36,7 @@ def test_computing_time_is_measured_beside_the_reference():
         (["changes=1"], "changes"),
         (["baseline=damaged.json"], "damaged.json"),
         (["baseline=damaged.json", "update=true", "model=bayes"], "damaged.json"),
-        (["baseline=none.json"], "update=true"),
+        (["baseline=none.json"], "update=yes"),
     ],
 )
 def test_bad_input_is_one_line(wrong, fact, capsys):
@@ -115,7 +115,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     assert main([*gate, "junit=out/check.xml"]) == 1
     out = capsys.readouterr().out
     assert "0 of 1 systems are what here/b.json says" in out
-    assert "check baseline=here/b.json update=true" in out
+    assert "check baseline=here/b.json update=yes" in out
     (case,) = ElementTree.parse("out/check.xml").getroot()
     (line,) = [line for line in out.splitlines() if " labels changed" in line]
     assert case.find("failure").get("message") == line and not line.startswith("same")

@@ -43,7 +43,7 @@ def test_columns_left_out_are_named_in_order_and_no_line_is_too_long(names, long
     needed += 3 + min(max(longest, len("system")), printing.WORDS)
     assert bool(rest) == (needed > width)
     if rest:
-        assert int(re.search(r"a terminal (\d+) wide", " ".join(rest.split()))[1]) == needed
+        assert int(re.search(r"a terminal of (\d+) columns", " ".join(rest.split()))[1]) == needed
 
 
 def test_a_name_that_is_markup_or_long_is_printed_in_full():

@@ -169,10 +169,10 @@ def test_small_slices_of_weak_methods_that_could_never_fail_are_not_tested():
 def test_what_failed_before_is_not_listed_as_failing_under_a_fault():
     table = made_up(subjects=8, failing=lambda r: 0.0 if r["subject"] == "1" else None)
     found = {heading: part for heading, _, part in sections([analyse(TAGS, table)])}
-    (alone,) = [part for heading, part in found.items() if heading.startswith("Failing slices")]
-    assert "subject 1" in set(alone["slice"])
-    (under,) = [part for heading, part in found.items() if heading.startswith("What fails under a fault")]
-    assert not len(under) or not under["slice"].str.startswith("subject 1,").any()
+    (alone,) = [part for heading, part in found.items() if heading.startswith("Failing groups")]
+    assert "subject 1" in set(alone["group"])
+    (under,) = [part for heading, part in found.items() if heading.startswith("Groups that fail under a fault")]
+    assert not len(under) or not under["group"].str.startswith("subject 1,").any()
 
 
 def test_conditions_that_differ_between_subjects_only_are_not_tested():

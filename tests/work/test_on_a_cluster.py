@@ -318,7 +318,7 @@ def test_workers_stop_with_their_command_and_the_same_command_goes_on(sign, two,
     until(lambda: all(map(gone, folds)), 20)
     _, error = process.communicate(timeout=60)
     if sign == signal.SIGINT:
-        assert process.returncode == 130 and "goes on from there" in error and "Traceback" not in error
+        assert process.returncode == 130 and "continues from there" in error and "Traceback" not in error
     (folder / "go").touch()
     assert main(command) == 0
     assert sorted(fold for fold, _, _ in marks(folder)) == ["1", "2", "3", "3", "4", "4"]
