@@ -30,7 +30,7 @@ def test_computing_time_is_measured_beside_the_reference():
         (["error=100"], "error="),
         (["slower=nan"], "slower="),
         (["model=svm"], "model=svm"),
-        (["update=true", "run=false"], "run=false"),
+        (["update=true", "run=false"], "run=no"),
         (["update=maybe"], "update=maybe"),
         (["seeds=1"], "seeds"),
         (["changes=1"], "changes"),
@@ -108,13 +108,13 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
 
     assert main([*gate, "junit=out/check.xml"]) == 0
     captured = capsys.readouterr()
-    assert "stored before" in captured.err and "same     copied | synth* | loso: " in captured.out
+    assert "already stored" in captured.err and "same     copied | synth* | loso: " in captured.out
     assert ElementTree.parse("out/check.xml").getroot().get("failures") == "0"
 
     copied(wrong="maps = [np.roll(m, 1) * (1 + (len(f) % 3)) for m, f in zip(maps, X)]")
     assert main([*gate, "junit=out/check.xml"]) == 1
     out = capsys.readouterr().out
-    assert "0 of 1 systems are what here/b.json says" in out
+    assert "0 of 1 systems are the same as in here/b.json" in out
     assert "check baseline=here/b.json update=yes" in out
     (case,) = ElementTree.parse("out/check.xml").getroot()
     (line,) = [line for line in out.splitlines() if " labels changed" in line]
@@ -127,7 +127,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
         capsys.readouterr().out
     )
     assert main([*gate, "update=true"]) == 1 and Path("here/b.json").read_text() == before
-    assert "a run failed; here/b.json stays as it was" in capsys.readouterr().out
+    assert "a run failed; here/b.json is unchanged" in capsys.readouterr().out
 
     copied()  # as it was: its run is found again, although a newer one is tracked
     assert main(gate) == 0

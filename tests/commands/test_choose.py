@@ -38,8 +38,8 @@ def test_budgets_nothing_that_fits_and_other_processors(store, capsys):
     tracked_run(store, "centred", made_up(), cost=0.1, **{"touchbench.depends_on_batch": "true"})
     assert main(["choose", "max_flash=1kB", "max_decision=9s"]) == 1
     out = capsys.readouterr().out
-    assert "the least that any needs is 4 kB, lda" in out and f"bench run {SMALL}" in out
-    assert "computing time on this machine is not part of it" in out and "centred" in out
+    assert "The lowest flash is 4 kB (lda)." in out and f"bench run {SMALL}" in out
+    assert "without computing time on this machine" in out and "centred" in out
     cells(parse(SMALL.split(), {"model", "features"}))  # can be typed
     assert main(["choose", "by=cycles"]) == 1
     assert main(["choose", "max_predict=9s", "model=lda,svm,rf", "batch=yes"]) == 0

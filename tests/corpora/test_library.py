@@ -89,7 +89,7 @@ def test_verify_says_it_of_each_file(arm, capsys):
     assert "import it again" in out[-1]
     assert main(["data", "verify", "leg"]) == 2
     assert "data=leg: not imported; known: arm, synth" in capsys.readouterr().err
-    assert main(["data", "verify"]) == 2 and "not understood" in capsys.readouterr().err
+    assert main(["data", "verify"]) == 2 and "not an action" in capsys.readouterr().err
 
 
 def test_a_damaged_corpus_does_not_hide_the_others(arm, capsys):

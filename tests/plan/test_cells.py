@@ -73,7 +73,7 @@ MISTAKES = [  # what is typed, and facts that the message names
     ("model=svn", "model=svn", "svm"),
     ("protocol=losso", "protocol=losso", "loso"),
     ("features=jung55", "features=jung55", "jung54"),
-    ("model=svm,", "model=svm,", "between two commas"),
+    ("model=svm,", "model=svm,", "beside a comma"),
     ("model.c=3", "model=svm", "'c'", "C"),
     ("model.C=big", "model.C=big", "number"),
     ("model=cnn85 model.frames=8.5", "model.frames=8.5", "whole number"),

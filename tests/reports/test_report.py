@@ -147,7 +147,7 @@ def test_every_part_of_the_page_is_there(folder):
     assert kinds == {"speed", "subjects", "gestures", "confusion", "calibration", "1"}
     assert "0-stress-1" in str(files) and "0-stream-1" in str(files)
     warnings = " ".join(re.findall(r'<p class="warning">(.*?)</p>', text, re.DOTALL))
-    for fact in ("(synthetic)", "gaus2015_rf", f"batchy {MARK}", "Fewer than 6", "verdicts rest"):
+    for fact in ("(synthetic)", "gaus2015_rf", f"batchy {MARK}", "Fewer than 6", "verdicts use"):
         assert fact in warnings
     hidden, shown = (
         set(re.findall(rf'<tbody{c}>\s*<tr class="group"><th[^>]*><span>(CoST|HAART):', text))

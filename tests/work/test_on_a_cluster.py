@@ -163,7 +163,7 @@ def test_folds_of_all_cells_are_done_there_and_are_the_same_bit_for_bit(two, tmp
     assert all(a.data.params[k] == b.data.params[k] for a, b in zip(there, here, strict=True) for k in same)
     assert not any("cpu" in run.data.tags for run in there)
     capsys.readouterr()
-    assert main([*command, f"cluster={two}"]) == 0 and "stored before" in capsys.readouterr().err
+    assert main([*command, f"cluster={two}"]) == 0 and "already stored" in capsys.readouterr().err
 
 
 @pytest.mark.nightly
