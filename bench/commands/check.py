@@ -15,6 +15,7 @@ from bench.errors import InputError
 from bench.options import keys
 from bench.outcomes import gate
 from bench.outcomes.baseline import Measured, read, text
+from bench.outcomes.choice import several
 from bench.outcomes.runs import needed, rows_of, tracked
 from bench.outcomes.store import Store, connect
 from bench.plan.cells import Cell, cells
@@ -114,7 +115,7 @@ def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, fl
         if then not in kept:
             say(f"{'gone':8} {gate.named(then)}: bench run {then.run} no longer makes it")
     _write(path, text(after), "baseline")
-    say(f"{path}: {len(after)} systems")
+    say(f"{path}: {several(len(after), 'system')}")
     return 0
 
 

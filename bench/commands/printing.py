@@ -17,6 +17,7 @@ from bench.errors import InputError
 from bench.outcomes.comparable import MARKED, comparable, context_of, depends_on_batch, system_of
 from bench.outcomes.scores import captures
 from bench.progress import console
+from bench.work.bar import named
 
 if TYPE_CHECKING:
     from bench.work.loop import Outcome
@@ -210,7 +211,7 @@ def system_in_tables(outcome: Outcome) -> str:
 
 def failures(outcomes: Sequence[Outcome]) -> int:
     """Print which folds failed and where the first traceback is; the exit code."""
-    failed = {f"{_title(o)}: fold {name}": where for o in outcomes for name, where in o.errors.items()}
+    failed = {f"{_title(o)}: {named(name)}": where for o in outcomes for name, where in o.errors.items()}
     if failed:
         words = f"{len(failed)} failed: {_first([*failed], 'more')}; traceback of the first: "
         line = words + next(iter(failed.values()))

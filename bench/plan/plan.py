@@ -11,6 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from bench import contract
+from bench.arguments import quoted
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus
@@ -153,9 +154,8 @@ def corpus_of(cell: Cell) -> Corpus:
     corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
     corpus = splits.captures(cell.splitter, corpus)
     if len(set(corpus.gestures)) < 2:
-        raise InputError(
-            f"data={cell.data} where={cell.where!r}: only one {corpus.target} is left; choose captures of two or more"
-        )
+        where = f" where={quoted(cell.where)}" if cell.where else ""
+        raise InputError(f"data={cell.data}{where}: only one {corpus.target} is left; choose captures of two or more")
     return corpus
 
 

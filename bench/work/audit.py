@@ -241,7 +241,8 @@ def clones(subject: Audited) -> Answer:
         return FAILED, "set_params() with the values of get_params() changes parameters"
     if "first" in vars(subject) and shown(subject.first) != params:
         return FAILED, "fit() changes parameters; keep learned values in attributes that end in _"
-    return PASSED, f"clone, get_params and set_params keep {len(estimator.get_params())} parameters"
+    count = len(estimator.get_params())
+    return PASSED, f"clone, get_params and set_params keep {count} parameter{'s' * (count != 1)}"
 
 
 def shown(estimator: contract.System) -> str:

@@ -100,7 +100,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     gate = ["check", "baseline=here/b.json", "slower=1000"]
     assert main([*gate, "update=true", *small]) == 0
     out = capsys.readouterr().out
-    assert "new      copied | synth* | loso: " in out and "here/b.json: 1 systems" in out
+    assert "new      copied | synth* | loso: " in out and "here/b.json: 1 system" in out
     before = Path("here/b.json").read_text()
     (stored,) = read(Path("here/b.json"))
     assert len(stored.labels) == 56 and stored.names["seed"] == "none" and 0 < stored.costs["relative"] < 1000
@@ -123,7 +123,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
 
     copied(fails="raise RuntimeError('no')")
     assert main(gate) == 1
-    assert "not run  copied | synth* | loso: no complete current run; it is made by: bench run model=copied" in (
+    assert "not run  copied | synth* | loso: no complete current run; make one with: bench run model=copied" in (
         capsys.readouterr().out
     )
     assert main([*gate, "update=true"]) == 1 and Path("here/b.json").read_text() == before

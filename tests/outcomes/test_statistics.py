@@ -118,7 +118,10 @@ def test_folds_that_are_not_subjects_are_corrected_as_folds():
 
 
 def test_warnings_say_when_nothing_can_be_concluded():
-    assert "too few" in statistics.warnings(3, 5, 1, False)[0] and "only one split" in statistics.warnings(3, 5, 1, False)[1]
+    assert (
+        "too few" in statistics.warnings(3, 5, 1, False)[0]
+        and "only one split" in statistics.warnings(3, 5, 1, False)[1]
+    )
     assert "no p can reach 0.05" in statistics.warnings(10, 40, 10, False)[0]
     assert not any("reach" in w for w in statistics.warnings(31, 40, 31, False))
     assert any("same subjects" in w for w in statistics.warnings(31, 2, 10, True))
