@@ -147,9 +147,11 @@ def smoothed(shown: float | None, estimate: float, seconds: float) -> float:
 
 
 def about(seconds: float) -> str:
-    """An estimate in words, no finer than it is known: about 20 s, about 3 min, about 1 h 20 min."""
+    """An estimate in words, no finer than it is known: less than 10 s, about 3 min, about 1 h 20 min."""
+    if seconds < 10:
+        return "less than 10 s"
     step = 10 if seconds < 55 else 60 if seconds < 570 else 300 if seconds < 3450 else 600
-    words = span(max(10, step * round(seconds / step)))
+    words = span(step * round(seconds / step))
     return f"about {words.removesuffix(' 0 s').removesuffix(' 0 min')}"
 
 

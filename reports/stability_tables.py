@@ -81,7 +81,7 @@ def sections(analyses: list[Analysis]) -> list[tuple[str, str, pd.DataFrame]]:
         note = "Accuracy in percent at severities 1 to 5, mean loss in points, and the lowest severity at which "
         note += "accuracy is significantly below that of the system."
         worst = pd.concat([_worst_faults(a) for a in analyses], ignore_index=True)
-        parts.append(("Faults that cost most", note, worst))
+        parts.append(("Worst faults", note, worst))
         note = "Interpolated between severities 1 to 5; 0 means clean captures, >5 means never."
         parts.append(("Severity at which half of the margin over chance is lost", note, _half_table(analyses)))
     for a in analyses:

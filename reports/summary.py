@@ -1,4 +1,4 @@
-"""What the runs show, in a sentence each: early decisions, faults, people, statistics."""
+"""What the runs show, in one or two sentences each: early decisions, faults, people, statistics."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def faults(contexts: dict[str, list[Row]]) -> str:
         means = {m: 100 * np.mean([*loss.values()]) for m, loss in losses.items() if set(loss) == tested}
         least, most = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
         worst = max(losses[least], key=losses[least].__getitem__)
-        others = f" {most} loses most of {len(means)} systems, {means[most]:.1f} points." if len(means) > 1 else ""
+        others = f" Of {len(means)} systems, {most} loses most: {means[most]:.1f} points." if len(means) > 1 else ""
         return (
             f"On {context_words(runs[0])}, {least} loses {means[least]:.1f} points of accuracy, mean over "
             f"{several(len(tested), 'fault')} at five severities.{others} The worst fault for {least} is "

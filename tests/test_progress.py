@@ -121,7 +121,7 @@ def test_a_log_has_a_line_of_each_fold_with_the_time_left(tmp_path, log):
     assert "fold 1" in failed and "The worker died" in failed
     assert lines[:3] == [
         "svm: fold 1 failed, 2 of 4 folds",
-        "svm: fold 2 done after 9 s, 3 of 4 folds, about 10 s left",
+        "svm: fold 2 done after 9 s, 3 of 4 folds, less than 10 s left",
         "svm: fold 3 done after 9 s, 4 of 4 folds",
     ]
 
@@ -171,7 +171,7 @@ def test_the_time_left_of_unequal_folds_does_not_jump(seconds, tmp_path, log, mo
         while clock < began + needed:
             [*bar.get_renderables()]
             (run,) = bar.tasks
-            assert bool(run.fields["left"]) == (number > 1) and run.fields["left"][:6] in ("", "about ")
+            assert bool(run.fields["left"]) == (number > 1) and run.fields["left"][:6] in ("", "about ", "less t")
             seen += [bar.shown[("a", "")][0]] if number > 1 else []
             clock += 0.25
         progress.forget(tmp_path, "a", str(number))
@@ -189,8 +189,9 @@ def test_an_estimate_counts_down_and_settles():
 
 
 def test_estimates_are_rough():
-    words = {3: "10 s", 44: "40 s", 57: "1 min", 487: "8 min", 600: "10 min", 3540: "1 h", 5000: "1 h 20 min"}
+    words = {10: "10 s", 44: "40 s", 57: "1 min", 487: "8 min", 600: "10 min", 3540: "1 h", 5000: "1 h 20 min"}
     assert {seconds: progress.about(seconds) for seconds in words} == {s: f"about {text}" for s, text in words.items()}
+    assert progress.about(9.9) == "less than 10 s"
 
 
 def test_seconds_as_people_say_them():

@@ -43,6 +43,8 @@ WORDS = {  # an amount of a cost
     "decision": "until the decision",
     "cycles": "instructions",
 }
+NOUNS = {"flash": "flash", "ram": "RAM", "predict": "computing time", "decision": "decision time"}
+NOUNS |= {"cycles": "instruction count"}
 UNKNOWN = {  # why a cost is not known
     "flash": "their size cannot be counted",
     "ram": "their memory cannot be counted",
@@ -464,11 +466,14 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
     limits = [_limited(limit, rows, choice.best) for limit in choice.budgets]
     if choice.chosen is None or choice.best is None:
         if choice.unranked:
-            return [f"Nothing can be chosen: the {by} of every system that fits is unknown ({UNKNOWN[by]}).", *limits]
+            return [
+                f"Nothing can be chosen: the {NOUNS[by]} of every system that fits is unknown ({UNKNOWN[by]}).",
+                *limits,
+            ]
         return ["Nothing fits the budgets.", *limits]
     chosen, best = rows[choice.chosen], rows[choice.best]
     lines = [f"Choose {named(chosen)}: {chosen['accuracy']:.1f} % with {amount(by, chosen[by])} {WORDS[by]}."]
-    fits = "that fits" + (f" and has a known {by}" if choice.unranked else "")
+    fits = "that fits" + (f" and has a known {NOUNS[by]}" if choice.unranked else "")
     near, none_near, proof = "within one standard error of", "is within one standard error", ""
     if margin is not None:
         near, none_near = (f"{word} less than {margin:g} points" for word in ("that loses", "is shown to lose"))
@@ -494,7 +499,7 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
     if choice.unranked:
         first = rows[choice.unranked[0]]
         lines.append(
-            f"{several(len(choice.unranked), 'system')} cannot be chosen, because the {by} is unknown "
+            f"{several(len(choice.unranked), 'system')} cannot be chosen, because the {NOUNS[by]} is unknown "
             f"({UNKNOWN[by]}). The most accurate of these is {named(first)}, {first['accuracy']:.1f} %."
         )
     lines += limits
@@ -509,23 +514,23 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
 def _limited(limit: Budget, rows: Mapping[int, Row], best: int | None) -> str:
     """What a budget costs, or where nothing fits, how far the systems are from it."""
     cost, count = limit.cost, limit.over + limit.unknown
-    head = f"{cost} at most {amount(cost, limit.most)}"
-    unknown = f" ({limit.unknown} with unknown {cost}: {UNKNOWN[cost]})" if limit.unknown else ""
+    head = f"The budget of {amount(cost, limit.most)} for {NOUNS[cost]}"
+    unknown = f" ({limit.unknown} with unknown {NOUNS[cost]}: {UNKNOWN[cost]})" if limit.unknown else ""
     without = "no system fits either"
     if limit.without is not None:
         row = rows[limit.without]
         without = f"the best system that fits is {named(row)}, {row['accuracy']:.1f} %"
     if best is not None:
-        price = f"costs {points(limit.gain, limit.error)} points: without this budget, {without}."
+        price = f"costs {points(limit.gain, limit.error)} points: without it, {without}."
         if limit.without == best:
-            price = "costs nothing: without this budget, the best system is the same."
+            price = "costs nothing: without it, the best system is the same."
         return f"{head} {price}" + (f" It rules out {several(count, 'system')}{unknown}." if unknown else "")
     if not count:
         return f"{head} rules out no system."
     lines = [f"{head} rules out {count} of {several(len(rows), 'system')}{unknown}."]
     if limit.least is not None:
         row = rows[limit.least]
-        lines.append(f"The lowest {cost} is {apart(cost, row[cost], limit.most)[0]} ({named(row)}).")
+        lines.append(f"The lowest {NOUNS[cost]} is {apart(cost, row[cost], limit.most)[0]} ({named(row)}).")
     return " ".join([*lines, f"Without this budget, {without}."])
 
 

@@ -71,7 +71,7 @@ def test_each_budget_has_its_price_and_what_binds():
     assert (choice.chosen, ram.over, ram.unknown, ram.least, ram.without) == (2, 1, 0, 2, 0)
     assert (ram.gain, ram.error) == pytest.approx((10, np.sqrt(32 / 3) / 2))
     assert (flash.without, flash.gain) == (1, 10)
-    assert "ram at most 32 kB costs 10.0 ± 1.6 points: without this budget, the best system that fits is s0" in words(
+    assert "The budget of 32 kB for RAM costs 10.0 ± 1.6 points: without it, the best system that fits is s0" in words(
         choice
     )
     loose = decide(rows, subjects, "flash", {"ram": 50.0}, None)
@@ -80,7 +80,7 @@ def test_each_budget_has_its_price_and_what_binds():
     ram, predict = nothing.budgets
     assert (ram.over, ram.least, ram.without) == (3, 2, 0) and np.isnan(ram.gain)
     assert (predict.over, predict.unknown, predict.least, predict.without) == (1, 1, 0, None)
-    for fact in ("rules out 3 of 3 systems. The lowest ram is 8 kB (s2).", "2 of 3 systems (1 with"):
+    for fact in ("rules out 3 of 3 systems. The lowest RAM is 8 kB (s2).", "2 of 3 systems (1 with"):
         assert fact in words(nothing)
 
 
