@@ -130,7 +130,7 @@ def test_every_published_number_has_its_command_or_a_reason(capsys):
             assert cell.model.name == row.system and cell.where == row.subset_key.replace("all", "", 1)
             assert cell.estimator() is not None
         else:
-            assert f"model={row.system}" in text or text.endswith(("build it", "not here yet", "elsewhere"))
+            assert f"model={row.system}" in text or text.endswith(("build it", "not included yet", "on photographs"))
 
 
 def test_closed_pipes_end_quietly():
@@ -148,7 +148,7 @@ def test_features_are_written_as_a_table(capsys):
     expected = Jung28().transform(corpus)
     pd.testing.assert_frame_equal(table[expected.columns], expected)
     assert main(["extract", "features=ta273", "out=f.csv", "where=gesture != 'tap'", *FEW]) == 0
-    assert "fitted to all of these captures" in capsys.readouterr().out
+    assert "fitted to all these captures" in capsys.readouterr().out
     assert set(pd.read_csv("f.csv")["gesture"]) == set(corpus.gestures) - {"tap"}
 
 
