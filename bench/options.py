@@ -118,9 +118,9 @@ OPTIONS = (
     Option("junit", "check", "text", "", "JUnit file for a CI server, such as check.xml"),
     Option("out", "extract", "text", "", "output file, .parquet or .csv"),
     Option("name", "data-import", "text", "", "name of the corpus; an earlier corpus of this name is replaced"),
-    Option("grid", "data-import", "text", "", "table only: rows and columns of the skin, such as 8x8"),
-    Option("rate_hz", "data-import", "number", None, "table only: frame rate in Hz"),
-    Option("full_scale", "data-import", "number", 1023, "table only: largest possible reading"),
+    Option("grid", "data-import", "text", "", "table or recording: rows and columns of the skin, such as 8x8"),
+    Option("rate_hz", "data-import", "number", None, "table or recording: frame rate in Hz"),
+    Option("full_scale", "data-import", "number", 1023, "table or recording: largest possible reading"),
     Option("where", "data-show", "text", "", "captures to show"),
     Option("target", "data-show", "text", "gesture", "columns whose classes are also counted"),
     Option("capture", "data-show", "count", None, "capture to animate, from 0; default one per gesture"),
@@ -184,14 +184,17 @@ COMMANDS = {
         "Without an action, lists the corpora with counts, digest, source and licence. import reads the Corpus of "
         "Social Touch, HAART (zip or folder) or a table. A CSV or parquet table has the columns subject, gesture, "
         "frame, conditions and channels. A .npz table has frames, offsets, subject and gesture. A column synthetic "
-        "marks generated captures. show prints counts, gaps, durations, pressure, broken taxels and equal captures. "
-        "verify reads every stored file again; exit code 1 if one has changed. show and export take parameters of "
-        "synth, such as subjects=4.",
+        "marks generated captures. A recording is continuous touch: a CSV or parquet file with one row per frame. It "
+        "has channels and a column label (empty or None without touch); columns recording and subject are optional. "
+        "show prints counts, gaps, durations, pressure, broken taxels and equal captures. verify reads every stored "
+        "file again; exit code 1 if one has changed. show and export take parameters of synth, such as subjects=4.",
         "bench data import cost CoST.csv\n"
         'bench data import haart "HAART DataSet.zip"\n'
         "bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023\n"
+        "bench data import recording day.csv name=day grid=10x10 rate_hz=54\n"
         "bench data export synth out.csv subjects=31 repetitions=6",
-        "\nimport cost|haart|table FILE [key=value ...]\nshow NAME [key=value ...]\nverify NAME\nexport NAME FILE",
+        "\nimport cost|haart|table|recording FILE [key=value ...]\nshow NAME [key=value ...]\nverify NAME\n"
+        "export NAME FILE",
     ),
     "extract": Command(
         "your captures",

@@ -16,6 +16,7 @@ from filelock import FileLock
 from hypothesis import HealthCheck, settings
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.folder import open_folder, write_folder
 from bench.outcomes.store import connect, create
 
 # The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
@@ -184,6 +185,13 @@ def six_runs(tmp_path_factory, empty_store):
 def corpus():
     """4 subjects, 3 gestures, 36 captures of 1 to 39 frames on 8 x 8."""
     return random_corpus()
+
+
+@pytest.fixture
+def stored(corpus, tmp_path):
+    """The same in a folder, mapped."""
+    write_folder(corpus, tmp_path / "c")
+    return open_folder(tmp_path / "c")
 
 
 @pytest.fixture

@@ -1,34 +1,21 @@
 """Messages of folds, from their process to the bar, and the time left."""
 
-import shutil
 import time
-from io import StringIO
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from rich.console import Console
 
 from bench import progress
 from bench.outcomes.results import FoldResult
 from bench.progress import Message, messages, note, tell, telling
 from bench.work import workers
 from bench.work.bar import Bar
-from models.nets.cnn85 import CNN85
 
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
     monkeypatch.setattr(progress, "OFTEN_S", 0.0)
-
-
-@pytest.fixture
-def log(monkeypatch):
-    """What is printed where no terminal is."""
-    monkeypatch.setattr(progress, "console", Console(file=StringIO(), width=200))
-    return progress.console.file
 
 
 def words(folder):
@@ -65,14 +52,6 @@ def test_a_name_is_no_path(name, tmp_path):
     assert victim.read_text() == "mine" and not list(folder.iterdir())
 
 
-def test_a_folder_that_goes_stops_nobody(tmp_path):
-    (tmp_path / "gone").mkdir()
-    with telling(tmp_path / "gone", "a"):
-        shutil.rmtree(tmp_path / "gone")
-        tell("nobody")
-    assert messages(tmp_path / "gone") == []
-
-
 def test_a_fold_tells_under_its_name(tmp_path):
     seen = []
 
@@ -93,39 +72,6 @@ def test_a_fold_tells_under_its_name(tmp_path):
     assert result.seconds >= 0.05 and result.scored == {"rate": 9.0} and messages(tmp_path) == []
 
 
-def test_each_run_has_a_bar_with_its_time_left_and_a_line_for_each_message(tmp_path, log):
-    """Two seeds of one title: of the first a fold needs 80 s still, of the second nobody knows anything."""
-    now = time.time()
-    note(tmp_path, Message("seed 0", "bob", "half", 100.0, now - 20, now - 20))
-    note(tmp_path, Message("seed 1", "anna", "", None, now - 20, now - 20))
-    (tmp_path / ".3").write_text("not yet")
-    with Bar(tmp_path) as bar:
-        bar.begin("seed 0", "svm", 1, 0, lambda: 1)
-        (_, line) = bar.get_renderables()
-        assert str(line) == "  fold bob: half, about 1 min left"
-        bar.begin("seed 1", "svm", 1, 0, lambda: 1)
-        (_, line, running) = bar.get_renderables()
-        assert (str(line), str(running)) == ("  svm: fold bob: half, about 1 min left", "  svm: running: fold anna")
-        assert [run.fields["left"] for run in bar.tasks] == ["", ""]  # no fold is done
-
-
-def test_a_log_has_a_line_of_each_fold_with_the_time_left(tmp_path, log):
-    with Bar(tmp_path) as bar:
-        bar.begin("a", "svm", 4, 1, lambda: 1)
-        bar.advance_fold("a", FoldResult("1", error="The worker died"))  # at once: it says nothing of the others
-        bar.advance_fold("a", FoldResult("2", seconds=9.0))
-        bar.advance_fold("a", FoldResult("3", seconds=9.0))
-        bar.end("a")
-        assert not bar.tasks
-    failed, *lines = [line for line in log.getvalue().splitlines() if "fold " in line]
-    assert "fold 1" in failed and "The worker died" in failed
-    assert lines[:3] == [
-        "svm: fold 1 failed, 2 of 4 folds",
-        "svm: fold 2 done after 9 s, 3 of 4 folds, less than 10 s left",
-        "svm: fold 3 done after 9 s, 4 of 4 folds",
-    ]
-
-
 def test_time_left_by_hand():
     left = progress.seconds_left
     assert left([], [], 5, 2) is None and left([], [(1.0, None)], 5, 2) is None
@@ -139,26 +85,11 @@ def test_time_left_by_hand():
     assert left([10.0], [(0.0, -3.0)], 0, 1) == 0
 
 
-@given(
-    st.lists(st.floats(0.1, 100), min_size=1),
-    st.lists(st.floats(0, 100), max_size=8),
-    st.integers(0, 50),
-    st.integers(1, 8),
-)
-def test_time_left_lies_between_all_at_once_and_one_by_one(spent, running, waiting, count):
-    usual = np.mean([*spent, *(each for each in running if each > np.mean(spent))])
-    rest = [max(usual - each, usual / 10) for each in running]
-    left = progress.seconds_left(spent, [(each, None) for each in running], waiting, count)
-    work = sum(rest) + waiting * usual
-    assert work / max(count, len(running)) - 1e-6 <= left <= work + 1e-6
-    assert left >= max([*rest, usual * bool(waiting)], default=0) - 1e-6
-
-
 FOLDS_OF_UNEQUAL_SIZE = (57.0, 430.0, 29.0)  # seconds; recorded when lines had 57 s, 8 min 7 s and 29 s left
 
 
 @pytest.mark.parametrize("seconds", [FOLDS_OF_UNEQUAL_SIZE, FOLDS_OF_UNEQUAL_SIZE[::-1], (20.0,) * 10])
-def test_the_time_left_of_unequal_folds_does_not_jump(seconds, tmp_path, log, monkeypatch):
+def test_the_time_left_of_unequal_folds_does_not_jump(seconds, tmp_path, monkeypatch):
     """One worker, the bar drawn four times a second: never an estimate before a fold is done, never a leap after."""
     clock = 1000.0
     monkeypatch.setattr("bench.work.bar.time", SimpleNamespace(time=lambda: clock))
@@ -192,20 +123,3 @@ def test_estimates_are_rough():
     words = {10: "10 s", 44: "40 s", 57: "1 min", 487: "8 min", 600: "10 min", 3540: "1 h", 5000: "1 h 20 min"}
     assert {seconds: progress.about(seconds) for seconds in words} == {s: f"about {text}" for s, text in words.items()}
     assert progress.about(9.9) == "less than 10 s"
-
-
-def test_seconds_as_people_say_them():
-    spans = {-3: "0 s", 0.4: "0 s", 59.6: "1 min 0 s", 200: "3 min 20 s", 3599.6: "1 h 0 min", 7510: "2 h 5 min"}
-    assert {seconds: progress.span(seconds) for seconds in spans} == spans
-
-
-def test_a_network_says_how_long_it_takes(monkeypatch, corpus):
-    """Every step of it, with what is left as if the steps so far were as long as those to come."""
-    clock = iter(range(1000))
-    monkeypatch.setattr("models.nets.training.time", type("Clock", (), {"monotonic": lambda: next(clock)}))
-    heard = []
-    monkeypatch.setattr("models.nets.training.tell", lambda words, left: heard.append((words.split(",")[0], left)))
-    CNN85(epochs=3, frames=10, batch=16).fit(corpus, corpus.gestures)
-    steps = len(heard) // 3
-    assert [left for _, left in heard] == [pytest.approx(3 * steps - n) for n in range(1, 3 * steps + 1)]
-    assert heard[0][0] == "epoch 1 of 3" and heard[-1][0] == "epoch 3 of 3"

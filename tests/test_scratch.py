@@ -54,11 +54,3 @@ def test_semaphores_of_dead_processes_go_with_the_next_command(dead):
     finally:
         left.unlink(missing_ok=True)
         mine.unlink(missing_ok=True)
-
-
-def test_a_folder_that_cannot_be_written_changes_nothing(tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("TOUCHBENCH_HOME", str(tmp_path / "file"))
-    before = tempfile.gettempdir()
-    with scratch.scratch():
-        assert tempfile.gettempdir() == before

@@ -7,9 +7,8 @@ from sklearn.model_selection import GroupKFold
 
 import bench
 from bench import contract
-from bench.corpora.faults import FAULTS
 from bench.plan.cells import cells
-from studies import ablation, anytime, epochs, learning
+from studies import ablation, epochs, learning
 from tests.conftest import with_other_values
 
 SMALL = ["data=synth", "data.variants=normal"]
@@ -61,16 +60,6 @@ def test_extrapolation_is_of_pooled_captures_and_overtaking_is_by_hand():
     assert learning.overtakes(other, deep, counts)[0] == np.inf
 
 
-def test_epochs_are_looked_at(tmp_path):
-    words = [f"{key}={value}" for key, value in NETWORK.items()] + ["groups=2", "jobs=1"]
-    table = epochs.main([*words, "model.epochs=2", f"out={tmp_path}"])
-    assert table["ended after"].tolist() == ["2, 2, 2, 2"] and (tmp_path / "epochs.png").stat().st_size > 10_000
-    for more in ("groups=3", "protocol=kfold", "model=lda", "seed=0,1"):
-        fewer = [word for word in words if word.split("=")[0] != more.split("=")[0]]
-        with pytest.raises(bench.InputError):
-            epochs.main([*[word for word in fewer if more[0] != "p" or "protocol" not in word], more])
-
-
 def test_accuracy_by_epoch_is_that_of_so_long_a_training_and_uses_no_test_subject():
     (plan,) = bench.plans(**NETWORK, **{"model.epochs": 2})
     table = epochs.trained(plan, 0, 2, 0)
@@ -99,22 +88,6 @@ def test_curves_of_epochs_are_pooled_and_what_has_ended_stays():
     assert epochs.best_epoch(epochs.pooled([training([0.3, 0.6], 10)])) == (2, pytest.approx(0.45))
 
 
-def test_the_ablation_measures_its_rows(tmp_path, monkeypatch):
-    row = {"model": "bayes", "features": "jung28", "data.subjects": "4", "data.repetitions": "1"}
-    row |= {"where": "gesture in ['pat', 'rub', 'grab']", "protocol": "groupkfold", "protocol.folds": "2"}
-    monkeypatch.setitem(ablation.ROWS, "quick", row)
-    few = {name: fault for name, fault in FAULTS.items() if name in ("noise", "shift")}
-    monkeypatch.setattr("bench.commands.stress.all_faults", lambda: few)
-    (found,) = ablation.main(["data=synth", "rows=quick", f"out={tmp_path}"]).to_dict("records")
-    stress = bench.stress(data="synth", **row)
-    assert found["accuracy"] == pytest.approx(stress.table["accuracy"][0]) and (tmp_path / "ablation.png").exists()
-    curves = stress["faults"]
-    assert len(curves) == 10 and found["loss"] == pytest.approx(100 * curves["loss"].mean())
-    for words in (["rows=nope"], ["data=a,b"], ["rows=networks", "device=nonsense"]):
-        with pytest.raises(bench.InputError):
-            ablation.main(words)
-
-
 @pytest.mark.parametrize("label", ablation.ROWS | ablation.CHANCES)
 def test_every_row_of_the_ablation_is_a_system_that_can_be_made(label):
     keys = (ablation.ROWS | ablation.CHANCES)[label]
@@ -122,12 +95,3 @@ def test_every_row_of_the_ablation_is_a_system_that_can_be_made(label):
     contract.check(cell.estimator())
     faults = ("faults" in label or label.startswith("reflex")) and "without faults" not in label
     assert (len(contract.trained_faults(cell.estimator())) == 17) == faults
-
-
-def test_a_budget_is_a_run_of_auto(tmp_path):
-    words = [*SMALL, *LITTLE, "where=gesture in ['pat', 'rub', 'grab']", "protocol=groupkfold", "protocol.folds=2"]
-    table = anytime.main([*words, "model.inner=2", "budget=1,0.5", f"out={tmp_path}"])
-    assert table["budget"].tolist() == [0.5, 1.0] and table["accuracy"].between(0, 100).all()
-    assert (tmp_path / "anytime.png").stat().st_size > 10_000
-    with pytest.raises(bench.InputError, match="only auto"):
-        anytime.main(["model=svm"])

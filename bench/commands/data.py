@@ -7,12 +7,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from bench.arguments import convert, parse, setting
-from bench.commands.printing import then, unwritable, writable
-from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
+from bench.commands.printing import grid, output, then, unwritable, writable
+from bench.corpora.corpus import Corpus
+from bench.corpora.library import import_corpus, imported, open_corpus, overview, stored_value, verify
 from bench.corpora.read.cost import write
 from bench.corpora.read.limits import briefly
+from bench.corpora.recordings import Recordings
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
 from bench.options import SMALL, keys
@@ -58,8 +61,9 @@ def listed() -> int:
             print(f"{row['data']}\n  {row['damaged']}")
             continue
         kind = "synthetic " if row["synthetic"] else ""
+        unit, events = ("captures", "") if row["events"] is None else ("recordings", f"{row['events']} events, ")
         print(
-            f"{row['data']}\n  {row['captures']} {kind}captures, {row['subjects']} subjects, "
+            f"{row['data']}\n  {row['captures']} {kind}{unit}, {row['subjects']} subjects, {events}"
             f"{row['gestures']} gestures, {row['frames']} frames of {row['grid']} at {row['rate_hz']:g} Hz\n"
             f"  columns: {row['columns']}\n"
             f"  digest:  {row['digest']}\n  source:  {row['source']}\n  licence: {row['licence']}"
@@ -70,7 +74,12 @@ def listed() -> int:
 
 
 def show(name: str, values: dict[str, str]) -> int:
-    """Print what a corpus holds, and draw it."""
+    """Print what a corpus holds, and draw it; of recordings print counts."""
+    value = stored_value(name) if name in imported() else None
+    if isinstance(value, Recordings):
+        if values:
+            raise InputError(f"{next(iter(values))}=: {name} holds recordings, which bench data show prints whole")
+        return show_recordings(value)
     where, target, out = (str(setting("data-show", key, values)) for key in ("where", "target", "out"))
     parameters: dict[str, object] = {key: value for key, value in values.items() if key not in keys("data-show")}
     print(looked(name, where, target, Path(out), values.get("capture"), parameters))
@@ -78,6 +87,35 @@ def show(name: str, values: dict[str, str]) -> int:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
     print(f"\nfigures, an animation and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}")
     then(f"bench run data={name} protocol=loso {SMALL}")
+    return 0
+
+
+def show_recordings(recordings: Recordings) -> int:
+    """Print the recordings, and the events of each gesture."""
+    corpus, events, out = recordings.corpus, recordings.events, output()
+    labels = corpus.captures.drop(columns="gesture").astype(str).rename(columns=str)
+    counts = events["recording"].value_counts().reindex(range(len(recordings)), fill_value=0)
+    minutes = np.stack([corpus.lengths, recordings.background_frames()], axis=1) / corpus.rate_hz / 60
+    rows = [
+        {str(name): word for name, word in row.items()}
+        | {"minutes": f"{whole:.2f}", "of background": f"{background:.2f}", "events": str(count)}
+        for row, (whole, background), count in zip(labels.to_dict("records"), minutes, counts, strict=True)
+    ]
+    title = f"{corpus.name}: {len(recordings)} {'synthetic ' if corpus.synthetic else ''}recordings"
+    names = [str(name) for name in labels]
+    grid(out, title, rows, names, [name for name in names if name not in ("subject", "recording")])
+    seconds = ((events["end"] - events["start"]) / corpus.rate_hz).groupby(events["gesture"])
+    people = pd.Series(recordings.subjects[events["recording"]]).groupby(events["gesture"]).nunique()
+    rows = [
+        {"gesture": str(gesture), "events": str(len(of)), "subjects": str(people[gesture])}
+        | {"shortest s": f"{of.min():.2f}", "median s": f"{of.median():.2f}", "longest s": f"{of.max():.2f}"}
+        for gesture, of in seconds
+    ]
+    if rows:
+        grid(out, "Events", rows, ("gesture",))
+    if warnings := corpus.info["warnings"]:
+        print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
+    then(f"bench watch data={corpus.name}")
     return 0
 
 
@@ -131,31 +169,46 @@ def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
 def read(kind: str, source: Path, values: dict[str, str]) -> int:
     """Import a corpus, with a line for its warnings, one for what it replaces and one for what it holds."""
     before = _stored(values.get("name", kind))
-    corpus = import_corpus(kind, source, values)
+    value = import_corpus(kind, source, values)
+    corpus = _corpus(value)
     if corpus.info["warnings"]:
         print(f"warning: {briefly(corpus.info['warnings'], f'bench data show {corpus.name}')}", file=sys.stderr)
-    if before and before[1] != corpus.digest:
-        print(f"{corpus.name}: replaces {before[0]} captures, digest {before[1][:16]}")
+    if before and _corpus(before).digest != corpus.digest:
+        print(f"{corpus.name}: replaces {len(before)} {_unit(before)}, digest {_corpus(before).digest[:16]}")
+    if isinstance(value, Recordings):
+        events, background = value.events, value.background_frames().sum()
+        gestures, lengths = events["gesture"].to_numpy(), (events["end"] - events["start"]).to_numpy()
+        minutes = f"{background / corpus.rate_hz / 60:.3g} of {len(corpus.frames) / corpus.rate_hz / 60:.3g} minutes"
+        more = f"{len(events)} events, {minutes} are background, "
+    else:
+        gestures, lengths, more = corpus.gestures, corpus.lengths, ""
     print(
-        f"{corpus.name}: {len(corpus)} {'synthetic ' if corpus.synthetic else ''}captures, "
-        f"{len(set(corpus.subjects))} subjects, {len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of "
+        f"{corpus.name}: {len(corpus)} {'synthetic ' if corpus.synthetic else ''}{_unit(value)}, "
+        f"{len(set(corpus.subjects))} subjects, {more}{len(set(gestures))} gestures, {len(corpus.frames)} frames of "
         f"{corpus.grid[0]}x{corpus.grid[1]} at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}"
     )
-    usual = float(np.median(corpus.lengths)) / corpus.rate_hz
-    print(
-        f"the median capture lasts {usual:.2g} s; if that looks wrong, rate_hz is wrong, and so are all reported times"
-    )
+    if len(lengths):
+        usual = f"{float(np.median(lengths)) / corpus.rate_hz:.2g} s"
+        what = "event" if isinstance(value, Recordings) else "capture"
+        print(f"the median {what} lasts {usual}; if that looks wrong, rate_hz and all reported times are wrong")
     then(f"bench data show {corpus.name}")
     return 0
 
 
-def _stored(name: str) -> tuple[int, str] | None:
-    """Captures and digest of what is stored under a name, if it can be read."""
+def _stored(name: str) -> Corpus | Recordings | None:
+    """What is stored under a name, if it can be read."""
     try:
-        corpus = open_corpus(name, {}) if name in imported() else None
+        return stored_value(name) if name in imported() else None
     except InputError:
         return None
-    return None if corpus is None else (len(corpus), corpus.digest)
+
+
+def _corpus(value: Corpus | Recordings) -> Corpus:
+    return value.corpus if isinstance(value, Recordings) else value
+
+
+def _unit(value: Corpus | Recordings) -> str:
+    return "recordings" if isinstance(value, Recordings) else "captures"
 
 
 def check(name: str) -> int:

@@ -6,5 +6,6 @@ Nothing is imported before it is used.
 PARTS = {
     "cost": "bench.corpora.read.cost:read",
     "haart": "bench.corpora.read.haart:read",
+    "recording": "bench.corpora.read.recording:read",
     "table": "bench.corpora.read.table:read",
 }

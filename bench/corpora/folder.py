@@ -1,6 +1,7 @@
 """Stored corpora: a folder each in the user's data folder, checked and mapped when it is opened.
 
-``frames.npy``, ``lengths.npy`` and ``captures.parquet`` hold the corpus. ``corpus.json`` holds the rest, and under
+``frames.npy``, ``lengths.npy`` and ``captures.parquet`` hold the corpus; recordings have ``events.parquet`` besides,
+which ``corpus.json`` lists. ``corpus.json`` holds the rest, and under
 ``info.stored`` size and SHA-256 of each file and a checksum of itself; it never changes. ``seal.json`` holds size,
 times and inode of ``frames.npy`` when its SHA-256 was last verified.
 
@@ -25,11 +26,13 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus, unblinded
 from bench.corpora.read.limits import plain
+from bench.corpora.recordings import Recordings
 from bench.errors import InputError
 from bench.scratch import home, owner
 
 SMALL = ("lengths.npy", "captures.parquet")
 FILES = ("frames.npy", *SMALL)
+EVENTS = "events.parquet"  # of recordings
 FIELDS = ("name", "digest", "rate_hz", "full_scale", "info")  # in corpus.json
 _seen: set[tuple] = set()  # frames verified in folders that cannot be written, and so have no seal
 
@@ -102,31 +105,40 @@ def _reduced(corpus: Corpus) -> str | tuple:
 copyreg.pickle(Corpus, _reduced)
 
 
-def content_digest(corpus: Corpus) -> str:
-    """SHA-256 over frames, lengths, captures, rate and scale of a whole corpus."""
+def content_digest(value: Corpus | Recordings) -> str:
+    """SHA-256 over frames, lengths, captures, rate and scale of a whole corpus, and over the events of recordings."""
+    corpus, events = _parts(value)
     h = hashlib.sha256()
     numbers = [n.item() if isinstance(n, np.generic) else n for n in (corpus.rate_hz, corpus.full_scale)]
     h.update(repr((corpus.frames.shape, corpus.frames.dtype.str, *numbers)).encode())
     h.update(np.ascontiguousarray(corpus.frames).data)
     h.update(np.ascontiguousarray(corpus.lengths, dtype=np.int64).data)
     h.update(corpus.captures.to_csv(index=False).encode())
+    if events is not None:
+        h.update(b"\0events\0" + events.to_csv(index=False).encode())
     return h.hexdigest()
 
 
-def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
-    """Store a whole corpus as a folder, written beside its name and renamed.
+def _parts(value: Corpus | Recordings) -> tuple[Corpus, pd.DataFrame | None]:
+    """The corpus, and the events of recordings."""
+    return (value.corpus, value.events) if isinstance(value, Recordings) else (value, None)
+
+
+def write_folder(value: Corpus | Recordings, folder: Path, digest: str = "") -> None:
+    """Store a whole corpus, or recordings, as a folder, written beside its name and renamed.
 
     A folder that is there already stays if it holds the same corpus unharmed; else it is replaced.
 
     Args:
-        corpus: what to store.
+        value: what to store.
         folder: where.
         digest: its `content_digest`, if that is known.
 
     Raises:
         OSError: the folder cannot be written.
     """
-    digest = digest or content_digest(corpus)
+    digest = digest or content_digest(value)
+    corpus, events = _parts(value)
     folder.parent.mkdir(parents=True, exist_ok=True)
     if _holds(folder, digest):
         return
@@ -136,8 +148,12 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
         np.save(new / "frames.npy", np.ascontiguousarray(corpus.frames))
         np.save(new / "lengths.npy", np.asarray(corpus.lengths, dtype=np.int64))
         corpus.captures.to_parquet(new / "captures.parquet", index=False)
+        names = list(FILES)
+        if events is not None:
+            events.to_parquet(new / EVENTS, index=False)
+            names.append(EVENTS)
         fields = {name: getattr(corpus, name) for name in FIELDS} | {"digest": digest}
-        stored = {"folder": folder.name, "files": {name: _size_and_hash(new / name) for name in FILES}}
+        stored = {"folder": folder.name, "files": {name: _size_and_hash(new / name) for name in names}}
         fields, stored = json.loads(json.dumps([fields, stored], default=np.generic.item))
         fields["info"]["stored"] = stored | {"sum": _sum(fields, stored)}
         (new / "corpus.json").write_text(json.dumps(fields, indent=1))
@@ -153,7 +169,20 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
 
 
 def open_folder(folder: Path, key: str = "") -> Corpus:
-    """Map a stored corpus, if it is what was stored.
+    """Map a stored corpus, or that of stored recordings, if it is what was stored.
+
+    Args:
+        folder: where it is.
+        key: the name of the folder that it was written for, if that matters.
+
+    Raises:
+        InputError: the folder does not hold a complete corpus, unchanged.
+    """
+    return _parts(open_stored(folder, key))[0]
+
+
+def open_stored(folder: Path, key: str = "") -> Corpus | Recordings:
+    """As `open_folder`, but recordings with their events.
 
     Args:
         folder: where it is.
@@ -164,15 +193,18 @@ def open_folder(folder: Path, key: str = "") -> Corpus:
     """
     try:
         fields, stored = _fields(folder, key)
-        for name in SMALL:
+        has_events = EVENTS in stored["files"]
+        for name in (*SMALL, EVENTS) if has_events else SMALL:
             _compare(folder / name, *stored["files"][name])
         _check_frames(folder, *stored["files"]["frames.npy"])
         frames = np.load(folder / "frames.npy", mmap_mode="r", allow_pickle=False).view(np.ndarray)
         lengths = np.load(folder / "lengths.npy", allow_pickle=False)
         captures = pd.read_parquet(folder / "captures.parquet")
+        events = pd.read_parquet(folder / EVENTS) if has_events else None
     except (Damaged, OSError, ValueError) as e:
         raise InputError(f"{plain(folder, 150)} was changed or damaged ({plain(e)}); import it again") from e
-    return Corpus(frames, np.cumsum(lengths) - lengths, lengths, captures, path=folder, **fields)
+    corpus = Corpus(frames, np.cumsum(lengths) - lengths, lengths, captures, path=folder, **fields)
+    return corpus if events is None else Recordings(corpus, events)
 
 
 def verified(folder: Path, key: str = "") -> dict[str, str]:
@@ -186,7 +218,7 @@ def verified(folder: Path, key: str = "") -> dict[str, str]:
         _, stored = _fields(folder, key)
     except Damaged as e:
         return {"corpus.json": str(e)} | dict.fromkeys(FILES, "cannot be checked without corpus.json")
-    wrong = dict.fromkeys(("corpus.json", *FILES), "")
+    wrong = dict.fromkeys(("corpus.json", *stored["files"]), "")
     for name, (size, sha256) in stored["files"].items():
         try:
             _compare(folder / name, size, sha256)

@@ -12,23 +12,26 @@ import json
 import os
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from filelock import FileLock, Timeout
 
 from bench.corpora import duplicates
 from bench.corpora.corpus import Corpus
-from bench.corpora.folder import Damaged, content_digest, open_folder, small_file, verified, write_folder
+from bench.corpora.folder import Damaged, content_digest, open_stored, small_file, verified, write_folder
 from bench.corpora.read.limits import plain
+from bench.corpora.recordings import Recordings
 from bench.errors import InputError, nearest
 from bench.registry import load
 from bench.scratch import home, remove, replacing
 
+Stored = TypeVar("Stored", Corpus, Recordings)
 NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 
 
-def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
+def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus | Recordings:
     """Read a file of a known format and store it.
 
     Args:
@@ -51,12 +54,18 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.parent / f".{name}.lock", timeout=0):
-            corpus = _read(reader, source, arguments)
+            value = _read(reader, source, arguments)
+            corpus = value.corpus if isinstance(value, Recordings) else value
             warnings = [*duplicates.warning(corpus), *corpus.info.get("warnings", [])]
             corpus = corpus.changed(name=name, info=corpus.info | {"format": kind, "warnings": warnings})
-            digest = content_digest(corpus)
+            if isinstance(value, Recordings):
+                value = replace(value, corpus=corpus)
+                value.check()
+            else:
+                value = corpus
+            digest = content_digest(value)
             stored = folder / digest[:16]
-            write_folder(corpus, stored, digest)
+            write_folder(value, stored, digest)
             pointer = folder / "current"
             if os.path.lexists(pointer) and (pointer.is_symlink() or not pointer.is_file()):
                 remove(pointer)
@@ -72,7 +81,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     finally:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
-    return open_folder(stored)
+    return open_stored(stored)
 
 
 def _unwritable(folder: Path, error: OSError) -> InputError:
@@ -84,19 +93,51 @@ def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
     """Open an imported corpus, or generate and open the synthetic one.
 
     Raises:
-        InputError: there is no such corpus, or it is no longer what was imported.
+        InputError: there is no such corpus, it holds recordings, or it is no longer what was imported.
     """
     if name == "synth":
         return _synthetic(parameters)
+    value = stored_value(name)
+    if isinstance(value, Recordings):
+        raise InputError(f"{name} holds recordings; use bench watch data={name}")
+    return value
+
+
+def recordings(name: str, parameters: dict[str, object] | None = None) -> Recordings:
+    """Open imported recordings, or generate and open the synthetic ones.
+
+    Args:
+        name: of imported recordings, or ``synth``.
+        parameters: of ``synth``.
+
+    Raises:
+        InputError: there are no such recordings, the name is that of a corpus of captures, or they are no longer what
+            was imported.
+    """
+    if name == "synth":
+        return _synthetic_recordings(parameters or {})
+    value = stored_value(name)
+    if not isinstance(value, Recordings):
+        raise InputError(f"{name} holds captures, not recordings; use bench run data={name}")
+    return value
+
+
+def stored_value(name: str) -> Corpus | Recordings:
+    """Open what is imported under a name: a corpus of captures, or recordings.
+
+    Raises:
+        InputError: nothing was imported under this name, or it is no longer what was imported.
+    """
     try:
         folder = _folder(name)
-        corpus = open_folder(folder, folder.name)
+        value = open_stored(folder, folder.name)
+        corpus = value.corpus if isinstance(value, Recordings) else value
         if corpus.name != name:
             raise Damaged(f"it is {corpus.name[:40]}")
     except Damaged as e:
         folder = home() / "corpora" / name
         raise InputError(f"{plain(folder, 150)} was changed or damaged ({e}); import it again") from e
-    return corpus
+    return value
 
 
 def _folder(name: str) -> Path:
@@ -135,7 +176,7 @@ def verify(name: str) -> dict[str, str]:
     wrong = {"current": "", **verified(folder, folder.name)}
     if not any(wrong.values()):
         try:
-            open_corpus(name, {})
+            stored_value(name)
         except InputError as e:
             wrong["corpus.json"] = str(e)
     return wrong
@@ -151,17 +192,20 @@ def overview() -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for name in imported():
         try:
-            corpus = open_corpus(name, {})
+            value = stored_value(name)
         except InputError as e:
             rows.append({"data": name, "damaged": str(e)})
             continue
+        corpus, events = (value.corpus, value.events) if isinstance(value, Recordings) else (value, None)
+        gestures = corpus.gestures if events is None else events["gesture"]
         rows.append(
             {
                 "data": name,
+                "events": None if events is None else len(events),
                 "synthetic": corpus.synthetic,
                 "captures": len(corpus),
                 "subjects": len(set(corpus.subjects)),
-                "gestures": len(set(corpus.gestures)),
+                "gestures": len(set(gestures)),
                 "frames": len(corpus.frames),
                 "grid": "x".join(map(str, corpus.grid)),
                 "rate_hz": corpus.rate_hz,
@@ -174,8 +218,8 @@ def overview() -> list[dict[str, object]]:
     return rows
 
 
-def _read(reader: Callable, source: Path, arguments: dict[str, object]) -> Corpus:
-    """The corpus of a file; its own errors are none of the data folder's."""
+def _read(reader: Callable, source: Path, arguments: dict[str, object]) -> Corpus | Recordings:
+    """The contents of a file; its own errors are none of the data folder's."""
     try:
         return reader(source, **arguments)
     except OSError as e:
@@ -212,6 +256,15 @@ def _synthetic(parameters: dict[str, Any]) -> Corpus:
     return _made(home() / "corpora" / "synth" / key, lambda: synth.generate(**parameters))
 
 
+def _synthetic_recordings(parameters: dict[str, Any]) -> Recordings:
+    """The generated recordings, stored under all that they depend on."""
+    from bench.corpora import synth, synth_recordings
+
+    code = Path(synth.__file__).read_bytes() + Path(synth_recordings.__file__).read_bytes()
+    key = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode() + code).hexdigest()[:16]
+    return _made(home() / "corpora" / "synth" / key, lambda: synth_recordings.generate(**parameters))
+
+
 def open_joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     """Captures of two skins as `bench.corpora.skins.joined` makes them, stored under all that they depend on.
 
@@ -231,18 +284,18 @@ def open_joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus
     return _made(home() / "corpora" / ".transfer" / key, lambda: skins.joined(target, source, names))
 
 
-def _made(folder: Path, make: Callable[[], Corpus]) -> Corpus:
-    """A stored corpus that touchbench can make itself; one that is not there, or damaged, is made and stored.
+def _made(folder: Path, make: Callable[[], Stored]) -> Stored:
+    """A stored corpus, or recordings, that touchbench can make itself; made and stored if missing or damaged.
 
     Raises:
         InputError: it cannot be made or stored.
     """
     try:
-        return open_folder(folder, folder.name)
+        return cast(Stored, open_stored(folder, folder.name))
     except InputError:
-        corpus = make()
+        value = make()
     try:
-        write_folder(corpus, folder)
+        write_folder(value, folder)
     except OSError as e:
         raise _unwritable(folder, e) from e
-    return open_folder(folder, folder.name)
+    return cast(Stored, open_stored(folder, folder.name))

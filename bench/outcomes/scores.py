@@ -74,9 +74,23 @@ def subject_interval(labelled: pd.DataFrame, draws: int = 2000, seed: int = 0) -
     Returns NaN, NaN for a single subject: it says nothing about the next one.
     """
     hits = (labelled["true"] == labelled["predicted"]).groupby(labelled["subject"]).agg(["sum", "size"]).to_numpy()
-    if len(hits) < 2:
+    return ratio_interval(hits, draws, seed)
+
+
+def ratio_interval(counts: np.ndarray, draws: int = 2000, seed: int = 0) -> tuple[float, float]:
+    """95 % bootstrap interval of a pooled ratio, whole subjects drawn with replacement.
+
+    Draws whose denominators are all 0 are left out. Returns NaN, NaN if fewer than two denominators are above 0.
+
+    Args:
+        counts: numerator and denominator of each subject [subjects, 2], such as hits and captures.
+        draws: number of draws.
+        seed: seed of the draws.
+    """
+    if np.count_nonzero(counts[:, 1]) < 2:
         return np.nan, np.nan
-    drawn = hits[np.random.default_rng(seed).integers(0, len(hits), (draws, len(hits)))].sum(axis=1)
+    drawn = counts[np.random.default_rng(seed).integers(0, len(counts), (draws, len(counts)))].sum(axis=1)
+    drawn = drawn[drawn[:, 1] > 0]
     low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
     return float(low), float(high)
 

@@ -54,14 +54,12 @@ def test_with_labels_or_without_it_decides_as_one_adapted_by_hand_and_mistakes_a
     monkeypatch.setattr("bench.work.saved.load", lambda model: fixed if model == "fixed" else load(model))
     capsys.readouterr()
     for arguments, fact in {
-        ("rec", "alone.csv"): "out=",
         ("fixed", "alone.csv", "out=new"): "fixed cannot adapt",
         ("labelled", "labelled.csv", "out=new"): "adapted already",
         ("rec", "partly.csv", "out=new"): "gesture is empty",
         ("rec", "two.csv", "out=new"): "4 subjects",
         ("rec", "other.csv", "out=new"): "poke",
         ("rec", "alone.csv", "out=rec"): "out=rec",
-        ("rec", "gone.csv", "out=new"): "gone.csv",
         ("rec", "alone.csv", "out=new", "rate_hz=54"): "54",
         ("nothing", "alone.csv", "out=new"): "nothing",
     }.items():

@@ -1,4 +1,4 @@
-"""The command ``bench check``: a system from one commit to the next, and bad input."""
+"""The command ``bench check``: a system from one commit to the next, bad input, and the gate of this project."""
 
 import sys
 from pathlib import Path
@@ -8,34 +8,17 @@ import pytest
 
 from bench import registry
 from bench.cli import main
-from bench.corpora.synth import generate
 from bench.outcomes.baseline import read, text
-from bench.work.fold import latency, reference
-from features.jung54 import Jung54
-from models.classic.svm import svm
 from tests.outcomes.test_gate import measured
-
-
-def test_computing_time_is_measured_beside_the_reference():
-    captures = generate(subjects=2, repetitions=1, variants=("normal",))
-    predict_ms, decide_ms, relative = latency(svm(Jung54()).fit(captures, captures.gestures), captures, 50)
-    assert len(predict_ms) == len(decide_ms) == 20 and reference() == reference()
-    assert relative["reference_ms"] > 0 and relative["predict_relative"] > 0
 
 
 @pytest.mark.parametrize(
     ("wrong", "fact"),
     [
         (["error=0"], "error="),
-        (["error=100"], "error="),
         (["slower=nan"], "slower="),
-        (["model=svm"], "model=svm"),
         (["update=true", "run=false"], "run=no"),
-        (["update=maybe"], "update=maybe"),
-        (["seeds=1"], "seeds"),
-        (["changes=1"], "changes"),
         (["baseline=damaged.json"], "damaged.json"),
-        (["baseline=damaged.json", "update=true", "model=bayes"], "damaged.json"),
         (["baseline=none.json"], "update=yes"),
     ],
 )
@@ -114,8 +97,6 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     copied(wrong="maps = [np.roll(m, 1) * (1 + (len(f) % 3)) for m, f in zip(maps, X)]")
     assert main([*gate, "junit=out/check.xml"]) == 1
     out = capsys.readouterr().out
-    assert "0 of 1 systems are the same as in here/b.json" in out
-    assert "check baseline=here/b.json update=yes" in out
     (case,) = ElementTree.parse("out/check.xml").getroot()
     (line,) = [line for line in out.splitlines() if " labels changed" in line]
     assert case.find("failure").get("message") == line and not line.startswith("same")
@@ -127,7 +108,6 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
         capsys.readouterr().out
     )
     assert main([*gate, "update=true"]) == 1 and Path("here/b.json").read_text() == before
-    assert "a run failed; here/b.json is unchanged" in capsys.readouterr().out
 
     copied()  # as it was: its run is found again, although a newer one is tracked
     assert main(gate) == 0
@@ -141,3 +121,15 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     out = capsys.readouterr().out
     assert "same     copied" in out and "new      bayes · jung28 | synth* | loso: " in out
     assert [m.names["system"] for m in read(Path("here/b.json"))] == ["copied", "bayes · jung28"]
+
+
+BASELINE = Path(__file__).parents[2] / "reports" / "baseline.json"
+
+
+@pytest.mark.live
+@pytest.mark.pool
+def test_the_systems_are_what_the_baseline_says(capsys):
+    """Labels and size; of computing time only what no difference between machines explains."""
+    code = main(["check", f"baseline={BASELINE}", "slower=10"])
+    assert code == 0, capsys.readouterr().out
+    assert all(measured.synthetic for measured in read(BASELINE))

@@ -6,14 +6,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from bench.cli import main
 from bench.export import measure as compiled
 from bench.export import network
 from bench.outcomes import scores
-from bench.outcomes.results import FoldResult
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work import chip as onchip
@@ -59,14 +57,6 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, capsys)
     drawn = {p["name"]: p["x"] for p in data["groups"][0]["points"]}
     column = next(i for i, words in enumerate(data["costs"]) if words.startswith("thousand instructions"))
     assert drawn["bayes · jung28 (in C, 8 bits)"][column] == 60 and drawn["bayes · jung28"][column] is None
-
-
-def test_a_count_of_other_labels_by_hand():
-    """Of four captures C has three right, Python two; they differ in one."""
-    table = pd.DataFrame({"fold": "f", "capture": range(4), "true": list("aabb"), "python": list("abab")})
-    table = table.assign(p_a=[0.9, 0.8, 0.7, 0.1]).assign(p_b=lambda t: 1 - t["p_a"])
-    metrics = OnChip().fold_metrics(FoldResult("f", table, {}, [1.0], [1.0]), 100.0)
-    assert (metrics["accuracy"], metrics["python_accuracy"], metrics["other_labels"]) == (0.75, 0.5, 1)
 
 
 def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):

@@ -8,15 +8,12 @@ import pytest
 
 from bench.arguments import parse
 from bench.cli import main
-from bench.commands.choose import Chosen, _print, chosen
+from bench.commands.choose import chosen
 from bench.commands.smallest import smallest
 from bench.errors import InputError
 from bench.options import SMALL
-from bench.outcomes.choice import Candidates, decide
 from bench.outcomes.comparable import MARKED
-from bench.outcomes.store import connect
 from bench.plan.cells import cells
-from tests.outcomes.test_choice import table
 from tests.reports.store import made_up, tracked_run
 
 FEW = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
@@ -39,38 +36,14 @@ def test_budgets_nothing_that_fits_and_other_processors(store, capsys):
     assert main(["choose", "max_flash=1kB", "max_decision=9s"]) == 1
     out = capsys.readouterr().out
     assert "The lowest flash is 4 kB (lda)." in out and f"bench run {SMALL}" in out
-    assert "without computing time on this machine" in out and "centred" in out
     cells(parse(SMALL.split(), {"model", "features"}))  # can be typed
     assert main(["choose", "by=cycles"]) == 1
     assert main(["choose", "max_predict=9s", "model=lda,svm,rf", "batch=yes"]) == 0
     said = capsys.readouterr()
-    assert "several processors: one; two" in said.err and "model=rf: no run" in said.err
     assert main(["choose", "batch=yes"]) == 0
     said = capsys.readouterr()
     assert "Choose centred †" in said.out and MARKED in said.out and not said.err
     assert chosen({"data": "synth", "batch": True, "max_flash": "6kB"}).system == "centred †"  # from Python
-
-
-def test_runs_of_another_version_are_left_out_in_one_line(store, capsys):
-    tracked_run(store, "svm", made_up())
-    old = tracked_run(store, "rf", made_up())
-    store.client.set_tag(old, "touchbench.format", "0")
-    assert main(["choose"]) == 0
-    captured = capsys.readouterr()
-    assert "another version" in captured.err and captured.err.count("\n") == 1 and "rf" not in captured.out
-    store.client.delete_tag(store.of_kind("cell")[0].info.run_id, "touchbench.format")
-    assert main(["choose"]) == 2 and "no scored run is stored here" in capsys.readouterr().err
-    assert connect().of_kind("cell") == []
-
-
-def test_sizes_as_linked_are_marked_beside_those_without_code(capsys):
-    rows, subjects = table([[80] * 4, [70] * 4], flash=[20.0, 5.0])
-    rows = rows.assign(kind="cell", command="run", arguments="", cycles=1.0)
-    for linked, marked in (([True, False], True), ([True, True], False)):
-        among = Candidates(rows.assign(linked=linked), "synth", subjects, False, [])
-        _print(Chosen(decide(among.table, subjects, "flash", {}, None), among, "flash", {}, None))
-        out = capsys.readouterr().out
-        assert "20 kB*" in out and ("* as linked" in out) == marked and ("5 kB*" in out) != marked
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,9 @@
 """Completion in the shell: keys that commands take, names that are known, in real shells, nothing heavy loaded."""
 
-import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
 from bench.arguments import parse, setting
-from bench.commands.completion import SHELLS, answer, values
+from bench.commands.completion import answer, values
 from bench.corpora.faults import all_faults
 from bench.options import COMMANDS, OPTIONS, keys, options
 from bench.plan.cells import cells
@@ -26,15 +20,6 @@ def test_a_key_of_the_table_is_taken_completed_and_has_a_default_of_its_type(opt
         assert setting(command, option.key, {}) == option.default
         for value in option.values:
             assert str(setting(command, option.key, {option.key: value})) == value
-
-
-def test_keys_of_a_command_are_those_that_it_completes():
-    for command in COMMANDS:
-        if command not in ("data", "completion"):
-            completed = {word.rstrip("=") for word in answer([command, ""])}
-            assert {key for key in completed if "." not in key} == keys(command)
-    assert "model.window=" in answer(["tune", "mo"]) and "model.window=" not in answer(["choose", "mo"])
-    assert "capture=" in answer(["data", "show", "synth", ""]) and "name=" not in answer(["data", "show", "synth", ""])
 
 
 def test_values_are_those_that_are_known(tmp_path, monkeypatch):
@@ -60,70 +45,3 @@ def test_names_of_values_that_the_registry_lacks_are_taken_by_the_code():
         word = f"{key}={'peak' if key == 'model.scale' else '+'.join(listed)}"
         (cell,) = cells(parse(["model=lda", "features=touch", word], {"model", "features"}))
         cell.estimator()
-
-
-def test_a_tab_imports_nothing_heavy(tmp_path):
-    code = (
-        "import sys; from bench.cli import main; code = main(['completion', 'answer', 'run', 'model=sv'])\n"
-        "code += main(['run', '--help'])\n"
-        "print(code, [m for m in ('numpy', 'pandas', 'rich', 'mlflow', 'torch', 'sklearn') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("model=svm\n") and done.stdout.endswith("\n0 []\n")
-
-
-@pytest.fixture
-def path(tmp_path):
-    """A PATH on which ``bench`` is this copy."""
-    (tmp_path / "bin").mkdir()
-    bench = tmp_path / "bin" / "bench"
-    root = Path(__file__).parents[2]
-    bench.write_text(
-        f"#!/bin/sh\nPYTHONPATH={root} exec {sys.executable} -c "
-        "'import sys; from bench.cli import main; sys.exit(main())' \"$@\"\n"
-    )
-    bench.chmod(0o755)
-    return os.environ | {"PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}", "HOME": str(tmp_path)}
-
-
-def shell(name, script, path):
-    if not shutil.which(name):
-        pytest.skip(f"{name} is not installed")
-    done = subprocess.run([name, "-c", script], capture_output=True, text=True, env=path, timeout=60)
-    return done.stdout.splitlines()
-
-
-TYPED = {
-    "bench ru": ["run"],
-    "bench run model=svm,xg": ["model=svm,xgb"],
-    "bench run data=synth proto": ["protocol="],
-    "bench data exp": ["export"],
-}
-
-
-@pytest.mark.parametrize(("typed", "expected"), TYPED.items())
-def test_bash_completes(typed, expected, path):
-    script = (
-        'eval "$(bench completion bash)"; complete -p bench\n'
-        f'COMP_LINE="{typed}"; COMP_POINT=${{#COMP_LINE}}; _bench 2>/dev/null; printf "%s\\n" "${{COMPREPLY[@]}}"'
-    )
-    first, *words = shell("bash", script, path)
-    assert first == "complete -F _bench bench"
-    last = typed.split()[-1]
-    behind = last.rpartition("=")[0] + "=" if "=" in last else ""  # bash puts what it gets behind the =
-    assert [behind + word for word in words] == expected
-
-
-@pytest.mark.parametrize(("typed", "expected"), TYPED.items())
-def test_fish_completes(typed, expected, path):
-    assert shell("fish", f'bench completion fish | source; complete -C "{typed}"', path) == expected
-
-
-def test_zsh_takes_the_script(path):
-    script = 'compdef() { print -r -- "$@" }; eval "$(bench completion zsh)"; print -r -- $+functions[_bench]'
-    assert shell("zsh", script, path) == ["_bench bench", "1"]
-
-
-def test_scripts_do_not_hold_names_that_change():
-    for script in SHELLS.values():
-        assert "svm" not in script and "loso" not in script

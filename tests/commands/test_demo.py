@@ -36,7 +36,3 @@ def test_steps_run_in_their_folder_until_one_fails(tmp_path, monkeypatch, capsys
 def test_its_commands_can_be_typed(step):
     values = parse(step[1:], keys(step[0]))
     assert step[0] == "choose" or cells(values)
-
-
-def test_five_systems_are_compared():
-    assert sum(len(cells(parse(step[1:], keys("run")))) for step in demo.RUNS) == 5

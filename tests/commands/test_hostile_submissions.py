@@ -26,41 +26,25 @@ TABLES = {
     "a strange row": (RIGHT.assign(capture=["9999", *RIGHT["capture"][1:]]), "capture 578"),
     "a strange label": (RIGHT.assign(predicted="<script>"), "'<script>'"),
     "an empty label": (RIGHT.assign(predicted=""), "predicted is ''"),
-    "a strange column": (RIGHT.assign(accuracy=1.0), "'accuracy'"),
     "no labels": (RIGHT.drop(columns="predicted"), "predicted"),
-    "no captures": (RIGHT.drop(columns="capture"), "column capture"),
     "another truth": (RIGHT.assign(true="pat"), "true of capture 578"),
     "a class without probabilities": (PROBA.drop(columns="p_pat"), "p_pat"),
     "labels and probabilities": (PROBA.assign(predicted=RIGHT["predicted"]), "predicted, or"),
-    "no number": (PROBA.assign(p_pat=np.nan), "probability"),
     "infinity": (PROBA.assign(p_pat=np.inf), "0 to 1"),
-    "a negative probability": (PROBA.assign(p_pat=-0.5, p_rub=1 / 7 + 0.5 + 1 / 7), "0 to 1"),
     "a wrong sum": (PROBA.assign(p_pat=0.9), "1.76"),
-    "a formula": (PROBA.assign(p_pat="=HYPERLINK()"), "HYPERLINK"),
 }
 FIELDS = [
     ({"task": "haart-loso-v2"}, "haart-loso-v1"),
     ({"task": None}, "task is missing"),
     ({"who": ""}, "who is missing"),
-    ({"who": "a\u202eb"}, "'who'"),
-    ({"who": "A  Name"}, "'A  Name'"),
-    ({"who": "?!"}, "'?!'"),
     ({"who": "touchbench"}, "reports/reference"),
-    ({"who": "The Touch-Bench team"}, "reports/reference"),
     ({"system": "x" * 201}, "200"),
-    ({"system": "  "}, "system"),
     ({"system": "r\u0435flex"}, "'r\\u0435flex'"),
     ({"date": "yesterday"}, "'yesterday'"),
-    ({"parameters": "many"}, "parameters"),
     ({"parameters": -1}, "parameters"),
-    ({"parameters": float("nan")}, "parameters"),
-    ({"flash_bytes": True}, "flash_bytes"),
     ({"accuracy": 99.9}, "'accuracy'"),
     ({"digest": "0" * 64}, "haart-challenge-v1"),
     ({"versions": {"numpy": 2}}, "'numpy'"),
-    ({"versions": {"a\nb": "2"}}, "'a\\nb'"),
-    ({"versions": []}, "versions"),
-    ({"batch": "no"}, "'no'"),
 ]
 
 
@@ -87,11 +71,6 @@ def pipe(folder):
     os.mkfifo(folder / "predictions.csv")
 
 
-def subfolder(folder):
-    (folder / "submission.json").unlink()
-    (folder / "submission.json").mkdir()
-
-
 def content(folder, *, name, data):
     (folder / name).write_bytes(data)
 
@@ -108,34 +87,18 @@ csv = partial(content, name="predictions.csv")
 description = partial(content, name="submission.json")
 CSV = RIGHT.to_csv(index=False)
 DAMAGE = {
-    "no table": (lambda folder: (folder / "predictions.csv").unlink(), "0 of"),
     "both tables": (lambda folder: content(folder, name="predictions.parquet", data=b""), "2 of"),
     "link": (link, "predictions.csv"),
     "pipe": (pipe, "predictions.csv"),
-    "a folder": (subfolder, "submission.json"),
     "huge": (partial(csv, data=b"0" * (8 << 20) + b"0"), "8388609"),
-    "huge description": (partial(description, data=b" " * (65 << 10) + json.dumps(ABOUT).encode()), "65536"),
     "deep": (partial(description, data=b"[" * 60000), "JSON"),
-    "list": (partial(description, data=b"[]"), "JSON"),
-    "bytes": (partial(csv, data=b"\xff\x00" * 1000), "UTF-8"),
     "bytes below the header": (partial(csv, data=CSV.encode() + b"\xff\xfe"), "utf-8"),
     "a header of a million columns": (partial(csv, data=b"," * (1 << 20) + b"\n"), "line 1"),
-    "a cell too many": (partial(csv, data=CSV.replace("\n578,", "\n578,x,", 1).encode()), "table"),
     "a row too many in parquet": (partial(parquet, table={k: [*v, v[0]] for k, v in COLUMNS.items()}), "252 rows"),
     "a row repeated": (partial(parquet, table=packed(2_000_000)), "MiB"),
     "cut parquet": (cut, "parquet"),
     "nested": (partial(parquet, table=COLUMNS | {"predicted": [["pat"]] * len(RIGHT)}), "pat"),
     "no label": (partial(parquet, table=COLUMNS | {"predicted": [None, *COLUMNS["predicted"][1:]]}), "predicted is"),
-    "no capture": (partial(parquet, table=COLUMNS | {"capture": [None, *COLUMNS["capture"][1:]]}), "capture 578"),
-    "bytes as labels": (partial(parquet, table=COLUMNS | {"predicted": [b"\xff\xfe"] * len(RIGHT)}), "predicted is"),
-    "bytes as captures": (
-        partial(parquet, table=COLUMNS | {"capture": [c.encode() for c in COLUMNS["capture"]]}),
-        "578",
-    ),
-    "bytes as truth": (
-        partial(parquet, table=COLUMNS | {"true": [c.encode() for c in COLUMNS["predicted"]]}),
-        "true of",
-    ),
 }
 DAMAGE |= {name: (partial(csv, data=rows.to_csv(index=False).encode()), fact) for name, (rows, fact) in TABLES.items()}
 for fields, fact in FIELDS:
@@ -164,7 +127,6 @@ def test_names_are_text_links_are_not_followed_and_the_others_are_shown(capsys):
     assert main(["leaderboard", "all"]) == 1
     out, err = capsys.readouterr()
     assert [line.split(":")[1] for line in err.splitlines()] == [" link", " wrong"]
-    assert "haart-challenge-v1: mine by A. Name, 100.0 % of 251 captures, not verified" in out
     text = Path("leaderboard.html").read_text()
     assert "&lt;/code&gt;&lt;script&gt;alert(1)" in text and "Left out: " in text
     assert '<th scope="row">mine</th>' in text and "<script>" not in re.sub("<script>\n.*", "", text)

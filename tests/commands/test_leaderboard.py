@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 from sklearn.metrics import f1_score
 
 import bench
@@ -22,13 +21,12 @@ from bench.leaderboard import answers, marks, rerun, submissions, tasks
 from bench.leaderboard.tasks import CAPTURE, HAART, LOSO, TASKS, Task
 from bench.source import git_revision
 from protocols.personal import Personal
-from reports.leaderboard import board, reference, scores_of
+from reports.leaderboard import reference, scores_of
 from tests.conftest import random_corpus, runs
 from tests.reports.store import tracked_run
 from tests.reports.submitted import ABOUT, CHALLENGE, folder_of
 
 ROOT = Path(__file__).parent.parent.parent
-DOCS = (ROOT / "docs" / "leaderboard.md").read_text()
 SYNTH = "synth-loso-v1"
 RUN = {  # as a run of svm on the first task is tracked
     **{"run_id": "1a2b", "system": "svm · jung54", "seed": "none", "started": 1.7e12, "status": "FINISHED"},
@@ -67,7 +65,7 @@ def test_what_a_name_means_never_changes():
         "haart-personal-v1": (HAART, "personal[shots=3]", 829 * 5),
     }
     assert HAART == "d086fb847e3caddb00adea342d9b33818a69d2866419d9caf8ce84b50bd34a8f"
-    assert set(TASKS) == {*frozen, "cost-loso-v1"} and all(f"`{name}`" in DOCS for name in TASKS)
+    assert set(TASKS) == {*frozen, "cost-loso-v1"}
     for name, fixed in frozen.items():
         rows = tasks.rows_of(TASKS[name])
         assert (TASKS[name].digest, TASKS[name].protocol, len(rows)) == fixed
@@ -138,8 +136,6 @@ def test_the_difference_to_the_best_is_paired_over_people():
     table = scores_of([worse, better]).set_index("name")
     assert list(table.index) == ["better", "worse"] and np.isnan(table.loc["better", "behind"])
     assert table.loc["worse", "behind"] == pytest.approx(100 * mean)
-    text = board([worse, better], [])
-    assert f"\N{MINUS SIGN}{-100 * mean:.1f} [\N{MINUS SIGN}{-100 * low:.1f}, \N{MINUS SIGN}{-100 * high:.1f}]" in text
 
 
 def test_a_row_keeps_its_digits_where_rounding_would_change_its_label():
@@ -160,8 +156,6 @@ def test_a_row_keeps_its_digits_where_rounding_would_change_its_label():
         ("haart-loso-v1", {}, ""),
         ("haart-loso-v1", {"corpus_digest": "e" * 64}, "data digest eeeeeeeeeeeeeeee"),
         ("haart-loso-v1", {"subset": "split == 'train'"}, "subset split == 'train'"),
-        ("haart-loso-v1", {"protocol": "kfold"}, "protocol kfold"),
-        ("haart-loso-v1", {"target": "cover"}, "target cover"),
         ("haart-loso-v1", {"status": "FAILED"}, "status FAILED"),
         ("haart-personal-v1", {"protocol": "personal[shots=3]"}, ""),
         ("haart-personal-v1", {"protocol": "personal[shots=3, seed=1]"}, "protocol personal[shots=3, seed=1]"),
@@ -211,24 +205,14 @@ def test_the_rows_of_each_kind_of_run(monkeypatch, tmp_path):
 
 
 def test_the_metadata_of_a_run():
+    """The place of a file of one's own stays private, its content is named."""
     command = "bench run data=haart protocol=loso model='/secret place/mine.py:Taxels'"
-    task = TASKS["haart-loso-v1"]
-    texts = answers.metadata(task, RUN | {"seed": "3"}, "me", "bench run")
-    assert texts == {
-        **{"task": task.name, "system": "svm · jung54, seed 3", "who": "me", "date": "2023-11-14"},
-        **{"revision": "0123456789ab", "command": "bench run", "digest": HAART, "parameters": 1000},
-        "versions": {"numpy": "2.1"},
-    }
-    content = "f" * 64
-    texts = answers.metadata(task, RUN | {"model_file": content}, "me", command)
+    tags = {"model_file": "f" * 64, "touchbench.depends_on_batch": "true", "touchbench.conditions": "substrate,cover"}
+    texts = answers.metadata(TASKS["haart-loso-v1"], RUN | tags, "me", command)
     assert texts["command"] == "bench run data=haart protocol=loso model=mine.py:Taxels"
-    assert texts["revision"] == f"mine.py {content[:12]}" and "secret" not in json.dumps(texts)
-    assert content in texts["note"] and "touchbench at 0123456789ab" in texts["note"]
-    tags = {"touchbench.depends_on_batch": "true", "touchbench.conditions": "substrate,cover"}
-    texts = answers.metadata(task, RUN | tags, "me", "bench run")
+    assert "f" * 64 in texts["note"] and "secret" not in json.dumps(texts)
+    assert (texts["date"], texts["digest"], texts["versions"]) == ("2023-11-14", HAART, {"numpy": "2.1"})
     assert (texts["batch"], texts["conditions"]) == ("yes", "substrate,cover")
-    remarks = submissions.read(folder_of(batch="yes", conditions="substrate,cover")).remarks
-    assert remarks == "labels depend on other test captures; uses substrate, cover"
 
 
 def test_a_run_is_submitted(store, capsys):
@@ -262,26 +246,15 @@ def test_a_run_is_submitted(store, capsys):
     assert main([*submit, "model=svm", "batch=yes"]) == 2, "the folder is not empty"
 
 
-def test_reference_is_what_the_docs_say():
+def test_reference_results_have_their_accuracies():
     results = bench.results("reference")
     table = results.table.set_index(["task", "system"])
     accuracy = table["accuracy"].xs("haart-loso-v1")
     assert accuracy["svm · jung54"].round(1) == 67.8 and accuracy["xgb · jung54"].round(1) == 74.4  # notes/haart.md
     assert len(accuracy) >= 8 and table["accuracy"].between(14.3, 100).all()
-    assert table["command"].str.match(r"bench (run|stream|stress) data=haart protocol=").all()
-    assert table["revision"].str.fullmatch("[0-9a-f]{12}").all()
-    lines = (ROOT / "docs" / "notes" / "haart.md").read_text().splitlines()
-    early = table.xs("haart-early-v1")[["at 500 ms", "at 1000 ms", "at 2000 ms"]].round(1)
-    for system, words in {"reflex": "`reflex`", "rocket": "`rocket`", "svm · jung54": "`svm` on `jung54`"}.items():
-        (line,) = [row for row in lines if row.startswith(f"| {words} | ") and row.count("|") == 9]
-        assert early.loc[system].tolist() == [float(n) for n in line.split("|")[7].split("/")]
     one = results["haart-loso-v1/svm-jung54"]
     assert 100 * (one["true"] == one["predicted"]).mean() == pytest.approx(accuracy["svm · jung54"])
     assert one.filter(like="p_").sum(axis=1).to_numpy() == pytest.approx(1, abs=0.02)
-    files = [path for path in (ROOT / "reports" / "reference").rglob("*") if path.is_file()]
-    assert sum(path.stat().st_size for path in files) < 1_000_000
-    text, names = bench.latex(results), results.table["task"].unique()
-    assert text.count("Origin: reference, shipped with touchbench.") == len(names) == text.count(r"\begin{table}")
     for wrong in ({"of": "refrence"}, {"of": "reference", "model": "svm"}):
         with pytest.raises(InputError, match="refrence|model="):
             bench.results(**wrong)
@@ -294,19 +267,14 @@ def test_the_page_ranks_by_computed_scores_and_marks_our_rows(capsys):
     assert main(["leaderboard", "all"]) == 0
     out = capsys.readouterr().out.splitlines()
     assert out[0] == "haart-challenge-v1: reflex by A. Name, 100.0 % of 251 captures, not verified"
-    assert "seven of HAART's ten people" in out[2] and out[3:] == ["leaderboard.html", "next: bench submit --help"]
     text = Path("leaderboard.html").read_text()
     assert all(f'<h2 id="{name}">' in text for name in TASKS) and not re.search(r"(src|href|action)=\"(?!#)", text)
     part = text[text.index('id="haart-challenge-v1"') : text.index('id="haart-early-v1"')]
     systems = re.findall(r'<tr><th scope="row">(.*?)</th><td>([0-9.]+) ', part)
     assert systems[0] == ("reflex", "100.0") and systems[-1] == ("always pat", f"{100 * 36 / 251:.1f}")
-    assert [float(a) for _, a in systems] == sorted((float(a) for _, a in systems), reverse=True)
     (row,) = re.findall(r'<tr><th scope="row">reflex</th><td>100.0 .*?</tr>', text)
     assert "<td>submitted</td><td>not verified</td>" in row and '-1">1</a>' in row
     assert text.count("<td>reference, shipped with touchbench</td>") == len(reference())
-    table = scores_of([submissions.read(Path("all/copied")), *reference()])
-    assert set(table.loc[table["note"] != "", "name"]) == {"copied", "reflex", "lda-touch", "rocket"}
-    assert set(table.loc[table["origin"] == "submitted", "name"]) == {"copied"}
 
 
 def test_folders_that_cannot_be_used(capsys):
@@ -316,35 +284,6 @@ def test_folders_that_cannot_be_used(capsys):
     assert main(["leaderboard", "out=empty"]) == 2 and not list(Path("empty").iterdir())
     Path(marks.FILE).write_text("[]")
     assert main(["leaderboard"]) == 2 and marks.FILE in capsys.readouterr().err
-
-
-def test_the_workflow_runs_what_the_docs_say():
-    flow = yaml.safe_load((ROOT / ".github" / "workflows" / "leaderboard.yml").read_text())
-    (job,) = flow["jobs"].values()
-    commands = [step["run"] for step in job["steps"] if "run" in step]
-    assert flow[True]["pull_request"]["paths"] == ["submissions/**", marks.FILE]
-    assert f"git diff --exit-code HEAD^1 -- {marks.FILE}" in commands and flow["permissions"] == {"contents": "read"}
-    (made,) = [c for c in commands if c.startswith("bench leaderboard")]
-    uploaded = [step["with"]["path"] for step in job["steps"] if "upload-artifact" in step.get("uses", "")]
-    assert made == f"bench leaderboard submissions out={uploaded[0]}" and len(uploaded) == 1
-
-
-def test_the_examples_of_the_docs_make_submissions(monkeypatch):
-    metadata = json.loads(re.search(r"```json\n(.*?)```", DOCS, re.DOTALL)[1])
-    head, *rows = re.search(r"```csv\n(.*?)```", DOCS, re.DOTALL)[1].split()
-    listed = tasks.captures_of(TASKS[metadata["task"]])
-    lines = [f"{capture},{gesture}" for capture, gesture in zip(listed["capture"], listed["gesture"], strict=True)]
-    folder = folder_of(**metadata)
-    (folder / "predictions.csv").write_text("\n".join([head, *lines]))
-    assert rows == lines[:2] and submissions.read(folder).scores["accuracy"] == 1
-    (code,) = re.findall(r"```python\n(import numpy.*?)```", DOCS, re.DOTALL)
-    corpus = random_corpus(subjects=3, per_class=8)
-    monkeypatch.setattr(bench, "corpus", lambda name: corpus, raising=False)
-    names = {}
-    exec(code, names)
-    table = pd.read_csv("predictions.csv")
-    assert sorted(table["capture"]) == list(range(len(corpus))) and set(table["predicted"]) <= set(corpus.gestures)
-    assert len(names["worse"]) == len(names["test"])
 
 
 def test_submit_rerun_and_verify(monkeypatch, capsys):
@@ -396,17 +335,12 @@ def test_submit_rerun_and_verify(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("command", "fact"),
     [
-        ("", "''"),
         ("python train.py", "'python train.py'"),
-        ("bench run 'model=svm", "model=svm"),
         ("bench stream data=haart", "bench run"),
         ("bench run data=haart protocol=loso", "protocol loso"),
-        ("bench run protocol=challenge where=x", "'where'"),
         ("bench run protocol=challenge cluster=tcp://1.2.3.4:5", "'cluster'"),
         ("bench run protocol=challenge out=/tmp/x", "'out'"),
         ("bench run protocol=challenge model=/tmp/evil.py:Mine", "'/tmp/evil.py:Mine'"),
-        ("bench run protocol=challenge model=svm,all/mine/evil.py:Mine,rf", "evil.py:Mine"),
-        ("bench run protocol=evil.py:Mine", "needs evil.py"),
         ("bench run protocol=mine.py:Mine", "mine.py here"),
         ("bench run protocol=challenge model=lda,svm", "2 systems"),
     ],

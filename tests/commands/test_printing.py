@@ -1,13 +1,10 @@
 """What commands print: tables that fit, the best marked, and commands that can be typed."""
 
 import io
-import re
 import shlex
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from rich.console import Console
 
 from bench.arguments import parse, quoted
@@ -16,7 +13,6 @@ from bench.commands import printing
 from bench.commands.run import evaluated_values
 from bench.options import keys
 from bench.outcomes.comparable import BATCH, MARKED
-from bench.plan.cells import cells
 from tests.conftest import SMALL, predictions, runs
 
 
@@ -24,26 +20,6 @@ def drawn(rows, width, **options):
     text = io.StringIO()
     printing.grid(Console(file=text, width=width, force_terminal=False), "A title", rows, **options)
     return text.getvalue()
-
-
-@given(
-    st.lists(st.text("abc", min_size=1, max_size=12), min_size=1, max_size=14, unique=True),
-    st.integers(1, 30),
-    st.integers(40, 120),
-)
-def test_columns_left_out_are_named_in_order_and_no_line_is_too_long(names, longest, width):
-    spare = [f"{name}{chr(65 + i)}" for i, name in enumerate(names)]  # none is a part of another
-    rows = [{"system": "s" * longest, "empty": "-"} | {name: "1" * longest for name in spare}]
-    text = drawn(rows, width, left=("system",), spare=["empty", *spare])
-    table, _, rest = text.partition("columns left out: ")
-    assert all(len(line) <= width for line in text.splitlines()) and "empty" not in text
-    left_out = [name for name in spare if name not in table]
-    assert left_out == spare[: len(left_out)] and all(name in " ".join(rest.split()) for name in left_out)
-    needed = sum(3 + max(len(name), longest) for name in spare) + 1
-    needed += 3 + min(max(longest, len("system")), printing.WORDS)
-    assert bool(rest) == (needed > width)
-    if rest:
-        assert int(re.search(r"a terminal of (\d+) columns", " ".join(rest.split()))[1]) == needed
 
 
 def test_a_name_that_is_markup_or_long_is_printed_in_full():
@@ -116,25 +92,9 @@ def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys)
     assert MARKED in text.splitlines()
 
 
-def test_commands_inside_another_one_do_not_print_what_comes_next(capsys):
-    with printing.led():
-        printing.then("bench run")
-    assert not capsys.readouterr().out
-    printing.then("bench run")
-    assert capsys.readouterr().out == "next: bench run\n"
-
-
 VALUES = r"""variant == 'rough'; a == 'it"s'; x == '$HOME'; plain; two words; a == '`ls`'; wow!; \; x == 'a!b'"""
 
 
 @pytest.mark.parametrize("value", VALUES.split("; "))
 def test_a_value_is_quoted_so_that_a_shell_hands_it_over(value):
     assert shlex.split(f"where={quoted(value)}") == [f"where={value}"]
-
-
-def test_systems_prints_commands_that_can_be_pasted(capsys):
-    assert main(["systems"]) == 0
-    lines = [line.strip() for line in capsys.readouterr().out.splitlines() if line.strip().startswith("bench run")]
-    assert len(lines) > 40 and not [line for line in lines if "'\"'\"'" in line]
-    for line in lines:
-        assert cells(parse(shlex.split(line)[2:], keys("run")))

@@ -4,7 +4,6 @@ import io
 import json
 import os
 import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -19,7 +18,7 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
-from tests.conftest import BENCH, predictions, runs
+from tests.conftest import BENCH
 from tests.work.test_fit import as_table
 from tests.work.test_loop import SMALL
 
@@ -149,80 +148,6 @@ def test_a_saved_system_is_served(tmp_path, capsys):
 def server_command(store, folder, port):
     words = f"-m mlflow server --backend-store-uri {store} --artifacts-destination {folder / 'artifacts'} --port {port}"
     return [sys.executable, *words.split(), "--workers", "1"]
-
-
-def tracking_server(folder, port):
-    """A server in a process group of its own, so that it can be killed with its children."""
-    command = server_command(f"sqlite:///{folder / 'server.db'}", folder, port)
-    env = os.environ | {"MLFLOW_DISABLE_TELEMETRY": "true"}
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=env, start_new_session=True
-    )
-    end = time.time() + PATIENCE
-    while not answers(f"http://127.0.0.1:{port}/health"):
-        assert process.poll() is None and time.time() < end
-        time.sleep(0.2)
-    return process
-
-
-def killed(server):
-    os.killpg(server.pid, signal.SIGKILL)
-    server.wait()
-
-
-def table_of_run(place):
-    import mlflow
-
-    client = mlflow.MlflowClient(place)
-    found = client.search_runs(["1"], "tags.`touchbench.kind` = 'cell'")
-    assert [r.info.status for r in found] == ["FINISHED"]
-    return pd.read_parquet(client.download_artifacts(found[0].info.run_id, "predictions.parquet"))
-
-
-LONGER = ["run", "model=svm", "features=jung28", "data.subjects=16", "data.variants=normal", "jobs=1"]
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("gone", ["for seconds", "for good"])
-def test_a_server_that_is_killed_in_a_run(gone, tmp_path, monkeypatch):
-    port = free_port()
-    place = f"http://127.0.0.1:{port}"
-    here = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2]), "MLFLOW_TRACKING_URI": place}
-    if gone == "for good":  # how long it waits is another test's
-        here |= {"MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1"}
-    server = tracking_server(tmp_path, port)
-    command = partial(subprocess.Popen, [*BENCH, *LONGER], cwd=tmp_path, text=True, env=here, stderr=subprocess.PIPE)
-    try:
-        run = command(stdout=subprocess.DEVNULL)
-        end = time.time() + PATIENCE
-        while len(list((tmp_path / "artifacts").glob("*/*/artifacts/fold/predictions.parquet"))) < 3:
-            assert run.poll() is None and time.time() < end
-            time.sleep(0.05)
-        killed(server)
-        if gone == "for seconds":
-            time.sleep(5)
-            server = tracking_server(tmp_path, port)
-            said = run.communicate(timeout=PATIENCE)[1]
-            assert run.returncode == 0, said
-        else:
-            said = run.communicate(timeout=PATIENCE)[1]
-            assert run.returncode == 1 and "Traceback" not in said, said
-            last = said.strip().splitlines()[-1]
-            assert last.startswith("bench: the MLflow store") and "repeat the command" in last and len(last) <= 310
-            server = tracking_server(tmp_path, port)
-            stored = sorted((tmp_path / "artifacts").glob("*/*/artifacts/fold/predictions.parquet"))
-            before = {path: path.read_bytes() for path in stored}
-            again = command(stdout=subprocess.DEVNULL)
-            assert again.communicate(timeout=PATIENCE)[1] is not None and again.returncode == 0
-            assert len(before) >= 3 and {path: path.read_bytes() for path in before} == before
-        found = table_of_run(place)
-    finally:
-        if server.poll() is None:
-            killed(server)
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    assert main(LONGER) == 0
-    store, (run_,) = runs("cell")
-    assert found.equals(predictions(store, run_))
 
 
 def test_several_commands_write_to_one_server_at_once(tmp_path, monkeypatch):

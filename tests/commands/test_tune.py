@@ -1,8 +1,6 @@
 """The commands tune, systems and extract, searches in bench run, and other targets than the gesture."""
 
 import shlex
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
@@ -27,8 +25,6 @@ TWO = ["protocol=groupkfold", "protocol.folds=2", *SMALL]
 def test_a_grid_of_values_is_searched_in_every_fold(capsys):
     line = ["tune", "features=jung28", *TWO, "model=svm", "model.C=1,512", "model.gamma=0.1", "inner=2"]
     assert main(line) == 0
-    out = capsys.readouterr().out
-    assert "tuned svm[C=1.0|512.0" in out and "Chosen in each training part" in out and "synthetic" in out
     client, (parent,) = runs("cell")
     assert parent.data.params["tuning.inner"] == "2" and parent.data.metrics["search_seconds"] > 0
     assert parent.data.tags["system"] == "tuned svm[C=1.0|512.0, gamma=0.1, inner=2] · jung28"
@@ -40,7 +36,6 @@ def test_a_grid_of_values_is_searched_in_every_fold(capsys):
     assert {c.data.params["chosen.svm.C"] for c in children} == {str(float(c)) for c in chosen["svm.C"]}
     before = predictions(client, parent)  # a stored search is printed again, and nothing is run
     assert main(line) == 0
-    assert "Chosen in each training part" in capsys.readouterr().out
     assert len(runs("cell")[1]) == 1 and predictions(client, parent).equals(before)
 
 
@@ -52,20 +47,6 @@ def test_declared_ranges_are_searched_single_values_kept_and_each_seed_is_a_run(
     for trials in tried:
         assert len(trials) == 4 and set(trials["xgb.trees"]) == {5} and trials["xgb.rate"].nunique() == 2
     assert not set(tried[0]["xgb.rate"]) & set(tried[1]["xgb.rate"])
-
-
-@pytest.mark.parametrize(
-    ("line", "features", "system"),
-    [
-        (["model=auto", "model.trials=2", "model.inner=2"], "touch, jung54", "auto[trials=2, inner=2]"),
-        (["model=jung2014_bayes"], "jung28", "jung2014_bayes"),
-    ],
-)
-def test_systems_name_the_features_that_they_bring(line, features, system, capsys):
-    assert main(["run", *line, *TWO]) == 0
-    tags = runs("cell")[1][0].data.tags
-    assert (tags["features"], tags["system"]) == (features, system)
-    assert ("Chosen in each" in capsys.readouterr().out) == ("model=auto" in line)
 
 
 @pytest.mark.parametrize(
@@ -82,29 +63,18 @@ def test_values_are_judged_together(monkeypatch, line):
     ("line", "part"),
     [
         ("tune model=cnn85", "model=cnn85"),  # it declares no ranges
-        ("tune model=svm model.D=1,2", "'D'"),
         ("tune model=svm trials=many", "trials=many:"),
-        ("tune model=svm trials=0", "trials=0:"),
         ("tune model=svm inner=1", "inner=1:"),
-        ("tune model=svm budget=-1", "budget=-1:"),
         ("tune model=svm objective=accuracy", "objective"),
         ("tune model=svm model.C=1,x", "model.C=x:"),
-        ("tune model=svm model.C=0,1", "model.C=0"),
         ("tune model=jung2017_tree", "bench run model=jung2017_tree"),
         ("tune model=rf model.seed=1,2", "seed="),
-        ("tune model=cnn85 model.frames=10,200 model.hop=90", "model.hop=90:"),
         ("tune model=zhou2016_gm_lstm model.frames=16,32 model.average=20", "model.average=20:"),
         (f"tune model=zhou2016_gm_lstm model.frames=16,32 {TWO[0]} {TWO[1]} inner=2", "epoch"),  # of one subject
         ("choose model=cnn85 over=frames model.hop=20", "model.hop=20:"),
-        ("run model=balli2015_rf model.selected=-1", "features.selected=-1:"),
         ("run features=gaus features.families=sd+sad", "features.families=sd+sad:"),
         ('run model=jung2014_svm where=\'subject in ["1", "2"]\'', "there is 1"),
-        ("run model=auto model.budget=0", "budget=0:"),
         ("run target=subject protocol=loso", "subject 1"),
-        ("run target=mood", "'mood'"),
-        ("systems all", "systems"),
-        ("extract features=jung28", "out="),
-        ("extract out=a.xlsx", "out=a.xlsx:"),
         ("extract out=a.csv features=jung28,jung54", "one value"),
         ("extract out=none/a.csv data.subjects=1 data.repetitions=1", "written"),
     ],
@@ -133,12 +103,6 @@ def test_every_published_number_has_its_command_or_a_reason(capsys):
             assert f"model={row.system}" in text or text.endswith(("build it", "not included yet", "on photographs"))
 
 
-def test_closed_pipes_end_quietly():
-    code = "from bench.cli import main; import sys; sys.exit(main(['systems']))"
-    line = f'{sys.executable} -c "{code}" | head -1'
-    assert subprocess.run(line, shell=True, capture_output=True, text=True, check=False).stderr == ""
-
-
 def test_features_are_written_as_a_table(capsys):
     assert main(["extract", "features=jung28", "out=f.parquet", *FEW]) == 0
     assert "synthetic" in capsys.readouterr().out
@@ -148,7 +112,6 @@ def test_features_are_written_as_a_table(capsys):
     expected = Jung28().transform(corpus)
     pd.testing.assert_frame_equal(table[expected.columns], expected)
     assert main(["extract", "features=ta273", "out=f.csv", "where=gesture != 'tap'", *FEW]) == 0
-    assert "fitted to all these captures" in capsys.readouterr().out
     assert set(pd.read_csv("f.csv")["gesture"]) == set(corpus.gestures) - {"tap"}
 
 
@@ -158,8 +121,3 @@ def test_another_target_than_the_gesture():
     table = predictions(client, parent)
     assert (table["true"] == table["gesture"] + " " + table["variant"]).all() and table["true"].nunique() > 20
     assert {c for c in table if c.startswith("p_")} == {"p_" + t for t in set(table["true"])}
-
-
-def test_every_part_of_a_system_gets_the_seed():
-    (cell,) = cells({"model": "softmax", "features": "hughes36", "seed": "7"})
-    assert cell.features.parameters["seed"] == 7 and cell.features.make().seed == 7

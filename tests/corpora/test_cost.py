@@ -35,8 +35,6 @@ def test_every_published_figure_that_differs_is_named(tmp_path):
     corpus = read(cost_csv(tmp_path, line()))
     warnings = corpus.info["warnings"]
     assert "captures: 1 here, 7805 published" in warnings
-    assert "captures of gesture stroke: 0 here, 556 published" in warnings
-    assert "captures of variant gentle: 1 here, 2601 published" in warnings
     assert "subjects: 1 here, 31 published" in warnings
     assert any(w.startswith("MD5 of the file") for w in warnings)
     assert any("challenge split cannot be recovered" in w for w in warnings) and "split" not in corpus.captures
@@ -113,33 +111,18 @@ def test_split_marks_gentle_and_normal_captures_only(tmp_path, monkeypatch):
     assert not any("split" in w for w in corpus.info["warnings"])
 
 
-def test_carried_sums_are_of_21_subjects_and_tell_them_apart():
-    assert {len(sums) for sums in cost.CHALLENGE_FRAMES.values()} == {21}
-    assert {len(set(sums)) for sums in cost.CHALLENGE_FRAMES.values()} == {21}
-
-
 def one_capture(subject="1", frames=3, value=5, variant="rough", gesture="tap"):
     captures = pd.DataFrame({"subject": [subject], "variant": [variant], "gesture": [gesture]})
     return Corpus.from_captures([np.full((frames, 8, 8), value, np.uint16)], captures, 135.0)
-
-
-@pytest.mark.parametrize("subject, frames", [("70000", 3), ("0", 1), ("1", 65537)])
-def test_large_subject_numbers_and_long_captures_are_written_as_they_are(tmp_path, subject, frames):
-    write(one_capture(subject, frames), tmp_path / "out.csv")
-    again = read(tmp_path / "out.csv")
-    assert again.captures["subject"].tolist() == [subject] and list(again.lengths) == [frames]
 
 
 @pytest.mark.parametrize(
     ("corpus", "facts"),
     [
         (one_capture("007"), ["007"]),
-        (one_capture("P4"), ["P4"]),
-        (one_capture("-1"), ["-1"]),
         (one_capture("1" * 10), ["1" * 10]),
         (one_capture(value=1024), ["1023", "1024"]),
         (one_capture(gesture="wave"), ["wave"]),
-        (one_capture(variant="hard"), ["variant", "gentle"]),
         (one_capture().changed(frames=np.zeros((3, 8, 8), np.float32)), ["float32"]),
         (one_capture().changed(frames=np.zeros((3, 4, 16), np.uint16)), ["8x8", "4x16"]),
     ],
@@ -148,18 +131,3 @@ def test_write_refuses_what_would_not_read_back_the_same(tmp_path, corpus, facts
     with pytest.raises(InputError) as error:
         write(corpus, tmp_path / "out.csv")
     assert all(fact in str(error.value) for fact in facts) and not any(tmp_path.iterdir())
-
-
-def test_files_that_cannot_be_read_or_written_are_named(tmp_path, monkeypatch):
-    for path in (tmp_path / "nowhere" / "out.csv", tmp_path):
-        with pytest.raises(InputError, match="cannot be written"):
-            write(one_capture(), path)
-    write(one_capture(), tmp_path / "out.csv")
-    assert [p.name for p in tmp_path.iterdir()] == ["out.csv"]
-
-    def denied(*_, **__):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("builtins.open", denied)
-    with pytest.raises(InputError, match="out.csv.*Permission denied"):
-        read(tmp_path / "out.csv")

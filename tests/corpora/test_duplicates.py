@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import identical, quiet, repeated, seen_before, warning, without
+from bench.corpora.survey import survey
 from tests.conftest import random_corpus
 
 
@@ -32,15 +33,6 @@ def test_groups_are_those_of_all_pairs_compared(seed, kind):
     found = identical(arrays)
     assert found == sorted(list(group) for group in expected if len(group) > 1)
     assert identical(arrays[:1]) == identical([]) == []
-
-
-def test_only_whole_captures_count():
-    a, b, c = random_corpus(longest=9)[np.array([0, 1, 2])]
-    assert identical([a, b, c, b.copy(), a.copy(), b]) == [[0, 4], [1, 3, 5]]
-    assert identical([a, a[:-1], a[::-1], a.reshape(len(a), 4, 16)]) == []
-    changed = a.copy()
-    changed[-1, 7, 7] += 1
-    assert identical([a, changed]) == []
 
 
 def test_shares_of_full_scale_are_compared_across_types():
@@ -80,21 +72,17 @@ def test_what_is_tested_after_training_is_that_of_a_loop(seed):
     assert seen_before(groups, sides, 20) == sorted(expected.items())
 
 
-def test_a_warning_counts_and_names_them():
-    corpus = copied(random_corpus(longest=20), [(10, 1), (30, 1), (5, 4)])
-    (line,) = warning(corpus)
-    captures = [
-        "capture 1 (subject 1, gesture pat) = capture 10 (subject 2",
-        "= capture 30 (subject 4",
-        "capture 4 (subject",
-    ]
-    assert "\n" not in line and all(part in line for part in captures)
-    assert line.startswith("5 captures") and "groups: 2, of several subjects: 1" in line
-    assert warning(random_corpus()) == []
-
-
 @pytest.mark.parametrize("position", [0, 17, 35])
 def test_a_condition_leaves_one_capture_out(position):
     corpus = random_corpus()
     left = corpus.select(without(corpus, position))
     assert left.index.tolist() == [i for i in range(36) if i != position]
+
+
+def test_an_import_warns_of_them_and_a_survey_lists_them():
+    corpus = copied(random_corpus(longest=20), [(10, 1), (30, 1), (5, 4)])
+    (line,) = warning(corpus)
+    assert "\n" not in line and line.startswith("5 captures") and warning(random_corpus()) == []
+    table = survey(corpus).duplicates
+    assert table[["group", "capture"]].to_numpy().tolist() == [[1, 1], [1, 10], [1, 30], [2, 4], [2, 5]]
+    assert survey(corpus[np.array([30, 9, 1])]).duplicates["capture"].tolist() == [1, 30]  # of the whole corpus

@@ -27,14 +27,7 @@ def test_folder_parent_and_zip_give_the_same(tmp_path):
     assert corpus[1][5].ravel()[:3].tolist() == [1, 5, 5]
     # Sequence is no cell, and the last cell is not lost.
     assert corpus[4][10].ravel()[[0, 1, 63]].tolist() == [1, 7, 9]
-    warnings = corpus.info["warnings"]
-    assert len(warnings) == 2 + 14 + 1
-    assert {
-        "train captures: 3 here, 578 published",
-        "train captures of gesture pat: 2 here, 83 published",
-        "test captures of gesture constant: 0 here, 35 published",
-        "subjects: 4 here, 10 published",
-    } <= set(warnings)
+    assert "train captures of gesture pat: 2 here, 83 published" in corpus.info["warnings"]
     with zipfile.ZipFile(path) as packed:
         packed.extractall(tmp_path / "folder")
     for source in (tmp_path / "folder", tmp_path / "folder" / "HAART DataSet"):

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.skins import OWN, SOURCE, brought, joined, regridded, resampled, scaled, weights
-from bench.corpora.synth import generate
 from bench.errors import InputError
 from tests.conftest import random_corpus
 
@@ -40,11 +39,6 @@ def test_frames_are_resampled_as_the_weights_say(count, times):
     expected = np.einsum("ij,jkl->ikl", weights(count, len(other)), frames)
     assert len(other) == max(1, round(count * times))
     np.testing.assert_allclose(other, expected, atol=1e-5)
-
-
-def test_a_long_capture_needs_no_more_memory_than_it_is():
-    long = np.ones((200_000, 1, 1), dtype=np.float32)
-    assert (resampled(long, 100.0, 54.0) == 1).all() and len(resampled(long, 100.0, 154.0)) == 308_000
 
 
 def test_a_rate_and_a_grid_by_hand():
@@ -86,22 +80,6 @@ def test_both_are_brought_to_the_coarser_of_each():
 
 
 @pytest.mark.parametrize(
-    ("names", "facts"),
-    [({}, "share 0 classes"), ({"PAT": "nothing"}, "random .*'nothing'"), ({"slap": "pat"}, "other .*'slap'")],
-)
-def test_classes_that_are_not_there_are_one_line(names, facts):
-    source = other_skin()
-    source.captures["gesture"] = source.captures["gesture"].replace("rub", "Rub")
-    with pytest.raises(InputError, match=f"^protocol[^\n]*{facts}[^\n]*$"):
-        joined(random_corpus(3, 4, longest=30), source, names)
-
-
-def test_generated_captures_of_one_seed_are_of_the_same_people():
-    with pytest.raises(InputError, match="seed"):
-        joined(generate(2, variants=("normal",)), generate(2, variants=("normal",), rows=5), {})
-
-
-@pytest.mark.parametrize(
     ("kind", "full_scale"), [("uint16", 1023.0), ("float32", 1023.0), ("uint16", 4095.0), ("shares", 1.0)]
 )
 def test_a_recording_is_found_in_the_other_corpus_in_other_numbers(kind, full_scale):
@@ -111,10 +89,3 @@ def test_a_recording_is_found_in_the_other_corpus_in_other_numbers(kind, full_sc
     source = Corpus.from_captures(arrays, target.captures, 50.0, name="other", full_scale=full_scale)
     with pytest.raises(InputError, match="protocol=transfer: .*: 1, .*capture 7 .*subject 1.* capture 5 "):
         joined(target, source, {})
-
-
-def test_no_touch_on_a_quiet_sensor_is_no_recording_that_both_have():
-    still = np.zeros((20, 8, 8), np.uint16)
-    corpora = [random_corpus(subjects=2, seed=seed) for seed in (0, 5)]
-    target, source = (Corpus.from_captures([still, *list(c)[1:]], c.captures, 100.0) for c in corpora)
-    assert len(joined(target, source, {})) == 36

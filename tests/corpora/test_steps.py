@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from bench.corpora.corpus import COPY, Corpus, storage
 from bench.corpora.faults import FAULTS
 from bench.corpora.steps import REPAIRS, Faulted, Repair, Scale, Turned, Windows
-from bench.errors import InputError
 from tests.conftest import random_corpus
 
 GRIDS = [(8, 8), (1, 2), (3, 5), (1, 1)]
@@ -147,23 +146,6 @@ def test_a_taxel_stuck_below_full_scale_is_found_when_it_stands_out():
     np.testing.assert_allclose(repaired[:, 1, 1], np.where(filled, others, 400), rtol=1e-6)
 
 
-def test_a_dead_taxel_among_moving_ones():
-    frames = np.random.default_rng(0).integers(0, 900, (20, 3, 3)).astype(np.uint16)
-    frames[:, 1, 1] = 5
-    (repaired,) = Repair(("dead",))(corpus_of([frames]))
-    others = frames.reshape(20, 9)[:, [0, 1, 2, 3, 5, 6, 7, 8]].mean(axis=1)
-    np.testing.assert_allclose(repaired[:, 1, 1], [5, 5, *others[2:]], rtol=1e-6)
-    frames[:, 0], frames[:, 1, 0] = 7, 7  # now 4 of its 8 neighbours move, which is not more than half
-    assert (Repair(("dead",))(corpus_of([frames])).frames[:, 1, 1] == 5).all()
-
-
-def test_a_taxel_without_a_sound_neighbour_is_filled_from_filled_ones():
-    frames = np.full((5, 1, 7), 1023, np.uint16)
-    frames[:, 0, 0] = np.arange(5)
-    (repaired,) = Repair(("stuck",))(corpus_of([frames]))
-    assert np.array_equal(repaired[:, 0], np.outer(np.arange(5), [1, 1, 1, 1, 0, 0, 0]))  # three passes
-
-
 # Scaling
 
 
@@ -267,23 +249,6 @@ def test_what_is_made_of_a_capture_depends_on_it_alone(name):
     made = STEPS[name](none)
     assert len(made) == len(made.captures) == len(made.piece) == len(STEPS[name].rows(none)) == 0
     assert made.grid == (3, 4)
-
-
-@pytest.mark.parametrize(
-    ("make", "facts"),
-    [
-        (lambda: Repair(("stuck", "broken")), "model.repair=stuck.broken: .*stuck.*dead.*offset"),
-        (lambda: Scale("none"), "model.scale=none: .*peak"),
-        (lambda: Faulted(("noise", "nois")), "model.faults=noise.nois: 'nois' .*noise"),
-        (lambda: Faulted(("noise",), 0), "model.copies=0: .*1048575"),
-        (lambda: Faulted(("noise",), 2**20), "model.copies=1048576: .*1048575"),
-        (lambda: Turned(8), "model.turns=8: .*7"),
-        (lambda: Turned(0), "model.turns=0: .*7"),
-    ],
-)
-def test_wrong_names_are_refused_in_one_line(make, facts):
-    with pytest.raises(InputError, match=f"^{facts}[^\n]*$"):
-        make()
 
 
 # Another mounting

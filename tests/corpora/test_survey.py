@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.survey import blocks, survey
+from bench.corpora.survey import survey
 from bench.errors import InputError
 from tests.conftest import random_corpus
 
@@ -24,19 +24,6 @@ def of(arrays, gestures=None, subjects=None, **columns):
 
 def noise(frames=12, grid=(5, 6), seed=0):
     return np.random.default_rng(seed).integers(10, 100, (frames, *grid)).astype(np.uint16)
-
-
-@given(st.lists(st.integers(0, 35), min_size=1, max_size=40), st.sampled_from([1, 500, 1 << 20]))
-def test_blocks_hold_every_capture_once_and_are_bounded(chosen, most):
-    some = random_corpus(grid=(3, 4))[np.array(chosen)]
-    seen = []
-    for part, frames in blocks(some, most):
-        lengths = some.lengths[part]
-        assert frames.size <= most or len(lengths) == 1
-        seen += np.split(frames, np.cumsum(lengths)[:-1])
-    assert len(seen) == len(some)
-    for block, expected in zip(seen, some, strict=True):
-        assert np.array_equal(block, expected.reshape(len(expected), 12))
 
 
 @given(st.lists(st.integers(0, 35), min_size=1, max_size=40), st.sampled_from(["uint16", "float32"]))
@@ -137,52 +124,9 @@ def test_missing_and_uneven_combinations():
     assert {tuple(r) for r in result.gaps.to_numpy()} == {
         (*key, rows.count(key)) for key in keys if rows.count(key) != 1
     }
-    summary, *lines = result.gap_lines()
-    assert re.findall(r"\d+", summary) == ["12", "8", "1", "1", "3"]  # 8 have 1 capture, 1 another number, 3 none
+    _, *lines = result.gap_lines()
     assert [(*re.findall(r"(?:subject|gesture|cover) (\w+)", line), line.split(": ")[1]) for line in lines] == [
         ("10", "tap", "none"),  # one gap, not one for each cover
         ("2", "rub", "fur", "none"),
         ("10", "pat", "bare", "2 captures"),
     ]
-
-
-def test_many_gaps_are_counted_not_all_printed():
-    n = 30
-    subjects, gestures = [str(i) for i in range(n)], [f"g{i}" for i in range(n)]
-    lines = survey(of([noise(seed=i) for i in range(n)], gestures, subjects)).gap_lines()
-    assert len(lines) == 1 + 12 + 1 and str(n * (n - 1) - 12) in lines[-1]
-
-
-def test_duplicates_also_under_other_labels_and_in_slices():
-    a, b, rest = noise(seed=1), noise(seed=2), np.full((20, 5, 6), 3, np.uint16)
-    arrays = [a, b, a.copy(), b[:-1], b.copy(), noise(seed=3), a.copy(), rest, rest]
-    corpus = of(arrays, [*"ppqppqppp"], [*"111211112"], cover=[*"xxxxyxxxx"])
-    result = survey(corpus)
-    table = result.duplicates
-    assert table[["group", "capture", "differs", "quiet"]].to_numpy().tolist() == [
-        *([1, i, "gesture", False] for i in (0, 2, 6)),
-        *([2, i, "cover", False] for i in (1, 4)),
-        *([3, i, "subject", True] for i in (7, 8)),  # rest can be equal by chance
-    ]
-    summary, first, *_ = result.duplicate_lines()
-    assert re.findall(r"\d+", summary) == ["7", "3", "2", "1", "8"] and "refuse" not in summary
-    assert re.findall(r"capture (\d)", first) == ["0", "2", "6"]
-    some = survey(corpus[np.array([6, 5, 4, 0])])
-    assert some.duplicates["capture"].tolist() == [0, 6]  # numbers of the whole corpus
-    assert len(survey(corpus[3:6]).duplicate_lines()) == 1
-    people = survey(of([a, a, rest, rest], subjects=[*"1212"])).duplicate_lines()[0]
-    assert "refuse 1;" in people  # not the quiet ones
-
-
-def test_a_typical_capture_is_in_the_middle():
-    arrays = [noise(n, seed=n) * np.uint16(k) for n, k in ((5, 1), (9, 2), (10, 3), (11, 4), (30, 9))]
-    corpus = of([*arrays, noise(3)], ["pat"] * 5 + ["tap"])
-    assert survey(corpus).typical == {"pat": 2, "tap": 5}
-    assert survey(corpus[1:]).typical["tap"] == 5
-
-
-def test_generated_captures_say_so(corpus):
-    assert "synthetic" not in str(survey(corpus))
-    result = survey(corpus.changed(info={"synthetic": True}).with_target("gesture+subject"))
-    assert result.synthetic and "synthetic" in repr(result).splitlines()[1]
-    assert len(result.classes) == 12 and "target=gesture+subject" in str(result)

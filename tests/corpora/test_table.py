@@ -23,20 +23,6 @@ def rows(values, origin=0, **conditions):
     return pd.DataFrame(labels | conditions | frames).join(pd.DataFrame(values).add_prefix("x"))
 
 
-@pytest.mark.parametrize("origin", [0, 1])
-@pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_any_grid_rate_and_conditions(tmp_path, kind, origin):
-    table = rows(np.arange(18).reshape(3, 6), origin, place=["arm", "arm", "leg"])
-    corpus = read(stored(table.rename(columns=lambda c: f" {c}"), tmp_path, kind), 54.0, "2x3", 100.0)
-    assert corpus.grid == (2, 3) and corpus.frames.dtype == np.uint16 and list(corpus.lengths) == [2, 1]
-    assert corpus[0][1].tolist() == [[6, 7, 8], [9, 10, 11]] and (corpus.rate_hz, corpus.full_scale) == (54, 100)
-    assert corpus.captures.to_dict("list") == {
-        "subject": ["ann", "bob"],
-        "gesture": ["pat", "rub"],
-        "place": ["arm", "leg"],
-    }
-
-
 @pytest.mark.parametrize("marks", [(1, 1), (True, True), ("true", "TRUE"), (0, 0), (False, True), ("1", "0")])
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_a_column_marks_generated_captures(tmp_path, kind, marks):
@@ -108,11 +94,8 @@ def test_numbered_channels_go_by_their_numbers(tmp_path, kind, names, conditions
     [
         ("ch1 ch2 ch3 ch4 ch5", ["2x2", "4 channels", "ch1 to ch4", "extra: ch5"]),
         ("ch0 ch1 ch2 ch3 ch4", ["ch0 to ch3", "extra: ch4"]),
-        ("ch2 ch3 ch4 ch5", ["missing: ch1", "extra: ch5"]),
         ("ch1 ch2 ch4 temp", ["missing: ch3"]),
-        ("cell1 cell2 cell4 cell8", ["missing: cell3", "extra: cell8"]),
         ("cell1 cell2 cell3 temp cell4 cell5", ["extra: cell5"]),
-        ("ch1 ch01 ch2 ch3 ch4", ["extra: ch01"]),
         ("ch1", ["missing: ch2, ch3, ch4"]),
         (" ".join(f"ch{i}" for i in range(1, 12)), ["extra: ch5, ch6, ch7 and 4 more"]),
     ],
@@ -142,13 +125,7 @@ def labelled(**columns):
         (square(*FOUR)[:0], ["no frames"]),
         (labelled(ch2=-1), ["row 1", "ch2", "-1"]),
         (labelled(ch2=np.nan), ["row 1", "ch2", "nan"]),
-        (labelled(ch2=True), ["ch2"]),
-        (labelled(ch2="1"), ["ch2"]),
-        (labelled(ch2=1j), ["input"]),
-        (labelled(ch2=pd.Series([None], dtype="Int64")), ["row 1", "ch2"]),
         (labelled(capture=None), ["capture"]),
-        (labelled(capture=[[1]]), ["capture"]),
-        (labelled(capture=[object()]), ["input"]),
         (labelled(frame=0.5), ["row 1", "frame", "0.5"]),
         (labelled(frame=7), ["row 1", "7"]),
     ],

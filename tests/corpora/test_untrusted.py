@@ -48,23 +48,16 @@ ROWS = [
     *((f"ann,pat,1,arm,{cell},2", ["a"]) for cell in "0xg 1_0 ٣ 1e 0b1 nan inf abc -8 1e39 --1".split()),
     *((f"ann,pat,{cell},arm,1,2", ["frame"]) for cell in "0xg 1_0 ٣ 1e 1.5 x".split()),
     ("ann,pat,1,arm,1,0,2", ["7", "6"]),
-    ("ann,pat,1,arm,1", ["5", "6"]),
     ("ann,pat,1,arm,1," + LONG, ["b"]),
-    (f"ann,pat,1,arm,1,-{'1' * 5000}", ["b"]),
     ("ann,pat,1,arm,1,2000000000", ["b", "2000000000", "1e+09"]),
     ("ann,pat,1,arm,1,16777217", ["b", "16777217"]),
     ("ann,pat,0\0,arm,1,2", ["frame"]),
     ("ann,pat,7,arm,1,2", ["7"]),
-    ("ann,pat,-1,arm,1,2", ["-1"]),
     ("ann,pat,1,leg,1,2", ["frame 1"]),  # another place, and frames go on
     ("\udcff,pat,1,arm,1,2", ["UTF-8"]),
-    ('"an\nn",pat,1,arm,1,2', []),
-    ('ann,pat,1,arm,1,"2\n"', []),
     ('ann,pat,1,"arm,1,2', []),
     ("ann,pat,1,arm,1,2\r", []),
     *((f"{word},pat,0,arm,1,2", ["subject"]) for word in [*UNSEEN, *EMPTY, LONG]),
-    *((f"ann,{word},0,arm,1,2", ["gesture"]) for word in UNSEEN[:1]),
-    *((f"ann,pat,0,{word},1,2", ["place"]) for word in [*UNSEEN[-1:], *EMPTY[:1]]),
 ]
 
 
@@ -77,25 +70,17 @@ def test_a_line_that_cannot_be_is_named(tmp_path, row, facts):
 
 HEADERS = [
     (b"", ["line 1"]),
-    (b"\n" + HEADER.encode(), ["line 1"]),
     (b"\x89PNG\xff\xfe" * 20, ["UTF-8"]),
     (HEADER.encode() + b"\rann,pat,0,arm,1,2\r", ["line 1"]),  # line ends of old Macs
     (HEADER.encode(), ["no frames"]),
-    (HEADER.encode() + b"\n \n\n", ["no frames"]),
     *((HEADER.replace("place", name).encode(), ["line 1", "column 4"]) for name in ("", " ", "pl\0ace", "x" * 201)),
-    (HEADER.replace("place", LONG).encode(), ["line 1"]),
-    (HEADER.replace("place", "\\" * 150 + "," + "\\" * 150).encode(), ["line 1"]),
     (HEADER.replace("place", "frame").encode(), ["line 1", "frame"]),
     (HEADER.replace("gesture", "label").encode(), ["line 1", "gesture"]),
     (HEADER.replace("place", ",".join(f"c{i}" for i in range(300))).encode(), ["line 1", "303", "256"]),
     (b"subject,gesture,frame\n", ["line 1"]),
     (HEADER.replace("place", "fold").encode() + b"\nann,pat,0,arm,1,2\n", ["fold"]),
-    (HEADER.replace("place", "p_" + "y" * 190).encode() + b"\nann,pat,0,arm,1,2\n", ["p_"]),
     (HEADER.replace("place", "synthetic").encode() + b"\nann,pat,0,perhaps,1,2\n", ["synthetic", "perhaps", "1"]),
-    (HEADER.encode() + b"\n\nann,pat,0,arm,1,2\n", ["line 2"]),
     (HEADER.encode() + b"\nann,pat,0,arm,1,2\n \t\nann,pat,1,arm,1,2\n", ["line 3"]),
-    (HEADER.encode() + b"\n\xef\xbb\xbfann,pat,0,arm,1,2\n", ["line 2", "subject"]),
-    (HEADER.encode() + b"\nann,pat,7,arm,1,2\n", ["line 2", "7"]),
     (HEADER.encode() + b"\n" + b"ann,pat,0,arm,1,2\n" * 3000 + b"ann,\xe9,0,arm,1,2\n", ["line 3002"]),
 ]
 
@@ -131,32 +116,21 @@ def test_lines_are_counted_across_blocks(tmp_path, monkeypatch):
 def test_options_that_cannot_be(tmp_path, options, facts):
     for make in (csv, parquet, npz):
         refused("table", make(tmp_path), *facts, **options)
-    for make in (csv, parquet):
-        refused("table", make(tmp_path), "grid=", grid="")
 
 
 OBJECTS = np.array(["a", {}], dtype=object)
-BROKEN_CODES = [np.array([[code]] * 2, np.uint32).view("<U1").ravel() for code in (0x110000, 0xD800)]
 ARRAYS = [
     *(({"offsets": offsets}, ["offsets", "3"]) for offsets in ([0, 2, 2], [0, 4, 3], [1, 2, 3], [0.0, 2.0, 3.0])),
-    *(({"offsets": np.array(o)}, ["offsets"]) for o in (3, [], [False, True, True], [[0, 2, 3]])),
-    *(({"offsets": np.array([0, 2, 3], kind)}, ["offsets"]) for kind in ("m8[s]", "M8[s]")),
-    ({"offsets": np.array([0, 2**63 - 1, 2**63, 2**64 - 1, 3], np.uint64)}, ["offsets"]),  # differences that wrap
     *(({"frames": frames}, ["frames"]) for frames in (np.zeros((3, 2)), np.zeros((0, 1, 2)), np.zeros((3, 0, 2)))),
     *(({"frames": np.ones((3, 1, 2)).astype(kind)}, ["frames"]) for kind in (bool, complex, "m8[s]", "U1")),
     *(({"frames": np.full((3, 1, 2), v)}, ["frame 1", "channel 1"]) for v in (-1, np.nan, np.inf, 1e10, 1e200)),
-    ({"frames": np.full((3, 2, 1), 1)}, ["2x1", "1x2"]),
     ({"subject": ["1"]}, ["subject", "(1,)", "2"]),
     ({"subject": np.array([1.5, np.nan])}, ["subject", "float64"]),
     ({"subject": [b"ann", b"\xff\xfe"]}, ["capture 2", "subject"]),
-    *(({"subject": codes}, ["subject"]) for codes in BROKEN_CODES),
     *(({name: ["ann", word]}, ["capture 2", name]) for name in ("subject", "day") for word in UNSEEN[1:] + EMPTY),
-    ({"gesture": [b"ann", b"a\0b"]}, ["capture 2", "gesture"]),
     ({"gesture": OBJECTS}, ["my.npz"]),
     ({"gesture": None}, ["gesture"]),
     ({"day": np.array([1j, 2])}, ["day", "complex128"]),
-    ({"x" * 201: [1, 2]}, ["column"]),
-    ({f"c{i}": [1, 2] for i in range(300)}, ["302"]),
 ]
 
 
@@ -173,12 +147,6 @@ COLUMNS = [
     *(({"b": [1, value]}, ["row 2", "b"]) for value in (-1, None, 1e200, np.nan, np.inf, 2000000000)),
     *(({name: ["ann", word]}, ["row 2", name]) for name in ("subject", "place") for word in UNSEEN + EMPTY),
     ({"subject": [b"ann", b"\xff\xfe"]}, ["row 2", "subject"]),
-    ({"place": [[1], [2]]}, ["place"]),
-    ({"place": ["arm", None]}, ["row 2", "place"]),
-    ({"place": pa.array([1.0, None])}, ["row 2", "place"]),
-    ({" frame": [0, 1]}, ["frame", "twice"]),
-    *(({name: ["arm"] * 2}, ["column 4"]) for name in ("", " ", "pl\0ace", "x" * 201)),
-    ({f"c{i}": [1, 2] for i in range(300)}, ["303"]),
     ({"subject": [], "gesture": [], "frame": [], "a": [], "b": []}, []),
 ]
 
@@ -230,7 +198,6 @@ def test_files_that_are_not_cost(tmp_path):
         ("a,b", ["line 1", "subject"]),
         ("subject, variant, gesture, frame, ch1", ["line 1", "ch2", "60 more"]),
         (head + ", extra", ["line 1", "extra"]),
-        (f"{head}, {chr(0xE0001) * 199}", ["line 1"]),
     ):
         refused("cost", csv(tmp_path, line(), header=header), *facts)
     marked = [line().replace("1,1,1,1,", f"1,1,1,1,{mark},", 1) for mark in "10"]
@@ -299,12 +266,6 @@ def test_archives_that_are_none_too_large_or_packed_without_bounds(tmp_path, mon
         for content in (b"", b"PK\x03\x04", b"PAR1", b"\x93NUMPY\x01\x00v\x00{'descr'"):
             (tmp_path / name).write_bytes(content)
             refused(kind, tmp_path / name, name)
-    with zipfile.ZipFile(npz(tmp_path), "a") as packed:
-        packed.writestr("z" * 60_000, "x")
-    refused("table", tmp_path / "my.npz", "my.npz", "zzz")
-    with pytest.warns(UserWarning, match="Duplicate name"):
-        path = archive(tmp_path, ("training.csv", "x"))
-    refused("haart", path, "training.csv", "twice")
     with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as packed:
         packed.writestr("training.csv", TRAINING + "\n" * (17 << 20))
         packed.writestr("testWITHLABELS.csv", TESTING)
@@ -336,31 +297,6 @@ def test_files_that_are_no_files(tmp_path):
             refused(kind, path)
     (tmp_path / "a.npz").mkdir()
     refused("table", tmp_path / "a.npz", "folder")
-
-
-@pytest.mark.parametrize("name", ["n" * 240, "new\nline\x1b[31m"])
-def test_messages_fit_in_a_line_whatever_a_file_is_called(tmp_path, name):
-    for suffix in (".csv", ".npz", ".parquet", ".zip"):
-        path = tmp_path / f"{name}{suffix}"
-        for content in (None, HEADER.encode() + b"\nann,pat,0,arm,1,-2\n", b"PAR1"):
-            if content:
-                path.write_bytes(content)
-            for kind in READERS:
-                refused(kind, path)
-
-
-def test_parquet_with_flipped_bits(tmp_path):
-    path = parquet(tmp_path, place=["arm"] * 2, a=[1, 1], b=[1, 1])
-    raw, rng, messages = path.read_bytes(), np.random.default_rng(0), set()
-    for _ in range(200):
-        damaged = bytearray(raw)
-        damaged[int(rng.integers(len(raw)))] ^= 1 << int(rng.integers(8))
-        path.write_bytes(damaged)
-        try:
-            read(path)
-        except InputError as e:
-            messages.add(str(e))
-    assert len(messages) > 5 and all(len(m) <= 300 and m.isprintable() and m.startswith("my.parquet") for m in messages)
 
 
 def test_a_refused_import_ends_with_2_and_leaves_the_earlier_corpus(tmp_path, capsys):
@@ -419,10 +355,6 @@ def test_the_same_values_are_the_same_frames_from_every_kind_of_file(tmp_path):
         ):
             corpus = read(path, full_scale=1e30)
             assert corpus.frames.dtype == kind and np.array_equal(corpus.frames, frames.astype(kind)), path
-    for scale in (0.1, 0.3, 0.7):  # which float32 rounds
-        single = pa.array([scale, 0], pa.float32())
-        for path in (csv(tmp_path, f"ann,pat,0,arm,{scale},0"), parquet(tmp_path, a=single, b=[0, 0])):
-            assert read(path, full_scale=scale).frames.max() == np.float32(scale)
 
 
 @pytest.mark.parametrize("kind", ["<f2", ">f2", "<f4", ">f8", "i1", ">u8", "longdouble"])
@@ -432,19 +364,6 @@ def test_arrays_of_any_type_without_a_word(tmp_path, kind):
     for order in (np.ascontiguousarray, np.asfortranarray):
         corpus = read(npz(tmp_path, frames=order(frames), day=np.array([1, 0]).astype(kind)))
         assert corpus.frames.tolist() == 3 * [[[7, 7]]] and corpus.captures["day"].tolist() == [1, 0]
-
-
-@pytest.mark.parametrize(("kind", "days"), [("?", [True, False]), (">U3", ["1", "0"]), ("S3", ["1", "0"])])
-def test_conditions_of_any_plain_type(tmp_path, kind, days):
-    path = npz(tmp_path, day=np.array([1, 0]).astype(kind), subject=np.array([7, 8], ">i2"))
-    corpus = import_corpus("table", path, {"rate_hz": "50"})
-    assert corpus.captures["day"].tolist() == days and corpus.subjects.tolist() == ["7", "8"]
-
-
-@pytest.mark.skipif(np.finfo(np.longdouble).nmant < 60, reason="long doubles are doubles here")
-def test_a_long_double_that_float64_would_change_is_refused(tmp_path):
-    exact = np.longdouble(1) + np.longdouble(2) ** -60
-    refused("table", npz(tmp_path, day=np.array([1, exact])), "day")
 
 
 def test_archives_that_a_mac_or_a_file_manager_made(tmp_path):
@@ -470,14 +389,3 @@ def test_parquet_with_an_index_or_none(tmp_path):
     for index in (pd.Index([5, 3]), pd.Index(["x", "y"], name="id"), pd.MultiIndex.from_tuples([(1, 2), (3, 4)])):
         rows.set_index(index).to_parquet(tmp_path / "MY.PARQUET")
         assert read(tmp_path / "MY.PARQUET").frames.ravel().tolist() == [1, 2, 3, 4]
-    for fields in (b"", b"{", b"[]", b'{"index_columns": 3}', b'{"index_columns": ["no", {"kind": "range"}]}', b"\xff"):
-        pq.write_table(pq.read_table(parquet(tmp_path)).replace_schema_metadata({b"pandas": fields}), "my.parquet")
-        try:
-            assert read(tmp_path / "my.parquet").frames.ravel().tolist() == [1, 2, 3, 4]
-        except InputError as e:
-            assert len(str(e)) <= 300
-
-
-@pytest.mark.parametrize("name", ["a\x1b[31m.csv", "a\nb.csv", "\udcff.csv", "\u202egpj.csv"])
-def test_a_file_name_can_be_shown_for_ever_after(tmp_path, name):
-    assert read(csv(tmp_path).rename(tmp_path / name)).info["source"].isprintable()

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench import source
 from bench.corpora.corpus import Corpus
 from bench.corpora.where import chosen
 from bench.errors import InputError
@@ -63,15 +62,12 @@ def test_the_same_as_pandas():
         "not subject == '1'",
         "~flag or n in [1, 2]",
         "-1 < n <= 2",
-        "gesture == ['pat', 'rub']",
         "['pat'] != gesture",
         "`two words` * 2 - n // 2 >= 3 % 2 + n / 4",
         "épaisseur.between(-1, 0.5) and épaisseur == épaisseur",
         "épaisseur != épaisseur",
         "cover != 'pat'",
         "gesture.str.startswith('p') | gesture.str.endswith('b') and cover.isin(('pat', 'rub'))",
-        "n in (1,)",
-        "'pat' == gesture",
         "n % 2 in [0, -1] or gesture not in ['pat', \"'\"] | ~(flag and `two words` != 1)",
         "-(n * 2) <= épaisseur / -1.5 and n.isin([1, -2, 0.5]) or subject < '2'",
         "gesture == '&' or gesture == \"'\"",
@@ -95,42 +91,24 @@ def test_contains_is_literal():
     ("text", "reason"),
     [
         ("n ==", "invalid syntax"),
-        ("n = 1", "invalid syntax"),
         ("n == 1 and flagg", "no column 'flagg'; the columns of arm are subject, gesture"),
         ("n == 1 & x.y", "'x.y' cannot be used"),
-        ("épaisseur > 1 and é.b", "'é.b' cannot be used"),
-        ("`two words` > 1 and `no words` > 1", "no column 'no words'"),
-        ("  n.size > 1", "'n.size' cannot be used"),
         ("n", "not a condition"),
-        ("subject", "not a condition"),
-        ("1 + 1", "not a condition"),
-        ("True", "not a condition"),
         ("not n", "'not n' cannot be used"),
         ("flag and True", "'flag and True' cannot be used"),
         ("n == 99", "selects none of the 12 captures of arm"),
         ("subject == '1", "unterminated string"),
-        ("`n == 1", "invalid syntax"),
         ("n == 1 # so", "a comment"),
         ("subject in '1'", "is not a list"),
         ("subject < 1", "cannot be computed"),
-        ("1 / 0 < n", "cannot be computed (division by zero)"),
-        ("subject + '1' == '11'", "cannot be used"),
         ("flag + 1 > 1", "'flag + 1' cannot be used"),
-        ("1 < 2", "not a condition"),
         ("n in [1, n]", "is not a list"),
-        ("n is 1", "cannot be used"),
-        ("n == None", "'None' cannot be used"),
         ("", "invalid syntax"),
         ("n == 1 or " * 1001, "has 10010 characters"),
         ("(" * 150 + "n" + ")" * 150 + " == 1 and", "invalid syntax"),
-        ("(" * 250 + "n == 1" + ")" * 250, "too many nested parentheses"),
         ("~" * 9000 + "flag", "too deeply nested"),
-        ("not " * 2400 + "flag", "too deeply nested"),
-        ("n" + " + 1" * 2000 + " > 0", "too deeply nested"),
-        ("n" + ".n" * 4900, ""),
         ("'" * 9999, "unterminated"),
         ("n == 1\0", "null byte"),
-        ("n == '\udc80'", "cannot be computed"),
     ],
 )
 def test_what_is_refused_is_named(text, reason):
@@ -139,121 +117,51 @@ def test_what_is_refused_is_named(text, reason):
     assert reason in str(refused.value) and len(str(refused.value)) <= 300, str(refused.value)
 
 
-def test_long_conditions_and_names_are_told_in_short():
-    captures = table().rename(columns={"n": "n" * 400})
-    for text in ("x" * 400 + " == 1", "'" + "é\x00" * 900 + "' == 1", "gesture == '" + "x" * 900 + "' or x == 1"):
-        with pytest.raises(InputError) as refused:
-            corpus(captures).select(text)
-        assert len(str(refused.value)) <= 300 and "where=" in str(refused.value)
-
-
 ATTEMPTS = [
     # those of the review
     "n.__init__.__func__.__globals__['sys'].modules['os'].system('touch stolen') == n",
     "n.to_csv('stolen') == n",
     "n.to_frame().eval('n.to_csv(\"stolen\")') == n",
-    "n.rename('m', inplace=True) == n",
     # code
     "@os.system('touch stolen') == 0",
-    "@n == 1",
-    "@__import__('os').system('touch stolen') == n",
     "__import__('os').system('touch stolen') == n",
     "open('stolen', 'w') == n",
     "eval('1') == n",
-    "exec('x = 1') == n",
-    "compile('1', '', 'eval') == n",
     "getattr(n, 'to_csv')('stolen') == n",
-    "setattr(n, 'name', 'm') == n",
     "vars(n) == n",
-    "globals()['os'] == n",
-    "print(n) == n",
-    "type(n)('x', (), {}) == n",
-    "breakpoint() == n",
     "(lambda: n)() == n",
     "[x for x in n] == n",
-    "{x for x in n} == n",
-    "{x: 1 for x in n} == n",
-    "sum(x for x in n) == n",
-    "n in [y := 1]",
     "(n := 3) == n",
     "f'{n.to_csv(\"stolen\")}' == gesture",
-    "gesture == f'{n}'",
-    "gesture == b'pat'",
-    "await n == 1",
     "(yield n) == n",
-    "(yield from n) == n",
     "n if flag else n",
-    "*n == 1",
     "n.isin(*[[1]])",
     "n.isin(**{'values': [1]})",
-    "n == {1, 2}",
-    "n == {'a': 1}",
-    "n == ...",
-    "n == 1j",
     "import os",
     "n == 1; import os",
-    "n = 1",
-    "del n",
-    "m = n + 1",
-    "assert flag",
     # attributes, parts and other methods
     "n.__class__ == 1",
-    "n.values == 1",
-    "n.T == n",
     "n[0] == 1",
-    "n[:] == 1",
     "n.str.__class__ == 1",
-    "gesture.str.__init__ == gesture",
     "gesture.str.startswith.__self__ == gesture",
-    "gesture.str['pat'] == 'p'",
-    "gesture.str.upper() == 'PAT'",
-    "gesture.str.replace('p', 'q') == 'q'",
     "gesture.str.startswith('p').to_csv('stolen') == n",
     "gesture.str.contains('(a+)+$', regex=True)",
     "gesture.str.contains('p', flags=2)",
-    "gesture.str.contains(gesture)",
     "gesture.str.match('(a+)+$')",
-    "gesture.str.repeat(10) == 'x'",
     "gesture.str.startswith(n.to_csv('stolen'))",
-    "gesture.str.isin(['pat'])",
     "n.between(n.to_csv('stolen'), 1)",
-    "n.between(1, 2, inclusive='left')",
-    "n.isin(n)",
     "n.isin([n.to_csv('stolen')])",
-    "n.isin([[1]])",
     "n.apply(print) == n",
-    "n.map(print) == n",
-    "n.pipe(print) == n",
     "n.sum() == 1",
-    "n.to_pickle('stolen') == n",
-    "n.isin.__func__ == 1",
-    "(n).isin([1]).any() == 1",
-    "(n + 1).isin([1])",
-    "n(1) == n",
-    "sin(n) > 0",
     "index > 1",
-    "ilevel_0 > 1",
-    "inf > n",
-    "datetime == n",
     "`n`.to_csv('stolen') == n",
-    "n.`to_csv`('stolen') == n",
     # time and memory
     "10**10**10 > n",
-    "n**n > 1",
-    "2 ** 99999999 > n",
     "1 << 99999999 > n",
-    "n << 60 > 1",
     "'a' * 10**9 == gesture",
-    "'a' * 1000000000 == gesture",
-    "gesture * 1000000000 == gesture",
     "[1] * 1000000000 == n",
-    "n in [1] * 1000000000",
     "'%1000000000d' % 1 == gesture",
-    "'{:>1000000000}'.format(1) == gesture",
-    "n @ n > 1",
-    "n ^ 1 == 1",
     "n & 1 == 1 == n | 2",
-    "((n & 1)) == 1",
     "1" * 5000 + " > n",
 ]
 
@@ -288,12 +196,3 @@ def test_a_long_condition_takes_time_in_proportion():
         started = time.perf_counter()
         we_say(text, captures)
         assert time.perf_counter() - started < 5
-
-
-def test_a_change_of_it_makes_no_run_stale(monkeypatch):
-    before, original = source.source_digest(Corpus), source.meaning
-    for name, other in (("where.py", False), ("folder.py", False), ("corpus.py", True)):
-        changed = lambda p, at, n=name: (original(p, at)[0] + p.endswith(n) * b"changed", original(p, at)[1])  # noqa: E731
-        with monkeypatch.context() as patch:
-            patch.setattr(source, "meaning", changed)
-            assert (source.source_digest(Corpus) != before) == other

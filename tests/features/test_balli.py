@@ -8,7 +8,6 @@ from scipy.linalg import solve_toeplitz
 from scipy.ndimage import label as components
 from scipy.spatial import ConvexHull
 
-from bench.corpora.folder import open_folder, write_folder
 from features.balli import NAMES, SIGNALS, STATISTICS, Balli
 from tests.features.captures import GRIDS, LEVELS, corpus_of, near, ragged, row_of
 
@@ -83,12 +82,6 @@ def of_signal(*values):
     return row.filter(like="mean_pressure_").rename(lambda name: name.removeprefix("mean_pressure_"))
 
 
-def of_frame(*rows):
-    """Signals of one frame."""
-    row = row_of(Balli(0), np.array(rows, np.uint16)[None])
-    return row.filter(regex="_mean$").rename(lambda name: name.removesuffix("_mean"))
-
-
 @given(st.integers(0, 10_000), st.sampled_from([*GRIDS, (5, 3)]), st.sampled_from([*LEVELS]), st.booleans())
 def test_the_table_is_every_statistic_of_every_signal(seed, grid, levels, real):
     low, high, full_scale = LEVELS[levels]
@@ -116,34 +109,6 @@ def test_statistics_equal_a_loop_over_the_signal(seed, kind):
     arrays = [np.asarray(x[:length], np.uint16)[:, None, None] for length in rng.integers(1, 151, 4)]
     table = Balli(0).extract(corpus_of(arrays)).filter(like="mean_pressure_")
     near(table, [naive_statistics(a.ravel()) for a in arrays], rtol=1e-6)
-
-
-def test_shapes_by_hand():
-    ell = of_frame([0, 90, 50], [0, 100, 90], [0, 0, 0])  # 50 is not above half
-    assert (ell["area"], ell["convex_area"], ell["euler_number"]) == (3, 3.5, 1)
-    assert ell["solidity"] == pytest.approx(3 / 3.5)
-    assert ell["equivalent_diameter"] == pytest.approx(np.sqrt(12 / np.pi))
-    assert ell["orientation"] == pytest.approx(np.pi / 4)  # of an L the two ends lie across the corner
-    assert (ell["max_row"], ell["max_column"], ell["max_pressure"]) == (2, 2, 100)
-    ring = of_frame([9, 9, 9], [9, 0, 9], [9, 9, 9])
-    assert (ring["euler_number"], ring["area"], ring["convex_area"]) == (0, 8, 9)
-    assert (ring["orientation"], ring["eccentricity"]) == (0, 0) and ring["major_axis"] == ring["minor_axis"]
-    assert (ring["max_row"], ring["max_column"], ring["polar_moment"]) == (1, 1, 9 * (4 * 1 + 4 * 2))
-    corners = of_frame([9, 0], [0, 9])
-    assert (corners["euler_number"], corners["convex_area"], corners["solidity"]) == (1, 3, pytest.approx(2 / 3))
-    assert corners["orientation"] == pytest.approx(np.pi / 4)
-    assert of_frame([0, 9], [9, 0])["orientation"] == pytest.approx(-np.pi / 4)
-    apart = of_frame([9, 0, 9], [0, 0, 0])
-    assert (apart["euler_number"], apart["convex_area"]) == (2, 3)
-    level, upright = of_frame([7, 7, 7], [0, 0, 0]), of_frame([7, 0], [7, 0], [7, 0])
-    for bar in (level, upright):
-        assert bar["major_axis"] == pytest.approx(4 * np.sqrt(0.75))
-        assert bar["minor_axis"] == pytest.approx(4 * np.sqrt(1 / 12))
-        assert bar["eccentricity"] == pytest.approx(np.sqrt(8 / 9)) and bar["solidity"] == 1
-    assert (level["orientation"], upright["orientation"]) == (pytest.approx(np.pi / 2), 0)
-    untouched = of_frame([0, 0], [0, 0], [0, 0])
-    assert (untouched[list(SIGNALS[7:])] == 0).all()
-    assert untouched[list(SIGNALS[:7])].tolist() == [0, 2, 1.5, 0, 1, 1, 0]
 
 
 def test_statistics_by_hand():
@@ -183,14 +148,3 @@ def test_kept_columns_keep_their_order_and_values(corpus):
         assert Balli().fit_transform(few).shape == (len(few), 208)  # what cannot be learnt from keeps all
     still = corpus_of([np.full((9, 4, 4), 5, np.uint16)] * 12)
     assert Balli().fit(still, ["a", "b"] * 6).transform(still).shape == (12, 208)
-
-
-def test_one_table_is_stored_for_every_number_of_columns(corpus, tmp_path, monkeypatch):
-    write_folder(corpus, tmp_path / "c")
-    stored = open_folder(tmp_path / "c")
-    expected = Balli(4).fit_transform(corpus, corpus.gestures)
-    assert Balli(4).fit_transform(stored, corpus.gestures).equals(expected)
-    monkeypatch.setattr(Balli, "extract", lambda *_: pytest.fail("computed again"))
-    assert Balli(2).fit_transform(stored, corpus.gestures).shape == (36, 2)
-    assert Balli(0).fit_transform(stored[3:5]).shape == (2, 208)
-    assert len(list((tmp_path / "home" / "features").iterdir())) == 1

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from features.gaus import FAMILIES, Gaus
-from tests.features.captures import GRIDS, LEVELS, corpus_of, ragged, row_of
+from tests.features.captures import GRIDS, LEVELS, corpus_of, ragged
 
 RATE = 100.0
 
@@ -114,20 +114,6 @@ def test_features_equal_loops_over_the_definitions(seed, grid, levels, real):
                 np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-9, err_msg=family)
 
 
-def test_ranges_by_hand():
-    frames = np.zeros((2, 1, 4), np.uint16)
-    frames[:, 0, 0] = 7, 58  # more than 51 above the minimum
-    frames[:, 0, 1] = 7, 59
-    frames[:, 0, 2] = 200, 100  # 100 is not above half
-    frames[:, 0, 3] = 150, 150  # never above its minimum
-    row = row_of(Gaus(("sd", "bmh")), frames, full_scale=1020.0)
-    assert row.filter(like="bmh").tolist() == [0, 0, 1, 1]
-    assert (row["sd_none_mean"], row["sd_none_sd"], row["sd_none_max"]) == (0.5, 0, 0.5)
-    assert (row["sd_touch_mean"], row["sd_touch_sd"], row["sd_touch_max"]) == (0.125, 0.125, 0.25)
-    assert (row["sd_high_mean"], row["sd_high_sd"], row["sd_high_max"]) == (0.375, 0.125, 0.5)
-    assert (row["sd_none_taxels"], row["sd_touch_taxels"], row["sd_high_taxels"]) == (0.25, 0.25, 0.5)
-
-
 def course_of(bits):
     """A capture of one taxel that changes by 1 in the steps marked 1; there are so few that the percentile is 0."""
     assert bits.count("1") < len(bits) / 4
@@ -147,26 +133,6 @@ def test_runs_by_hand():
     assert table.to_numpy().tolist() == [*patterns.values()]
 
 
-def test_equal_steps_are_none_above_their_percentile():
-    steady = np.arange(0, 900, 30, dtype=np.uint16)[:, None, None]
-    back = steady[::-1]  # a step down that wrapped round would be large
-    assert (Gaus(("smmhh",)).transform(corpus_of([steady, back])).to_numpy() == 0).all()
-    swerve = np.concatenate([steady, back[10:]])
-    assert row_of(Gaus(("smmhh",)), swerve).tolist() == [1, 0, 0, 0, 0]  # 870 to 570
-
-
-def test_a_cell_of_the_pyramid_is_the_average_of_its_taxels():
-    course = course_of("00100000000").ravel()
-    frames = np.full((len(course), 3, 5), 10, np.uint16)
-    frames[:, 0, 0] += course
-    frames[:, 1, 1] -= course  # the other way, in the same cell of 2 x 2
-    frames[:, 2, 4] += course  # a cell of its own
-    row = row_of(Gaus(("smmhh",)), frames)
-    assert len(row) == 5 * (3 * 5 + 2 * 3 + 1 * 2 + 1)
-    moving = ["3x5_r1c1", "3x5_r2c2", "3x5_r3c5", "2x3_r2c3", "1x2_r1c2", "1x1_r1c1"]
-    assert list(row.index[row > 0]) == [f"smmhh_{cell}_run1" for cell in moving]
-
-
 def test_patterns_of_one_frame_by_hand():
     frames = {
         "00": [[1, 1, 1], [1, 5, 1], [1, 1, 1]],
@@ -179,14 +145,6 @@ def test_patterns_of_one_frame_by_hand():
     assert (table.sum(axis=1) == 1).all()  # nothing on the planes of time
     for i, bin in enumerate(frames):
         assert table.loc[i, f"lbptop_xy_{bin}"] == 1
-
-
-def test_patterns_in_time_by_hand():
-    frame = np.array([[9, 7, 1], [1, 5, 1], [1, 1, 1]], np.uint16)  # rows are time
-    for side, shape in (("xt", (3, 1, 3)), ("yt", (3, 3, 1))):
-        table = Gaus(("lbptop",)).transform(corpus_of([frame.reshape(shape), frame[:2].reshape(2, *shape[1:])]))
-        assert table.loc[0, f"lbptop_{side}_03"] == 1 and table.loc[0].sum() == 1
-        assert table.loc[1].sum() == 0
 
 
 def test_families_have_their_sizes_and_are_computed_alone(corpus, monkeypatch):

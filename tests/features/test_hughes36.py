@@ -1,13 +1,11 @@
 """Gesture-level features against loops, the autoencoder, and likelihoods of standardised observations."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.linear_model import LinearRegression
 
-from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.synth import generate
 from features import hughes36
 from features.hughes36 import Hughes36, moments
@@ -16,11 +14,6 @@ from tests.features.captures import GRIDS, corpus_of, near
 
 def quick(**parameters):
     return Hughes36(**{"states": 2, "iterations": 2, "epochs": 1, **parameters})
-
-
-def level(frames, **fields):
-    """Gesture-level features of one capture."""
-    return quick().extract(corpus_of([frames], **fields)).iloc[0]
 
 
 def naive(frames, rate, full_scale):
@@ -56,25 +49,6 @@ def test_gesture_level_features_equal_loops(seed, grid, rate, levels, real):
         near(table.iloc[i], naive(frames, rate, full_scale), rtol=1e-7)
 
 
-def test_a_wave_has_its_frequency_and_amplitude():
-    for rate, length in ((54.0, 432), (135.0, 270), (200.0, 1000)):
-        time = np.arange(length) / rate
-        frames = np.full((length, 2, 2), 0.5, np.float32)
-        frames[:, 0, 1] += 0.2 * np.sin(2 * np.pi * 3 * time) + 0.3 * np.sin(2 * np.pi * 8 * time)  # 8 Hz is too fast
-        row = level(frames, rate=rate, full_scale=1.0)
-        assert row["g4_frequency"] == pytest.approx(3)
-        assert np.exp(row["g5_log_amplitude"]) == pytest.approx(0.2 + 1e-4, rel=1e-4)
-
-
-def test_without_a_frequency_in_the_band_it_is_0():
-    rng = np.random.default_rng(0)
-    arrays = [rng.integers(0, 1000, (n, 8, 8)).astype(np.uint16) for n in (1, 2, 30, 64)]
-    for rate, inside in ((1.0, False), (1.5, True), (300.0, True), (400.0, False)):  # half of 1 Hz; 400 / 64 Hz
-        table = quick().extract(corpus_of(arrays, rate=rate))
-        assert (table["g4_frequency"][1:] > 0).eq(inside).all() and table["g4_frequency"][0] == 0
-        assert table["g5_log_amplitude"][1:].ne(np.log(0.1023)).eq(inside).all()
-
-
 def test_moments_by_hand():
     frames = np.zeros((2, 3, 4), np.uint16)
     frames[0, 1, 2] = 1023  # row 2, column 3
@@ -104,16 +78,6 @@ def test_the_autoencoder_keeps_what_frames_differ_in():
         return LinearRegression().fit(code[:4000], frames[:4000]).score(code[4000:], frames[4000:])
 
     assert kept(20) > max(0.65, kept(1) + 0.1)
-
-
-def test_frames_to_encode_are_spread_over_all_captures():
-    arrays = [np.full((n, 1, 1), i, np.uint16) for i, n in enumerate([1000, 10, 490, 2500])]
-    corpus = corpus_of(arrays, full_scale=1.0)[np.array([3, 0, 2])]
-    capture = hughes36._some_frames(corpus, 399, 0).ravel().astype(int)
-    near(np.bincount(capture), [100, 0, 49, 250], atol=1)
-    assert len(hughes36._some_frames(corpus, 10**6, 0)) == 3990
-    every = hughes36._some_frames(corpus_of([np.arange(100).reshape(-1, 1, 1)], full_scale=1.0), 100, 3)
-    assert (every.ravel() == np.arange(100)).all()
 
 
 def test_names_and_duration(corpus):
@@ -178,25 +142,3 @@ def test_likelihoods_are_per_frame_of_what_training_frames_standardise(corpus):
             frames = (observe(test[i : i + 1]) - seen.mean(axis=0)) / seen.std(axis=0)
             expected = models.log_likelihood(frames, test.lengths[i : i + 1])[0] / test.lengths[i]
             near(table.filter(like=f"hmm_{kind}_").iloc[i], expected.clip(-100), rtol=1e-6)
-
-
-def test_a_stored_corpus_gives_the_same_and_is_read_once(corpus, tmp_path, monkeypatch):
-    write_folder(corpus, tmp_path / "c")
-    stored = open_folder(tmp_path / "c")
-    part = np.array([0, 4, 8, 9, 13, 17])
-    here, there = (quick().fit(c[part], corpus.gestures[part]) for c in (corpus, stored))
-    pd.testing.assert_frame_equal(there.transform(stored[5:9]), here.transform(corpus[5:9]), rtol=1e-9)
-    monkeypatch.setattr(Hughes36, "extract", lambda *_: pytest.fail("computed again"))
-    assert len(there.transform(stored)) == len(corpus)
-
-
-def test_the_seed_decides_and_other_random_numbers_stay(corpus):
-    import torch
-
-    torch.manual_seed(3)
-    expected = torch.rand(1)
-    torch.manual_seed(3)
-    first = quick().fit(corpus, corpus.gestures)
-    assert torch.rand(1) == expected
-    again, other = (quick(seed=s).fit(corpus, corpus.gestures) for s in (0, 1))
-    assert same(first, again) and not np.array_equal(first.encoder_[0][0], other.encoder_[0][0])

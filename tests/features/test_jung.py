@@ -119,33 +119,12 @@ def test_sums_beyond_what_float32_counts_are_exact():
     assert row["f22_peaks"] == 1 and row["f03_pressure_variability"] == 1
 
 
-def test_periodicity_of_a_fingertip_that_goes_round():
-    time = np.arange(200) / 100
-    row, col = np.round(3.5 + 3 * np.sin(2 * np.pi * 2 * time)), np.round(3.5 + 3 * np.sin(2 * np.pi * 5 * time))
-    frames = np.zeros((200, 8, 8), np.uint16)
-    frames[np.arange(200), row.astype(int), col.astype(int)] = 500
-    row = row_of(Jung54(), frames)
-    assert (row["f53_row_frequency"], row["f54_col_frequency"]) == (2, 5)
-
-
 def test_of_equal_amplitudes_the_lowest_frequency_counts():
     for length in range(2, 40):  # the spectrum of an impulse is flat
         frames = np.full((length, 8, 8), 10, np.uint16)
         frames[length // 2, 0, 0] = 900
         row = row_of(Jung54(), frames)
         assert row["f53_row_frequency"] == row["f54_col_frequency"] == 100 / length
-
-
-def test_spatial_peaks_by_hand():
-    frame = np.zeros((4, 5), np.uint16)
-    frame[0, 0] = frame[0, 1] = frame[1, 0] = 100  # a plateau counts once
-    frame[0, 4] = 80  # neither the row above nor the next row begins beside the last column
-    frame[1, 0] = 100
-    frame[3, 2] = 76
-    frame[3, 4] = 75  # not above three quarters
-    row = row_of(Jung54(), np.stack([frame, frame * 0]))
-    assert row["f37_spatial_peaks_mean"] == 1.5 and row["f38_spatial_peaks_variance"] == 2.25
-    assert row["f40_peak_distance_change"] == 0  # the second frame has no peak
 
 
 def test_by_hand_on_a_fingertip_that_moves_one_column():
@@ -161,10 +140,3 @@ def test_by_hand_on_a_fingertip_that_moves_one_column():
     assert row["f37_spatial_peaks_mean"] == 0.5  # 100 is not above 0.75 of 200
     assert (row["f45_up_right"], row["f48_down_right"]) == (0.5, 0.5)  # to the right, on the border of two quadrants
     assert row["f49_step_mean"] == row["f51_step_sum"] == 1 and row["f52_step_range"] == 0
-
-
-def test_columns_are_named_and_ordered_by_number(corpus):
-    table = Jung54().transform(corpus)
-    assert list(table.columns) == sorted(table.columns, key=lambda c: int(c[1:3]))
-    names = {"f22_peaks_mean_plus_sd", "f24_row_displacement_mean", "f27_col_displacement_sum"}
-    assert names <= set(Jung28().transform(corpus).columns)

@@ -103,15 +103,6 @@ def test_the_columns_that_carry_the_class_are_found(subjects):
     assert selection.select(copies, label, subject, 3).tolist() == [0, 2, 4]
 
 
-def test_sets_tried_together_or_alone_are_as_good():
-    values, label, subject = labelled(3, captures=4000, columns=50, classes=14)
-    part = selection.Discriminant(values, label, selection.left_out(label, subject) != 0)
-    sets = np.array([np.random.default_rng(i).permutation(50)[:20] for i in range(600)])
-    assert len(sets) * len(part.test) * len(part.classes) > 2**22  # more than one batch
-    hits = part.hits(sets)
-    assert len(hits) == 600 and hits[::50].tolist() == [int(part.hits(s[None])[0]) for s in sets[::50]]
-
-
 def test_a_subset_keeps_the_selected_columns_of_training_captures(corpus):
     train, test = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
     every = Jung28().fit_transform(corpus)

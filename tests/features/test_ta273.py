@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from features.jung54 import Jung54
-from features.ta273 import Ta273, crossings_per_second
+from features.ta273 import Ta273
 from features.wingerden45 import Wingerden45
 from tests.features.captures import GRIDS, LEVELS, corpus_of, near, ragged
 
@@ -52,12 +52,6 @@ def test_features_equal_a_loop_over_the_definitions(seed, grid, scale, where):
     assert table.shape == (3, 8 + 16 + 16 + 3 * grid[0] * grid[1] + 41)
     for i, frames in enumerate(corpus):
         near(table.iloc[i], naive(frames, 100.0, full_scale, levels), atol=1e-6)
-
-
-def test_crossings_by_hand():
-    signal = np.array([0.0, 2.0, 1.0, 5.0, 0.0, 9.0])  # two captures of 4 and 2 frames; none between them is counted
-    crossings = crossings_per_second(signal, np.array([4, 2]), np.array([0.5, 1.5, 7.0]), rate_hz=8.0)
-    near(crossings, [[2, 6, 0], [4, 4, 4]])
 
 
 @given(st.integers(0, 10_000), st.sampled_from(GRIDS))

@@ -163,15 +163,6 @@ def test_features_equal_a_loop(seed, grid, rate, real):
     assert real or left_out / table.size < 0.05
 
 
-def test_shift_of_a_ramp_is_its_speed():
-    """On a plane of slope 1 that moves by 0.3 columns, the shift is 0.3 columns, but for the ridge and the edges."""
-    t, _, c = np.mgrid[:20, :6, :6]
-    row = one((500 + 20 * (c - 0.3 * t)).astype(np.float32))
-    inner = 4 * 6 / (4 * 6 * 1.01)  # the gradient is 0 at the two edges, as is what it explains
-    assert row["flow_col_mean"] == pytest.approx(0.3 * inner, rel=0.02) and abs(row["flow_row_mean"]) < 1e-6
-    assert row["explained_mean"] == pytest.approx(24 / 36, rel=0.02) and row["one_way_mean"] == pytest.approx(1)
-
-
 def test_by_hand_on_a_fingertip_that_taps_and_moves():
     frames = np.zeros((3, 4, 4), np.uint16)
     frames[0, 1, 1], frames[1, 1, 2], frames[2, 1, 2] = 512, 512, 256
@@ -185,24 +176,6 @@ def test_by_hand_on_a_fingertip_that_taps_and_moves():
     assert row["likeness_q95"] == pytest.approx(0.9) and row["likeness_mean"] == pytest.approx(1 / 3)
     assert row["taxels_most_0"] == row["taxels_most_1"] == pytest.approx(np.log(0.5 + 1e-4))
     assert row["taxels_mean_2"] == pytest.approx(np.log(1e-4))
-
-
-@pytest.mark.parametrize("grid", [(3, 5), (6, 6), (8, 8), (7, 1)])
-def test_pressure_on_one_taxel_is_a_point(grid):
-    rng = np.random.default_rng(0)
-    frames = np.zeros((60, *grid), np.float32)
-    for frame in frames:
-        frame[rng.integers(grid[0]), rng.integers(grid[1])] = rng.integers(1, 1024)
-    row = one(frames, full_scale=1023.0)
-    assert (row.filter(regex="^elongation_(q|mean|sd|step)") == 0).all()
-    assert row.filter(regex="^spread_q").max() < 1e-6
-
-
-@pytest.mark.parametrize("length", [1, 3, 65, 300])
-def test_taxels_that_never_change_have_no_spread_in_time(length):
-    values = np.random.default_rng(0).integers(1, 1024, (1, 8, 8)).astype(np.uint16)
-    row = one(np.repeat(values, length, axis=0), full_scale=1023.0)
-    assert (abs(row.filter(regex=r"^taxels_sd_\d") - np.log(1e-4)) < 5e-3).all()
 
 
 def test_names_and_memory():
@@ -230,38 +203,6 @@ def test_windows_equal_captures_cut_out(seed, seconds, hop):
     table = TouchFeatures().transform(windows)
     assert table.index.get_level_values("capture").tolist() == windows.index.tolist()
     assert table.reset_index(drop=True).equals(TouchFeatures().transform(windows.detached()))
-
-
-@pytest.mark.parametrize("times", [2, 3, 64])
-def test_nothing_is_in_sensor_units(times):
-    arrays = ragged(5, (6, 6), lengths=[1, 2, 3, 10, 80])
-    larger = [a.astype(np.float32) * np.float32(times) for a in arrays]
-    table, scaled = (
-        TouchFeatures().transform(corpus_of(a, None, 54.0, s)) for a, s in ((arrays, 1023.0), (larger, 1023.0 * times))
-    )
-    assert scaled.equals(table)
-
-
-def test_nothing_grows_with_duration():
-    """A periodic capture and the same twice over are equal but for one more step.
-
-    Autocorrelations are sums over all frames but the lag by all frames, and so approach their limit from below.
-    """
-    rng = np.random.default_rng(0)
-    period = rng.integers(0, 1024, (10, 6, 6)).astype(np.uint16)
-    once, twice = (one(np.concatenate([period] * n)) for n in (8, 16))
-    lagged = once.filter(regex="_ms$").index
-    shapes = once.filter(regex="_(skewness|kurtosis)$").index
-    bands = once.filter(regex="_band").index
-    rest = once.index.difference([*lagged, *shapes, *bands])
-    assert (once[rest] - twice[rest]).abs().max() < 0.03
-    assert (once[shapes] - twice[shapes]).abs().max() < 0.2
-    assert (np.exp(once[bands]) - np.exp(twice[bands])).abs().max() < 0.02
-    for name in lagged:
-        lag = round(int(name.split("_")[-2]) * 0.054)
-        assert once[name] / (1 - lag / 80) == pytest.approx(twice[name] / (1 - lag / 160), abs=0.03)
-    different = one(rng.integers(0, 1024, (80, 6, 6)).astype(np.uint16))
-    assert (once[rest] - different[rest]).abs().max() > 0.3
 
 
 def test_columns_that_only_rounding_moves_are_constant():

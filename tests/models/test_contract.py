@@ -6,7 +6,7 @@ import pytest
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.neighbors import KNeighborsClassifier
-from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
@@ -15,8 +15,6 @@ from bench.errors import InputError
 from features.jung28 import Jung28
 from features.ta273 import Ta273
 from models.classic.rf import rf
-from models.classic.svm import svm
-from models.nets.cnn85 import CNN85
 from models.search.auto import Auto
 
 
@@ -82,13 +80,6 @@ def test_methods_have_defaults_and_are_believed(corpus):
             call(full)
     assert contract.kept(StandardScaler(), 40, 64) == 40 * 64 and contract.kept(Jung28(), 40, 64) == 40 + 2 * 64
     assert contract.learns(Ta273()) and not contract.learns(Jung28()) and contract.kept_before(plain, 64) == 0
-
-
-def test_what_a_factory_makes_decides_whether_it_reads_captures_or_tables():
-    """More kinds of objects are in tests/plan/test_objects.py."""
-    nested = Pipeline([("inner", make_pipeline(StandardScaler())), ("last", SVC())])
-    assert contract.reads_tables(nested) and contract.reads_tables(lambda C=1.0: make_pipeline(SVC(C=C)))
-    assert not contract.reads_tables(lambda C=1.0: svm(Jung28(), C)) and not contract.reads_tables(CNN85)
 
 
 def test_a_factory_is_handed_the_feature_set_whatever_its_argument_is_called(corpus):

@@ -11,8 +11,7 @@ from sklearn.preprocessing import StandardScaler
 
 from bench.errors import InputError
 from features.base import labels
-from features.jung28 import Jung28
-from models.classic.lda import Discriminants, lda
+from models.classic.lda import Discriminants
 
 
 def points(seed=0, counts=(20, 20, 20), d=4):
@@ -85,16 +84,6 @@ def test_windows_of_a_capture_against_a_covariance_taken_apart(seed, windows, sh
     np.testing.assert_allclose(found - found[:, :1], expected - expected[:, :1], rtol=1e-5, atol=1e-5)
 
 
-def test_one_window_or_one_row_a_capture_are_the_usual_discriminants():
-    X, y = of_captures(5)
-    usual = Discriminants(0.2).fit(X.to_numpy(), y).decision_function(X)
-    assert np.array_equal(Discriminants(0.2).fit(X, y).decision_function(X), usual)
-    for alone in (X.reset_index(drop=True), X.to_numpy()):
-        np.testing.assert_allclose(4 * Discriminants(0.2, 4.0).fit(alone, y).decision_function(X), usual, rtol=1e-6)
-    several = 4 * Discriminants(0.2, 4.0).fit(X, y).decision_function(X)
-    assert not np.allclose(several, usual, rtol=0.05)
-
-
 @given(st.integers(0, 1000), st.sampled_from([1.0, 3.0]), st.sampled_from([1, 2, 5]))
 def test_a_weight_is_a_number_of_rows(seed, windows, times):
     """Copies that count so often are rows that are there so often; a fraction of it, that of all others."""
@@ -120,27 +109,6 @@ def test_constant_features_have_no_weight(shrinkage):
         np.testing.assert_allclose(model.coef_[:, :3], Discriminants(0).fit(X, y).coef_, rtol=1e-5)
     nothing = Discriminants(shrinkage).fit(X * 0 + 3, y)
     np.testing.assert_allclose(nothing.predict_proba(X), 1 / 3)
-
-
-def test_more_features_than_rows():
-    X, y = points(counts=(4, 4, 4), d=40)
-    for shrinkage in (0.001, 0.2):
-        proba = Discriminants(shrinkage).fit(X, y).predict_proba(X)
-        assert np.isfinite(proba).all() and np.array_equal(np.array([*"abc"])[proba.argmax(axis=1)], y)
-
-
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("shrinkage", (-0.1, 1.5, np.nan)),
-        ("windows", (0.5, np.nan, np.inf)),
-        ("damaged", (0.0, np.inf, np.nan)),
-    ],
-)
-def test_parameters_that_cannot_be(name, values):
-    for value in values:
-        with pytest.raises(InputError, match=f"^model.{name}={value:g}: give [^\n]*$"):
-            lda(Jung28(), **{name: value})
 
 
 @pytest.mark.parametrize(("windows", "labelled"), [(1.0, True), (2.0, True), (2.0, False)])

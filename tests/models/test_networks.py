@@ -16,12 +16,9 @@ from bench.plan.cells import cells
 from models.nets import ren2023
 from models.nets.cnn85 import CNN85
 from models.nets.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
-from models.nets.last_layer import relearnt
 from models.nets.ren2023 import Ren2023Transformer
 from models.nets.time_blocks import TimeConv3d
-from models.nets.touchnet import TouchNet
 from models.nets.training import Schedule, activations
-from models.nets.window import FrameNet
 from models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 from tests.conftest import random_corpus
 
@@ -33,57 +30,6 @@ FOURTEEN = tuple("abcdefghijklmn")
 
 def at(rate, **kwargs):
     return random_corpus(**kwargs).changed(rate_hz=rate)
-
-
-@pytest.mark.parametrize("kind", [CNN85, Hughes2017AERNN, Ren2023Transformer, TouchNet])
-def test_annotated_attributes_are_the_parameters_of_a_constructor(kind):
-    usual = {name: p.default for name, p in inspect.signature(kind).parameters.items()}
-    assert kind().get_params() == usual and {"batch", "seed", "device"} <= usual.keys()
-    assert ("seconds" in usual) == issubclass(kind, FrameNet | TouchNet)
-    assert ("precision" in usual) == issubclass(kind, FrameNet)
-    assert len({kind(), kind()}) == 2  # as of any estimator, not by value
-    for wrong in (lambda: kind(1), lambda: kind(epoch=1)):
-        with pytest.raises(TypeError):
-            wrong()
-
-    class Mine(kind):
-        batch: int = 7
-        extra: str = "x"
-
-    assert Mine(seed=3).get_params() == usual | {"batch": 7, "extra": "x", "seed": 3}
-
-
-@pytest.mark.parametrize(
-    ("kind", "wrong"),
-    [
-        (Hughes2017CNN, {"rate": -1}),
-        (Hughes2017CNN, {"rate": float("nan")}),
-        (Hughes2017CNN, {"device": "meta"}),
-        (Hughes2017CNN, {"device": "cuda:99"}),
-        (Hughes2017AERNN, {"pretraining": 0}),
-        (CNN85, {"epochs": 0}),
-        (CNN85, {"batch": 0}),
-        (CNN85, {"hop": 0}),
-        (CNN85, {"width": 0}),
-        (CNN85, {"padding": "mirror"}),
-        (CNN85, {"rates": "x"}),
-        (Ren2023Transformer, {"frames": 0}),
-        (Ren2023Transformer, {"seconds": -1}),
-        (Ren2023Transformer, {"seconds": 4000}),
-        (Ren2023Transformer, {"precision": "half"}),
-        (Zhou2016CNN3D, {"frames": 7, "seconds": 0.5}),
-        (CNN85, {"frames": 20, "hop": 40}),
-        (Zhou2016LRCN, {"frames": 16, "average": 17}),
-        (Zhou2016LRCN, {"average": 0}),
-        (CNN85, {"frames": 10**9}),
-    ],
-)
-def test_parameters_that_cannot_be_are_refused_by_name_and_value(kind, wrong, corpus):
-    with pytest.raises(InputError) as refused:
-        kind(**wrong).check()
-        kind(**wrong).check_training(corpus, corpus.gestures)
-    name = [*wrong][-1]
-    assert f"model.{name}={wrong[name]}" in str(refused.value)
 
 
 def test_weights_start_as_the_docstrings_say_and_training_goes_by_the_seed(corpus, monkeypatch):
@@ -223,23 +169,6 @@ def test_attention_of_ones_own_is_that_of_the_library():
     ours, theirs = own(x), library(x, x, x, need_weights=False)[0]
     torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(gradients(ours, own), gradients(theirs, library), rtol=1e-3, atol=1e-3)
-
-
-def test_a_person_is_learnt_from_what_the_layer_gets_when_it_decides():
-    class Brighter(CNN85):
-        def forward(self, net, x):
-            return net(4 * x)
-
-    corpus = random_corpus(per_class=2)
-    model = Brighter(frames=10, epochs=1, batch=16, width=0.2).fit(corpus, corpus.gestures)
-    codes = np.searchsorted(model.classes_, corpus.gestures)
-    learnt = [model.adapt(corpus, corpus.gestures).net_]
-    learnt += [
-        relearnt(model.net_, model.samples(corpus), codes, 16, how) for how in (model.forward, nn.Module.__call__)
-    ]
-    as_it_decides, by_hand, otherwise = (net[-1].weight for net in learnt)
-    assert torch.equal(as_it_decides, by_hand) and not torch.allclose(as_it_decides, otherwise)
-    assert not torch.equal(as_it_decides, model.net_[-1].weight) and model.adapt(corpus, None) is model
 
 
 def test_what_a_network_declares_itself_names_its_runs_first():

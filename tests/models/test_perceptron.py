@@ -9,16 +9,13 @@ import joblib
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.neural_network import MLPClassifier
 from sklearn.preprocessing import StandardScaler
 
-from bench.errors import InputError
-from features.jung28 import Jung28
 from models.classic.lda import Discriminants
-from models.classic.perceptron import Perceptron, perceptron
+from models.classic.perceptron import Perceptron
 from models.out_of_distribution import Guarded
 from models.sizes import parameter_count
 
@@ -67,21 +64,6 @@ def test_rows_are_drawn_as_often_as_they_count():
     assert abs(much.mean_[2] - alone.mean_[2]) > 1
 
 
-def test_a_seed_is_all_that_it_draws_from():
-    """Not of torch's generator, and threads change nothing."""
-    fits, drawn = [], []
-    for threads, seed in ((1, 0), (2, 0), (1, 1)):
-        torch.set_num_threads(threads)
-        torch.manual_seed(5)
-        fits.append(Perceptron(seed=seed, **QUICK).fit(*table()).coefs_[0])
-        drawn.append(torch.rand(1).item())
-        assert torch.get_num_threads() == threads
-    torch.set_num_threads(1)
-    assert np.array_equal(fits[0], fits[1]) and not np.array_equal(fits[0], fits[2])
-    torch.manual_seed(5)
-    assert {*drawn} == {torch.rand(1).item()}
-
-
 @given(st.integers(0, 100))
 def test_one_feature_says_no_more_than_its_clip(seed):
     """Whatever a broken sensor makes of a feature, and one that was constant in training says nothing at all."""
@@ -104,14 +86,6 @@ def test_a_stored_one_decides_without_torch(tmp_path):
     subprocess.run(
         [sys.executable, "-c", code], check=True, cwd=tmp_path, env={"PYTHONPATH": os.pathsep.join(sys.path)}
     )
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"units": 0}, {"updates": 0}, {"smoothing": 1.0}, {"clip": 0.0}, {"clip": float("nan")}, {"damaged": 0.0}]
-)
-def test_parameters_that_cannot_be(wrong):
-    with pytest.raises(InputError, match=f"model.{next(iter(wrong))}="):
-        perceptron(Jung28(), **wrong)
 
 
 # The guard
@@ -146,12 +120,6 @@ def test_a_row_without_doubt_is_judged_by_discriminants_of_undamaged_rows_and_on
     share = softly.doubts(X)[:, None]
     np.testing.assert_allclose(softly.predict_proba(X), (1 - share) * linear + share * network, atol=1e-9)
     assert parameter_count(model) == 2 * 6 + 3 * 6 + 3 + (6 * 18 + 18 + 18 * 3 + 3 + 2 * 6)
-
-
-def test_without_copies_both_learn_from_the_same_rows(few_updates):
-    X, y = table(copies=0)
-    model = Guarded().fit(X.reset_index(drop=True), y)
-    np.testing.assert_allclose(model.linear_.coef_, Discriminants(windows=2.0).fit(X.to_numpy(), y).coef_)
 
 
 def test_values_that_are_not_finite_are_in_doubt_and_get_an_answer(few_updates):

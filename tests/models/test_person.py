@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
 
 from bench import contract
-from bench.cli import main
 from bench.errors import InputError
 from features.base import labels
 from features.jung28 import Jung28
@@ -135,8 +134,3 @@ def test_a_network_learns_a_person_in_its_last_layer(make):
     assert all(torch.equal(a, b) for a, b in zip(model.net_.parameters(), weights, strict=True))
     with pytest.raises(InputError, match="'nod' is none of the classes"):
         model.adapt(corpus[:1], np.array(["nod"]))
-
-
-def test_ways_cannot_be_tuned(capsys):
-    arguments = ["tune", "data.subjects=3", "model=svm", "model.C=1,10", "model.person=centre,pool", "trials=2"]
-    assert main(arguments) == 2 and "model.person" in capsys.readouterr().err

@@ -8,28 +8,26 @@ import pytest
 from sklearn.pipeline import Pipeline
 
 from bench import contract, source
-from bench.corpora.corpus import COPY, Corpus, origin
-from bench.corpora.faults import FAULTS, Fault
-from bench.corpora.folder import open_folder, write_folder
+from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import InputError
 from bench.plan.cells import cells
-from bench.plan.plan import checked, planned
+from bench.plan.plan import checked
 from bench.registry import load, parameters
-from bench.work.evaluation import Evaluation
-from bench.work.workers import fill_cache
 from features import cache as kept
-from features.cache import cache_key
 from features.jung28 import Jung28
 from features.touch import TouchFeatures
 from models.classic.lda import lda
+from models.classic.softmax import softmax
 from models.classic.svm import svm
 from models.nets.cnn85 import CNN85
-from models.recipe import Recipe, build, mean_of, rows_of, taken
+from models.nets.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
+from models.recipe import Recipe, build, rows_of, taken
+from models.reflex import Reflex
 from models.rocket import Rocket
 from models.sizes import sizes
 from tests.conftest import random_corpus
-from tests.models.test_systems import COMPOSED, HARSH
+from tests.models.test_systems import COMPOSED
 
 SYSTEMS = {
     "svm": lambda: svm(Jung28()),
@@ -42,12 +40,6 @@ SYSTEMS = {
 @pytest.fixture(scope="module")
 def corpus():
     return random_corpus()
-
-
-@pytest.fixture
-def stored(corpus, tmp_path):
-    write_folder(corpus, tmp_path / "c")
-    return open_folder(tmp_path / "c")
 
 
 def fitted(system, captures, **options):
@@ -179,33 +171,7 @@ def test_steps_are_taken_one_after_the_other(corpus):
     assert np.array_equal(model.decide(corpus)[1], again.predict_proba(cut))
 
 
-@pytest.mark.parametrize("options", [{"repair": ("stuck", "dead")}, {"scale": "peak"}])
-def test_options_for_a_system_that_cuts_its_own_windows(options, corpus):
-    model, bare = fitted(SYSTEMS["cnn85"](), corpus, **options), SYSTEMS["cnn85"]().fit(corpus, corpus.gestures)
-    table, proba = model.decide(corpus)
-    assert table.equals(contract.decide(bare, corpus)[0]) and proba.shape == (len(table), 3)
-    np.testing.assert_allclose(mean_of(proba, table["capture"].to_numpy()), model.predict_proba(corpus))
-    sound = "repair" in options  # random frames have nothing to repair
-    assert np.allclose(model.predict_proba(corpus), bare.predict_proba(corpus), rtol=1e-5) == sound
-    assert sizes(model, 64, 40)["ram_bytes"] == sizes(bare, 64, 40)["ram_bytes"] + sound * 4 * 5 * 64
-    assert contract.frames_at_once(model, 600) == 10
-
-
 # Kept tables
-
-
-@pytest.mark.parametrize("options", [{"window": 0.1, **HARSH}, {"scale": "peak"}])
-def test_kept_tables_equal_computed_ones(options, corpus, stored, tmp_path, monkeypatch):
-    model = Recipe(svm(Jung28()), **options)
-    expected = fitted(svm(Jung28()), corpus, **options).predict_proba(corpus)
-    assert np.array_equal(fitted(svm(Jung28()), stored, **options).predict_proba(stored), expected)
-    assert len(list((tmp_path / "home" / "features").iterdir())) == (2 if model.faults else 1)
-    part = np.array([30, 4, 17, 5])
-    for steps in (model.steps(), model.training_steps()):
-        direct = Jung28().transform(taken(corpus[part], steps)[0])
-        with monkeypatch.context() as patch:
-            patch.setattr(Jung28, "extract", lambda *_: pytest.fail("computed again"))
-            pd.testing.assert_frame_equal(Jung28().transform(taken(stored[part], steps)[0]), direct)
 
 
 def test_other_steps_never_meet_each_others_tables():
@@ -222,14 +188,6 @@ def test_other_steps_never_meet_each_others_tables():
     ]
     assert len({kept.cache_key(Jung28(), "a", each) for each in steps}) == len(steps)
     assert kept.cache_key(Jung28(), "a", ()) == kept.cache_key(Jung28(), "a")
-
-
-def test_a_table_of_steps_is_of_all_captures_whoever_asks_first(stored, monkeypatch):
-    steps = [Faulted(("noise", "early_end"), 2), Windows(0.1)]
-    chosen = stored.select("subject == '3'")
-    first = Jung28().transform(taken(chosen, steps)[0])
-    monkeypatch.setattr(Jung28, "extract", lambda *_: pytest.fail("computed again"))
-    assert first.equals(Jung28().transform(taken(stored, steps)[0]).loc[chosen.index])
 
 
 # Costs
@@ -251,30 +209,37 @@ def test_sizes_of_a_windowed_system_are_those_of_a_window(corpus):
         ("cnn85", {"window": 1.0}),
         ("reflex", {"hop": 0.1, "scale": "peak"}),
         ("svm", {"window": -1.0}),
-        ("svm", {"window": np.nan}),
         ("svm", {"window": 1.0, "hop": 1e300}),
         ("svm", {"repair": "stuck+bent"}),
         ("svm", {"scale": "mean"}),
         ("cnn85", {"faults": "nois"}),
         ("rf", {"copies": 0, "faults": "all"}),
-        ("rf", {"turns": -1}),
         ("cnn85", {"epochs": 0, "scale": "peak"}),
         ("svm", {"person": "whole"}),
-        ("svm", {"person": "pool+pool"}),
+        *(("lda", {name: value}) for name, value in (("shrinkage", -0.1), ("windows", 0.5), ("damaged", 0.0))),
+        *(("perceptron", {name: value}) for name, value in (("units", 0), ("smoothing", 1.0), ("clip", 0.0))),
+        *(("touchnet", {name: value}) for name, value in (("kernel", 4), ("seconds", -1), ("batch", 1))),
+        *(("rocket", {name: value}) for name, value in (("kernels", 83), ("transform", "rocket"))),
+        *(("hughes2017_cnn", {name: value}) for name, value in (("rate", -1), ("device", "cuda:99"))),
+        *(("cnn85", {name: value}) for name, value in (("epochs", 0), ("padding", "mirror"), ("frames", 10**9))),
+        *(("ren2023_transformer", {name: value}) for name, value in (("seconds", 4000), ("precision", "half"))),
+        ("hughes2017_ae_rnn", {"pretraining": 0}),
+        ("zhou2016_3dcnn", {"frames": 7, "seconds": 0.5}),
+        ("cnn85", {"hop": 40, "frames": 20}),
+        ("zhou2016_lrcn", {"average": 17, "frames": 16}),
         ("cnn85", {"person": "centre"}),
         ("jung2014_svm", {"person": "centre"}),
         ("lda", {"bits": 4}),
-        ("rf", {"bits": 8}),
         ("hughes2017_cnn", {"bits": 4}),
-        ("hughes2017_cnn_rnn", {"bits": 8}),
-        ("reflex", {"bits": 16}),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(model, options):
+def test_what_cannot_be_is_refused_in_one_line(model, options, corpus):
     name, value = next(iter(options.items()))
     shown = f"{value:g}" if isinstance(value, float) else value
     with pytest.raises(InputError, match=f"^model.{name}={re.escape(str(shown))}[^\n]*$"):
-        contract.check(build(load("models", model), Jung28(), **options))
+        system = build(load("models", model), Jung28(), **options)
+        contract.check(system)
+        contract.check_training(system, corpus, corpus.gestures)
 
 
 def test_training_parts_that_cannot_be_are_refused(corpus):
@@ -284,45 +249,6 @@ def test_training_parts_that_cannot_be_are_refused(corpus):
     for options in ({"faults": ("noise",), "copies": 10**6}, {"turns": 10**9}):
         with pytest.raises(InputError, match=f"model.{[*options][-1]}={[*options.values()][-1]}: needs"):
             Recipe(svm(Jung28()), **options).check_training(corpus, corpus.gestures)
-
-
-def test_a_fold_of_a_run(monkeypatch):
-    """What the harness does with it: tables kept beforehand, a row per window, the costs of one window."""
-    options = {"model.window": 0.5, "model.repair": "stuck+dead", "model.faults": "noise+stuck_taxels"}
-    small = {"data.subjects": 2, "data.variants": "normal", "data.repetitions": 1}
-    (plan,) = planned(cells({"model": "svm", "features": "jung28", "model.copies": 1, **options, **small}), 1)
-    fill_cache(plan.cell, plan.corpus)
-    stored, extract = [], Jung28.extract
-
-    def noted(self, captures):
-        stored.append(bool(origin(captures).digest) * len(captures))
-        return extract(self, captures)
-
-    monkeypatch.setattr(Jung28, "extract", noted)
-    result = Evaluation().fold(plan.cell, plan.corpus, plan.folds[0], 1)
-    assert max(stored) == 1  # for the names; captures whose labels are timed are not stored ones
-    tested = plan.corpus[plan.folds[0].test]
-    expected = naive_windows(tested, 68, 34)  # half a second of 135 Hz, to the even number
-    rows = result.table[["capture", "start", "frames"]].to_numpy().tolist()
-    assert rows == [[tested.index[i], start, frames] for i, start, frames in expected]
-    assert len(expected) > len(tested) and len(result.predict_ms) == len(tested)
-    n = result.metrics["ram_bytes"] / 4 - (5 * 64 + 68 + 2 * 64 + 28 + 14)  # kernels, one for each support vector
-    assert 0 < n == (result.metrics["parameters"] - 91) / (28 + 13)  # each with its coefficients; 91 pairs have a bias
-
-
-def test_what_a_fault_of_another_package_does_is_part_of_a_run(monkeypatch, tmp_path):
-    file, run = tmp_path / "theirs.py", {"model": "bayes", "features": "jung28"}
-
-    def identities(result):
-        file.write_text(f"def theirs(frames, amount, rng):\n    return {result}\n")
-        fault = load("models", f"{file}:theirs")  # any function of a file
-        monkeypatch.setitem(FAULTS, "theirs", Fault("theirs", fault, "%", (1, 2, 3, 4, 5), False))
-        options = {"model.faults": "theirs"}, {"model.faults": "all"}, {}
-        keys = [cells(run | option)[0].identity() for option in options]
-        return [*keys, cache_key(Jung28(), "digest", (Faulted(("theirs",)),))]
-
-    one, other = identities("frames"), identities("frames / 2")
-    assert [a != b for a, b in zip(one, other, strict=True)] == [True, True, False, True]
 
 
 def test_kept_features_of_copies_are_those_of_copies_made_again(stored, monkeypatch):
@@ -365,3 +291,20 @@ def test_what_is_kept_is_no_short_cut_around_parts_of_ones_own(make, stored):
     np.testing.assert_allclose(first.predict_proba(stored), second.predict_proba(stored), atol=1e-9)
     expected = fitted(make(), stored.detached(), window=0.1)
     np.testing.assert_allclose(second.predict_proba(stored), expected.predict_proba(stored.detached()), atol=1e-6)
+
+
+# Weights in 8 bits
+
+
+def test_weights_are_whole_steps_by_hand():
+    corpus = random_corpus(longest=30)
+    models = (Recipe(softmax(Jung28()), bits=bits).fit(corpus, corpus.gestures) for bits in (32, 8))
+    for before, after in zip(*(model.system_.steps[-1][1].coef_ for model in models), strict=True):
+        step = np.abs(before).max() / 127
+        np.testing.assert_allclose(after, np.round(before / step) * np.float32(step), rtol=1e-6)
+
+
+def test_few_bits_do_not_adapt():
+    for kind in (Reflex, Hughes2017CNN):
+        assert not contract.adapts(kind(bits=8)) and contract.adapts(kind())
+    assert "bits" not in Hughes2017CNNRNN().get_params() and contract.adapts(Hughes2017CNNRNN())

@@ -7,8 +7,6 @@ import pandas as pd
 import pytest
 
 from bench import contract
-from bench.cli import main
-from bench.commands import printing
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import all_faults
 from bench.corpora.steps import Repair, Windows
@@ -19,7 +17,7 @@ from models.classic.lda import Discriminants
 from models.classic.perceptron import Perceptron
 from models.out_of_distribution import Guarded
 from models.reflex import Reflex
-from tests.conftest import random_corpus, runs
+from tests.conftest import random_corpus
 
 QUICK = {"copies": 1}
 
@@ -71,16 +69,6 @@ def test_what_it_says_of_itself(corpus):
     for name, value in wrong.items():
         with pytest.raises(InputError, match=f"model.{name}="):
             contract.check(Reflex(**{name: value}))
-
-
-def test_stress_says_on_how_many_of_the_tested_faults_it_was_trained(capsys, monkeypatch):
-    monkeypatch.setattr(printing, "WIDTH", 140)
-    small = ["data.subjects=2", "data.variants=normal", "data.repetitions=1", "where=gesture in ['pat', 'rub']"]
-    trained = ["model=lda", "features=jung28", "model.faults=noise", "model.copies=1"]
-    assert main(["stress", *small, *trained, "faults=noise,shift"]) == 0
-    (run,) = runs("stress")[1]
-    assert run.data.metrics["faults_trained"] == 1 and run.data.metrics["faults_tested"] == 2
-    assert "1 of 2" in " ".join(capsys.readouterr().out.split())
 
 
 def test_seconds_are_those_of_the_captures_it_is_given(corpus):

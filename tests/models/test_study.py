@@ -11,15 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import wilcoxon
 
-from bench import progress
-from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale
 from bench.scratch import home
 from features.jung28 import Jung28
 from features.ta273 import Ta273
 from models.classic.rf import et, rf
 from models.classic.svm import svm
-from models.search import identity, study
+from models.search import identity
 from models.search.space import Range
 from models.search.study import Study, Tried
 from models.search.tuning import Search
@@ -139,15 +137,6 @@ def test_a_trial_is_worse_if_a_signed_rank_test_over_the_subjects_so_far_says_so
     assert made.worse(Tried({"model": "m"}, "complete", subjects=dict(enumerate(mine)))) == expected
 
 
-def test_it_tells_how_far_it_is(tmp_path, monkeypatch):
-    monkeypatch.setattr(progress, "OFTEN_S", 0.0)
-    lines = []
-    monkeypatch.setattr(study, "tell", lambda *words: lines.append(words))
-    searched(2, 60.0)
-    assert [words.split(",")[0] for words, _ in lines] == ["1 trials of 2", "2 trials of 2"]
-    assert all("best" in words and 0 <= left <= 60 for words, left in lines)
-
-
 def test_a_study_belongs_to_captures_labels_space_and_code(monkeypatch):
     corpus = random_corpus()
     usual = {"models": {"svm": svm}, "spaces": {"svm": {"C": [0.125, 8.0]}}, "features": {"f": Jung28()}, "inner": "2"}
@@ -166,15 +155,7 @@ def test_a_study_belongs_to_captures_labels_space_and_code(monkeypatch):
     assert identity.study_name(search.study_key(), corpus, corpus.gestures) not in names
 
 
-def test_captures_after_other_steps_have_trials_of_their_own(corpus, tmp_path):
-    write_folder(corpus, tmp_path / "c")
-    stored = open_folder(tmp_path / "c")
+def test_captures_after_other_steps_have_trials_of_their_own(stored):
     steps = (Scale("peak"), Scale("log"), Repair(("stuck",)), Faulted(("noise",), 1), Faulted(("shift",), 1))
     made = [stored, *(step(stored) for step in steps)]
     assert len({identity.study_name({}, X, X.gestures) for X in made}) == len(made)
-
-
-def test_a_search_in_memory_writes_nothing_and_may_hold_another():
-    with study._locked(None) as one, study._locked(None) as other:
-        assert one is other is None
-    assert not (home() / "studies").exists()

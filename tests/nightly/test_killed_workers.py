@@ -7,11 +7,10 @@ import sys
 import time
 from pathlib import Path
 
-import psutil
 import pytest
 from joblib.externals.loky import get_reusable_executor
 
-from bench import progress, registry, scratch
+from bench import progress, registry
 from bench.cli import main
 from bench.outcomes.store import connect
 from bench.work.workers import Processes
@@ -87,24 +86,6 @@ def test_control_c_keeps_the_finished_folds():
     _, error = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130 and "Traceback" not in error and error.splitlines()[-1].startswith("bench: ")
     assert before <= stored() and len(stored()) < 12 and runs("cell")[1][0].info.status == "KILLED"
-
-
-def test_workers_end_when_their_parent_is_killed_and_the_next_command_cleans(tmp_path):
-    command = [*BENCH, "run", "data.subjects=6", "model=cnn85", "model.epochs=400", "jobs=2"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:
-        parent = psutil.Process(process.pid)
-        workers = lambda: [c for c in parent.children() if "popen_loky" in " ".join(c.cmdline())]  # noqa: E731
-        until(lambda: len(workers()) >= 2)
-        children = workers()
-        time.sleep(1)  # they have begun
-        process.kill()
-        process.wait()
-    gone, alive = psutil.wait_procs(children, timeout=60)
-    assert not alive and len(gone) >= 2
-    folder = scratch.home() / "tmp"
-    assert list(folder.iterdir())  # the killed command left its folder
-    subprocess.run([*BENCH, "data"], cwd=tmp_path, capture_output=True, check=True)
-    assert not list(folder.iterdir())
 
 
 @pytest.mark.real_store

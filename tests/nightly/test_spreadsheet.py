@@ -47,16 +47,3 @@ def test_names_of_a_corpus_are_no_formulas_in_what_people_open(tmp_path, capsys)
     assert len(seen) > 10 and any(f"'{EVIL}" in cells for cells in texts.values())
     assert main(["extract", "data=evil", "features=jung28", "out=features.csv"]) == 0  # for programs: as it is
     assert set(pd.read_csv("features.csv")["gesture"]) == {"tap", EVIL}
-
-
-def test_a_path_that_looks_like_an_option_can_be_labelled(capsys):
-    table = pd.DataFrame({"subject": [1, 1, 2, 2] * 3, "gesture": ["a", "b"] * 6, "frame": 0, "ch1": range(12)})
-    table["repetition"] = table.index // 4
-    table.to_csv("t.csv", index=False)
-    assert main("data import table t.csv name=t grid=1x1 rate_hz=10 full_scale=255".split()) == 0
-    assert main("fit data=t model=bayes features=jung28 out=saved".split()) == 0
-    capsys.readouterr()
-    for name in ("subject=3.csv", "out=3.csv"):
-        table.to_csv(name, index=False)
-        assert main(["predict", "saved", name]) == 0 and len(capsys.readouterr().out.splitlines()) == 13
-    assert main(["predict", "saved", "out=4.csv"]) == 2

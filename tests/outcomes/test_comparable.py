@@ -1,6 +1,6 @@
 """What makes runs comparable, and the facts of protocols."""
 
-from bench.outcomes.comparable import Facts, comparable, facts_of
+from bench.outcomes.comparable import comparable
 from bench.outcomes.runs import tracked, with_groups
 from bench.outcomes.store import connect
 from tests.reports.store import made_up, tracked_run
@@ -13,14 +13,6 @@ def test_runs_are_comparable_on_the_same_captures_under_the_same_protocol():
         assert comparable(run) != comparable(run | {key: "other"})
     replayed = run | {"stream.start": "onset", "stream.hop_ms": "None"}
     assert comparable(replayed) != comparable(replayed | {"stream.start": "middle"})
-
-
-def test_facts_are_tags():
-    run = {"mixes_subjects": "true", "test_over_train": "0.25", "official_split": "false"}
-    assert facts_of(run) == Facts(True, 0.25, False)
-    assert facts_of({"mixes_subjects": "false", "test_over_train": "", "official_split": ""}) == Facts(
-        False, None, None
-    )
 
 
 def test_runs_on_other_splits_are_never_in_one_group():

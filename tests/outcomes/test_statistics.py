@@ -1,6 +1,7 @@
-"""The tests of the report against scipy, hand calculations and the tables of the papers that introduced them."""
+"""The tests of the report against scipy, by hand and against papers; the rule of one standard error in fractions."""
 
 import itertools
+from fractions import Fraction
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from bench.outcomes import statistics
+from bench.paired import mean_and_error, within_one_standard_error
 from reports.published_tables import subjects_of_jung
 
 RNG = np.random.default_rng(0)
@@ -117,11 +119,35 @@ def test_folds_that_are_not_subjects_are_corrected_as_folds():
     assert (row["nb_low"], row["nb_high"], row["nb_p"]) == statistics.nadeau_bengio(np.array([-10.0, -4]), 1.0)
 
 
-def test_warnings_say_when_nothing_can_be_concluded():
-    assert (
-        "too few" in statistics.warnings(3, 5, 1, False)[0]
-        and "only one split" in statistics.warnings(3, 5, 1, False)[1]
-    )
-    assert "no p can reach 0.05" in statistics.warnings(10, 40, 10, False)[0]
-    assert not any("reach" in w for w in statistics.warnings(31, 40, 31, False))
-    assert any("same subjects" in w for w in statistics.warnings(31, 2, 10, True))
+ONE_PERSON = [(n, k, m) for n in range(2, 31) for m in (6, 7, 11, 84) for k in (0, m // 3, m - 1)]
+
+
+def exactly_within(lost):
+    """Mean against standard error, both squared, in fractions."""
+    mean = sum(lost) / len(lost)
+    square = sum((x - mean) ** 2 for x in lost) / (len(lost) - 1) / len(lost)
+    return mean <= 0 or mean**2 <= square
+
+
+def people(n, k, m):
+    """Two systems that differ on the last of n people by one of m captures: shares as exact fractions."""
+    rest = [Fraction((3 * i + k) % (m + 1), m) for i in range(n - 1)]
+    return [*rest, Fraction(k + 1, m)], [*rest, Fraction(k, m)]
+
+
+def test_a_loss_on_one_person_equals_its_standard_error():
+    for case in ONE_PERSON:
+        best, other = people(*case)
+        assert exactly_within([a - b for a, b in zip(best, other, strict=True)])
+        for scale in (1, 100):
+            lost = scale * np.array(best, dtype=float) - scale * np.array(other, dtype=float)
+            assert within_one_standard_error(lost), case
+
+
+def test_it_is_the_exact_rule_where_several_people_differ():
+    rng = np.random.default_rng(0)
+    for _ in range(500):
+        lost = [Fraction(int(d), 84) for d in rng.integers(-2, 4, rng.integers(2, 31))]
+        assert within_one_standard_error(np.array(lost, dtype=float)) == exactly_within(lost), lost
+    assert not within_one_standard_error(np.array([0.1])) and within_one_standard_error(np.array([1e-16]))
+    assert mean_and_error(np.array([1.0, 3.0])) == (2.0, 1.0) and np.isnan(mean_and_error(np.array([2.0]))[1])

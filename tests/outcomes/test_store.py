@@ -5,7 +5,7 @@ import sqlite3
 import pytest
 
 from bench.cli import main
-from bench.errors import InputError, StoreError
+from bench.errors import StoreError
 from bench.outcomes import store
 from bench.scratch import owner
 
@@ -101,28 +101,6 @@ def test_an_address_that_cannot_be_opened_is_one_line_without_its_password(uri, 
     assert main(["choose"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert fact in line and "secret" not in line
-
-
-@pytest.mark.parametrize(
-    "error",
-    [ModuleNotFoundError("No module named 'psycopg'"), UnicodeEncodeError("utf-8", "\udcff", 0, 1, "no text")],
-    ids=["a driver that is not installed", "a name that is no text"],
-)
-def test_what_else_keeps_a_store_from_opening_is_one_line(error, monkeypatch):
-    def create(_):
-        raise error
-
-    monkeypatch.setattr(store, "create", create)
-    with pytest.raises(InputError, match="cannot be used: ") as refused:
-        store.connect()
-    assert str(refused.value).endswith(str(error)[-20:]) and "\n" not in str(refused.value)
-
-
-def test_a_file_that_is_no_store_is_refused_and_stays(tmp_path):
-    (tmp_path / "mlflow.db").write_text("notes of somebody")
-    with pytest.raises(InputError, match="mlflow.db"):
-        store.connect()
-    assert (tmp_path / "mlflow.db").read_text() == "notes of somebody"
 
 
 def test_runs_come_in_pages_newest_first_and_only_of_this_format(monkeypatch):

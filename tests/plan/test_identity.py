@@ -64,6 +64,7 @@ def code(text):
         ("protocols/subjects.py", code, {*KINDS}),
         ("bench/corpora/corpus.py", code, {*KINDS}),
         ("bench/corpora/folder.py", code, set()),
+        ("bench/corpora/where.py", code, set()),
         ("bench/outcomes/scores.py", code, {*KINDS}),
         ("bench/outcomes/stopping.py", code, {"stream"}),
         ("bench/outcomes/stability.py", code, {"stress"}),

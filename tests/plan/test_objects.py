@@ -118,29 +118,6 @@ def test_settings_are_told_in_full_and_code_by_its_name():
     assert contract.classes(Raw(OwnSVC)) == [OwnSVC, Raw] and contract.classes(Raw(len)) == [Raw]
 
 
-class Telling(ClassifierMixin, BaseEstimator):
-    """A system that tells all it can in the plainest way."""
-
-    def fit(self, X, y):
-        self.classes_ = np.unique(y)
-        self.chosen_ = {"k": np.int64(3), "s": np.float32(0.5), "n": None}
-        self.fit_seconds_ = 1.5
-        return self
-
-    def length(self, rate_hz):
-        return round(10 * rate_hz)
-
-    def predict(self, X):
-        return np.full(len(X), self.classes_[0])
-
-
-def test_what_a_system_tells_may_be_plain(evaluated, capsys):
-    (outcome,) = evaluated(Telling())
-    assert len(outcome.results) == 3 and outcome.metrics["fit_seconds"] == pytest.approx(1.5)
-    assert outcome.chosen["1"] == {"k": 3, "s": 0.5, "n": None}
-    assert "1350-frame" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("values", "facts"),
     [

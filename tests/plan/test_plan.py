@@ -1,6 +1,5 @@
 """Plans: folds by name, facts of their protocols, and the arguments that make a cell."""
 
-import re
 import shlex
 
 import numpy as np
@@ -11,7 +10,6 @@ from sklearn.model_selection import GroupKFold, KFold, PredefinedSplit
 
 from bench.arguments import KEYS, PARTS, parse
 from bench.errors import InputError
-from bench.plan import splits
 from bench.plan.cells import Part, cells
 from bench.plan.plan import Fold, Plan, folds_of, planned, shared_ratio
 from bench.registry import load, names, parameters, required
@@ -101,20 +99,6 @@ def test_the_arguments_of_a_cell_make_it_again(line):
 def with_seed(room):
     """Registered parts that have a seed."""
     return [name for name in names(room) if "seed" in parameters(load(room, name))]
-
-
-@pytest.mark.parametrize("where", [("protocol", name) for name in with_seed("protocols")])
-def test_runs_on_other_splits_have_another_label_and_other_arguments(where):
-    key, name = where
-    source = {"protocol.source": "synth+seed=9"} if name == "transfer" else {}
-    (usual,) = cells({key: name} | source)
-    (other,) = cells({key: name, f"{key}.seed": "1"} | source)
-    assert str(other.protocol) == f"{str(usual.protocol).rstrip(']')}{', ' if source else '['}seed=1]"
-    assert other.system() == usual.system() and other.seed == usual.seed
-    assert other.arguments() == usual.arguments() | {"protocol.seed": "1"}
-    corpus = splits.captures(usual.protocol.make(), random_corpus(per_class=10))
-    label, seeded = (Plan(cell, corpus, (), 1, 1).label for cell in (usual, other))
-    assert label != seeded and re.search(r"\bseed 1\b", seeded)
 
 
 @given(

@@ -83,24 +83,6 @@ def test_wrong_parameters_are_one_line(wrong):
         list(Personal(**wrong).split(random_corpus(2, 2, longest=3)))
 
 
-def test_the_label_tells_whether_conditions_are_shared():
-    corpus = random_corpus(2, 8, longest=3)
-    assert "conditions" not in Personal(1).label(corpus)
-    alone = corpus.changed(captures=corpus.captures.assign(cover=np.arange(len(corpus)).astype(str)))
-    assert "under other conditions" in Personal(1).label(alone)
-    same = corpus.changed(captures=corpus.captures.assign(cover="fur"))
-    assert "under the same conditions" in Personal(1).label(same)
-    assert Personal(3, 2).label(corpus) == "personal, 3 shots, 2 draws (2 subjects)"
-
-
-def test_what_changes_numbers_is_in_the_label():
-    corpus = random_corpus(3, 8, longest=3)
-    protocols = [Personal(2), Personal(2, weight=3), Personal(2, seed=1), Personal(2, 2), Personal(1)]
-    protocols += [Personal(unlabelled=True), Personal(unlabelled=True, seed=1), Personal(5)]
-    assert len({p.label(corpus) for p in protocols}) == len(protocols)
-    assert "up to 5 shots" in Personal(5).label(corpus) and "up to" not in Personal(4).label(corpus)
-
-
 SYSTEMS = {
     "adapts": {"model": "lda", "features": "touch"},
     "windows": {"model": "lda", "features": "touch", "model.window": "0.1"},
@@ -161,22 +143,3 @@ def test_a_shot_is_weighted_where_nothing_adapts():
     expected = cell.estimator().fit(corpus[by_hand], corpus.gestures[by_hand]).predict_proba(corpus[tested])
     one = next(iter(met(cell, corpus, fold)))
     np.testing.assert_allclose(one.estimator.predict_proba(corpus[tested]), expected)
-
-
-@pytest.mark.parametrize("system", ["adapts", "windows"])
-def test_calibration_improves_accuracy(system):
-    """A person whose touches are all much harder: their own mean tells the classes apart, that of others does not."""
-    corpus = random_corpus(4, 6, longest=60)
-    frames = corpus.frames.copy()
-    for i in np.flatnonzero(corpus.subjects == "1"):
-        frames[corpus.starts[i] : corpus.starts[i] + corpus.lengths[i]] += 120
-    harder = corpus.changed(frames=frames)
-    fold = fold_of(harder, labelled=True)
-
-    def accuracy(fold):
-        systems = met(cell_of(system), harder, fold)
-        return np.mean(
-            [np.mean(one.estimator.predict(harder[one.tested]) == harder.gestures[one.tested]) for one in systems]
-        )
-
-    assert accuracy(fold) > accuracy(replace(fold, known=None)) + 0.2

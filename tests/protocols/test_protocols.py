@@ -1,10 +1,10 @@
 import numpy as np
 import pandas as pd
 import pytest
-from sklearn.model_selection import GroupKFold, KFold, LeaveOneGroupOut, StratifiedKFold, StratifiedShuffleSplit
+from sklearn.model_selection import GroupKFold, LeaveOneGroupOut, StratifiedKFold, StratifiedShuffleSplit
 
 from bench.errors import InputError
-from bench.plan.splits import label, official_split
+from bench.plan.splits import official_split
 from protocols.captures import CaptureKFold, Holdout
 from protocols.challenge import Challenge
 from protocols.subjects import LOSO, SubjectKFold
@@ -52,13 +52,6 @@ def test_subjects_are_apart_where_the_name_promises_it(protocol, mixed, covers, 
         assert bool(set(corpus.subjects[train]) & set(corpus.subjects[test])) == mixed
     assert ("subjects mixed" in protocol.label(corpus)) == mixed
     assert (sorted(np.concatenate([test for _, test in folds])) == list(range(len(corpus)))) == covers
-
-
-def test_a_plain_splitter_is_named_after_its_class_and_what_it_mixes(corpus):
-    assert label(KFold(3), corpus, True, "KFold[n_splits=3]") == "KFold[n_splits=3], subjects mixed"
-    assert label(GroupKFold(), corpus, False, "GroupKFold") == "GroupKFold"
-    assert label(CaptureKFold(3, 1), corpus, True, "kfold", 1) == "3-fold, subjects mixed, seed 1"
-    assert official_split(KFold(3), corpus) is None and official_split(Challenge(), corpus) is False
 
 
 def test_challenge_uses_the_declared_split(corpus):

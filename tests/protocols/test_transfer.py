@@ -81,18 +81,14 @@ def test_the_command_scores_people_of_the_new_skin():
         (["protocol.source=nothing"], "not imported"),
         (["protocol.source="], "protocol.source"),
         (["protocol.source=synth+colour=3"], "no parameter 'colour'"),
-        (["protocol.source=synth+rows=x"], "a whole number"),
         ([f"protocol.source={COARSE}", "protocol.classes=tap"], "protocol.classes=tap"),
         ([f"protocol.source={COARSE}", "protocol.classes=tap:pat+tap:rub"], "named twice"),
         ([f"protocol.source={COARSE}", "target=variant"], "tells gestures apart"),
-        ([f"protocol.source={COARSE}", "protocol.shots=-1"], "give 0 or more"),
         (
             ["protocol.source=synth+subjects=3"],
             "capture 14 (subject 1, gesture grab)",
         ),
         (["protocol.source=synth+gain=0.7"], "of the same people"),
-        (["protocol.source=synth+variants=gentle+rowdy+seed=2"], "rowdy"),
-        (["protocol.source=synth+subjects=0+seed=2"], "protocol.source=synth+subjects=0"),
         (["protocol.shots=1"], "needs protocol.source="),
     ],
 )

@@ -7,49 +7,17 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from PIL import Image
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import survey
 from bench.errors import InputError
-from reports import corpus_page, details, figures, speed
-from reports.numbers import DESIGNED, bounded, listed, notes_on, number, p_value, whole, with_sd
+from reports import corpus_page, details, speed
 from reports.provenance import command
 from reports.spreadsheet import write_sheet
-from reports.streaming import draw
 from tests.conftest import random_corpus
 from tests.reports.store import made_up
 
 NAN = float("nan")
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        (number(1.25, 0), "1"),
-        (number(-1.05, 2, sign=True), "-1.05"),
-        (number(NAN), "-"),
-        (bounded(50.04, 40, 60.06), "50.0 [40.0, 60.1]"),
-        (bounded(5, -1, 11, sign=True), "+5.0 [-1.0, +11.0]"),
-        (bounded(5, NAN, NAN), "5.0"),
-        (bounded(NAN, NAN, NAN), "-"),
-        (with_sd(5, 1.04), "5.0 ± 1.0"),
-        (with_sd(5, NAN, "g"), "5"),
-        (whole(12345.6), "12 346"),
-        (p_value(0.0009), "< 0.001"),
-        (p_value(0.001), "0.001"),
-        (listed(["a"]), "a"),
-        (listed([*"abcdef"]), "a, b, c, d and 2 others"),
-    ],
-)
-def test_numbers_as_text(text, expected):
-    assert text == expected
-
-
-def test_who_was_designed_on_haart():
-    assert notes_on("lda · touch", "haart") == [DESIGNED] == notes_on("reflex (reference)", "haart")
-    assert notes_on("lda · touch", "cost") == [] == notes_on("svm · touchy", "haart") == notes_on("my.touch", "haart")
 
 
 def test_front_by_a_plain_loop():
@@ -65,12 +33,6 @@ def test_front_by_a_plain_loop():
     assert {(cost[i], accuracy[i]) for i in on} == expected and (np.diff(cost[on]) > 0).all()
 
 
-def test_names_keep_apart_and_inside():
-    places = figures.spread(np.array([1.0, 1.0, 1.1, 5, 9.9]), 0.8, 0.4, 9.6)
-    assert np.diff(places).min() >= 0.8 - 1e-9 and places.min() >= 0.4 and places.max() <= 9.6
-    assert figures.spread(np.array([2.0, 5.0]), 1, 0, 10) == pytest.approx([2, 5])
-
-
 def test_calibration_by_a_plain_loop():
     table = made_up(4, windows=3, seed=2)
     bins, error = details.calibration(table)
@@ -83,49 +45,6 @@ def test_calibration_by_a_plain_loop():
     expected = sum(abs(sum(c for c, _ in v) - sum(h for _, h in v)) for v in gaps.values()) / captures
     assert error == pytest.approx(expected) and len(bins) == len(gaps) and bins["n"].sum() == captures
     assert details.calibration(made_up(2, hard=True)) is None
-
-
-def test_the_chart_as_a_figure_shows_its_points_and_says_what_is_generated(tmp_path):
-    points = [
-        {
-            "name": f"s{i} $x$",
-            "kind": kind,
-            "y": [50.0 + i, None if i else 45.0, None if i else 55.0],
-            "x": [2.0**i, None],
-        }
-        for i, kind in enumerate(speed.MARKS)
-    ]
-    group = {"name": "synth (synthetic)", "points": points, "left": 2}
-    figure, caption = speed.speed_chart(group, ["kB", "ms"])
-    drawn = sorted(
-        (x, y)
-        for c in figure.axes[0].collections
-        for x, y in getattr(c, "get_offsets", list)()
-        if len(c.get_paths()) == 1
-    )
-    assert {(2.0**i, 50.0 + i) for i in range(4)} <= set(map(tuple, drawn)) and "2 less accurate" in caption
-    assert [ax.axison for ax in figure.axes] == [True, False]
-    picture = figures.save(figure, tmp_path, "a", group["name"], caption)
-    assert figures.SYNTHETIC in picture.paths[1].read_text() and figures.SYNTHETIC in picture.caption
-
-
-def test_streams_differ_without_colour_and_names_do_not_overlap():
-    rows = []
-    for i in range(5):
-        ms = np.array([60.0, 200, 900])
-        table = pd.DataFrame({"ms": ms, "mean_ms": ms, "accuracy": [0.2, 0.4, 0.5 + i / 50], "low": 0.1, "high": 0.6})
-        about = {"system": f"system {i} with a long name · features[of=many, kinds=7]", "seed": "0", "data": "arm"}
-        about |= {"subset": "all", "target": "gesture", "protocol_label": "LOSO (4 subjects)", "start": "onset"}
-        point = {"mean_ms": 300.0, "accuracy": 0.4, "low": np.nan, "high": np.nan}
-        rows.append(about | {"synthetic": "false", "instants": table, "stopping": table, "adaptive": point})
-    fig = draw(rows)
-    lines = fig.axes[0].get_lines()
-    assert len({(line.get_linestyle(), line.get_marker()) for line in lines}) == 5
-    assert lines[4].get_ydata().tolist() == pytest.approx([20, 40, 58])
-    FigureCanvasAgg(fig).draw()
-    boxes = [t.get_window_extent() for t in fig.legends[0].get_texts()]
-    assert len(boxes) == 8 and not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
-    assert not any(box.overlaps(ax.get_tightbbox()) for box in boxes for ax in fig.axes)
 
 
 def test_the_page_of_a_corpus_is_whole_and_says_that_captures_are_synthetic(tmp_path, monkeypatch):
@@ -147,37 +66,9 @@ def test_the_page_of_a_corpus_is_whole_and_says_that_captures_are_synthetic(tmp_
     panels = [ax.images[0].get_array() for ax in kept["pressure"].axes if ax.images]
     for gesture, panel in zip(found.gestures, panels, strict=True):
         np.testing.assert_allclose(panel, np.concatenate(list(corpus[corpus.gestures == gesture])).mean(axis=0))
-    for i, gesture in enumerate(found.gestures):
-        frames = corpus[found.typical[gesture]]
-        *strip, curve = kept["films"].axes[i * (corpus_page.FILMED + 1) : (i + 1) * (corpus_page.FILMED + 1)]
-        for j, ax in enumerate(strip):
-            assert np.array_equal(
-                ax.images[0].get_array(), frames[int(len(frames) * (2 * j + 1) / (2 * corpus_page.FILMED))]
-            )
-        np.testing.assert_allclose(curve.lines[0].get_ydata(), [f.sum() for f in frames])
 
 
-@pytest.mark.filterwarnings("ignore:Glyph")  # of a font that a machine may not have
-@pytest.mark.parametrize(("grid", "kind"), [((1, 1), np.uint16), ((1, 40), np.float32), ((40, 1), np.uint16)])
-def test_odd_names_grids_and_lengths_are_drawn(grid, kind, tmp_path, monkeypatch):
-    monkeypatch.setattr(corpus_page, "DRAWN", 3)
-    rng = np.random.default_rng(0)
-    arrays = [rng.integers(0, 3, (n, *grid)).astype(kind) for n in (1, 2, 3, 30)]
-    names = ["$x_1$ \\frac <b>&amp;", "a$b", "長い" * 30, "w" * 200]
-    about = pd.DataFrame({"subject": ["<i>1</i>", "$", "2", "2"], "gesture": names})
-    corpus = Corpus.from_captures(arrays, about, 50.0, name="odd")
-    corpus_page.write(corpus, survey(corpus), tmp_path)
-    text = (tmp_path / "index.html").read_text()
-    assert (
-        "<b>" not in text
-        and "<i>" not in text
-        and "&lt;b&gt;&amp;amp;" in text
-        and "ynthetic" not in text.partition("</style>")[2].partition("<script>")[0]
-    )
-    assert "$x_1$" in (tmp_path / "films.svg").read_text() and text.count("1 more gestures") >= 2  # no formula
-
-
-def test_a_capture_is_named_by_its_place_in_the_whole_corpus_and_moves_as_long_as_the_touch(tmp_path):
+def test_a_capture_is_named_by_its_place_in_the_whole_corpus(tmp_path):
     frames = np.random.default_rng(0).integers(0, 900, (250, 4, 4)).astype(np.uint16)
     about = pd.DataFrame({"subject": ["1"] * 3, "gesture": [*"abc"]})
     corpus = Corpus.from_captures([frames, frames[:20], frames[:30]], about, 100.0)[np.array([2, 1, 0])]
@@ -185,13 +76,6 @@ def test_a_capture_is_named_by_its_place_in_the_whole_corpus_and_moves_as_long_a
     with pytest.raises(InputError, match=r"capture=8.*\(0 to 2\)"):
         corpus_page.write(corpus, survey(corpus), tmp_path / "new", 8)
     assert not (tmp_path / "new").exists()
-    for chosen, seconds in (([0, 1], 2.5), ([1], 0.2)):
-        with Image.open(corpus_page.animation(corpus, chosen, "own", tmp_path)) as gif:
-            spent = 0
-            for i in range(gif.n_frames):
-                gif.seek(i)
-                spent += gif.info["duration"]
-        assert spent / 1000 == pytest.approx(seconds, abs=0.1 * seconds + 0.02)
 
 
 def test_the_command_of_a_run_is_what_was_tracked():

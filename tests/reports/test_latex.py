@@ -9,8 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import bench
-from bench.errors import InputError
 from bench.outcomes.comparable import MARK
 from reports.latex import escaped, latex
 
@@ -72,12 +70,6 @@ def test_text_is_escaped_and_control_characters_are_gone():
         r"a\_b \& 50 \% \{x\} \#1 \$2 \textasciitilde{} \textasciicircum{} \textbackslash{}"
     )
     assert escaped("a\nb\x1bc\u202e") == "a bc"
-
-
-def test_other_tables_are_refused():
-    for table, fact in ((pd.DataFrame({"system": ["a"]}), "accuracy|data"), ([1], "list")):
-        with pytest.raises(InputError, match=fact):
-            bench.latex(table)
 
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")

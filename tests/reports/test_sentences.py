@@ -8,14 +8,12 @@ import pytest
 from scipy import stats
 
 from bench.cli import main
-from bench.errors import InputError
 from bench.outcomes.runs import of_kinds, tracked
 from reports import new_person
 from reports.fault_curves import contexts, stream_sections, stress_sections
 from reports.new_person import WITHOUT, curve_of, curves_of, enough, new_person_sections
 from reports.run_groups import Group
-from reports.streaming import write_streaming
-from reports.summary import briefs, early, faults, people, shots, told_apart
+from reports.summary import early, shots, told_apart
 from tests.reports.store import made_up, streamed, stressed, tracked_run
 
 EVEN, ODD, BOTH = [70, 60] * 6, [60, 70] * 6, {"noise": 0.1, "shift": 0.234}
@@ -52,13 +50,6 @@ def test_who_beats_whom(rows, facts, absent):
     assert all(fact in words for fact in facts) and not any(word in words for word in absent)
 
 
-def test_mixed_subjects_people_and_topics():
-    assert "new person" in told_apart(group({"a": [60] * 10, "b": range(50, 60)}, mixed=True))
-    pair = {"here": group({"a": [60, 80], "b": [50, 50]})}
-    assert re.findall(r"\ba\b|\d+\.\d|subject \d", people(pair)) == ["a", "60.0", "subject 0", "80.0", "subject 1"]
-    assert briefs({}, {}, {}, []) == [] and [topic for topic, _ in briefs({}, {}, pair, [])] == ["People", "Statistics"]
-
-
 def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lowest_seed(store, tmp_path):
     stressed(store, "svm", 0.5, BOTH)
     whole = stressed(store, "svm", 0.6, BOTH, {"half_margin.shift": 2.25})
@@ -80,23 +71,6 @@ def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lo
     assert row["worst subject"] == "30.0" and table.frame["system"].tolist() == ["rf", "svm"]
 
 
-def test_who_loses_least_under_faults(store):
-    stressed(store, "svm", 0.8, {"noise": 0.3, "dead_taxels": 0.1})
-    stressed(store, "rf", 0.7, {"noise": 0.05, "dead_taxels": 0.15})
-    stressed(store, "tree", 0.9, {"noise": 0.01})  # met fewer faults: not comparable
-    words = faults(contexts(tracked(store, "stress")))
-    assert re.findall(r"rf|svm|tree|dead taxels|\d+\.\d", words) == [
-        "rf",
-        "10.0",
-        "svm",
-        "20.0",
-        "rf",
-        "dead taxels",
-        "15.0",
-    ]
-    assert faults({}) == ""
-
-
 def test_early_decisions_by_start_and_hop(store, tmp_path):
     for start, hop, system in (("onset", "None", "svm"), ("onset", "None", "rf"), ("middle", "125.0", "svm")):
         streamed(store, system, start, hop, accuracy_at_500_ms=0.5, adaptive_accuracy=0.66 if system == "svm" else 0.6)
@@ -111,19 +85,6 @@ def test_early_decisions_by_start_and_hop(store, tmp_path):
     assert re.findall(r"svm|rf|\b\d+\.\d|\d+ ms", words) == ["svm", "70.0", "66.0", "812 ms"]
     late = {"here": [run | {"adaptive_ms": 900.0} for run in next(iter(named.values()))]}
     assert "66.0" not in early(late) and "saving" in early(late) and early({}) == ""
-
-
-def test_tables_and_figure_of_streams_are_rebuilt_from_the_store(store, tmp_path):
-    ids = [streamed(store, "=evil", start) for start in ("onset", "middle")]
-    paths = write_streaming(store, ids, tmp_path / "out")
-    assert [p.name for p in paths] == ["streaming.csv", "stopping.csv", "streaming.png", "streaming.svg"]
-    table = pd.read_csv(paths[0])
-    assert table["start"].tolist() == ["onset"] * 2 + ["middle"] * 2 and set(table["system"]) == {"'=evil"}
-    assert table["accuracy"].tolist() == [0.4, 0.7] * 2 and "from the middle" in paths[3].read_text()
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="out="):
-        write_streaming(store, ids, tmp_path / "file" / "x")
-    assert write_streaming(store, [], tmp_path / "none") == []
 
 
 def test_gains_of_shots_are_paired_and_who_loses_is_named(monkeypatch):

@@ -87,14 +87,6 @@ class Neighbours(Mean):
         return proba
 
 
-class Noisy(Mean):
-    """Predicts at random, without a seed."""
-
-    def predict_proba(self, X):
-        noise = np.random.default_rng().random((len(X), len(self.classes_)))
-        return noise / noise.sum(axis=1, keepdims=True)
-
-
 class Lists(Mean):
     """Gives lists in place of arrays, and may leave the last capture out."""
 
@@ -190,24 +182,12 @@ def test_what_adapts_in_place_carries_nothing_into_other_tests():
     assert system.predict(blind).tolist() == before
 
 
-def test_random_predictions_lists_and_skipped_captures_are_told_apart():
-    assert "differently each time" in batch_effects(trained(Noisy()), FEW, TEST)[0]
+def test_lists_are_predictions_and_a_skipped_capture_is_an_error():
     lists = trained(Lists())
     assert batch_effects(lists, FEW, TEST) == []
     lists.skips = True
     with pytest.raises(ValueError, match=f"no decision on capture {TEST[-1]}"):
         decisions(lists, FEW, "", TEST)
-
-
-def test_the_effect_names_capture_and_both_labels():
-    system = trained(Mean())
-    table = decisions(system, FEW, "", TEST)
-    assert batch_effects(system, FEW, TEST, table) == []
-    alone = system.predict(FEW[[TEST[4]]].blind())[0]
-    label = "tap" if alone != "tap" else "pat"
-    table.loc[4, [f"p_{c}" for c in system.classes_]] = [float(c == label) for c in system.classes_]
-    (effect,) = batch_effects(system, FEW, TEST, table)
-    assert effect == f"capture {TEST[4]} has label {alone} alone, label {label} among {len(TEST)} test captures"
 
 
 def test_declared_conditions_are_visible_and_no_others():

@@ -2,9 +2,7 @@
 
 import pickle
 import shutil
-import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +26,6 @@ from sklearn.naive_bayes import GaussianNB
 class Mine(GaussianNB):
     """Reads a table."""
 '''
-
-
-def test_a_run_on_this_machine_does_not_import_dask():
-    code = "import sys, bench.commands.run, bench.commands.stream; print({'dask', 'distributed'} & {*sys.modules})"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 0 and done.stdout == "set()\n", done.stderr
 
 
 def test_a_cluster_needs_dask_and_no_jobs(monkeypatch, capsys):
@@ -74,11 +66,6 @@ def test_a_worker_s_process_does_a_fold_or_says_why_not(tmp_path):
     )
     result, machine = pickle.loads(content)
     assert not refusal and not result.error and list(result.table["capture"]) == [0, 1, 2] and machine.cpu
-
-
-def test_an_object_that_cannot_travel_is_one_line():
-    with pytest.raises(InputError, match="cluster="):
-        packed(threading.Lock())
 
 
 def test_a_cell_travels_without_what_was_built_of_it(tmp_path):

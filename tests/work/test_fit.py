@@ -1,6 +1,9 @@
 """A system that is saved, loaded elsewhere and labels captures."""
 
+import os
 import shutil
+import subprocess
+import sys
 from importlib.metadata import version
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,16 +14,13 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
-from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
-from bench.corpora.read.table import from_frame, read_unlabelled
-from bench.errors import InputError
 from bench.plan.cells import cells
-from bench.work.fit import _stopping, fit
+from bench.work.fit import fit
 from bench.work.replay import Replay, learned
 from bench.work.saved import Recogniser, load, quiet, requirements
 from tests.conftest import random_corpus, runs
-from tests.work.fakes import Level, cell_of
+from tests.work.fakes import Level
 
 CELL = {"model": "lda", "features": "touch", "data.subjects": "3", "data.variants": "normal"}
 CELL |= {"where": "gesture in ['pat', 'rub', 'tap']"}
@@ -111,13 +111,6 @@ def test_a_saved_system_decides_as_the_estimator_as_surely_as_it_may(shipped, mo
     assert run.data.tags["system"] == shipped.cell.system() and run.data.params["captures"] == str(len(corpus))
 
 
-def test_captures_that_cannot_teach_when_to_stop_are_a_warning(capsys):
-    corpus = random_corpus(subjects=1)
-    assert _stopping(cell_of(Level), corpus) is None
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "no calibration" in line and "one subject" in line
-
-
 def test_what_cannot_be_fitted_or_loaded_is_refused(shipped, capsys):
     Path("full").mkdir()
     Path("full/x").write_text("")
@@ -132,18 +125,12 @@ def test_what_cannot_be_fitted_or_loaded_is_refused(shipped, capsys):
         mlflow.pyfunc.save_model("old", python_model=shipped.fitted.recogniser, pip_requirements=[])
     shipped.fitted.recogniser.format = usual
     for arguments, fact in (
-        (["fit", "model=bayes,svm"], "one value of each key"),
-        (["fit", "protocol=loso"], "'protocol'"),
-        (["fit", "stopping=maybe"], "stopping=maybe"),
         (["fit", "out=full"], "out=full"),
         (["fit", "data=nothing"], "nothing"),
         (["fit", "where=gesture == 'pat'"], "one gesture"),
-        (["predict", "x"], "a file"),
-        (["predict", "x", "y.csv", "o=z"], "'o'"),
         (["predict", "x", "y.csv", "out=a", "out=b"], "out="),
         (["predict", "http://somewhere/model", "y.csv"], "not a saved model"),
         (["predict", "runs:/0123/model", "y.csv"], "runs:/0123/model cannot be loaded"),
-        (["predict", "models:/m-0123", "y.csv"], "models:/m-0123 cannot be loaded"),
         (["predict", "other", "y.csv"], "other is not a model of touchbench"),
         (["predict", "old", "y.csv"], "old was saved by another version"),
     ):
@@ -185,25 +172,26 @@ def test_files_of_every_format_are_labelled_and_a_bad_one_is_one_line(monkeypatc
         assert all(fact in line for fact in facts.split())
 
 
-def test_captures_without_labels_are_read():
-    corpus = random_corpus(subjects=1, grid=(2, 3))
-    table = as_table(corpus)
-    table.drop(columns="capture").to_csv("a.csv", index=False)
-    unlabelled = read_unlabelled(Path("a.csv"), 100.0, (2, 3), 1023.0)
-    assert [f.tolist() for f in unlabelled] == [f.tolist() for f in corpus] and unlabelled.frames.dtype == np.uint16
-    assert unlabelled.captures["capture"].tolist() == [str(i + 1) for i in range(len(corpus))]
-    form = ([f"ch{i + 1}" for i in range(6)], 100.0, (2, 3), 1023.0, "input")
-    twice = pd.concat([table[table["capture"] == "c1"], table[table["capture"] == "c1"]])
-    again = from_frame(twice, *form)  # frame starts again: another capture
-    assert len(again) == 2 and isinstance(again, Corpus)
-    gap = table.assign(capture=[None if i == 2 else "a" for i in range(len(table))])
-    for wrong, fact in ((table[:0], "input: .*no frames"), (gap, "input, row 3: capture is empty")):
-        with pytest.raises(InputError, match=fact):
-            from_frame(wrong, *form)
-
-
 def test_a_system_with_an_extra_brings_what_the_extra_names():
     assert f"aeon=={version('aeon')}" in requirements(["rocket", "jung54"])
     usual = requirements(["svm", "jung54"])
     names = {requirement.split("==")[0] for requirement in usual}
     assert f"mlflow=={version('mlflow')}" in usual and not {"aeon", "pytest", "ruff"} & names
+
+
+@pytest.mark.nightly
+def test_a_saved_system_runs_elsewhere_on_the_code_that_it_was_trained_with(tmp_path, capsys):
+    assert main(["fit", *(f"{k}={v}" for k, v in CELL.items()), "stopping=no", "out=saved"]) == 0
+    uri = capsys.readouterr().out.split()[0]
+    as_table(open_corpus("synth", {"subjects": 1})[::9].detached()).to_csv("new.csv", index=False)
+    assert main(["predict", uri, "new.csv", "out=labels.csv"]) == 0
+    labels = pd.read_csv("labels.csv")["label"].tolist()
+    assert load("saved").stopping is None and main(["report"]) == 2  # a fit is not scored
+    code = "import mlflow, pandas as pd, sys; m = mlflow.pyfunc.load_model(sys.argv[1]); "
+    code += "import bench; print(bench.__file__); print(','.join(m.predict(pd.read_csv(sys.argv[2]))['label']))"
+    (tmp_path / "elsewhere").mkdir()
+    arguments = [sys.executable, "-c", code, str(tmp_path / "saved"), str(tmp_path / "new.csv")]
+    plain = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(arguments, cwd=tmp_path / "elsewhere", env=plain, capture_output=True, text=True, check=True)
+    file, printed = done.stdout.split()
+    assert printed.split(",") == labels and "saved/code" in file

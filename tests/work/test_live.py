@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections import deque
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.cli import main
-from bench.errors import InputError
-from bench.work.live import decided_at, earlier, frames_of
+from bench.work.live import decided_at
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from bench.work.saved import Recogniser
 from tests.conftest import BENCH
@@ -40,18 +38,6 @@ def test_a_decision_is_out_before_the_next_frame_is_read():
     source = iter([np.zeros(2)] * 10)
     for _, seen, _ in decided_at(source, 100.0, 30.0, 5):
         assert source.__length_hint__() == 10 - seen
-
-
-def test_lines_are_frames_and_what_is_none_is_named():
-    """The whole grammar is in tests/export/test_lines.py, with C."""
-    text = b"1,2,3\n 4 5\t6\r\n\n\n7, 8 ,9.5\n"
-    frames = list(frames_of(io.BytesIO(text), 3, 10.0))
-    assert [f if f is None else f.tolist() for f in frames] == [[1, 2, 3], [4, 5, 6], None, None, [7, 8, 9.5]]
-    for line, fact in {b"1,2": "2 values", b"1,x,3": "'x'", b"1,-1,3": "-1 ", b"1,11,3": "11 .*full scale 10"}.items():
-        frames = frames_of(io.BytesIO(b"1,2,3\n" + line + b"\n1,2,3\n"), 3, 10.0)
-        assert next(frames) is not None
-        with pytest.raises(InputError, match=f"line 2: .*{fact}"):
-            next(frames)
 
 
 def recogniser(stopping=None):
@@ -105,14 +91,6 @@ def calibration_temperature(ms):
     """From 2 after 10 ms to 0.5 after 120 ms, a straight line of logarithms."""
     share = np.log(ms / 10) / np.log(12)
     return 2 ** (1 - share) * 0.5**share
-
-
-def test_the_label_before_is_the_newest_of_those_that_had_seen_enough_less():
-    labels = deque([(2, "a"), (3, "b"), (4, "a"), (5, "b")])
-    assert earlier(labels, 2) is None and len(labels) == 4
-    assert earlier(labels, 4) == "a" and earlier(labels, 5) == "b" and len(labels) == 3
-    assert earlier(labels, 100) == "b" and list(labels) == [(5, "b")]
-    assert earlier(deque(), 5) is None
 
 
 def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(streamed):

@@ -4,19 +4,16 @@ import os
 import re
 
 import numpy as np
-import pandas as pd
 import pytest
 from filelock import FileLock
 
-from bench.arguments import Backend
 from bench.cli import main
-from bench.corpora.library import open_corpus
 from bench.errors import ClusterError, InputError, StoreError
 from bench.plan.cells import cells
 from bench.plan.plan import planned, share_cores
 from bench.scratch import home
 from bench.work import loop
-from bench.work.fold import decisions, forget_peak, peak_memory
+from bench.work.fold import forget_peak, peak_memory
 from bench.work.loop import Interrupted, execute, prepared
 from bench.work.machine import Machine
 from bench.work.workers import Done
@@ -178,11 +175,6 @@ def test_a_run_names_its_machines(store, plan, monkeypatch):
     assert run.data.tags["cpu"] == "fast; slow"
 
 
-def test_more_jobs_than_cores_are_warned_of(store, plan, capsys):
-    execute(todo(plan, 0), Backend(jobs=4096))
-    assert "4096" in capsys.readouterr().err
-
-
 class Counting(Wayward):
     """Counts how often it is made."""
 
@@ -247,45 +239,6 @@ def test_a_run_is_tracked_whole(capsys):
     assert runs("cell")[1][0].data.metrics == svm.data.metrics
 
 
-def test_a_dataset_that_another_run_makes_at_the_same_moment_is_no_failure(monkeypatch):
-    from mlflow import MlflowClient
-    from mlflow.exceptions import MlflowException
-
-    tried, real = [], MlflowClient.log_inputs
-
-    def crossed(self, *args, **kwargs):
-        tried.append(1)
-        if len(tried) < 3:
-            raise MlflowException("UNIQUE constraint failed: datasets.experiment_id, datasets.name, datasets.digest")
-        real(self, *args, **kwargs)
-
-    monkeypatch.setattr(MlflowClient, "log_inputs", crossed)
-    execute(prepared(cells({"model": "bayes", "features": "jung28", **TINY}), [Echo()], 1))
-    _, (run,) = runs("echo")
-    assert len(run.inputs.dataset_inputs) == 1 and len(tried) == 3
-
-
-def test_short_captures_are_warned_of_whatever_has_windows():
-    """A system of the user's with a parameter ``frames`` has no length in seconds."""
-
-    class Windowed(Wayward):
-        def __init__(self, frames=50):
-            super().__init__()
-            self.frames = frames
-
-    corpus = open_corpus("synth", {"subjects": 4, "variants": ("normal",), "repetitions": 1})
-
-    def warned(**values):
-        (plan,) = planned(cells({**TINY, **values}), 1)
-        (line,) = loop.warnings(plan) or [""]
-        return int(line.split()[2]) if line else 0
-
-    assert warned(model=Windowed(50)) == (corpus.lengths < 50).sum() > 0
-    assert warned(model=Windowed(1)) == 0
-    assert warned(model="cnn85") == (corpus.lengths < 85).sum()
-    assert warned(model="cnn85", **{"model.seconds": "0.5"}) == (corpus.lengths < 68).sum()  # of 135 Hz, even
-
-
 def test_peak_memory_is_that_of_the_fold_alone():
     forget_peak()
     before = peak_memory()
@@ -303,13 +256,3 @@ def test_cores_are_shared_out():
     for jobs in (1, 2, 3, 64):
         workers, threads = share_cores(jobs, 10)
         assert workers * threads <= cores
-
-
-def test_a_system_without_probabilities_gets_one_for_its_label(corpus):
-    class Labels(Wayward):
-        predict_proba = property()
-
-    model = Labels().fit(corpus, corpus.gestures)
-    table = decisions(model, corpus, "x", np.array([3, 1]))
-    assert list(table["capture"]) == [3, 1] and (table["p_pat"] == 1).all() and (table["p_rub"] == 0).all()
-    assert isinstance(table, pd.DataFrame)

@@ -13,12 +13,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bench.arguments import Backend
 from bench.cli import main
-from bench.plan.cells import cells
 from bench.work import cluster
-from bench.work.evaluation import Evaluation
-from bench.work.loop import execute, prepared
 from tests.commands.test_server import free_port
 from tests.conftest import BENCH, predictions, runs
 
@@ -166,19 +162,6 @@ def test_folds_of_all_cells_are_done_there_and_are_the_same_bit_for_bit(two, tmp
     assert main([*command, f"cluster={two}"]) == 0 and "already stored" in capsys.readouterr().err
 
 
-@pytest.mark.nightly
-def test_an_object_of_the_users_travels(two):
-    from sklearn.tree import DecisionTreeClassifier
-
-    values = {
-        "model": DecisionTreeClassifier(random_state=0),
-        "features": "jung28",
-        **dict(w.split("=") for w in SMALL),
-    }
-    (outcome,) = execute(prepared(cells(values), [Evaluation()], None), Backend(cluster=two))
-    assert len(outcome.results) == 4
-
-
 def test_a_worker_with_other_code_is_left_out(tmp_path, capsys):
     for package in ("bench", "features", "models", "protocols", "reports"):
         shutil.copytree(ROOT / package, tmp_path / "old" / package)
@@ -194,17 +177,6 @@ def test_a_worker_with_other_code_is_left_out(tmp_path, capsys):
             assert until(lambda: main(command) == 0)
             error = capsys.readouterr().err
             assert " is left out: it has touchbench's code" in error and "4/4" in error
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(
-    "place", ["tcp://127.0.0.1:1", "nothing.json", "bad.txt", "tls://127.0.0.1:1", "carrier://pigeon"]
-)
-def test_a_cluster_that_is_not_there(place, tmp_path):
-    (tmp_path / "bad.txt").write_text('["tcp://127.0.0.1:1"]')
-    out, error = begun(["run", *SMALL, f"cluster={place}"]).communicate(timeout=PATIENCE)
-    (line,) = error.splitlines()  # nothing fails at the end
-    assert "no scheduler answers" in line and not out and not Path("mlflow.db").exists()
 
 
 @pytest.mark.nightly
@@ -230,19 +202,6 @@ def test_a_worker_that_is_killed_loses_no_fold(two, slow, capsys):
     began = [m for m in marks(folder) if m[0] == fold]
     assert len(began) == 2 and began[1][2] != worker
     until(lambda: gone(pid))
-
-
-@pytest.mark.nightly
-def test_a_fold_that_kills_its_process_fails_and_no_worker_does(two, slow, capsys):
-    command, folder = slow
-    command += ["model.die=3", f"cluster={two}"]
-    assert main(command) == 1
-    captured = capsys.readouterr()
-    assert "fold 3 failed: The worker process died twice" in captured.err and "3/4" in captured.out
-    died = [m for m in marks(folder) if m[0] == "3"]
-    assert len(died) == 2
-    assert not any(gone(worker) for _, _, worker in marks(folder))
-    assert main([*command[:-2], f"cluster={two}"]) == 0  # which takes the next command
 
 
 @pytest.mark.nightly
@@ -290,19 +249,6 @@ def test_the_scheduler_is_gone_and_the_same_command_goes_on(slow, capsys):
     store, (run,) = runs("cell")
     assert run.info.status == "FINISHED"
     assert done < {f.info.run_id for f in store.folds(run.info.run_id)}
-
-
-@pytest.mark.nightly
-def test_a_worker_that_comes_late_is_used(slow):
-    command, folder = slow
-    with scheduler() as place, workers(place, 1):
-        process = begun([*command, "model.wait=12", f"cluster={place}"])
-        until(lambda: marks(folder))
-        with workers(place, 1):
-            until(lambda: len({worker for _, _, worker in marks(folder)}) == 2)
-            (folder / "go").touch()
-            _, error = process.communicate(timeout=PATIENCE)
-        assert process.returncode == 0, error
 
 
 @pytest.mark.nightly

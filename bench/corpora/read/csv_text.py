@@ -67,7 +67,7 @@ class FrameFile:
             raise InputError(f"{self.label}: cannot be read ({e.strerror}); check the path") from e
 
     def read(
-        self, counts: list[str], channels: list[str], full_scale: float, fractions: bool = False
+        self, counts: list[str], channels: list[str], full_scale: float, fractions: bool = False, blank: str = ""
     ) -> tuple[pd.DataFrame, np.ndarray]:
         """Labels and sensor values of every row.
 
@@ -76,6 +76,7 @@ class FrameFile:
             channels: columns of sensor values, 0..full_scale.
             full_scale: largest value allowed.
             fractions: whether values may have decimals.
+            blank: column of text whose cells may be empty.
 
         Returns:
             Labels [rows], all columns but the channels in file order, and values [rows, channels], uint16 when every
@@ -88,7 +89,7 @@ class FrameFile:
         types = dict.fromkeys(self.columns, _TEXT) | dict.fromkeys(counts, _COUNT)
         types |= dict.fromkeys(channels, _NUMBER if fractions else _WHOLE)
         return labels_and_values(
-            self._batches(types), self.columns, channels, full_scale, f"{self.label}, line", first=2
+            self._batches(types), self.columns, channels, full_scale, f"{self.label}, line", 2, blank
         )
 
     def _batches(self, types: dict[str, pa.DataType]) -> Iterator[pa.RecordBatch]:

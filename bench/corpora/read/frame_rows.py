@@ -17,7 +17,13 @@ _TEXT = (kinds.is_string, kinds.is_large_string, kinds.is_binary, kinds.is_large
 
 
 def labels_and_values(
-    batches: Iterable[pa.RecordBatch], names: list[str], channels: list[str], full_scale: float, where: str, first: int
+    batches: Iterable[pa.RecordBatch],
+    names: list[str],
+    channels: list[str],
+    full_scale: float,
+    where: str,
+    first: int,
+    blank: str = "",
 ) -> tuple[pd.DataFrame, np.ndarray]:
     """Labels and sensor values of every row.
 
@@ -28,6 +34,7 @@ def labels_and_values(
         full_scale: largest sensor value allowed.
         where: the file and the word for a row in messages: ``my.csv, line``.
         first: number of the first row in the file.
+        blank: column of text whose cells may be empty.
 
     Returns:
         Labels [rows] in file order, text as categories, and values [rows, channels], uint16 when every value is a whole
@@ -46,7 +53,7 @@ def labels_and_values(
         block = np.stack(sensors, axis=1)
         blocks.append(block.astype(smallest(block)))
         for name, column in columns.items():
-            part = words_of(column, name, where, first) if is_text(column.type) else column
+            part = words_of(column, name, where, first, name == blank) if is_text(column.type) else column
             labels.setdefault(name, []).append(part)
         first += len(batch)
     if not blocks:
@@ -90,7 +97,7 @@ def check_types(schema: pa.Schema, names: list[str], numbers: set[str], label: s
             raise InputError(f"{label}: {plain(name, 60)} holds {plain(kind, 40)}; give one text or number per frame")
 
 
-def words_of(column: pa.Array, name: str, where: str, first: int = 1) -> pd.Categorical:
+def words_of(column: pa.Array, name: str, where: str, first: int = 1, blank: bool = False) -> pd.Categorical:
     """Labels without spaces around them.
 
     Args:
@@ -98,6 +105,7 @@ def words_of(column: pa.Array, name: str, where: str, first: int = 1) -> pd.Cate
         name: of the column.
         where: the file and the word for a row in messages: ``my.parquet, row``.
         first: number of the first row in the file.
+        blank: whether cells may be empty.
 
     Raises:
         InputError: a label that cannot be; the message names its row.
@@ -112,7 +120,7 @@ def words_of(column: pa.Array, name: str, where: str, first: int = 1) -> pd.Cate
     for i, content in enumerate(contents.to_pylist()):
         try:
             word = (content or b"").decode().strip()
-            wrong = flaw(word)
+            wrong = "" if blank and not word else flaw(word)
         except UnicodeDecodeError:
             wrong = "is not text in UTF-8; save it as text"
         if wrong:

@@ -62,12 +62,13 @@ class ParquetFile:
         except Exception as e:  # pyarrow and the text within a file raise a dozen types for damaged bytes
             raise InputError(f"{self.header}: not a readable parquet file ({plain(e)}); save it again") from e
 
-    def read(self, channels: list[str], full_scale: float) -> tuple[pd.DataFrame, np.ndarray]:
+    def read(self, channels: list[str], full_scale: float, blank: str = "") -> tuple[pd.DataFrame, np.ndarray]:
         """Labels and sensor values of every row.
 
         Args:
             channels: columns of sensor values.
             full_scale: largest value allowed.
+            blank: column of text whose cells may be empty.
 
         Returns:
             Labels [rows] in file order, text as categories, and values [rows, channels], uint16 when every value is a
@@ -86,4 +87,4 @@ class ParquetFile:
         ):
             batches = file.iter_batches(max(1, _AT_ONCE // len(self.columns)), columns=self._schema.names)
             rows = (batch for batch in batches if len(batch))
-            return labels_and_values(rows, self.columns, channels, full_scale, f"{self.header}, row", first=1)
+            return labels_and_values(rows, self.columns, channels, full_scale, f"{self.header}, row", 1, blank)

@@ -49,13 +49,37 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
         InputError: the file does not fit; the message names the line, or the array.
     """
     path = Path(path)
+    check_scales(rate_hz, full_scale)
+    size = size_of(grid) if grid else None
+    corpus, warnings = _file(path, size, rate_hz, full_scale, LABELS)
+    return described(corpus, path, warnings, "table")
+
+
+def check_scales(rate_hz: float, full_scale: float) -> None:
+    """Refuse a rate or a full scale that cannot be.
+
+    Raises:
+        InputError: one is out of range.
+    """
     if not (0 < rate_hz < np.inf):
         raise InputError(f"rate_hz={rate_hz:g}: give a number above 0")
     least, most = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
     if not least <= full_scale <= most:
         raise InputError(f"full_scale={full_scale:g}: frames hold numbers from {least:.2g} to {most:.2g}; scale yours")
-    size = _size(grid) if grid else None
-    corpus, warnings = _file(path, size, rate_hz, full_scale, LABELS)
+
+
+def described(corpus: Corpus, path: Path, warnings: list[str], name: str) -> Corpus:
+    """A corpus with its source, licence and warnings, and whether it is synthetic.
+
+    Args:
+        corpus: the captures of the file.
+        path: the file.
+        warnings: of the reader.
+        name: of the corpus.
+
+    Raises:
+        InputError: a condition has a reserved name, or a mark ``synthetic`` is neither true nor false.
+    """
     captures = corpus.captures
     if taken := [name for name in captures if name in RESERVED or name.startswith("p_")]:
         name = short(taken[0])
@@ -64,7 +88,7 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
         captures[label] = captures[label].astype(str)
     synthetic = _synthetic(captures, called(path))
     info = {"source": plain(path.name, 200), "licence": "the user's own", "synthetic": synthetic, "warnings": warnings}
-    return corpus.changed(captures=captures, name="table", info=info)
+    return corpus.changed(captures=captures, name=name, info=info)
 
 
 def _synthetic(captures: pd.DataFrame, name: str) -> bool:
@@ -147,27 +171,57 @@ def _file(
         return _arrays(path, size, rate_hz, full_scale, [name for name in required if name != "frame"]), []
     if size is None:
         raise InputError(f"{called(path)}: give the grid of the sensor, such as grid=8x8")
-    file = ParquetFile(path) if suffix == ".parquet" else FrameFile(path, called(path))
+    labels, values, where, first, warnings = rows_of(path, size, full_scale, required, [*LABELS, *required])
+    return _cut(labels, values, size, rate_hz, full_scale, where, first), warnings
+
+
+def rows_of(
+    path: Path, size: tuple[int, int], full_scale: float, required: list[str], known: list[str], blank: str = ""
+) -> tuple[pd.DataFrame, np.ndarray, str, int, list[str]]:
+    """Rows of a CSV or parquet file with one frame each.
+
+    Args:
+        path: the file.
+        size: (rows, cols) of the sensor.
+        full_scale: largest value that the sensor gives.
+        required: columns of labels that the file must have.
+        known: columns that are labels and never channels.
+        blank: column of text whose cells may be empty.
+
+    Returns:
+        Labels [rows]; values [rows, channels]; the file and the word for a row in messages; the number of the first
+        row; warnings.
+
+    Raises:
+        InputError: a column or a value that does not fit.
+    """
+    file = ParquetFile(path) if path.suffix.lower() == ".parquet" else FrameFile(path, called(path))
     check_columns(file.columns, required, file.header)
     channels = channels_of(file.columns, size, file.header)
-    if len(file.columns) < len(channels) + len(required) or {*LABELS, *required} & set(channels):
+    if len(file.columns) < len(channels) + len(required) or {*known} & set(channels):
         raise InputError(
             f"{file.header}: {len(file.columns)} columns cannot hold {', '.join(required)} and then {len(channels)} "
             "channels; check grid= and put the channels last"
         )
     if isinstance(file, ParquetFile):
         where, first = f"{called(path)}, row", 1
-        labels, values = file.read(channels, full_scale)
+        labels, values = file.read(channels, full_scale, blank)
     else:
         where, first = f"{called(path)}, line", 2
-        labels, values = file.read(["frame"], channels, full_scale, fractions=True)
+        counts = [name for name in file.columns if name == "frame"]
+        labels, values = file.read(counts, channels, full_scale, True, blank)
     chosen = set(channels)
     moved = [column for column in file.columns if column in chosen] != channels
     warnings = [f"channels are read in the order of their numbers, {channels[0]} to {channels[-1]}"] if moved else []
-    return _cut(labels, values, size, rate_hz, full_scale, where, first), warnings
+    return labels, values, where, first, warnings
 
 
-def _size(grid: str) -> tuple[int, int]:
+def size_of(grid: str) -> tuple[int, int]:
+    """Rows and columns of ``8x8``.
+
+    Raises:
+        InputError: it is not of that form.
+    """
     if not (match := re.fullmatch(r"([1-9][0-9]{0,6})x([1-9][0-9]{0,6})", grid)):
         raise InputError(f"grid={plain(grid)}: give rows and columns, such as grid=8x8")
     return int(match[1]), int(match[2])
@@ -183,22 +237,39 @@ def _cut(
     first: int,
 ) -> Corpus:
     """Rows as captures, which begin where the frame number starts again; ``where`` and ``first`` name the first row."""
-    if labels.isna().any(axis=None):
-        row, column = np.argwhere(labels.isna().to_numpy())[0]
-        raise InputError(f"{where} {first + row}: {short(str(labels.columns[column]))} is empty; fill the cell")
-    numbers = labels.pop("frame").to_numpy()
-    if len(wrong := np.flatnonzero(~(np.abs(numbers.astype(float)) < 2**53) | (numbers != np.round(numbers)))):
-        raise InputError(f"{where} {first + wrong[0]}: frame is {numbers[wrong[0]]}, not a whole number; correct it")
-    frame = numbers.astype(np.int64)
+    check_filled(labels, where, first)
+    frame = frame_numbers(labels.pop("frame").to_numpy(), where, first)
     if (origin := int(frame[0])) not in (0, 1):
         raise InputError(f"{where} {first}: a capture starts at frame {origin} instead of 0 or 1; restore its frames")
     starts = capture_starts(labels, frame, origin, where, first)
-    captures = _plain(labels.iloc[starts].reset_index(drop=True))
+    captures = without_categories(labels.iloc[starts].reset_index(drop=True))
     lengths = np.diff(starts, append=len(frame))
     return Corpus(values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
 
 
-def _plain(captures: pd.DataFrame) -> pd.DataFrame:
+def check_filled(labels: pd.DataFrame, where: str, first: int) -> None:
+    """Refuse labels that are missing.
+
+    Raises:
+        InputError: the first one; ``where`` and ``first`` name its row.
+    """
+    if labels.isna().any(axis=None):
+        row, column = np.argwhere(labels.isna().to_numpy())[0]
+        raise InputError(f"{where} {first + row}: {short(str(labels.columns[column]))} is empty; fill the cell")
+
+
+def frame_numbers(numbers: np.ndarray, where: str, first: int) -> np.ndarray:
+    """The column ``frame`` as int64 [rows].
+
+    Raises:
+        InputError: one is not a whole number; ``where`` and ``first`` name its row.
+    """
+    if len(wrong := np.flatnonzero(~(np.abs(numbers.astype(float)) < 2**53) | (numbers != np.round(numbers)))):
+        raise InputError(f"{where} {first + wrong[0]}: frame is {numbers[wrong[0]]}, not a whole number; correct it")
+    return numbers.astype(np.int64)
+
+
+def without_categories(captures: pd.DataFrame) -> pd.DataFrame:
     """Text instead of the categories that come from the readers: plain columns are what a query wants."""
     for column in captures:
         if isinstance(captures[column].dtype, pd.CategoricalDtype):
@@ -225,7 +296,7 @@ def _arrays(path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale
         shape = plain(arrays[wrong[0]].shape)
         raise InputError(f"{name}: {short(wrong[0])} has shape {shape}, captures are {len(offsets) - 1}")
     check_conditions(len(arrays), name)
-    captures = _plain(pd.DataFrame({n: _condition(array, n, name) for n, array in arrays.items()}))
+    captures = without_categories(pd.DataFrame({n: _condition(array, n, name) for n, array in arrays.items()}))
     values, starts = checked(frames, full_scale, name, "frame"), offsets.astype(np.int64)
     return Corpus(values, starts[:-1], np.diff(starts), captures, rate_hz, full_scale)
 

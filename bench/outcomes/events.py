@@ -1,0 +1,220 @@
+"""Events that a watcher reported against touches that happened: found, missed, late, wrong, split, and false alarms.
+
+Pure functions of two tables. Touches are `Recordings.events`: ``recording``, ``start``, ``end`` (frames, end exclusive)
+and ``gesture``, sorted by recording and start, without overlaps. Reports have the columns of ``REPORT``:
+
+- ``recording``: position of the recording, as in the touches;
+- ``reported``: frames of the recording that were seen when the event was first reported;
+- ``end``: frames seen when it ended, the length of the recording where the recording ended first;
+- ``first``, ``label``: gesture reported at first and at the end of the event;
+- ``confidence``: of the final label, 0 to 1.
+
+No column has missing values, except ``latency_s``, NaN for a missed touch. A table without rows keeps its columns and
+their types, also in parquet files. Both tables may have more columns, such as ``subject``; they are kept.
+
+The definitions follow the event-based scores of sound event detection (Mesaros, Heittola and Virtanen 2016, "Metrics
+for polyphonic sound event detection"; sed_eval), with three differences. sed_eval wants the onset of a report within
+``t_collar`` on either side of the true onset; here a report counts from the start of a touch until ``collar_s`` after
+its end, and never before it starts, so that lateness is measured as latency and not counted as a miss. sed_eval
+matches one report to one event and counts a second report of the same event as a false positive; here it is a
+fragment, and an insertion if its label is wrong. sed_eval matches each gesture for itself, so that a wrong label is a
+miss and a false positive; here the touch is found and its label incorrect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import SupportsFloat
+
+import numpy as np
+import pandas as pd
+
+from bench.outcomes.scores import ratio_interval, subject_interval
+
+REPORT = {"recording": np.int64, "reported": np.int64, "end": np.int64, "first": str, "label": str}
+REPORT |= {"confidence": np.float64}
+FALSE_ALARM = -1  # the touch of a report that belongs to none
+SHARES = ("found", "first_correct", "end_correct")
+
+
+def report_table(rows: Iterable[tuple[int, int, int, str, str, float]]) -> pd.DataFrame:
+    """Reports from rows (recording, reported, end, first, label, confidence), in the types of ``REPORT``."""
+    return pd.DataFrame(list(rows), columns=[*REPORT]).astype(REPORT)
+
+
+def matched(
+    truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, collar_s: float = 0.5
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Touches with the reports that belong to them.
+
+    A report belongs to the touch with start <= reported < end; else to the latest touch of its recording that ended at
+    most ``collar_s`` before the report; else it is a false alarm. The first and the last report of a touch are told by
+    ``reported``, then by ``end``.
+
+    Args:
+        truth: touches, as described above.
+        reports: reports, as described above, in any order.
+        rate_hz: frames per second.
+        collar_s: seconds after the end of a touch in which a report still belongs to it.
+
+    Returns:
+        The touches with the columns
+
+        - ``found`` (bool): it has a report;
+        - ``latency_s``: seconds from its start to its first report;
+        - ``first_correct``, ``end_correct`` (bool): ``first`` of its first report, ``label`` of its last report is
+          its gesture; False for a missed touch;
+        - ``fragments`` (int64): number of its reports;
+        - ``insertions`` (int64): reports after the first whose ``label`` is not its gesture;
+
+        and the reports with ``touch`` (int64): row of their touch, -1 for a false alarm. Rows stay in order and are
+        numbered from 0.
+    """
+    truth, reports = truth.reset_index(drop=True), reports.reset_index(drop=True)
+    touch = _touches_of(truth, reports, int(collar_s * rate_hz + 1e-6))
+    reports = reports.assign(touch=touch)
+
+    of_touches = reports[touch != FALSE_ALARM].sort_values(["reported", "end"], kind="stable")
+    wrong = of_touches["label"].to_numpy(object) != truth["gesture"].to_numpy(object)[of_touches["touch"]]
+    again = of_touches.duplicated("touch").to_numpy()
+    first = of_touches.drop_duplicates("touch").set_index("touch").reindex(truth.index)
+    last = of_touches.drop_duplicates("touch", keep="last").set_index("touch").reindex(truth.index)
+    fragments = _count(of_touches["touch"], truth)
+    touches = truth.assign(
+        found=fragments > 0,
+        latency_s=(first["reported"] - truth["start"]) / rate_hz,
+        first_correct=first["first"].to_numpy(object) == truth["gesture"].to_numpy(object),
+        end_correct=last["label"].to_numpy(object) == truth["gesture"].to_numpy(object),
+        fragments=fragments,
+        insertions=_count(of_touches["touch"][again & wrong], truth),
+    )
+    kinds = dict.fromkeys(SHARES, bool) | {"latency_s": np.float64}
+    return touches.astype(kinds), reports
+
+
+def _touches_of(truth: pd.DataFrame, reports: pd.DataFrame, collar: int) -> np.ndarray:
+    """Row of the touch of each report, int64 [reports], with a collar in frames.
+
+    Touches do not overlap: if the latest one that started by the time of the report ended too early, all others did.
+    """
+    recording, reported = reports["recording"].to_numpy(), reports["reported"].to_numpy()
+    span = 1 + max(truth["start"].max(), reported.max()) if len(truth) and len(reports) else 1
+    starts = (truth["recording"] * span + truth["start"]).to_numpy()
+    latest = np.searchsorted(starts, recording * span + reported, side="right") - 1
+    of_recording = np.append(truth["recording"], -1)[latest] == recording  # -1: no touch started before
+    in_time = reported - np.append(truth["end"], 0)[latest] <= collar
+    return np.where(of_recording & in_time, latest, FALSE_ALARM).astype(np.int64)
+
+
+def _count(rows: pd.Series, truth: pd.DataFrame) -> np.ndarray:
+    return np.bincount(rows.to_numpy(np.int64), minlength=len(truth)).astype(np.int64)
+
+
+def summary(touches: pd.DataFrame, reports: pd.DataFrame, background_s: float) -> dict[str, float]:
+    """The scores of all touches and reports together; NaN where there is nothing to divide by.
+
+    Several results of `matched`, such as those of the folds of a run, may be joined: of ``touch`` only the sign counts.
+
+    Args:
+        touches: touches, from `matched`.
+        reports: reports, from `matched`.
+        background_s: seconds outside of touches in the recordings.
+
+    Returns:
+        ``touches`` (number); ``touches_found``, ``first_correct`` and ``end_correct`` (shares of all touches, a missed
+        one is incorrect); ``first_correct_found`` and ``end_correct_found`` (shares of the touches found);
+        ``false_alarms_per_hour`` of background; ``latency_s_p50`` and ``latency_s_p90`` (of the touches found);
+        ``fragments`` (mean number of reports of a touch found); ``insertions_per_touch`` (mean over all touches).
+    """
+    found = touches[touches["found"]]
+    false_alarms = int((reports["touch"] == FALSE_ALARM).sum())
+    numbers: dict[str, SupportsFloat] = {
+        "touches": len(touches),
+        "touches_found": touches["found"].mean(),
+        "first_correct": touches["first_correct"].mean(),
+        "end_correct": touches["end_correct"].mean(),
+        "first_correct_found": found["first_correct"].mean(),
+        "end_correct_found": found["end_correct"].mean(),
+        "false_alarms_per_hour": 3600 * false_alarms / background_s if background_s > 0 else np.nan,
+        "latency_s_p50": found["latency_s"].quantile(0.5),
+        "latency_s_p90": found["latency_s"].quantile(0.9),
+        "fragments": found["fragments"].mean(),
+        "insertions_per_touch": touches["insertions"].mean(),
+    }
+    return {name: float(value) for name, value in numbers.items()}
+
+
+def per_subject(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> pd.DataFrame:
+    """The `summary` of each subject, sorted by ``subject``.
+
+    Args:
+        touches: touches, from `matched`, with ``subject``.
+        reports: reports, from `matched`, with ``subject``.
+        background_s: seconds outside of touches in the recordings of each subject, also of those without touches.
+
+    Raises:
+        ValueError: a touch or a report is of a subject without an entry in ``background_s``.
+    """
+    _check_subjects(touches, reports, background_s)
+    rows = [
+        summary(touches[touches["subject"] == s], reports[reports["subject"] == s], background_s[s])
+        for s in sorted(background_s)
+    ]
+    table = pd.DataFrame(rows, columns=[*summary(touches, reports, 0)], dtype=np.float64)
+    table.insert(0, "subject", pd.Series(sorted(background_s), dtype=str))
+    return table.astype({"touches": np.int64})
+
+
+def intervals(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> dict[str, float]:
+    """95 % bootstrap intervals of four scores of `summary`, whole subjects drawn with replacement.
+
+    Args:
+        touches: touches, from `matched`, with ``subject``.
+        reports: reports, from `matched`, with ``subject``.
+        background_s: seconds outside of touches in the recordings of each subject, also of those without touches.
+
+    Returns:
+        ``touches_found``, ``first_correct``, ``end_correct`` and ``false_alarms_per_hour``, each followed by ``_low``
+        and ``_high``; NaN where fewer than two subjects have touches, or background.
+
+    Raises:
+        ValueError: a touch or a report is of a subject without an entry in ``background_s``.
+    """
+    _check_subjects(touches, reports, background_s)
+    bounds = {}
+    for share in SHARES:
+        name = "touches_found" if share == "found" else share
+        bounds[name] = subject_interval(touches.assign(true=True, predicted=touches[share]))
+    alarms = reports.loc[reports["touch"] == FALSE_ALARM, "subject"].value_counts()
+    counts = [(alarms.get(s, 0), background_s[s] / 3600) for s in sorted(background_s)]
+    bounds["false_alarms_per_hour"] = ratio_interval(np.array(counts, dtype=np.float64).reshape(-1, 2))
+    return {f"{name}_{side}": b for name, pair in bounds.items() for side, b in zip(("low", "high"), pair, strict=True)}
+
+
+def _check_subjects(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> None:
+    if lacking := sorted({*touches["subject"], *reports["subject"]} - {*background_s}):
+        raise ValueError(f"background_s has no entry for subject {lacking[0]}; add its seconds of background")
+
+
+def unknown_scores(known_confidence: np.ndarray, unknown_confidence: np.ndarray, threshold: float) -> dict[str, float]:
+    """Rejection of gestures that were not in the training set, by the confidence of the label.
+
+    Args:
+        known_confidence: confidence of the label of each touch with a gesture of the training set, finite.
+        unknown_confidence: the same for touches with another gesture.
+        threshold: confidence below which a label is rejected.
+
+    Returns:
+        ``auroc`` (probability that a known touch has a higher confidence than an unknown one, ties count half),
+        ``rejected_unknown`` and ``rejected_known`` (shares of the touches); NaN where there are no such touches.
+    """
+    from sklearn.metrics import roc_auc_score
+
+    known, unknown = pd.Series(known_confidence, dtype=float), pd.Series(unknown_confidence, dtype=float)
+    is_known = np.repeat([True, False], [len(known), len(unknown)])
+    both = len(known) > 0 and len(unknown) > 0
+    return {
+        "auroc": float(roc_auc_score(is_known, np.concatenate([known, unknown]))) if both else np.nan,
+        "rejected_unknown": float((unknown < threshold).mean()),
+        "rejected_known": float((known < threshold).mean()),
+    }
