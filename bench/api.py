@@ -300,10 +300,10 @@ def results(of: str = "", full: bool = False, **values: object) -> pd.DataFrame 
     runs = tracked(store)
     among = {key: items(key, value) for key, value in typed.items()}
     for lacking in without_runs([runs], among):
-        warn(f"warning: {lacking}: no run of it is tracked")
+        warn(f"warning: {lacking}: no run is stored")
     runs = selected(runs, among)
     if not len(runs):
-        raise InputError("no run is tracked for these values; make some with bench.run")
+        raise InputError("no run is stored for these values; make one with bench.run")
     if full:
         return runs.reset_index(drop=True)
     return comparison(store, runs, published(), beside=not {"model", "features"} & set(typed))
@@ -348,7 +348,7 @@ def _system(values: dict[str, object]) -> str:
     """The name of the one system that some values mean."""
     systems = {cell.system() for cell in cells(values)}
     if len(systems) > 1:
-        raise InputError(f"{values} are {len(systems)} systems; give one")
+        raise InputError(f"{values} describe {len(systems)} systems; give one")
     return systems.pop()
 
 

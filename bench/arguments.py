@@ -112,7 +112,7 @@ def items(key: str, value: object) -> list:
             return [value]
         values = value.split(",")
         if not all(values):
-            raise InputError(f"{key}={value}: there is nothing between two commas")
+            raise InputError(f"{key}={value}: a value is missing beside a comma; add it or remove the comma")
         return values
     several = isinstance(value, list) or (isinstance(value, tuple) and "." not in key)  # a parameter may be a tuple
     if several and not value:
@@ -202,7 +202,7 @@ def backend_of(values: Values) -> Backend:
     """
     cluster = str(values.get("cluster", ""))
     if cluster and "jobs" in values:
-        raise InputError(f"jobs={values['jobs']}: the workers of cluster= fix it; leave jobs= out")
+        raise InputError(f"jobs={values['jobs']}: cluster= sets the number of workers; leave jobs= out")
     return Backend(jobs_of(values), cluster)
 
 

@@ -41,14 +41,14 @@ def main(arguments: list[str] | None = None) -> int:
         if e.errno not in FULL:
             raise
         where = f" ({e.filename})" if e.filename else ""
-        message = f"no space is left{where}; make room and repeat the command, it goes on"
+        message = f"no space is left{where}; free some and repeat the command, which continues"
         print(_line(ValueError(message)), file=sys.stderr)
         return 1
     except MemoryError as e:
-        print(_line(ValueError(f"memory ran out ({e or 'no more is given'}); ask for less")), file=sys.stderr)
+        print(_line(ValueError(f"memory ran out ({e or 'no details'}); use less data or fewer jobs")), file=sys.stderr)
         return 1
     except KeyboardInterrupt as e:
-        print(f"bench: {str(e) or 'interrupted; the same command begins again'}", file=sys.stderr)
+        print(f"bench: {str(e) or 'interrupted; the same command starts again from the beginning'}", file=sys.stderr)
         return 130
 
 
@@ -87,7 +87,7 @@ def _check(arguments: list[str]) -> None:
     """
     for i, argument in enumerate(arguments):
         if "\0" in argument:
-            raise InputError("an argument holds a NUL character; take it out")
+            raise InputError("an argument contains a NUL character; remove it")
         if argument.startswith("--") and argument.strip("-"):
             key, equals, value = argument.lstrip("-").replace("-", "_").partition("=")
             value = value if equals else next((a for a in arguments[i + 1 :] if not a.startswith("-")), "VALUE")
@@ -95,7 +95,7 @@ def _check(arguments: list[str]) -> None:
     try:
         os.getcwd()  # where it is gone, nothing relative can be found
     except OSError as e:
-        raise InputError(f"the working folder is gone ({e.strerror}); change to another") from e
+        raise InputError(f"the working folder is missing ({e.strerror}); change to another one") from e
 
 
 def _open_output() -> None:

@@ -66,91 +66,92 @@ class Command:
 FOLDS = "run tune stress stream chip choose check"
 CHOICE = "choose report"
 OPTIONS = (
-    Option("data", f"{FOLDS} fit extract", "text", "synth", "synth (generated) or an imported corpus, see bench data"),
+    Option("data", f"{FOLDS} fit extract", "text", "synth", "synth (generated captures) or an imported corpus"),
     Option("where", f"{FOLDS} fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
-    Option("target", f"{FOLDS} fit", "text", "gesture", "columns that make the class, such as gesture+variant"),
+    Option("target", f"{FOLDS} fit", "text", "gesture", "columns that define the class, such as gesture+variant"),
     Option("protocol", FOLDS, "text", "loso", "{protocols}"),
-    Option("model", f"{FOLDS} fit audit submit", "text", "svm", "{models}; a name with a year is a published system"),
-    Option("features", f"{FOLDS} fit audit submit extract", "text", "jung54", "{features}; for models that take some"),
-    Option("model.window", "run", "number", None, "seconds: a model of whole captures classifies windows instead"),
-    Option("model.repair", "run", "text", "", "fills broken taxels", ("stuck", "dead", "offset"), "+"),
-    Option("model.scale", "run", "text", "", "divides by the largest reading so far, or takes logs", ("peak", "log")),
-    Option("model.faults", "run", "text", "", "trains on damaged copies, too: all, or faults of bench stress", (), "+"),
-    Option("model.turns", "run", "count", 0, "copies of each training capture, mirrored or turned"),
-    Option("model.person", "run", "text", "", "adapts to a person without labels", ("centre", "scale", "pool"), "+"),
-    Option("model.device", "run", "text", "cpu", "where networks are trained", ("cpu", "cuda")),
-    Option("seed", f"{FOLDS} fit audit submit", "count", 0, "of models, features; protocol.seed= draws other splits"),
-    Option("jobs", FOLDS, "count", None, "worker processes; default one per core"),
-    Option("cluster", FOLDS, "text", "", "dask scheduler whose workers do the folds: tcp://HOST:8786 or its file"),
-    Option("trials", "tune", "count", 50, "combinations to try in each fold; a grid of lists is tried in full"),
-    Option("budget", "tune", "number", None, "seconds after which a fold begins no new combination"),
-    Option("inner", "tune choose", "text", "3", "groups of training subjects that judge, or loso"),
-    Option("by", "choose", "text", "flash", "the cost to keep low", tuple(COSTS)),
-    Option("max_flash", CHOICE, "amount", None, "budget of flash, such as 256kB or 256KiB"),
-    Option("max_ram", CHOICE, "amount", None, "budget of RAM, such as 32kB"),
-    Option("max_predict", CHOICE, "amount", None, "budget of computing time of a label on this machine, such as 2ms"),
-    Option("max_decision", CHOICE, "amount", None, "budget of touch until the decision, such as 1s"),
-    Option("max_cycles", CHOICE, "amount", None, "budget of instructions of the costliest frame, such as 600k"),
-    Option("clock", "choose", "text", "", "of the chip, such as 64MHz; max_decision= then includes measured cycles"),
-    Option("margin", "choose", "number", None, "points that do not matter: a t-test instead of one standard error"),
-    Option("unit", "choose", "text", "capture", "what accuracy counts", ("capture", "window")),
+    Option("model", f"{FOLDS} fit audit submit", "text", "svm", "{models}; names with a year are published systems"),
+    Option("features", f"{FOLDS} fit audit submit extract", "text", "jung54", "{features}; not used by all models"),
+    Option("model.window", "run", "number", None, "seconds per window; a model of whole captures then uses windows"),
+    Option("model.repair", "run", "text", "", "sensor damage to correct", ("stuck", "dead", "offset"), "+"),
+    Option("model.scale", "run", "text", "", "divide by the largest reading so far, or take logs", ("peak", "log")),
+    Option("model.faults", "run", "text", "", "also train on damaged copies: all, or faults of bench stress", (), "+"),
+    Option("model.turns", "run", "count", 0, "number of mirrored or rotated copies of each training capture"),
+    Option("model.person", "run", "text", "", "adapt to a person without labels", ("centre", "scale", "pool"), "+"),
+    Option("model.device", "run", "text", "cpu", "device that trains networks", ("cpu", "cuda")),
+    Option("seed", f"{FOLDS} fit audit submit", "count", 0, "seed of models and feature sets; splits: protocol.seed="),
+    Option("jobs", FOLDS, "count", None, "number of worker processes; default one per core"),
+    Option("cluster", FOLDS, "text", "", "Dask scheduler that runs the folds: tcp://HOST:8786 or its file"),
+    Option("trials", "tune", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
+    Option("budget", "tune", "number", None, "seconds after which a fold starts no new combination"),
+    Option("inner", "tune choose", "text", "3", "inner folds: number of groups of training subjects, or loso"),
+    Option("by", "choose", "text", "flash", "cost to minimise", tuple(COSTS)),
+    Option("max_flash", CHOICE, "amount", None, "largest flash, such as 256kB or 256KiB"),
+    Option("max_ram", CHOICE, "amount", None, "largest RAM, such as 32kB"),
+    Option("max_predict", CHOICE, "amount", None, "longest computing time per label on this machine, such as 2ms"),
+    Option("max_decision", CHOICE, "amount", None, "longest touch before the decision, such as 1s"),
+    Option("max_cycles", CHOICE, "amount", None, "most instructions for the costliest frame, such as 600k"),
+    Option("clock", "choose", "text", "", "clock rate of the chip, such as 64MHz; adds its cycles to decision times"),
+    Option("margin", "choose", "number", None, "accepted loss in points; uses a t-test, not one standard error"),
+    Option("unit", "choose", "text", "capture", "unit of accuracy", ("capture", "window")),
     Option("batch", "choose submit", "yes", False, "yes: also systems whose labels depend on other test captures"),
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
-    Option("over", "choose", "text", "", "run model= with the smallest value of this parameter, or of features"),
-    Option("faults", "stress", "text", "all", "faults to test under, or none", (*FAULTS.split(), "none")),
-    Option("train_subjects", "stress", "count", None, "learning curve: also fit on these numbers of training subjects"),
-    Option("out", "stress", "text", "stress", "folder of tables and figures"),
-    Option("hop_ms", "stream", "number", None, "ms between decisions; default: when 1.41 times as much was seen"),
-    Option("start", "stream", "text", "onset", "middle skips the first half of each capture", ("onset", "middle")),
-    Option("source", "stream", "text", "", "- decides on frames from standard input"),
-    Option("out", "stream", "text", "report", "folder of streaming.csv, stopping.csv and figures"),
-    Option("bits", "chip export", "text", "32", "of a stored weight; with 8, support vectors have 16", ("32", "8")),
-    Option("stopping", "fit", "yes", True, "no: skip three more fits, which calibrate and learn when to decide early"),
-    Option("out", "fit", "text", "", "also save it as this folder, which must be new or empty"),
-    Option("out", "predict", "text", "", "write a CSV file that is safe for spreadsheets, instead of printing"),
-    Option("out", "adapt", "text", "", "folder of the adapted system, new or empty"),
-    Option("rate_hz", "adapt predict", "number", None, "frames a second of FILE; must match the model's"),
-    Option("out", "export", "text", "", "folder of the C files, new or empty"),
-    Option("baseline", "check", "text", "reports/baseline.json", "the file to compare with"),
-    Option("update", "check", "yes", False, "true: write the baseline anew; keys of bench run add systems to it"),
-    Option("run", "check", "yes", True, "false: run nothing, compare the newest tracked runs"),
-    Option("error", "check", "number", 1, "percent, error rate of accuracy and labels for all systems together"),
-    Option("slower", "check", "number", 2, "times the baseline's computing time, relative to a reference workload"),
-    Option("junit", "check", "text", "", "file for a CI server, such as check.xml"),
-    Option("out", "extract", "text", "", "file that ends in .parquet or .csv"),
-    Option("name", "data-import", "text", "", "import under this name, in place of an earlier corpus of this name"),
-    Option("grid", "data-import", "text", "", "of a table or recording: rows and columns of the skin, such as 8x8"),
-    Option("rate_hz", "data-import", "number", None, "of a table or recording: frames a second"),
-    Option("full_scale", "data-import", "number", 1023, "of a table or recording: the largest reading"),
+    Option("over", "choose", "text", "", "parameter of model= to make as small as possible, or features"),
+    Option("faults", "stress", "text", "all", "faults to apply", (*FAULTS.split(), "none")),
+    Option("train_subjects", "stress", "count", None, "numbers of training subjects for a learning curve"),
+    Option("out", "stress", "text", "stress", "folder for tables and figures"),
+    Option("hop_ms", "stream", "number", None, "ms between decisions; default: each uses 1.41 times as much touch"),
+    Option("start", "stream", "text", "onset", "start of the replay; middle skips half a capture", ("onset", "middle")),
+    Option("source", "stream", "text", "", "- classifies frames from standard input"),
+    Option("out", "stream", "text", "report", "folder for streaming.csv, stopping.csv and figures"),
+    Option("bits", "chip export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
+    Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
+    Option("out", "fit", "text", "", "folder for a copy of the model; new or empty"),
+    Option("out", "predict", "text", "", "CSV file that is safe in spreadsheets; default: print the table"),
+    Option("out", "adapt", "text", "", "folder for the adapted model; new or empty"),
+    Option("rate_hz", "adapt predict", "number", None, "frame rate of FILE in Hz; must equal the model's"),
+    Option("out", "export", "text", "", "folder for the C files; new or empty"),
+    Option("baseline", "check", "text", "reports/baseline.json", "baseline file"),
+    Option("update", "check", "yes", False, "yes: write the baseline again; keys of bench run add systems"),
+    Option("run", "check", "yes", True, "no: run nothing, compare the newest stored runs"),
+    Option("error", "check", "number", 1, "error rate in percent of all tests of accuracy and labels together"),
+    Option("slower", "check", "number", 2, "largest factor of computing time, relative to a reference workload"),
+    Option("junit", "check", "text", "", "JUnit file for a CI server, such as check.xml"),
+    Option("out", "extract", "text", "", "output file, .parquet or .csv"),
+    Option("name", "data-import", "text", "", "name of the corpus; an earlier corpus of this name is replaced"),
+    Option("grid", "data-import", "text", "", "table or recording: rows and columns of the skin, such as 8x8"),
+    Option("rate_hz", "data-import", "number", None, "table or recording: frame rate in Hz"),
+    Option("full_scale", "data-import", "number", 1023, "table or recording: largest possible reading"),
     Option("where", "data-show", "text", "", "captures to show"),
-    Option("target", "data-show", "text", "gesture", "columns whose classes are counted besides"),
-    Option("capture", "data-show", "count", None, "the capture to animate, from 0; default one of each gesture"),
-    Option("out", "data-show", "text", "look", "folder of figures, an animation and index.html with all of it"),
-    Option("format", "data-export", "text", "cost", "that of CoST.csv", ("cost",)),
-    Option("out", "report", "text", "report", "folder of the page"),
+    Option("target", "data-show", "text", "gesture", "columns whose classes are also counted"),
+    Option("capture", "data-show", "count", None, "capture to animate, from 0; default one per gesture"),
+    Option("out", "data-show", "text", "look", "folder for figures, an animation and index.html, which shows them"),
+    Option("format", "data-export", "text", "cost", "file format, that of CoST.csv", ("cost",)),
+    Option("out", "report", "text", "report", "folder for the page"),
     Option("task", "submit", "text", "", "haart-loso-v1, haart-early-v1 or another task of docs/leaderboard.md"),
-    Option("who", "submit", "text", "", 'whose result it is, such as who="A. Name, Lab"'),
-    Option("run", "submit", "text", "", "instead of model=: a run by its id, such as one of bench tune"),
-    Option("out", "submit", "text", "", "folder, new or empty"),
-    Option("rerun", "leaderboard", "text", "", "repeat the command of this submission instead, and verify its labels"),
-    Option("out", "leaderboard", "text", "leaderboard.html", "the page"),
-    Option("out", "demo", "text", "demo", "folder of everything, with a store of its own"),
-    Option("port", "ui", "text", "5000", "of the server"),
+    Option("who", "submit", "text", "", 'author of the result, such as who="A. Name, Lab"'),
+    Option("run", "submit", "text", "", "run id instead of model=, such as a run of bench tune"),
+    Option("out", "submit", "text", "", "folder for the submission; new or empty"),
+    Option("rerun", "leaderboard", "text", "", "submission whose command is repeated and whose labels are verified"),
+    Option("out", "leaderboard", "text", "leaderboard.html", "file of the page"),
+    Option("out", "demo", "text", "demo", "folder for all files, with its own store"),
+    Option("port", "ui", "text", "5000", "port of the server"),
 )
+TRUSTED = "Loading a model runs its code: use only models that you or someone you trust saved."
 COMMANDS = {
     "demo": Command(
         "start here",
-        "see the way to a verdict in two minutes, on generated captures",
-        "Runs five systems on generated captures, replays the two most accurate, stresses the best one with two "
-        "faults, writes the page and chooses. Synthetic: it says nothing about people. Prints each command before it "
-        "runs it. An interrupted demo goes on where it stopped.",
+        "see a complete comparison in two minutes, on generated captures",
+        "Runs five systems on generated captures and replays the two most accurate. Tests the best one under two "
+        "faults, writes the page and chooses a system. Generated captures say nothing about people. Each command is "
+        "printed before it runs. An interrupted demo continues where it stopped.",
     ),
     "run": Command(
         "start here",
-        "run recognisers under a protocol and track them",
-        "Runs every combination of the given values; a comma lists several. A dotted key sets a parameter of that "
-        "part. Each combination is one run in MLflow with a child run per fold. An interrupted command goes on where "
-        "it stopped.",
+        "evaluate systems under a protocol and store the runs",
+        "Evaluates every combination of the given values; commas separate values. A dotted key sets a parameter of "
+        "that part. Each combination is one MLflow run with a child run per fold. An interrupted command continues "
+        "where it stopped.",
         "bench run protocol=loso model=cnn85\n"
         f"bench run data=haart {SMALL}\n"
         "bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54\n"
@@ -159,35 +160,35 @@ COMMANDS = {
     ),
     "choose": Command(
         "start here",
-        "find the cheapest system that is as good as the best",
-        "Finds, among tracked runs on the same captures, the cheapest system that loses at most one standard error of "
-        "the paired difference over subjects to the most accurate one. If nothing fits the budgets, it prints which "
-        "budget binds and the least that any system needs; exit code 1. Runs with failed folds or of an older corpus "
-        "are left out and counted. kB is 1000, KiB 1024 bytes; sizes are without code, except for runs of bench chip, "
-        "which also count cycles. over= runs systems instead: each fold chooses the value on left-out training "
-        "subjects, from model.X= or an eighth, a quarter, a half and all of the default.",
+        "find the cheapest system within one standard error of the best",
+        "Finds, among stored runs on the same captures, the cheapest system within one standard error of the most "
+        "accurate one. This is the standard error of the paired difference over subjects. If no system fits the "
+        "budgets, it prints the lowest cost for each budget; exit code 1. Runs with failed folds or of an older corpus "
+        "are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
+        "for runs of bench chip, which also count instructions. over= runs systems instead: each fold chooses the "
+        "smallest value on left-out training subjects. The values are those of model.X=, or an eighth, a quarter, a "
+        "half and all of the default.",
         "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB\n"
         "bench choose data=haart protocol=loso model=cnn85 over=frames",
     ),
     "report": Command(
         "start here",
-        "the verdict, all runs and published numbers on one page",
-        "Writes index.html, which loads nothing: the verdict of bench choose within the budgets, charts of accuracy "
-        "against each cost, all runs, published numbers beside ours, figures, paired statistics, and the command "
-        "behind every row. Beside it are comparison.md, comparison.tex (booktabs), CSV tables, and figures as PNG and "
-        "SVG.",
+        "write the verdict, all runs and published numbers to one page",
+        "Writes index.html, which loads no other file. It shows the verdict of bench choose within the budgets, "
+        "accuracy against each cost, all runs with their commands, published numbers, figures and paired statistics. "
+        "The folder also has comparison.md, comparison.tex (booktabs), CSV tables, and figures as PNG and SVG.",
         "bench report max_flash=64kB max_decision=500ms",
     ),
     "data": Command(
         "your captures",
-        "list, import, look at, verify and export corpora",
-        "Alone, it lists the corpora with counts, digest, source and licence. import reads the Corpus of Social Touch, "
-        "HAART (zip or folder) or a table: a CSV or parquet file with the columns subject, gesture, frame, conditions "
-        "and channels, or .npz with frames, offsets, subject and gesture. A column synthetic marks generated captures. "
-        "recording reads continuous touch: a CSV or parquet file with a row per frame, a column label (empty or None "
-        "where nobody touches), channels, and optional columns recording and subject. "
+        "list, import, show, verify and export corpora",
+        "Without an action, lists the corpora with counts, digest, source and licence. import reads the Corpus of "
+        "Social Touch, HAART (zip or folder) or a table. A CSV or parquet table has the columns subject, gesture, "
+        "frame, conditions and channels. A .npz table has frames, offsets, subject and gesture. A column synthetic "
+        "marks generated captures. A recording is continuous touch: a CSV or parquet file with one row per frame. It "
+        "has channels and a column label (empty or None without touch); columns recording and subject are optional. "
         "show prints counts, gaps, durations, pressure, broken taxels and equal captures. verify reads every stored "
-        "file again; exit code 1 if one was changed. show and export take parameters of synth, such as subjects=4.",
+        "file again; exit code 1 if one has changed. show and export take parameters of synth, such as subjects=4.",
         "bench data import cost CoST.csv\n"
         'bench data import haart "HAART DataSet.zip"\n'
         "bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023\n"
@@ -199,50 +200,53 @@ COMMANDS = {
     "extract": Command(
         "your captures",
         "write a table of features",
-        "Writes the features of every capture, with its subject, gesture and conditions.",
+        "Writes the features of every capture with its subject, gesture and conditions.",
         "bench extract data=synth features=jung54 out=features.parquet",
         "data=NAME features=NAME out=FILE [where=CONDITION]",
     ),
     "systems": Command(
         "compare",
-        "list published numbers and the commands that repeat them",
-        "Lists every published number with the command that repeats it here, or why there is none.",
+        "list published numbers and the commands that reproduce them",
+        "Lists every published number with the command that reproduces it, or the reason why there is none.",
         usage="",
     ),
     "audit": Command(
         "compare",
-        "verify that a system of your own keeps the rules",
-        "Verifies on generated captures that a system predicts without labels and one capture at a time, repeats with "
-        "equal seeds, learns nothing from test captures or from an earlier fit, takes another grid and rate, and can "
-        "be copied, saved and loaded. Stores nothing. Exit code 1 if a check failed. It finds mistakes, not fraud.",
+        "verify that your own system keeps the rules",
+        "Verifies on generated captures that a system predicts without labels and one capture at a time. Equal seeds "
+        "must give equal results, and test captures and earlier fits must change nothing. The system must accept "
+        "another grid and frame rate, and it must be possible to copy, save and load it. Nothing is stored. Exit code "
+        "1 if a check failed. The audit finds mistakes, not fraud.",
         "bench audit model=my.py:Mine\nbench audit model=lda,svm features=touch",
     ),
     "tune": Command(
         "compare",
-        "search the parameters of recognisers inside each training part",
-        "Like bench run, but searches each model's parameters on inner folds of whole subjects inside every training "
-        "part. model.C=8,32,128 lists values; without lists, it searches the ranges that the model declares. Prints "
-        "and stores the choice of each fold and every combination. An interrupted search goes on where it stopped.",
+        "search the parameters of systems inside each training part",
+        "Like bench run, but searches the parameters of each model in every training part, on inner folds of whole "
+        "subjects. model.C=8,32,128 lists values; without lists, it searches the ranges that the model declares. "
+        "Prints and stores the chosen values of each fold and every combination. An interrupted search continues where "
+        "it stopped.",
         "bench tune data=haart protocol=loso model=svm features=jung54 trials=50\n"
         "bench tune data=haart protocol=challenge model=rf,xgb features=ta273",
     ),
     "stress": Command(
         "compare",
-        "find where recognisers fail: faults of the sensor, subjects, conditions",
-        "Fits every fold once, tests it on captures as they are and under every fault at five severities, and reports "
-        "subjects, classes, conditions and faults where a system falls significantly below its own accuracy. Several "
-        "seeds also show how many captures change label. An interrupted command goes on where it stopped.",
+        "find faults, subjects and conditions under which systems fail",
+        "Trains every fold once and tests it on clean captures and under every fault at five severities. Lists "
+        "subjects, classes, conditions and faults whose accuracy is significantly below that of the system. With "
+        "several seeds, it also counts captures whose label changes. An interrupted command continues where it "
+        "stopped.",
         "bench stress data=haart protocol=loso model=svm,rf features=jung54\n"
         "bench stress data=haart protocol=loso model=rf seed=0,1,2 faults=noise,shift train_subjects=2,4,8",
     ),
     "stream": Command(
         "compare",
-        "replay captures as a robot sees them, or decide on frames from standard input",
-        "Replays captures: accuracy against milliseconds of touch, time per decision, and adaptive stopping, which "
-        "decides as soon as waiting is expected to gain too little, as learned on training subjects. source=- reads a "
-        "line per frame: its values in row-major order, with commas or blanks between them, at most 32 characters "
-        "each; an empty line ends a capture. It prints a line per decision: capture, ms, label, confidence and "
-        "settled, which is yes from where waiting gains too little. MODEL is a model that bench fit saved.",
+        "replay captures in time, or classify frames from standard input",
+        "Replays captures and measures accuracy against milliseconds of touch, and computing time per decision. "
+        "Adaptive stopping decides as soon as the expected gain from waiting is small, as learned on training "
+        "subjects. source=- reads one frame per line: values in row-major order, separated by commas or blanks, at "
+        "most 32 characters each. An empty line ends a capture. Each decision prints capture, ms, label, confidence "
+        "and settled. settled is yes once waiting would gain too little. MODEL is a model that bench fit saved.",
         "bench stream data=haart protocol=loso model=svm,rf features=jung54\n"
         "bench stream data=haart model=svm start=onset,middle hop_ms=125\n"
         "sensor | bench stream source=- model=models:/m-0123456789abcdef",
@@ -250,36 +254,35 @@ COMMANDS = {
     ),
     "chip": Command(
         "compare",
-        "measure what systems answer and take as C on a microcontroller",
-        "Every fold fits, exports as bench export does, labels the test captures in C and in Python, links the C for a "
-        "Cortex-M4F with 256 KiB of flash and 32 KiB of RAM, and counts instructions in QEMU: the mean of a frame, and "
-        "the costliest frame with its label. library RAM is the state of touch.c; program RAM is the whole program "
-        "with 4096 bytes for heap and stack. Needs cc, make, arm-none-eabi-gcc and qemu-system-arm (Debian: gcc make "
-        "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm).",
+        "measure accuracy and cost of systems as C on a microcontroller",
+        "Each fold trains, exports as bench export does, and classifies the test captures in C and in Python. The C is "
+        "linked for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM. QEMU counts instructions: the mean per "
+        "frame, and the costliest frame with its label. library RAM is the state of touch.c. program RAM is the whole "
+        "program with 4096 bytes for heap and stack. Needs cc, make, arm-none-eabi-gcc and qemu-system-arm (Debian: "
+        "gcc make gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm).",
         "bench chip data=haart protocol=loso model=reflex bits=32,8\n"
         "bench choose data=haart protocol=loso max_flash=64kB max_ram=32kB max_cycles=1M",
     ),
     "ui": Command(
         "compare",
-        "open MLflow's page on the runs",
-        "Serves MLflow's own page on the store of this folder, or on MLFLOW_TRACKING_URI, on this machine only, and "
-        "prints the address of the table of runs. Ctrl-C ends it.",
+        "open MLflow's page of the runs",
+        "Starts MLflow's server on this machine only, for the store of this folder or MLFLOW_TRACKING_URI. Prints the "
+        "address of the table of runs. Ctrl-C stops the server.",
         module="report",
     ),
     "fit": Command(
         "ship",
         "train one system on all captures and save it as an MLflow model",
-        "Prints the address of the model in the store. mlflow.pyfunc.load_model, mlflow models serve, bench predict, "
-        "bench export and bench stream source=- take it. Each key has one value.",
+        "Prints the address of the model in the store. Use it in mlflow.pyfunc.load_model, mlflow models serve, bench "
+        "predict, bench export and bench stream source=-. Each key has one value.",
         "bench fit data=haart model=svm features=jung54 out=svm\nmlflow models serve -m svm --env-manager local",
     ),
     "predict": Command(
         "ship",
-        "label the captures of a file with a saved model",
-        "FILE is CSV, parquet or .npz in the format of bench data import table; subject and gesture may be missing, "
-        "channels may not. Prints capture, label, confidence and the probability of each class. MODEL is models:/..., "
-        "runs:/.../model of the store of this folder, or a folder. A model is code: loading one runs it, so name only "
-        "models saved by you or someone you trust.",
+        "classify the captures of a file with a saved model",
+        "FILE is CSV, parquet or .npz in the format of bench data import table; subject and gesture are optional. "
+        "Prints capture, label, confidence and the probability of each class. MODEL is models:/..., runs:/.../model "
+        f"of the store of this folder, or a folder. {TRUSTED}",
         "bench predict models:/m-0123456789abcdef new.csv out=labels.csv",
         "MODEL FILE [key=value ...]",
         "fit",
@@ -287,10 +290,10 @@ COMMANDS = {
     "adapt": Command(
         "ship",
         "adapt a saved model to one person",
-        "FILE holds some captures of one person, in the format of bench data import table. With a column gesture the "
-        "system learns from them; without one, only how this person differs from those of training. MODEL stays as it "
-        "is. reflex, lda, networks (their last layer) and models with model.person= can adapt; bench run "
-        "protocol=personal measures the gain.",
+        "FILE contains captures of one person, in the format of bench data import table. With a column gesture, the "
+        "model learns from the labels. Without it, the model adapts to differences between this person and the "
+        "training subjects. MODEL does not change. reflex, lda, networks (their last layer) and models with "
+        "model.person= can adapt; bench run protocol=personal measures the gain.",
         "bench fit data=haart model=reflex out=rec\nbench adapt rec anna.csv out=rec_anna",
         "MODEL FILE out=FOLDER [key=value ...]",
         "fit",
@@ -298,21 +301,21 @@ COMMANDS = {
     "export": Command(
         "ship",
         "write a saved model as C99 for a microcontroller",
-        "Writes touch.h, touch.c and tables.h, which need no heap and no library but math.h, with a Makefile: make and "
-        "make check build for this machine, make chip for a Cortex-M4F (FLASH=256K RAM=32K); make flash and make count "
-        "print bytes, instructions and stack. reflex has C; so have lda, softmax, bayes, svm, tree, rf, et and xgb on "
-        "touch with model.window=, or on jung28; and of networks hughes2017_cnn. A model is code: loading one runs it, "
-        "so name only models saved by you or someone you trust.",
+        "Writes touch.h, touch.c, tables.h and a Makefile. The C needs no heap and no library except math.h. make and "
+        "make check build for this machine, make chip for a Cortex-M4F (FLASH=256K RAM=32K). make flash and make count "
+        "print bytes, instructions and stack. C exists for reflex and hughes2017_cnn. It also exists for lda, softmax, "
+        "bayes, svm, tree, rf, et and xgb with jung28, or with touch and model.window=. "
+        f"{TRUSTED}",
         "bench fit data=haart model=reflex out=rec\nbench export rec out=rec_c bits=8\nmake -C rec_c check",
         "MODEL out=FOLDER [key=value ...]",
     ),
     "submit": Command(
         "publish",
-        "write a stored run as an answer to a frozen task",
-        "Writes predictions.parquet (a row per capture, no frames) and submission.json (where they come from). Runs "
-        "nothing: it takes the stored run with these values, and refuses one whose data, subset, protocol or unit are "
-        "not those of the task. Tasks: haart-loso-v1, haart-challenge-v1, haart-personal-v1 and cost-loso-v1 of bench "
-        "run, haart-early-v1 of bench stream, haart-faults-v1 of bench stress.",
+        "write a stored run as a submission to a frozen task",
+        "Writes predictions.parquet (one row per capture, no frames) and submission.json (origin of the labels). Runs "
+        "nothing: it uses the stored run with these values. Data, subset, protocol and unit must be those of the task. "
+        "Tasks of bench run are haart-loso-v1, haart-challenge-v1, haart-personal-v1 and cost-loso-v1. haart-early-v1 "
+        "is a task of bench stream, haart-faults-v1 of bench stress.",
         "bench run data=haart protocol=loso model=svm features=jung54\n"
         'bench submit task=haart-loso-v1 model=svm features=jung54 who="A. Name, Lab" out=submissions/my-svm',
         "task=NAME who=NAME out=FOLDER model=NAME [key=value ...]",
@@ -320,27 +323,28 @@ COMMANDS = {
     ),
     "leaderboard": Command(
         "publish",
-        "rescore submissions into one page",
-        "Computes every score anew from submitted predictions and writes one page that loads nothing: a table for each "
-        "frozen task, with the results that come with touchbench. FOLDER is a submission or holds some; an invalid one "
-        "is left out with a line, exit code 1. CoST must be imported for its tasks. rerun= needs the corpus of the "
-        "task here; if all labels are equal, leaderboard-verified.json in the working folder marks the submission.",
+        "score submissions again and write one page",
+        "Computes every score again from the submitted predictions. Writes one page with a table per frozen task; "
+        "reference results of touchbench are included. FOLDER is a submission or contains submissions. Invalid "
+        "submissions are left out and named; exit code 1. Tasks on CoST need the imported corpus. rerun= needs the "
+        "corpus of the task. If all labels are equal, leaderboard-verified.json in the working folder marks the "
+        "submission.",
         "bench leaderboard submissions out=leaderboard.html\nbench leaderboard rerun=my-svm",
         "[FOLDER ...] [key=value ...]",
     ),
     "check": Command(
         "more",
-        "compare with a stored baseline, a gate for CI",
-        "Prints a line for each system of the baseline: same, worse, better, changed (labels), slower, larger, or not "
-        "run. Runs what the current code has not run yet. Exit code 1 if one is not the same: better counts too, as a "
-        "leak makes a system better. A paired bootstrap over subjects judges accuracy; 0.2 % of the labels may change, "
-        "and sizes may grow by 10 %.",
-        "bench check update=true data=haart model=svm,rf features=jung54\nbench check junit=check.xml slower=3",
+        "compare runs with a stored baseline, a gate for CI",
+        "Prints one line per system of the baseline: same, worse, better, changed (labels), slower, larger, or not "
+        "run. Runs everything that the current code has not run yet. Exit code 1 if a system is not the same. better "
+        "also counts, because a leak makes a system better. A paired bootstrap over subjects tests accuracy. 0.2 % of "
+        "the labels may change, and sizes may grow by 10 %.",
+        "bench check update=yes data=haart model=svm,rf features=jung54\nbench check junit=check.xml slower=3",
     ),
     "completion": Command(
         "more",
-        "let the shell complete commands and names",
-        "Prints a script that lets the shell complete commands, keys and names at TAB.",
+        "complete commands and names in the shell",
+        "Prints a script with which the shell completes commands, keys and names at TAB.",
         'eval "$(bench completion bash)"                                # in ~/.bashrc\n'
         'eval "$(bench completion zsh)"                                 # in ~/.zshrc\n'
         "bench completion fish > ~/.config/fish/completions/bench.fish",
@@ -366,7 +370,7 @@ def overview() -> str:
     for group in dict.fromkeys(command.group for command in COMMANDS.values()):
         members = [(name, command) for name, command in COMMANDS.items() if command.group == group]
         lines += ["", f"{group}:", *(f"  bench {name:12}{command.summary}" for name, command in members)]
-    return "\n".join([*lines, "", "bench COMMAND --help prints the options of each."])
+    return "\n".join([*lines, "", "bench COMMAND --help lists the options of a command."])
 
 
 def help_of(name: str) -> str:

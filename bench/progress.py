@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import heapq
 import json
+import math
 import os
 import time
 from collections.abc import Iterator, Sequence
@@ -15,6 +16,7 @@ from typing import NamedTuple
 from rich.console import Console
 
 OFTEN_S = 0.3  # between two messages of one fit
+SETTLE_S = 20.0  # in which a shown time left takes over most of a new estimate
 console = Console(stderr=True)
 
 
@@ -106,10 +108,11 @@ def _path(folder: Path, run: str, fold: str) -> Path:
 def seconds_left(
     spent: Sequence[float], running: Sequence[tuple[float, float | None]], waiting: int, workers: int
 ) -> float | None:
-    """Seconds until all folds are done, None before any estimate.
+    """Seconds until all folds are done, None before the first one is done.
 
-    A fold takes as long as those that are done took in the mean, or as it says itself; one that has taken longer
-    already is taken to need a tenth of that still. Folds that wait go to whoever is free first.
+    A fold takes as long as the mean of those that are done, or as it says itself. A running fold that exceeds this mean
+    counts in it with the seconds so far, and is taken to need a tenth of the mean still: so the estimate grows while
+    the fold runs and does not jump at its end. Folds that wait go to the first free worker.
 
     Args:
         spent: seconds of folds that are done.
@@ -117,9 +120,10 @@ def seconds_left(
         waiting: number of folds that nobody has begun.
         workers: number of workers, each doing one fold at a time.
     """
-    durations = [*spent, *(elapsed + left for elapsed, left in running if left is not None)]
-    if not durations:
+    if not spent:
         return None
+    usual = sum(spent) / len(spent)
+    durations = [*spent, *(elapsed for elapsed, left in running if left is None and elapsed > usual)]
     usual = sum(durations) / len(durations)
     busy = [max(usual - elapsed, usual / 10) if left is None else max(left, 0.0) for elapsed, left in running]
     free = [0.0] * max(workers - len(busy), 0) + busy
@@ -127,6 +131,28 @@ def seconds_left(
     for _ in range(waiting):
         heapq.heappush(free, heapq.heappop(free) + usual)
     return max(free, default=0.0)
+
+
+def smoothed(shown: float | None, estimate: float, seconds: float) -> float:
+    """The time left to show: the one shown before counts down, and approaches the estimate within `SETTLE_S`.
+
+    Args:
+        shown: seconds left that were shown; None at first.
+        estimate: seconds left by now.
+        seconds: time since it was shown.
+    """
+    if shown is None:
+        return estimate
+    return estimate + (max(shown - seconds, 0.0) - estimate) * math.exp(-seconds / SETTLE_S)
+
+
+def about(seconds: float) -> str:
+    """An estimate in words, no finer than it is known: less than 10 s, about 3 min, about 1 h 20 min."""
+    if seconds < 10:
+        return "less than 10 s"
+    step = 10 if seconds < 55 else 60 if seconds < 570 else 300 if seconds < 3450 else 600
+    words = span(step * round(seconds / step))
+    return f"about {words.removesuffix(' 0 s').removesuffix(' 0 min')}"
 
 
 def span(seconds: float) -> str:

@@ -71,7 +71,7 @@ def load(room: str, name: str) -> Callable:
     if file.endswith(".py"):
         return _from_file(f"{KEYS[room]}={name}", Path(file), attribute)
     if name not in registered:
-        raise InputError(f"{KEYS[room]}={name}: not known; {nearest(name, registered)}")
+        raise InputError(f"{KEYS[room]}={name}: unknown; {nearest(name, registered)}")
     module, _, attribute = registered[name].partition(":")
     try:
         return getattr(importlib.import_module(module), attribute)

@@ -76,7 +76,7 @@ def new_folder(out: Path) -> Path:
         InputError: there is something already.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"out={out}: there is something already; name a folder that is new or empty")
+        raise InputError(f"out={out}: this place is not empty; name a new or empty folder")
     return out
 
 

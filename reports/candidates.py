@@ -21,11 +21,11 @@ from reports.speed import front
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
 MOST = 40  # candidates that the chart draws, besides those of a front
 WORDS = {
-    "flash": "kB of flash: learnt numbers; of C all that is linked",
+    "flash": "kB of flash (learned numbers; for C, the linked program)",
     "ram": "kB of RAM during one decision",
     "predict": "ms to compute a label (p50, one thread)",
-    "decision": "ms of touch until the label",
-    "cycles": "thousand instructions of the costliest frame as C",
+    "decision": "ms of touch before the label",
+    "cycles": "thousand instructions of the costliest frame in C",
 }
 
 
@@ -79,7 +79,7 @@ def considered(
     lines = [*sentences(choice, BY, None, every.subjects.shape[1], every.mixed), *every.notes]
     systems = every.table["system"].unique()
     if len(systems) == 1:
-        lines.insert(0, f"Only {systems[0]} is tracked here, so there is no other to compare it with.")
+        lines.insert(0, f"Only {systems[0]} has a run here, so there is no other system to compare.")
     command = _command(every.table, first, runs, budgets)
     return Considered(group, lines, command, choice=choice, subjects=every.subjects, budgets=budgets)
 

@@ -49,7 +49,7 @@
     svg.replaceChildren();
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     svg.setAttribute("aria-label", `Accuracy against ${data.costs[cost.value]}, ${about.name}`);
-    told.textContent = points.length ? hint(points, budget, about.left) : "This cost is not known for any system here.";
+    told.textContent = points.length ? hint(points, budget, about.left) : "This cost is unknown for all systems here.";
     if (!points.length) return;
     const left = 48, right = wide ? width * 0.64 : width - 10, top = 22, bottom = height - 46;
     const logs = [...points.map(p => p.cost), ...(budget ? [budget] : [])].map(Math.log10);
@@ -91,11 +91,11 @@
   function hint(points, budget, left) {
     const has = kind => points.some(p => p.kind === kind);
     const said = [has("published") && "filled circles: published systems run here", has("changed") && "hollow circles: published systems with other settings",
-      has("other") && "squares: other systems", has("chip") && "triangles: measured as C", "line and bold names: no other is cheaper and more accurate",
+      has("other") && "squares: other systems", has("chip") && "triangles: measured in C", "line and bold names: Pareto front",
       points.some(p => p.chosen) && "ring: the choice", budget && "shaded: over the budget", points.some(p => p.out) && "pale: ruled out by a budget"];
     const words = said.filter(Boolean).join("; ");
     return words[0].toUpperCase() + words.slice(1) + ". Bars are 95 % intervals over subjects. " +
-      (left ? `${left} less accurate ones are not drawn. ` : "") + "Point at a mark, or reach it with the tab key and the arrows, to read its numbers.";
+      (left ? `${left} less accurate systems are not drawn. ` : "") + "To read its numbers, point at a mark, or move to it with the tab and arrow keys.";
   }
 
   function axes(x0, x1, y0, y1, X, Y, left, right, top, bottom) {

@@ -52,7 +52,7 @@ def write(corpus: Corpus, found: Survey, folder: Path, capture: int | None = Non
     chosen = list(found.typical.values())[:DRAWN] if capture is None else [capture]
     pictures = [pressure_figure(found, group, folder), film_figure(corpus, found, group, folder)]
     motion, index = animation(corpus, chosen, group, folder), folder / INDEX
-    title = f"A look at {group}"
+    title = f"Captures of {group}"
     which = "a typical capture of each gesture" if capture is None else f"capture {capture}"
     values = {"survey": found, "sections": _sections(found), "pictures": pictures, "which": which, "motion": motion}
     values["synthetic"] = f"Synthetic: {SYNTHETIC}." if corpus.synthetic else ""
@@ -69,7 +69,7 @@ def place(corpus: Corpus, capture: int) -> int:
     positions = np.flatnonzero(corpus.index == capture)
     if not len(positions):
         raise InputError(
-            f"capture={capture}: not among the {len(corpus)} captures looked at; "
+            f"capture={capture}: not among the {len(corpus)} captures shown; "
             f"give a number such as {corpus.index[0]} ({corpus.index.min()} to {corpus.index.max()})"
         )
     return int(positions[0])
@@ -157,10 +157,10 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
     left = axes[min(ACROSS, len(axes)) - 1].get_position().x1 + GAP / width
     bar = figure.add_axes((left, 0.3 / height, 0.12 / width, min(height - 0.8, 2.0) / height))
     figure.colorbar(image, cax=bar).set_label("sensor value", fontsize=8)
-    crosses = " Crosses: taxels that the page calls odd." if len(found.odd_taxels) else ""
+    crosses = " Crosses: odd taxels." if len(found.odd_taxels) else ""
     caption = (
-        "Mean pressure of all frames of each gesture. All panels have the same colours, which follow the square root "
-        f"of the pressure.{crosses}{_left_out(found.gestures)}"
+        "Mean pressure of all frames of each gesture. All panels have the same colour scale, the square root of "
+        f"pressure.{crosses}{_left_out(found.gestures)}"
     )
     return save(figure, folder, "pressure", group, caption)
 
@@ -202,10 +202,9 @@ def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Pict
         figure.text(0.12 / width, (bottom + high) / height, name, fontsize=9, va="top", weight="bold")
         figure.text(0.12 / width, (bottom + high - 0.2) / height, "\n".join(lines), va="top", color="0.35")
     caption = (
-        "The capture of each gesture that is nearest to the middle in duration, mean and highest pressure: "
-        f"{FILMED} frames evenly spaced in time, in colours that follow the square root of "
-        "the pressure, each row on a scale of its own, and below them the pressure summed "
-        "over the taxels against seconds, with its largest value; grey lines stand at the frames."
+        "The most typical capture of each gesture in duration, mean pressure and highest pressure: "
+        f"{FILMED} frames, evenly spaced in time. Colours follow the square root of pressure, with one scale per row. "
+        "The curve below is the pressure summed over the taxels against seconds; grey lines mark the frames."
         f"{_left_out(found.gestures)}"
     )
     return save(figure, folder, "films", group, caption)

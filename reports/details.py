@@ -42,7 +42,7 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
         for i, j in np.argwhere(shown) if k <= WRITTEN else ():
             colour = "white" if share[i, j] > 60 else "black"
             ax.text(j, i, f"{shown[i, j]:.0f}", ha="center", va="center", color=colour)
-    unwritten = "" if k <= WRITTEN else " The numbers are in the run's confusion.csv."
+    unwritten = "" if k <= WRITTEN else " The numbers are in confusion.csv of the run."
     return figure, f"Confusion of captures by {system}: counts, and percent of each true gesture.{unwritten}"
 
 
@@ -64,11 +64,11 @@ def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure,
         ends = bars(table["recall"], table["low"], table["high"])
         ax.errorbar(table["recall"], y, xerr=ends, label=plain([system])[0], **look)
     ax.set_yticks(np.arange(len(classes)), plain(classes))
-    ax.set(ylim=(len(classes) - 0.4, -0.6), xlim=(-2, 102), xlabel="captures of the gesture labelled correctly, %")
+    ax.set(ylim=(len(classes) - 0.4, -0.6), xlim=(-2, 102), xlabel="correctly classified captures of the gesture, %")
     ax.grid(axis="x", alpha=0.25)
     figure.legend(loc="lower center", ncols=1, frameon=False)
     return figure, (
-        "Captures of each gesture labelled correctly, with 95 % bootstrap intervals over subjects, one seed each."
+        "Correctly classified captures of each gesture, with 95 % bootstrap intervals over subjects, one seed each."
     )
 
 
@@ -108,10 +108,10 @@ def calibration_figure(tables: dict[str, tuple[pd.DataFrame, float]], group: str
         ax.plot(table["confidence"], table["accuracy"], color=f"C{i}", linewidth=1)
         ax.scatter(table["confidence"], table["accuracy"], 10 + 150 * table["n"] / table["n"].sum(), f"C{i}")
         ax.set(xlim=(-0.04, 1.06), ylim=(-0.04, 1.06), aspect="equal")
-        ax.set(xlabel="highest probability", ylabel="share labelled correctly")
+        ax.set(xlabel="highest probability", ylabel="share classified correctly")
         ax.set_title(f"{plain([system])[0]}\nexpected calibration error {gap:.3f}")
         ax.grid(alpha=0.25)
     return figure, (
         "Reliability of the probabilities of whole captures in ten bins; the area of a dot is its share of captures, "
-        "the dashed line is perfect."
+        "the dashed line is perfect calibration."
     )

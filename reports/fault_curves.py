@@ -29,7 +29,7 @@ def stress_sections(contexts: dict[str, list[Row]], folder: Path) -> list[Sectio
         losses, picture = pd.DataFrame({method_of(r): under(r, "loss.") for r in runs}).T, None
         if losses.size:  # else learning curves alone
             figure = heat_map(losses, [r["accuracy"] for r in runs], context)
-            caption = "Points of accuracy lost under each fault, mean over five severities: the costliest fault first."
+            caption = "Points of accuracy lost under each fault, mean over five severities, worst fault first."
             picture = save(figure, folder, f"0-stress-{i}", context, f"{context}: {caption}")
         sections.append((context, picture, Table(pd.DataFrame([_failing(r) for r in runs]))))
     return sections
@@ -40,7 +40,7 @@ def stream_sections(store: Store, contexts: dict[str, list[Row]], folder: Path) 
     sections = []
     for i, (context, runs) in enumerate(contexts.items(), 1):
         figure = streaming.draw([streaming.stream_of(store, r) for r in runs])
-        caption = "Left, accuracy against milliseconds of touch seen; right, fixed windows beside adaptive stopping."
+        caption = "Left: accuracy against milliseconds of touch. Right: fixed windows and adaptive stopping."
         picture = save(figure, folder, f"0-stream-{i}", context, f"{context}: {caption}")
         sections.append((context, picture, Table(pd.DataFrame([_over_time(r) for r in runs]))))
     return sections
@@ -69,7 +69,7 @@ def contexts(runs: pd.DataFrame | None) -> dict[str, list[Row]]:
     for same, members in ordered[:CONTEXTS]:
         best = sorted(members.values(), key=lambda r: -r["accuracy"])[:METHODS]
         left = len(members) - len(best)
-        words = context_words(best[0]) + (f", {left} less accurate methods left out" if left else "")
+        words = context_words(best[0]) + (f", {left} less accurate systems left out" if left else "")
         named[words + (", only the lowest seed of each system" if same in several else "")] = best
     return named
 
@@ -90,10 +90,10 @@ def under(run: Row, prefix: str) -> dict[str, float]:
 def _failing(run: Row) -> dict[str, str]:
     halves = sorted(under(run, "half_margin.").items(), key=lambda item: item[1])
     return {
-        "method": method_of(run),
+        "system": method_of(run),
         "clean %": percent(run["accuracy"]),
         "half of the margin is lost at": ", ".join(f"{k.replace('_', ' ')} {v:.1f}" for k, v in halves) or "nowhere",
-        "failing of tested slices": f"{run['failing_slices']:.0f} of {run['tested_slices']:.0f}",
+        "failing of tested groups": f"{run['failing_slices']:.0f} of {run['tested_slices']:.0f}",
         **{f"worst {k}": percent(v) for k, v in under(run, "worst.").items()},
     }
 
@@ -102,7 +102,7 @@ def _over_time(run: Row) -> dict[str, str]:
     shares: Sequence[tuple[str, str]] = [(f"{ms} ms", f"accuracy_at_{ms}_ms") for ms in SHOWN_MS]
     shares = [*shares, ("whole", "accuracy"), ("adaptive", "adaptive_accuracy")]
     return {
-        "method": method_of(run),
+        "system": method_of(run),
         **{heading: percent(run.get(metric, float("nan"))) for heading, metric in shares},
         "after ms": number(run["adaptive_ms"], 0),
         "decision ms p50 / p95": f"{run['decide_ms_p50']:.1f} / {run['decide_ms_p95']:.1f}",

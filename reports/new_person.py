@@ -56,8 +56,8 @@ def new_person_sections(sets: list[Curves], folder: Path) -> list[tuple[str, Pic
     """
     sections = []
     for i, (context, curves) in enumerate(sets, 1):
-        caption = "Accuracy of people who were in no training part, mean and 95 % interval over them, against captures "
-        caption += f"of each class that are known of the person ({WITHOUT}: half of their captures, without labels)."
+        caption = "Accuracy of new persons against the number of their labelled captures of each class; mean and 95 % "
+        caption += f"interval over people. {WITHOUT.capitalize()}: adapted to half of their captures, without labels."
         caption += f" {len(curves) - SHOWN} less accurate systems left out." if len(curves) > SHOWN else ""
         figure = drawn(dict([*curves.items()][:SHOWN]), context)
         picture = save(figure, folder, f"0-newcomer-{i}", context, caption)
@@ -139,7 +139,7 @@ def table_of(curves: dict[str, pd.DataFrame]) -> pd.DataFrame:
             rows.append(
                 {
                     "system": system,
-                    "known": row["known"],
+                    "shots": row["known"],
                     "accuracy": bounded(row["accuracy"], row["low"], row["high"]),
                     "gain": bounded(*gains, sign=True),
                     "worse": str(row["worse"] or "nobody") if np.isfinite(gains[0]) else "-",
@@ -162,7 +162,7 @@ def drawn(curves: dict[str, pd.DataFrame], context: str) -> Figure:
         axis.plot(x[labelled], curve["accuracy"][labelled], label=fill(system, 34), **look)
         axis.plot(x[~labelled], curve["accuracy"][~labelled], mfc="w", ls="", **look)
     axis.set_xticks(range(len(ticks)), ticks)
-    axis.set(xlabel="captures of each class that are known of the person", ylabel="accuracy, %")
+    axis.set(xlabel="labelled captures of each class of the person", ylabel="accuracy, %")
     axis.set_title(fill(context, 72))
     axis.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1))
     return figure

@@ -115,7 +115,7 @@ def assemble(
         "provenance": provenance(pd.concat([runs, *map(with_groups, others.values())], ignore_index=True)),
     }
     values = {
-        "title": f"Which recogniser to take: {_corpora(runs)}",
+        "title": f"Which system to choose: {_corpora(runs)}",
         "synthetic": (runs["synthetic"] == "true").any(),
         "failed": sorted(set(runs.loc[runs["folds_failed"] > 0, "system"])),
         "on_batch": sorted({str(run["system"]) for run in rows_of(runs) if depends_on_batch(run)}),

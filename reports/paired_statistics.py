@@ -63,10 +63,10 @@ def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
     ax.hlines(rows, low, high, color="tab:blue", linewidth=3, alpha=0.35, zorder=1)
     ax.plot(values.mean(axis=1), rows, "o", color="tab:blue", markersize=5)
     ax.set_yticks(rows, plain(kept.index))
-    ax.set(ylim=(len(kept) - 0.4, -0.6), xlabel="captures of the subject labelled correctly, %")
+    ax.set(ylim=(len(kept) - 0.4, -0.6), xlabel="correctly classified captures of the subject, %")
     ax.grid(axis="x", alpha=0.25)
     left = len(subjects) - len(kept)
     return figure, (
-        f"Each tick is one of {subjects.shape[1]} subjects, the dot their mean, the bar its 95 % t-interval. Seeds are "
-        "averaged." + (f" {left} systems of lower accuracy are left out." if left else "")
+        f"Each tick is one of {subjects.shape[1]} subjects, the dot is their mean, the bar is its 95 % t-interval. "
+        "Seeds are averaged." + (f" {left} less accurate systems are left out." if left else "")
     )

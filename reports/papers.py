@@ -52,7 +52,7 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
         }
     )
     elsewhere = [NAMES.get(name, name) for name in sorted(set(beside.loc[beside["away"], "data"]))]
-    switch = f"Show also the {int(beside['away'].sum())} published numbers on {{}}, where nothing is tracked here"
+    switch = f"Also show the {int(beside['away'].sum())} published numbers on {{}}, which has no runs here"
     return {
         "table": Table(
             frame,

@@ -86,7 +86,7 @@ def _nothing(paper: object, here: set[str], others: list[str]) -> Row:
     if paper.data not in here:
         return {"verdict": "data not here", "note": []}
     if "other" in (paper.protocol_key, paper.unit_key):
-        why = ["Its protocol or unit is not published, so that nothing can stand beside it."]
+        why = ["Its protocol or unit is not published, so there is no comparison."]
         return {"verdict": "not run", "note": why}
     return {"verdict": "not run", "note": [f"Run with other parameters: {', '.join(others)}."] if others else []}
 
@@ -103,13 +103,13 @@ def _measured(store: Store, run: Row, paper: object) -> Row | None:
         return None
     if run["status"] != "FINISHED":
         folds = f"{run['folds']:.0f} of {run['folds'] + run['folds_failed']:.0f}"
-        why = [f"The run of seed {run['seed']} lacks folds: {folds} are there."]
+        why = [f"The run of seed {run['seed']} has only {folds} folds."]
         return {"verdict": "not run", "note": why}
     low, high = _interval(store, run, prefix, metric)
     subjects = int(run.get("subjects", 0))
-    notes = [f"{subjects} subjects: this interval is hardly worth anything."] * (subjects < statistics.FEW_SUBJECTS)
+    notes = [f"{subjects} subjects: this interval is unreliable."] * (subjects < statistics.FEW_SUBJECTS)
     if facts_of(run).official_split is False:
-        notes.append("Our split is drawn at random, not the official one.")
+        notes.append("Our split is random, not the official one.")
     return {
         "ours": value,
         "low": low,

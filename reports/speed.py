@@ -55,10 +55,10 @@ def speed_chart(group: Mapping[str, Any], costs: list[str]) -> tuple[Figure, str
     for ax in [*axes.flat][len(shown) :]:
         ax.set_axis_off()
     return figure, (
-        "Mean over subjects of captures labelled correctly, with 95 % t-intervals over subjects, against each cost. "
-        "Filled circles: published systems run here; hollow circles: these with other settings; squares: others; "
-        "triangles: measured as C. The line and bold names are the Pareto front: no other is cheaper and more "
-        "accurate." + (f" {group['left']} less accurate ones are not drawn." if group["left"] else "")
+        "Accuracy, mean over subjects with 95 % t-intervals, against each cost. Filled circles: published systems run "
+        "here. Hollow circles: these with other settings. Squares: other systems. Triangles: measured in C. The line "
+        "and the bold names show the Pareto front: no other system is both cheaper and more accurate."
+        + (f" {group['left']} less accurate systems are not drawn." if group["left"] else "")
     )
 
 
@@ -84,5 +84,5 @@ def _panel(ax: Axes, points: pd.DataFrame, words: str, high: float) -> None:
     for i, (name, height) in enumerate(zip(plain(points["name"]), heights, strict=True)):
         ax.text(edge, height, name, va="center", fontweight="bold" if i in best else "normal")
         ax.plot([x[i], edge], [y[i], height], color="0.7", linewidth=0.5, zorder=1, clip_on=False)
-    ax.set(xlabel=words, ylabel="captures labelled correctly, %")
+    ax.set(xlabel=words, ylabel="correctly classified captures, %")
     ax.grid(alpha=0.25)

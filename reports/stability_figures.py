@@ -110,7 +110,7 @@ def training_subjects(analyses: list[Analysis]) -> Figure:
         x = a.learning["train_subjects"] + (k - (len(analyses) - 1) / 2) * step
         ax.errorbar(x, middle, yerr=bars(middle, low, high), capsize=3, elinewidth=0.8, label=a.method, **_style(k))
     ax.set_xticks(counts, [f"{c:g}" for c in counts])
-    ax.set(xlabel="training subjects", ylabel="captures labelled correctly, %")
+    ax.set(xlabel="training subjects", ylabel="correctly classified captures, %")
     ax.grid(alpha=0.3)
     words = "Accuracy by number of training subjects, 95 % intervals over tested subjects"
     _name(figure, ", ".join(analyses[0].context), words)

@@ -78,22 +78,30 @@ def sections(analyses: list[Analysis]) -> list[tuple[str, str, pd.DataFrame]]:
     if len(table := _condition_table(analyses)):
         parts.append(("By class, condition and length", "Accuracy in percent; subjects are in the CSV.", table))
     if len(analyses[0].curves):
-        note = "Accuracy in percent at severities 1 to 5, mean loss in points, and the lowest severity at which the "
-        note += "accuracy is significantly below the method's own."
+        note = "Accuracy in percent at severities 1 to 5, mean loss in points, and the lowest severity at which "
+        note += "accuracy is significantly below that of the system."
         worst = pd.concat([_worst_faults(a) for a in analyses], ignore_index=True)
-        parts.append(("Faults that cost most", note, worst))
-        note = "Interpolated between severities 1 to 5; 0 is the clean accuracy, >5 stands for never."
+        parts.append(("Worst faults", note, worst))
+        note = "Interpolated between severities 1 to 5; 0 means clean captures, >5 means never."
         parts.append(("Severity at which half of the margin over chance is lost", note, _half_table(analyses)))
     for a in analyses:
         faulty = a.slices["fault"] != ""
-        parts.append((f"Failing slices: {a.method}", _tests_words(a.slices, ~faulty), _slice_table(a, ~faulty)))
+        parts.append((f"Failing groups: {a.method}", _tests_words(a.slices, ~faulty), _slice_table(a, ~faulty)))
         if faulty.any():
             table = _slice_table(a, faulty & ~_as_such(a.slices) & ~_before(a.slices))
-            heading = f"What fails under a fault and not before, where the fault as such does not yet: {a.method}"
-            parts.append((heading, _tests_words(a.slices, faulty), table))
+            note = (
+                "Each listed group fails at a severity at which all captures together do not; clean, it does not fail."
+            )
+            parts.append(
+                (f"Groups that fail under a fault: {a.method}", f"{_tests_words(a.slices, faulty)} {note}", table)
+            )
     if len(analyses) > 1 and len(analyses[0].curves):
         parts.append(
-            ("Ranks", "By mean accuracy over severities; Kendall's tau with the clean order.", _rank_table(analyses))
+            (
+                "Ranks",
+                "By mean accuracy over severities; Kendall's tau compares the order with the clean one.",
+                _rank_table(analyses),
+            )
         )
     if len(varied := seeds(analyses)):
         shown = varied.assign(**{c: varied[c].map(percent) for c in ("accuracy", "sd", "lowest", "highest")})
@@ -109,7 +117,7 @@ def _clean_table(analyses: list[Analysis]) -> pd.DataFrame:
     for a in analyses:
         low, high = scores.subject_interval(a.units)
         accuracy = bounded(100 * a.clean, 100 * low, 100 * high)
-        row = {"method": a.method, "captures": str(len(a.units)), "accuracy [95 %]": accuracy}
+        row = {"system": a.method, "captures": str(len(a.units)), "accuracy [95 %]": accuracy}
         for factor, part in a.conditions.groupby("factor", sort=False):
             worst = part.loc[part["accuracy"].idxmin()]
             row[f"worst {factor}"] = f"{worst['value']}: {percent(worst['accuracy'])}"
@@ -132,7 +140,7 @@ def _worst_faults(a: Analysis) -> pd.DataFrame:
     lowest = failing.groupby("fault")["severity"].min()
     rows = [
         {
-            "method": a.method,
+            "system": a.method,
             "fault": r.fault,
             **{str(s): percent(by.loc[r.fault, s]) for s in by.columns},
             "loss": f"{100 * r.loss:.1f}",
@@ -159,19 +167,19 @@ def _tests_words(slices: pd.DataFrame, mask: pd.Series) -> str:
     """How many slices were tested and failed, and what the number of subjects cannot show."""
     tested, failing = slices[mask & slices["tested"]], slices[mask & slices["failing"]]
     words = [
-        f"{len(failing)} of {len(tested)} tested slices are below the method's own accuracy (Benjamini-Hochberg, "
-        f"corrected p <= {ALPHA})."
+        f"{len(failing)} of {len(tested)} tested groups of captures have an accuracy significantly below that of the "
+        f"system (Benjamini-Hochberg, corrected p <= {ALPHA})."
     ]
     if untested := int((mask & ~slices["tested"]).sum()):
-        words.append(f"{untested} more have too few captures or subjects to be significant, however low they are.")
+        words.append(f"{untested} more have too few captures or subjects for a significant result.")
     several = tested[tested["subjects"] > 1]
     if len(several):
         floor, count = several["floor"].min(), families(tested).value_counts()
         needed = {name: int(np.ceil(round(len(FAMILIES) * n * floor / ALPHA, 6))) for name, n in count.items()}
-        those = " or ".join(f"{max(n, 1)} {name}" for name, n in needed.items())
+        those = " or ".join(f"{max(n, 1)} {name.replace('slices', 'groups')}" for name, n in needed.items())
         words.append(
-            f"With {several['subjects'].max()} subjects no p of a slice of several subjects is below {floor:.2g}: such "
-            f"a slice is significant only where {those} have a p that low."
+            f"With {several['subjects'].max()} subjects, the p of a group of several subjects is at least {floor:.2g}. "
+            f"After correction, such a group can fail only if at least {those} have this p."
         )
     return " ".join(words)
 
@@ -211,11 +219,11 @@ def _slice_table(a: Analysis, mask: pd.Series) -> pd.DataFrame:
         failing = failing.sort_values("gap", ascending=False)
     rows = [
         {
-            "slice": r.slice,
+            "group": r.slice,
             "right": f"{r.right} of {r.captures}",
             "subjects": str(r.subjects),
             "accuracy": percent(r.accuracy),
-            "below own by": f"{100 * r.gap:.1f}",
+            "below system by": f"{100 * r.gap:.1f}",
             "p": f"{r.p:.2g}",
             "corrected p": f"{r.p_corrected:.2g}",
         }

@@ -104,7 +104,7 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
         begin = "from the onset" if members[0]["start"] == "onset" else "from the middle of the capture"
         seen.set_title(f"{data}, {subset}\n{protocol}", fontsize=9)
         mean.set_title(f"{begin}\nfixed windows and adaptive stopping", fontsize=9)
-        seen.set(xlabel=LEFT_LABEL, ylabel="captures labelled correctly, %")
+        seen.set(xlabel=LEFT_LABEL, ylabel="correctly classified captures, %")
         mean.set(xlabel=RIGHT_LABEL)
         for ax in (seen, mean):
             ax.set_xscale("log")

@@ -1,4 +1,4 @@
-"""The results of the runs, in a sentence each: early decisions, faults, people, statistics."""
+"""What the runs show, in one or two sentences each: early decisions, faults, people, statistics."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections import Counter
 import numpy as np
 
 from bench.outcomes import statistics
+from bench.outcomes.choice import several
 from bench.outcomes.comparable import Row, depends_on_batch, method_of
 from bench.outcomes.stopping import NO_SAVING, saves
 from reports.fault_curves import context_words, under
@@ -41,11 +42,14 @@ def early(contexts: dict[str, list[Row]]) -> str:
         if not runs:
             continue
         best = max(runs, key=lambda r: r["adaptive_accuracy"])
-        alone = f"On {context_words(best)}, {method_of(best)} labels {100 * best['accuracy']:.1f} % of whole captures"
+        whole = (
+            f"On {context_words(best)}, {method_of(best)} correctly classifies {100 * best['accuracy']:.1f} % of whole "
+            "captures"
+        )
         if not saves(best):
-            return f"{alone} correctly; {NO_SAVING}."
+            return f"{whole}; {NO_SAVING}."
         return (
-            f"{alone} and {100 * best['adaptive_accuracy']:.1f} % correctly when it decides early, after "
+            f"{whole}. With adaptive stopping, it correctly classifies {100 * best['adaptive_accuracy']:.1f} % after "
             f"{best['adaptive_ms']:.0f} ms of touch on average."
         )
     return ""
@@ -62,11 +66,11 @@ def faults(contexts: dict[str, list[Row]]) -> str:
         means = {m: 100 * np.mean([*loss.values()]) for m, loss in losses.items() if set(loss) == tested}
         least, most = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
         worst = max(losses[least], key=losses[least].__getitem__)
-        others = f", the least of {len(means)} systems (the most: {most}, {means[most]:.1f})" if len(means) > 1 else ""
+        others = f" Of {len(means)} systems, {most} loses most: {means[most]:.1f} points." if len(means) > 1 else ""
         return (
             f"On {context_words(runs[0])}, {least} loses {means[least]:.1f} points of accuracy, mean over "
-            f"{len(tested)} fault{'s' * (len(tested) != 1)} at five severities{others}; most under "
-            f"{worst.replace('_', ' ')}, {100 * losses[least][worst]:.1f} points."
+            f"{several(len(tested), 'fault')} at five severities.{others} The worst fault for {least} is "
+            f"{worst.replace('_', ' ')}, with a loss of {100 * losses[least][worst]:.1f} points."
         )
     return ""
 
@@ -77,8 +81,8 @@ def people(groups: dict[str, Group]) -> str:
         if len(group.subjects) and group.subjects.shape[1] > 1:
             best = group.subjects.iloc[0]
             return (
-                f"On {name}, {best.name}, the most accurate, labels between {best.min():.1f} % (subject "
-                f"{best.idxmin()}) and {best.max():.1f} % (subject {best.idxmax()}) of a person's captures correctly."
+                f"On {name}, the accuracy of the best system, {best.name}, ranges from {best.min():.1f} % (subject "
+                f"{best.idxmin()}) to {best.max():.1f} % (subject {best.idxmax()})."
             )
     return ""
 
@@ -91,7 +95,7 @@ def shots(curves: list[Curves]) -> str:
         if np.isfinite(row.get("gain", np.nan)):
             gain = bounded(row["gain"], row["gain_low"], row["gain_high"], sign=True)
             return (
-                f"On {context}: {row['known']} known captures of each class change the accuracy of {system} by "
+                f"On {context}: {row['known']} labelled captures of each class change the accuracy of {system} by "
                 f"{gain} points."
             )
     return ""
@@ -102,14 +106,15 @@ def told_apart(group: Group) -> str:
     subjects = group.subjects.iloc[: statistics.RANKED]
     best, (systems, n) = subjects.index[0], subjects.shape
     if systems == 1:
-        return f"{best} has nothing to be compared with."
+        return f"{best} is the only system, so there is no comparison."
     if n < statistics.FEW_SUBJECTS:
-        return f"{n} subject{'s are' if n != 1 else ' is'} too few to tell {systems} systems apart."
+        return f"{n} subject{'s are' if n != 1 else ' is'} too few to compare {systems} systems."
     rows = statistics.against_best(subjects).iloc[1:]
     beaten = rows["p_holm"] < 0.05
     behind, level = [*rows.loc[beaten, "system"]], [*rows.loc[~beaten, "system"]]
-    parts = [f"{best} beats {listed(behind)}"] if behind else []
-    parts += [f"{listed(level)} cannot be told apart from {best}"] if level else []
-    test = f"(paired Wilcoxon tests against the best, Holm's correction, over {n} subjects, 5 %)"
-    mixed = " Captures of one subject are on both sides, so that nothing holds for a new person." * group.mixed
+    parts = [f"{best} is significantly more accurate than {listed(behind)}"] if behind else []
+    parts += [f"{best} does not differ significantly from {listed(level)}"] if level else []
+    test = f"(paired Wilcoxon tests against the best system, Holm's correction, {n} subjects, 5 % level)"
+    mixed = " Training and test captures come from the same subjects: expect lower accuracy for a new person."
+    mixed *= group.mixed
     return f"{'; '.join(parts)} {test}.{mixed}"

@@ -69,7 +69,7 @@ def test_results_and_run_show_what_is_tracked(six_runs, tmp_path, monkeypatch, c
     monkeypatch.chdir(tmp_path / "copy")
     monkeypatch.setenv("TOUCHBENCH_HOME", str(tmp_path / "copy/home"))
     table = bench.run(model=["tree", "bayes"], features="jung28", seed=None, **TINY)  # the same cells
-    assert "stored before" in capsys.readouterr().err
+    assert "already stored" in capsys.readouterr().err
     tracked = {run.info.run_id: run.data.metrics for run in runs("cell")[1]}
     assert len(tracked) == 4 and (table["folds"] == "3/3").all()
     shown = {"accuracy": "accuracy", "low": "accuracy_low", "macro_f1": "macro_f1", "flash_bytes": "flash_bytes"}

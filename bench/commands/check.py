@@ -15,6 +15,7 @@ from bench.errors import InputError
 from bench.options import keys
 from bench.outcomes import gate
 from bench.outcomes.baseline import Measured, read, text
+from bench.outcomes.choice import several
 from bench.outcomes.runs import needed, rows_of, tracked
 from bench.outcomes.store import Store, connect
 from bench.plan.cells import Cell, cells
@@ -34,15 +35,15 @@ def check(arguments: list[str]) -> int:
     how = {k: convert(k, values[k], usual) if k in values else usual for k, usual in OPTIONS.items()}
     limits = {k: convert(k, values[k], usual) if k in values else usual for k, usual in gate.LIMITS.items()}
     if not 0 < limits["error"] < 100 or not limits["slower"] > 0:
-        raise InputError("error= is in percent, slower= is a factor above 0; write for example slower=2")
+        raise InputError("error= is a percentage and slower= a factor above 0; give for example error=1 slower=2")
     added = [f"{k}={v}" for k, v in values.items() if k not in BACKEND | OPTIONS.keys() | limits.keys()]
     path, report = Path(str(how["baseline"])), str(how["junit"])
     if how["update"]:
         if not how["run"]:
-            raise InputError("run=false compares only; leave it out, update=true runs what is not tracked yet")
+            raise InputError("run=no and update=yes exclude each other, because an update needs runs; leave run= out")
         return _update(path, added, backend_of(values), limits)
     if added:
-        raise InputError(f"{added[0]} adds to a baseline with update=true; without it, the baseline says what is run")
+        raise InputError(f"{added[0]} adds systems, which needs update=yes; leave it out to compare with the baseline")
     baseline = read(path, understood)
     if how["run"]:
         current, _ = _run([then.run for then in baseline], backend_of(values))
@@ -53,10 +54,10 @@ def check(arguments: list[str]) -> int:
     if report:
         _write(Path(report), gate.junit(verdicts), "junit")
     alarms = [v for v in verdicts if v.wrong]
-    accept = f"; if that is meant: bench check baseline={path} update=true" if alarms else ""
+    accept = f"; to accept the changes: bench check baseline={path} update=yes" if alarms else ""
     say(
-        f"{len(verdicts) - len(alarms)} of {len(verdicts)} systems are what {path} says (error rate of accuracy and "
-        f"labels {limits['error']:g} %, all together){accept}"
+        f"{len(verdicts) - len(alarms)} of {len(verdicts)} systems are the same as in {path} (error rate of all tests "
+        f"together: {limits['error']:g} %){accept}"
     )
     return 1 if alarms else 0
 
@@ -102,7 +103,7 @@ def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, fl
     before = read(path, understood) if path.exists() or not added else []
     after, code = _run([then.run for then in before] + ([shlex.join(added)] if added else []), backend)
     if code:
-        say(f"a run failed; {path} stays as it was")
+        say(f"a run failed; {path} is unchanged")
         return code
     kept = [then for then in before if gate.counterpart(then, after)]
     say(*(verdict.line for verdict in gate.compare(kept, after, **limits)))
@@ -114,7 +115,7 @@ def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, fl
         if then not in kept:
             say(f"{'gone':8} {gate.named(then)}: bench run {then.run} no longer makes it")
     _write(path, text(after), "baseline")
-    say(f"{path}: {len(after)} systems")
+    say(f"{path}: {several(len(after), 'system')}")
     return 0
 
 

@@ -16,7 +16,7 @@ from bench.commands.printing import grid, one_label, output, say, show, then
 from bench.costs import BUDGETS, COSTS, quantity
 from bench.errors import InputError, nearest
 from bench.options import SMALL, keys
-from bench.outcomes.choice import KINDS, Candidates, Choice, amount, candidates, decide, points, sentences
+from bench.outcomes.choice import KINDS, Candidates, Choice, amount, candidates, decide, points, sentences, several
 from bench.outcomes.comparable import MARK, MARKED
 from bench.outcomes.runs import of_kinds, without_runs
 from bench.outcomes.store import connect
@@ -62,14 +62,13 @@ class Chosen:
         subjects, table = self.among.subjects.shape[1], self.among.table
         lines = sentences(self.choice, self.by, self.margin, subjects, self.among.mixed)
         if self.clock is not None:
-            timed = f"for {table['cycles'].notna().sum()} of {len(table)} candidates, plus the measured cycles at"
-            lines.append(f"The time until a decision is the touch that it needs; {timed} {self.clock:g} MHz.")
+            timed = f"for {table['cycles'].notna().sum()} of {several(len(table), 'system')}"
+            lines.append(f"Decision time is touch before the decision, plus cycles at {self.clock:g} MHz {timed}.")
         elif "decision" in {self.by, *self.budgets}:
-            left_out = "computing time on this machine is not part of it"
-            lines.append(f"The time until a decision is the touch that it needs; {left_out}.")
+            lines.append("Decision time is touch before the decision, without computing time on this machine.")
         lines += self.among.notes
         if self.choice.chosen is None:
-            lines.append(f"A small system that is accurate on real touch: bench run {SMALL}")
+            lines.append(f"Try a small system that is accurate on real touch: bench run {SMALL}")
         return lines
 
     __repr__ = __str__
@@ -102,7 +101,7 @@ def chosen(values: Values) -> Chosen:
         InputError: something in the values cannot be used, or no run is tracked for them.
     """
     if running := [k for k in values if k in RUNNING or ("." in k and not k.startswith("protocol."))]:
-        raise InputError(f"{running[0]}= is for over=; without it, nothing is run")
+        raise InputError(f"{running[0]}= needs over=, which runs systems; leave {running[0]}= out or add over=")
     by, unit = _one_of("by", values, COSTS), _one_of("unit", values, ("capture", "window"))
     batch = _one_of("batch", values, ("no", "yes")) == "yes"
     budgets = {BUDGETS[k]: quantity(k, values[k]) for k in BUDGETS if k in values}
@@ -116,12 +115,12 @@ def chosen(values: Values) -> Chosen:
     store = connect()
     runs_of = of_kinds(store, KINDS)
     for lacking in without_runs(list(runs_of.values()), asked):
-        warn(f"warning: {lacking}: no run of it is tracked")
+        warn(f"warning: {lacking}: no run is stored")
     most = budgets.get("decision", np.inf if by == "decision" else None)
     among = candidates(store, asked, most, windows=unit == "window", clock=clock, batch=batch, runs_of=runs_of)
     processors = sorted(set(among.table["cpu"]))
     if "predict" in {by, *budgets} and len(processors) > 1:
-        warn(f"warning: times are of several processors: {'; '.join(processors)}")
+        warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
     return Chosen(decide(among.table, among.subjects, by, budgets, margin), among, by, budgets, margin, clock)
 
 
@@ -141,15 +140,15 @@ def _print(result: Chosen) -> None:
     rows = []
     for row in table.to_dict("records"):
         loss = "-" if np.isnan(row["loss"]) else points(row["loss"], row["error"])
-        cells = {"system": row["system"], "labels": row["unit"], "accuracy %": f"{row['accuracy']:.1f}"}
+        cells = {"system": row["system"], "input": row["unit"], "accuracy %": f"{row['accuracy']:.1f}"}
         costs = {k: amount(k, row[k]) + "*" * (row["linked"] and k in ("flash", "ram")) for k in COSTS}
         rows.append(cells | {"below best": loss} | costs | {"verdict": row["verdict"]})
     spare = [k for k in ("cycles", "predict", "ram", "decision", "flash") if k != by and k not in result.budgets]
     bold = np.flatnonzero(table.index == result.choice.chosen).tolist()
-    title = f"{result.among.context}; {within}; cheapest by {by} first; accuracy is the mean over subjects"
-    grid(output(), title, rows, ("system", "labels", "verdict"), spare, bold)
+    title = f"{result.among.context}; {within}; lowest {by} first; accuracy is the mean over subjects"
+    grid(output(), title, rows, ("system", "input", "verdict"), spare, bold)
     if 0 < table["linked"].sum() < len(rows):
-        output().print("* as linked in C, code included; the other sizes are counted without code", style="dim")
+        output().print("* as linked in C, with code; other sizes exclude code", style="dim")
     say(*result.lines(), *([f"{MARKED}."] if table["system"].str.contains(MARK).any() else []))
     if result.choice.chosen is not None:
         one = table.loc[result.choice.chosen]

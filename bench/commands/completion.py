@@ -73,7 +73,7 @@ def completion(arguments: list[str]) -> int:
         case [shell, *_]:
             raise InputError(f"bench completion {shell}: {nearest(shell, SHELLS)}")
         case _:
-            raise InputError("bench completion: say for which shell: bash, zsh or fish")
+            raise InputError("bench completion: the shell is missing; give bash, zsh or fish")
     return 0
 
 

@@ -44,18 +44,18 @@ def data(arguments: list[str]) -> int:
         case ["export", name, target, *rest]:
             return export(name, Path(target), parse(rest, None))
         case ["show", *_]:
-            raise InputError(f"bench data show: name a corpus: {', '.join(['synth', *imported()])}")
+            raise InputError(f"bench data show: give the name of a corpus: {', '.join(['synth', *imported()])}")
         case [name, *_] if name in ("synth", *imported()):
-            raise InputError(f"bench data {name}: say what to do with it, such as bench data show {name}")
+            raise InputError(f"bench data {name}: an action is missing; give for example bench data show {name}")
         case [word, *_] if word not in ACTIONS:
             raise InputError(f"bench data {word}: {nearest(word, ACTIONS)}; see bench data --help")
-    raise InputError(f"bench data {' '.join(arguments)}: not understood; see bench data --help")
+    raise InputError(f"bench data {' '.join(arguments)}: not an action with its arguments; see bench data --help")
 
 
 def listed() -> int:
     """Print every corpus with counts, digest, source and licence."""
     print(f"Corpora in {home()}\n")
-    print("synth\n  generated on demand, any number of subjects and repetitions; synthetic, says nothing about people")
+    print("synth\n  synthetic: generated on demand, any number of subjects and repetitions; says nothing about people")
     for row in overview():
         if "damaged" in row:
             print(f"{row['data']}\n  {row['damaged']}")
@@ -85,7 +85,7 @@ def show(name: str, values: dict[str, str]) -> int:
     print(looked(name, where, target, Path(out), values.get("capture"), parameters))
     if warnings := [] if name == "synth" else open_corpus(name, {}).info["warnings"]:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
-    print(f"\nfigures, an animation and a page that holds them all; open: {Path(out, 'index.html').resolve().as_uri()}")
+    print(f"\nfigures, an animation and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}")
     then(f"bench run data={name} protocol=loso {SMALL}")
     return 0
 
@@ -162,7 +162,7 @@ def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
         dotted[full] = value
     variant, *more = corpus_variants(dotted, name, [name])
     if more:
-        raise InputError("one corpus at a time; give one value of each parameter")
+        raise InputError("bench data takes one corpus at a time; give one value of each parameter")
     return variant
 
 
@@ -190,7 +190,7 @@ def read(kind: str, source: Path, values: dict[str, str]) -> int:
     if len(lengths):
         usual = f"{float(np.median(lengths)) / corpus.rate_hz:.2g} s"
         what = "event" if isinstance(value, Recordings) else "capture"
-        print(f"the median {what} lasts {usual}; if that looks wrong, rate_hz is wrong, and so are all times")
+        print(f"the median {what} lasts {usual}; if that looks wrong, rate_hz and all reported times are wrong")
     then(f"bench data show {corpus.name}")
     return 0
 
@@ -216,12 +216,12 @@ def check(name: str) -> int:
     files = verify(name)
     width = max(map(len, files), default=0)
     for file, damage in files.items():
-        state = f"damaged: {damage.removeprefix(f'{file} ')}" if damage else "as it was stored"
+        state = f"damaged: {damage.removeprefix(f'{file} ')}" if damage else "unchanged"
         print(f"{file:{width}}  {state}")
     if any(files.values()):
-        print(f"{name}: damaged; " + ("generated again when it is used" if name == "synth" else "import it again"))
+        print(f"{name}: damaged; " + ("its next use repairs it" if name == "synth" else "import it again"))
         return 1
-    print(f"{name}: {'as it was stored' if files else 'nothing is stored'}")
+    print(f"{name}: {'unchanged' if files else 'nothing is stored'}")
     return 0
 
 
@@ -234,7 +234,7 @@ def export(name: str, target: Path, values: dict[str, str]) -> int:
     size = f"{len(corpus)} {kind}captures, {len(corpus.frames)} rows"
     print(f"{target}: {size} at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}")
     if corpus.synthetic:
-        print("the column synthetic marks them as generated; leave it in, and results of them say so")
+        print("the column synthetic marks generated captures; keep it, so that their results are marked as synthetic")
     words = ["cost", str(target), "name=copy"]
     if corpus.info.get("format") != "cost":
         words = ["table", *words[1:], f"grid={corpus.grid[0]}x{corpus.grid[1]}"]

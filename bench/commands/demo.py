@@ -49,8 +49,8 @@ def demo(arguments: list[str]) -> int:
             if code := main([*step]):
                 return code
             os.environ.pop("MLFLOW_TRACKING_URI", None)  # MLflow sets it
-    print(f"\nThe page with all of it (synthetic): {(out / 'report' / 'index.html').resolve().as_uri()}")
-    print("With captures of your own, in the columns subject, gesture, frame and one for each taxel:")
+    print(f"\nThe page with all results (synthetic): {(out / 'report' / 'index.html').resolve().as_uri()}")
+    print("For your own captures, in a table with the columns subject, gesture, frame and one per taxel:")
     print(*(f"  {step}" for step in NEXT), sep="\n", flush=True)
     return 0
 

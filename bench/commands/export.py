@@ -21,7 +21,7 @@ def export(arguments: list[str]) -> int:
     """
     words, values = parse_words(arguments, keys("export"), 1)
     if not words or "out" not in values:
-        raise InputError("give a model and out=, the folder of the C files: bench export MODEL out=FOLDER")
+        raise InputError("give a model and out=, the folder for the C files: bench export MODEL out=FOLDER")
     bits, out = int(str(setting("export", "bits", values))), new_folder(Path(values["out"]))
     from bench.export.write import files_of
     from bench.work.saved import load
@@ -37,6 +37,6 @@ def export(arguments: list[str]) -> int:
     print(f"{out}: {', '.join(sorted(path.name for path in out.iterdir()))}")
     if model.stopping is not None and not model.stopping.saves:
         print(f"{NO_SAVING}: touch.h has no TOUCH_THRESHOLD, and settled is always 0")
-    print("make chip links it for a Cortex-M4F with FLASH=256K RAM=32K; give the sizes of yours behind it")
+    print("make chip links for a Cortex-M4F with FLASH=256K RAM=32K; for another chip, append its sizes")
     then(f"make -C {shlex.quote(str(out))} check flash")
     return 0

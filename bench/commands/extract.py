@@ -34,14 +34,14 @@ def extract(arguments: list[str]) -> int:
     contract.check(features)
     columns = features.fit(corpus, corpus.gestures).transform(corpus)
     if both := sorted(set(corpus.captures.columns) & set(columns.columns)):
-        raise InputError(f"{corpus.name} has a column {both[0]!r}, as the features have; rename it and import again")
+        raise InputError(f"{corpus.name} has a column {both[0]!r}, which is also a feature; rename it and import again")
     table = pd.concat([corpus.captures, columns], axis=1)
     with unwritable(out), replacing(out) as beside:
         table.to_parquet(beside, index=False) if out.suffix == ".parquet" else table.to_csv(beside, index=False)
     kind = "synthetic " if corpus.synthetic else ""
     print(f"{out}: {len(columns)} {kind}captures, {columns.shape[1]} features")
     if contract.learns(features):
-        print("these features are fitted to all of these captures; do not test on any of them")
+        print("these features are fitted to all these captures; do not test on any of them")
     shared = {k: v for k, v in cell.arguments().items() if k.split(".")[0] in ("data", "where", "features", "seed")}
     then(typed("run", shared | {"model": "bayes,lda,svm,rf"}))
     return 0

@@ -31,7 +31,7 @@ def fit(arguments: list[str]) -> int:
     print(fitted, *([out] if out else []), sep="\n")
     stopping = fitted.recogniser.stopping
     if stopping is not None and not stopping.saves:
-        print(f"{NO_SAVING}: the model decides on whole captures")
+        print(f"{NO_SAVING}: the model classifies whole captures")
     address = quoted(str(out or fitted.uri))
     then(f"bench predict {address} new.csv", f"bench export {address} out=in_c")
     return 0
@@ -69,7 +69,7 @@ def predict(arguments: list[str]) -> int:
     with unwritable(out), replacing(out) as beside:
         write_sheet(table, beside, "%.6g")
     counts = ", ".join(f"{count} {label}" for label, count in table["label"].value_counts().items())
-    print(f"{out}: {len(table)} captures labelled: {counts}")
+    print(f"{out}: {len(table)} captures classified: {counts}")
     then(f"sensor | bench stream source=- model={quoted(model)}")
     return 0
 
@@ -84,10 +84,12 @@ def adapt(arguments: list[str]) -> int:
 
     model, recogniser, corpus, values = _read("adapt", arguments)
     if "out" not in values:
-        raise InputError("bench adapt needs out=, the folder of the adapted system")
+        raise InputError("bench adapt needs out=, the folder for the adapted model")
     out = new_folder(Path(values["out"]))
     if len(people := set(corpus.captures.get("subject", []))) > 1:
-        raise InputError(f"captures of {len(people)} subjects; a system adapts to one, so give theirs alone")
+        raise InputError(
+            f"the file has captures of {len(people)} subjects; a model adapts to one, so give captures of one subject"
+        )
     labels = corpus.captures["gesture"].to_numpy() if "gesture" in corpus.captures else None
     seconds = save_adapted(model, recogniser, corpus, labels, out)
     how = "without labels" if labels is None else "with labels"

@@ -24,7 +24,7 @@ from bench.source import git_revision, versions
 from reports.leaderboard import NOT_VERIFIED, board, note, reference
 from reports.provenance import command as command_of
 
-NEEDED = {"task": "a frozen task", "who": 'whose result it is, as in who="A. Name, Lab"', "out": "a new folder"}
+NEEDED = {"task": "a frozen task", "who": 'the author of the result, such as who="A. Name, Lab"', "out": "a new folder"}
 FOLDER = Path("submissions")
 
 
@@ -44,9 +44,7 @@ def submit(arguments: list[str]) -> int:
     store = connect()
     run = answers.find(store, task, wanted, how)
     if "batch" in answers.rests_on(run) and not batch:
-        raise InputError(
-            f"run {run['run_id']}: the labels of this run depend on other test captures; to submit it, add batch=yes"
-        )
+        raise InputError(f"run {run['run_id']}: its labels depend on other test captures; to submit it, add batch=yes")
     metadata = answers.metadata(task, run, values["who"], command_of(dict(run)))
     table = answers.table(store, task, run)
     with made_whole(out) as beside:
@@ -65,7 +63,7 @@ def _wanted(task: Task, values: dict[str, str]) -> tuple[dict[str, str], str]:
         return {"run_id": run_id}, typed(task.command, fixed)
     systems = cells(fixed | values)
     if len(systems) > 1:
-        raise InputError(f"these values name {len(systems)} systems; give one value of each")
+        raise InputError(f"these values describe {len(systems)} systems; give one value of each key")
     seed = "none" if systems[0].seed is None else str(systems[0].seed)
     return {"system": systems[0].system(), "seed": seed}, typed(task.command, fixed | values)
 
@@ -120,17 +118,17 @@ def collected(folders: list[Path]) -> tuple[list[Submission], list[str]]:
     places: dict[Path, Path] = {}
     for folder in folders:
         if not folder.is_dir():
-            raise InputError(f"{folder}: there is no such folder; give submissions, or folders that hold some")
+            raise InputError(f"{folder}: there is no such folder; give a submission or a folder of submissions")
         parts = sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
         parts = [folder] if (folder / submissions.METADATA).exists() else parts
         if not parts:
-            warn(f"{folder}: no submission is in it")
+            warn(f"{folder}: contains no submission")
         places |= {place.resolve(): place for place in parts}
     entries, left_out = [], []
     for place in places.values():
         try:
             if place.is_symlink() and place not in folders:  # it may lead anywhere
-                raise InputError(f"{called(place)}: is a link, not a folder")
+                raise InputError(f"{called(place)}: is a link, not a folder; copy the folder")
             entries.append(submissions.read(place))
         except InputError as e:
             left_out.append(str(e))
@@ -160,9 +158,9 @@ def _rerun(name: str, folders: list[Path]) -> int:
     total = len(one.table)
     equal = int((one.table["predicted"].to_numpy() == again.table["predicted"].to_numpy()).sum())
     percent = int(10_000 * equal / total) / 100  # not rounded up to 100
-    say(f"{one.task.name}/{one.name}: {equal} of {total} labels are equal ({percent:.2f} %), {total - equal} not")
+    say(f"{one.task.name}/{one.name}: {equal} of {total} labels are equal ({percent:.2f} %), {total - equal} differ")
     if equal < total:
-        warn(f"{one.name} is not verified: only a rerun with equal labels is; nothing was written")
+        warn(f"{one.name} is not verified, because labels differ; nothing was written")
         return 1
     mark = {
         "date": datetime.now(UTC).date().isoformat(),
@@ -173,6 +171,6 @@ def _rerun(name: str, folders: list[Path]) -> int:
         "accuracy": one.scores["accuracy"],
     }
     marks.add(one, mark)
-    say(f"{one.name} is verified; its mark is in {marks.FILE}")
+    say(f"{one.name} is verified; {marks.FILE} records it")
     then(shlex.join(["bench", "leaderboard", *map(str, folders)]))
     return 0

@@ -17,6 +17,7 @@ from bench.errors import InputError
 from bench.outcomes.comparable import MARKED, comparable, context_of, depends_on_batch, system_of
 from bench.outcomes.scores import captures
 from bench.progress import console
+from bench.work.bar import named
 
 if TYPE_CHECKING:
     from bench.work.loop import Outcome
@@ -26,7 +27,17 @@ WIDTH = 100  # columns of a file or a log, which has no width of its own
 WORDS = 34  # columns of text, before it takes more lines rather than the place of another column
 COMPARED = ("cell", "stream", "chip")  # kinds of run whose best one is marked
 ACCURACY = ("captures", "clean", "whole", "in C")  # what kinds of run call the accuracy of whole captures
-HEADINGS = {"captures": "accuracy %", "windows": "of windows", "flash": "flash kB"}
+HEADINGS = {  # of columns that kinds of run call otherwise
+    "captures": "accuracy %",
+    "windows": "window accuracy %",
+    "flash": "flash kB",
+    "failing slices": "failing groups",
+    "trained on": "faults trained on",
+    "stopped": "early stop %",
+    "after ms": "at mean ms",
+    "a second": "decisions per s",
+    "own hop ms": "system hop ms",
+}
 SPARE = (  # columns that a narrow terminal does not get, the first to go first
     "own hop ms",
     "mean ms",
@@ -139,7 +150,7 @@ def grid(
     out.print(table)
     if dropped:
         needed = sum(wide[n] + 3 for n in [*names, *dropped]) + 1
-        words = f"columns left out: {', '.join(dropped)}; a terminal {needed} wide has room for them"
+        words = f"columns left out: {', '.join(dropped)}; a terminal of {needed} columns shows them"
         out.print(words, style="dim", markup=False, highlight=False)
 
 
@@ -190,7 +201,7 @@ def one_label(outcomes: Sequence[Outcome]) -> None:
         if count := sum(t["true"].nunique() > 1 and t["predicted"].nunique() == 1 for t in tables):
             systems.append(f"{outcome.plan.cell.system()} in {count} of {len(tables)} folds")
     if systems:
-        say(f"warning: every test capture of a fold gets one and the same label: {_first(systems, 'more systems')}")
+        say(f"warning: all test captures of a fold get the same label: {_first(systems, 'more systems')}")
 
 
 def system_in_tables(outcome: Outcome) -> str:
@@ -200,9 +211,9 @@ def system_in_tables(outcome: Outcome) -> str:
 
 def failures(outcomes: Sequence[Outcome]) -> int:
     """Print which folds failed and where the first traceback is; the exit code."""
-    failed = {f"{_title(o)}: fold {name}": where for o in outcomes for name, where in o.errors.items()}
+    failed = {f"{_title(o)}: {named(name)}": where for o in outcomes for name, where in o.errors.items()}
     if failed:
-        words = f"{len(failed)} failed: {_first([*failed], 'more')}; the traceback of the first is in "
+        words = f"{len(failed)} failed: {_first([*failed], 'more')}; traceback of the first: "
         line = words + next(iter(failed.values()))
         console.print(line, style="bold red", markup=False, highlight=False, soft_wrap=True)
     return int(bool(failed))
@@ -238,7 +249,7 @@ def _rows(out: Console, outcomes: Sequence[Outcome]) -> None:
         data, subset, protocol = context_of(outcomes[0].tags)
         title = f"{data}, {'all captures' if subset == 'all' else subset}, {protocol}\n{title}"
     if any("[" in row.get(HEADINGS.get(name, name), "") for row in rows for name in ACCURACY):
-        title += "; in brackets 95 % intervals over subjects"
+        title += "; in brackets 95 % confidence intervals over subjects"
     spare = [HEADINGS.get(name, name) for name in SPARE]
     grid(out, title, rows, ("system", *contexts_of[0], "worst fault"), spare, marked)
 

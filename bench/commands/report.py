@@ -53,7 +53,7 @@ def report(arguments: list[str]) -> int:
     paths = write_report(connect(), out, budgets)
     counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
     page = out / "index.html"
-    print(f"{page}: all runs; beside it .md and .tex, {counts['.csv']} CSV files, {counts['.png']} figures")
+    print(f"{page}: all runs; in the same folder .md, .tex, {counts['.csv']} CSV files and {counts['.png']} figures")
     print(f"open: {page.resolve().as_uri()}")
     then("bench ui")
     return 0
@@ -69,12 +69,12 @@ def ui(arguments: list[str]) -> int:
     if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
         raise InputError(f"port={port[:60]}: give a number from 1 to 65535")
     if _answers(port):
-        raise InputError(f"port={port}: another server answers there; give port={int(port) % 65535 + 1}")
+        raise InputError(f"port={port}: another server uses this port; give port={int(port) % 65535 + 1}")
     store = connect()
     shown = store.keep_view("touchbench", VIEW)
     # MLflow's front page is about language models; this one is the table of runs.
     page = f"http://{HERE}:{port}/#/experiments/{store.experiment_id}/runs?workflowType=machine_learning&{shown}"
-    print("starting MLflow's server, which takes up to half a minute; Ctrl-C ends it", flush=True)
+    print("starting MLflow's server, which takes up to half a minute; Ctrl-C stops it", flush=True)
     command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store_uri(), "--port", port, "--host", HERE]
     server = subprocess.Popen(command)
     before = signal.signal(signal.SIGTERM, lambda *_: server.terminate())  # else it would outlive this process
@@ -82,7 +82,7 @@ def ui(arguments: list[str]) -> int:
         while server.poll() is None and not _answers(port):
             time.sleep(0.2)
         if server.poll() is None:
-            print(f"{page}\nopen it in a browser: accuracy, interval and sizes of all runs", flush=True)
+            print(f"{page}\nopen this page in a browser: accuracy, interval and sizes of all runs", flush=True)
         return server.wait()
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -27,7 +27,7 @@ def smallest(values: Values) -> list[Outcome]:
         InputError: a key is for choosing among tracked runs, or a value cannot be used.
     """
     if wrong := {"by", "margin", "shots", "unit", "clock", "batch", *BUDGETS} & set(values):
-        raise InputError(f"{wrong.pop()}= chooses among tracked runs; leave it out, or leave out over=")
+        raise InputError(f"{wrong.pop()}= chooses among stored runs and over= makes runs; leave one of them out")
     over, inner = str(values["over"]), str(values.get("inner", "3"))
     rest = {k: v for k, v in values.items() if k not in ("over", "inner", f"model.{over}")}
     pairs = [
@@ -46,13 +46,13 @@ def _tuning(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
     how: How = {"inner": inner, "objective": "smallest", "over": over, "seed": seed}
     if over == "features":
         if not cell.features:
-            raise InputError(f"over=features: model={model} takes none; choose over= one of its parameters")
+            raise InputError(f"over=features: model={model} uses no feature set; give over= one of its parameters")
         return {"space": {**space}, **how}
     default = usual.get(over)
     if over == "seed" or over not in usual:
         raise InputError(f"over={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}")
     if isinstance(default, bool) or not isinstance(default, int | float):
-        raise InputError(f"over={over}: it has no sizes to choose from; choose over= a parameter that is a number")
+        raise InputError(f"over={over}: not a number, so it has no sizes; give over= a numeric parameter")
     if listed is None:
         sizes = {type(default)(default * share) for share in SHARES} - {0}
     else:

@@ -55,7 +55,7 @@ def streamed(values: Values) -> tuple[list[Outcome], Path]:
     out = writable(Path(str(values.get("out", "report"))))
     for name in dict.fromkeys(plan.cell.data for plan, _ in todo if len(set(plan.corpus.lengths)) == 1):
         warn(
-            f"warning: {name}: all captures have the same length, so features that grow with duration were trained on "
-            "one duration only; labels of captures that are not complete yet may be wrong"
+            f"warning: {name}: all captures have the same length, so features that grow with time are trained on one "
+            "duration only; early labels of these features may be wrong"
         )
     return execute(todo, backend, illustrate), out

@@ -31,8 +31,8 @@ def stress(arguments: list[str]) -> int:
     code = show(outcomes)
     for folder, members in grouped(outcomes, out).items():
         title = stability_tables.title(members[0].analysis)
-        say(f"{title}: which subjects, classes, conditions and faults fail: {folder / 'stability.md'}, with figures")
-    say("model.faults=all trains a system on damaged copies, too")
+        say(f"{title}: failing subjects, classes, conditions and faults, with figures: {folder / 'stability.md'}")
+    say("To train a system on damaged copies too, add model.faults=all.")
     then("bench report")
     return code
 
@@ -75,7 +75,7 @@ def _faults(values: Values) -> tuple[Fault, ...]:
         return ()
     for name in chosen:
         if name not in faults:
-            raise InputError(f"faults={name}: not known; {nearest(name, faults)}")
+            raise InputError(f"faults={name}: unknown; {nearest(name, faults)}")
     return tuple(fault for name, fault in faults.items() if name in chosen)
 
 
@@ -85,7 +85,7 @@ def _counts(values: Values) -> tuple[int, ...]:
         return ()
     counts = {convert("train_subjects", text, 4) for text in items("train_subjects", values["train_subjects"])}
     if min(counts) < 1:
-        raise InputError(f"train_subjects={min(counts)}: give whole numbers from 1 on")
+        raise InputError(f"train_subjects={min(counts)}: give whole numbers of at least 1")
     return tuple(sorted(counts))
 
 

@@ -23,7 +23,7 @@ def systems(arguments: list[str]) -> int:
         InputError: there are arguments.
     """
     if arguments:
-        raise InputError(f"bench systems takes no arguments, here is {arguments[0]!r}")
+        raise InputError(f"bench systems takes no arguments, not {arguments[0]!r}; leave it out")
     rows = published()
     rows = rows.assign(command=[command(row) for row in rows.itertuples()])
     for reference, part in rows.groupby("reference", sort=False):
@@ -41,8 +41,8 @@ def command(row: Published) -> str:
     """The command that repeats one published number, or why there is none."""
     if row.system not in names("models"):
         if row.id.startswith("saadun"):
-            return "- not here: a network for photographs, with weights learnt on them elsewhere"
-        return "- its text gives too little to build it" if row.confidence in UNREAD else "- not here yet"
+            return "- not included: a network that was trained on photographs"
+        return "- the paper describes too little to build it" if row.confidence in UNREAD else "- not included yet"
     if row.protocol_key == "other":
         return f"- protocol not published; the system is model={row.system}"
     parts = ["bench run", f"data={row.data}"]

@@ -48,7 +48,7 @@ def searched(values: Values) -> list[Outcome]:
     how = cast("How", {k: convert(k, values[k], default) for k, default in OPTIONS.items() if k in values})
     params = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
     if "seed" in params:
-        raise InputError(f"model.seed={params['seed']}: give seed= instead, it is that of the search too")
+        raise InputError(f"model.seed={params['seed']}: give seed= instead, which also sets the seed of the search")
     rest = {k: v for k, v in values.items() if not k.startswith("model.") and k != "seed" and k not in OPTIONS}
     untuned = cells(rest)
     names = {name for cell in untuned for name in _parameters(cell)}
@@ -76,7 +76,7 @@ def _values(name: str, listed: object, default: object) -> list[object]:
 def _tuning(cell: Cell, params: dict[str, object], how: How) -> Tuning:
     name = cell.model.short
     if cell.model.instance is not None:
-        raise InputError(f"model={name}: an object is what it is; give its class or a factory by name to search")
+        raise InputError(f"model={name}: an object has fixed parameters; give the name of its class or factory")
     if contract.searches(cell.untrained):
         raise InputError(f"model={name} searches by itself; use bench run model={name}")
     defaults = _parameters(cell)
@@ -87,8 +87,8 @@ def _tuning(cell: Cell, params: dict[str, object], how: How) -> Tuning:
         if declared is None:
             searchable = [key for key in defaults if key not in ("seed", "device", "batch")]
             raise InputError(
-                f"model={name} declares no ranges to search; list values, such as "
-                f"model.{next(iter(searchable), 'parameter')}=1,2, or give it an attribute space"
+                f"model={name} declares no ranges to search; list values such as "
+                f"model.{next(iter(searchable), 'parameter')}=1,2, or give the model an attribute space"
             )
         space = {**declared, **listed}
     is_grid = all(isinstance(values, list) for values in space.values())

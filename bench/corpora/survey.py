@@ -22,11 +22,9 @@ BLOCK = 1 << 20  # values that are computed at a time, unless a single capture h
 ODD = 3.0  # times more, or less, than the taxels around it: such a taxel is suspicious
 ALONE = 1.0  # percent of captures in which it alone does not vary: beyond it, a taxel is suspicious
 CROSSED = 10  # combinations for each capture, beyond which nobody meant to record them all
-LESS = "varies far less than those around it"
+LESS = "varies far less than its neighbours"
 DURATIONS = "seconds of a capture of each gesture"
-PRESSURE = (
-    "sensor values; full_scale is the percent of readings at full scale, still the captures in which nothing varies"
-)
+PRESSURE = "sensor values; full_scale: readings at full scale in percent; still: captures without any change"
 NAMED = 12  # of a kind that are named in print; the tables have all
 
 
@@ -109,7 +107,7 @@ class Survey:
         factors = ", ".join(self.factors[:-1]) + f" and {self.factors[-1]}"
         summary = (
             f"Gaps: of {len(counts)} combinations of {factors}, {len(counts) - absent.sum() - other.sum()} have "
-            f"{_number(usual, 'capture')}, {other.sum()} another number, {absent.sum()} none"
+            f"{_number(usual, 'capture')}, {other.sum()} have another number, {absent.sum()} have none"
         )
         # A gesture that a subject never did is one gap, not one for each condition.
         pairs = counts.groupby(["subject", "gesture"], sort=False)["captures"].transform("sum") == 0
@@ -122,21 +120,21 @@ class Survey:
         """Odd taxels: a sentence, and the first examples."""
         odd = self.odd_taxels
         if not len(odd):
-            return [f"Taxels: nothing is odd about the {len(self.taxels)}"]
+            return [f"Taxels: none of {len(self.taxels)} is odd"]
         lines = [
-            f"row {t['row']}, col {t['col']}: {t['verdict']} (SD {t['sd']:.3g}, around it {t['around']:.3g}; "
-            f"readings {t['lowest']:g} to {t['highest']:g}; alone still in {t['still']:.3g} % of captures)"
+            f"row {t['row']}, col {t['col']}: {t['verdict']} (SD {t['sd']:.3g}, neighbours {t['around']:.3g}; "
+            f"readings {t['lowest']:g} to {t['highest']:g}; alone constant in {t['still']:.3g} % of captures)"
             for t in odd.to_dict("records")
         ]
         summary = f"Taxels: {len(odd)} of {len(self.taxels)} odd; rows and columns from 0"
         if odd["verdict"].isin([LESS]).any():
-            summary += "; one that varies far less may be broken, or few touched it"
+            summary += "; a taxel that varies far less may be broken or seldom touched"
         return [summary, *_first(lines, len(lines))]
 
     def duplicate_lines(self) -> list[str]:
         """Duplicate captures: a sentence, and the first examples."""
         if not len(self.duplicates):
-            return ["Duplicates: no two captures have the same frames"]
+            return ["Duplicates: none; no two captures have the same frames"]
         lines = []
         for _, part in self.duplicates[self.duplicates["group"] <= NAMED].groupby("group"):
             first, *others = part.drop(columns=["group", "differs", "quiet"]).to_dict("records")
@@ -147,7 +145,7 @@ class Survey:
         differs = [set(names.split(", ")) for names in firsts["differs"]]
         other = sum(bool({"subject", "gesture"} & names) for names in differs)
         summary = (
-            f"Duplicates: {len(self.duplicates)} captures share their frames with another one, in {len(firsts)} "
+            f"Duplicates: {len(self.duplicates)} captures have the same frames as another one, in {len(firsts)} "
             f"groups; {other} of them under several subjects or gestures"
         )
         copied = zip(differs, firsts["quiet"], strict=True)
@@ -189,7 +187,7 @@ def survey(corpus: Corpus) -> Survey:
         InputError: there is no capture.
     """
     if not len(corpus):
-        raise InputError(f"{corpus.name} has no captures to look at")
+        raise InputError(f"{corpus.name} has no captures to show; widen where=")
     gestures, code = np.unique(corpus.captures["gesture"].astype(str).to_numpy(dtype=object), return_inverse=True)
     readings = _Readings(corpus, code, len(gestures))
     factors = _factors(corpus.captures)
@@ -306,9 +304,9 @@ def _taxels(readings: _Readings, corpus: Corpus) -> pd.DataFrame:
             "always at full scale": lowest >= corpus.full_scale,
             "never varies": lowest == highest,
             "never varies within a capture": never,
-            "often does not vary while all around it do": still > ALONE,
+            "often constant while its neighbours vary": still > ALONE,
             LESS: ODD * sd < around,
-            "varies far more than those around it": sd > ODD * around,
+            "varies far more than its neighbours": sd > ODD * around,
         }
     row, col = np.indices(corpus.grid).reshape(2, -1)
     return pd.DataFrame(

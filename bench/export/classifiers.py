@@ -26,7 +26,7 @@ from models.quantised import lower, rounded
 
 SINGLE = np.float32
 ROUNDING = 1e-6
-HAVE = "reflex, lda, softmax, bayes, svm, tree, rf, et and xgb"
+HAVE = "reflex, lda, softmax, bayes, svm, tree, rf, et or xgb"
 
 
 @dataclass
@@ -87,7 +87,7 @@ def _affine(steps: list, width: int) -> Affine:
         elif isinstance(step, Pipeline):
             scaling = _then(scaling, *_affine([part for _, part in step.steps], width))
         else:
-            raise InputError(f"{type(step).__name__} between features and classifier has no C")
+            raise InputError(f"{type(step).__name__} between features and classifier has no C; leave it out")
     return scaling
 
 
@@ -391,4 +391,4 @@ def decider(system: Pipeline, width: int, bits: int) -> Decider:
     for kind, convert in DECIDERS.items():
         if isinstance(classifier, kind):
             return convert(scaling, classifier, bits)
-    raise InputError(f"{type(classifier).__name__} has no C: {HAVE} have")
+    raise InputError(f"{type(classifier).__name__} has no C; use {HAVE}")

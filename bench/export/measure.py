@@ -78,7 +78,7 @@ def measured(folder: Path) -> dict[str, float]:
     numbers: dict[str, float] = {}
     for pattern in PRINTED:
         if not (match := re.search(pattern, text)):
-            raise ValueError(f"make flash count chip said nothing of {pattern.partition(':')[0]}: {text[-300:]}")
+            raise ValueError(f"make flash count chip printed nothing about {pattern.partition(':')[0]}: {text[-300:]}")
         numbers |= {name: float(value) for name, value in match.groupdict().items()}
     return {
         "chip_flash_bytes": numbers["flash"],

@@ -21,7 +21,7 @@ def check(system: System) -> None:
         InputError: it is.
     """
     if type(system) is not Hughes2017CNN:
-        raise InputError(f"{type(system).__name__} has no C: of networks hughes2017_cnn has; so have {HAVE}")
+        raise InputError(f"{type(system).__name__} has no C; use hughes2017_cnn, {HAVE}")
 
 
 def convolved(system: Hughes2017CNN, grid: tuple[int, int], bits: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -59,7 +59,7 @@ def check(estimator: Any) -> None:
         return
     _features(system, steps)
     if not has_c(system.steps[-1][1]):
-        raise InputError(f"{type(system.steps[-1][1]).__name__} has no C: {HAVE} have")
+        raise InputError(f"{type(system.steps[-1][1]).__name__} has no C; use {HAVE}")
 
 
 def chip_of(recogniser: Recogniser, bits: int) -> Chip:
@@ -129,7 +129,7 @@ def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
     recipe = estimator if isinstance(estimator, Recipe) else None
     system = getattr(recipe, inside) if recipe else estimator
     if isinstance(system, Reflex):
-        raise InputError("reflex behind steps of its own has no C; leave model.scale= and the like out")
+        raise InputError("reflex with model.scale= or other steps has no C; leave these steps out")
     steps = recipe.steps() if recipe else []
     if any(isinstance(step, Scale) and step.kind == "log" for step in steps):
         raise InputError("model.scale=log has no C; fit with model.scale=peak or without")
@@ -146,15 +146,17 @@ def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]
     windows = next((step for step in steps if isinstance(step, Windows)), None)
     if isinstance(features, TouchFeatures):
         if windows is not None and windows.hop not in (0, windows.seconds / 2):
-            raise InputError(f"windows every {windows.hop:g} s have no C; leave model.hop= out, which is half a window")
+            raise InputError(
+                f"model.hop={windows.hop:g} has no C; leave model.hop= out, which sets it to half a window"
+            )
         if windows is None:
-            raise InputError("touch of whole captures cannot be computed as frames come; fit with model.window=1")
+            raise InputError("touch on whole captures has no C; fit with model.window=1")
         return "touch", windows
     if isinstance(features, Jung28) and (features.area, features.peaks) == ("frame", "crossings"):
         if windows is not None:
             raise InputError("jung28 on windows has no C yet; leave model.window= out")
         return "jung28", None
-    raise InputError(f"{type(features).__name__} has no C: touch on windows and jung28 of whole captures have")
+    raise InputError(f"{type(features).__name__} has no C; use touch with model.window=, or jung28 on whole captures")
 
 
 def _steps(steps: list[Step], rate_hz: float) -> dict[str, Any]:
@@ -185,7 +187,7 @@ def _windows(windows: Windows | None, short: Windows | None, rate_hz: float) -> 
     early_window, early_hop = short.lengths(rate_hz) if short else (0, 0)
     for frames, step in ((window, hop), (early_window, early_hop)):
         if step != (frames + 1) // 2:
-            raise InputError(f"windows of {frames} frames every {step} have no C; leave model.hop= out, which is half")
+            raise InputError(f"windows of {frames} frames every {step} have no C; leave model.hop= out")
     segment = max(2, round(SEGMENT_S * rate_hz))
     lags = ", ".join(str(max(1, round(s * rate_hz))) for s in LAGS_S)
     return {

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 CODE = Path(__file__).parent / "code"
 TYPES = {"int8": "int8_t", "int16": "int16_t", "int32": "int", "float32": "float"}
 PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "STOPPING", "THRESHOLD")
-SETTLED = "settled: how settled the label is, 0 to 1; from TOUCH_THRESHOLD on, waiting for more gains too little."
-NOT_SETTLED = "settled: always 0, as no moment was learned from which waiting for more gains too little."
+SETTLED = "settled: 0 to 1; from TOUCH_THRESHOLD on, more touch is expected to gain too little."
+NOT_SETTLED = "settled: always 0, because training found no saving by deciding early."
 TOP = """/* From frames to a label, in the order in which it happens: a frame is checked and repaired, joins what is
    kept of the capture, and, where a decision is due, features are computed and classified. touch_push and touch_label
    stand at the end. All that changes is in touch_t; what was learnt is in tables.h. */
@@ -33,8 +33,8 @@ COMMENTS = {  # by the first constant of each group
     "WINDOW": "Frames of a window and from one to the next, and of the shorter ones before the first; 0 for none.",
     "CONVOLVED": "Frames of a window and from one to the next; windows that are open at a time; filters and pools.",
     "SEGMENT": "Spectra: frames of a segment, most points; lags of autocorrelations, in frames.",
-    "STOPPING": "How settled a label must be, as training people have shown.",
-    "CALIBRATED": "How sure a label may be after so many ms, as training people have shown.",
+    "STOPPING": "Early decisions: how settled a label must be, learned on training subjects.",
+    "CALIBRATED": "Calibration: confidence by ms of touch, learned on training subjects.",
     "PASSES": "Rounds in which broken taxels are filled from their neighbours; labels that are remembered.",
     "SIGNALS": "Features of touch: signals of a frame, what is taken of each, and of the taxels in order of size.",
     "NAMES": "Classes, in the order of probabilities.",

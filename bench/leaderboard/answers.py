@@ -42,10 +42,10 @@ def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
         runs = []
     runs = [run for run in runs if all(str(run.get(k, "")) == v for k, v in wanted.items())]
     if not runs:
-        raise InputError(f"no run of bench {task.command} is stored of {system}; make one: {how}")
+        raise InputError(f"no run of bench {task.command} with {system} is stored; make one: {how}")
     if answers := [run for run in runs if not differs(task, run)]:
         return answers[-1]
-    raise InputError(f"{system} is stored with {differs(task, runs[-1])}, which is not {task.name}; make a run: {how}")
+    raise InputError(f"{system} has a stored run with {differs(task, runs[-1])}, but {task.name} needs: {how}")
 
 
 def differs(task: Task, run: Row) -> str:
@@ -74,9 +74,9 @@ def table(store: Store, task: Task, run: Row) -> pd.DataFrame:
     joined = tasks.rows_of(task).merge(rows, on=["capture", *task.keys], how="left", validate="one_to_one")
     if (missing := joined["predicted"].isna()).any():
         row = ", ".join(f"{k} {v}" for k, v in joined.loc[missing, ["capture", *task.keys]].iloc[0].items())
-        raise InputError(f"run {run['run_id']} has no label of {row}; it does not answer {task.name}")
+        raise InputError(f"run {run['run_id']} has no label of {row}, which {task.name} needs")
     if (joined["tracked"] != joined["true"]).any():
-        raise InputError(f"run {run['run_id']} has other captures than {task.name}")
+        raise InputError(f"run {run['run_id']} has other captures than {task.name}; submit a run of the task")
     return joined.drop(columns="tracked")
 
 

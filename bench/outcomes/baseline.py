@@ -55,18 +55,18 @@ def read(path: Path, check: Callable[[str], object] = str) -> list[Measured]:
         baseline = [_loaded(dict(entry)) for entry in stored["systems"]]
     except FileNotFoundError as e:
         raise InputError(
-            f"baseline={path}: there is no such file; write one, for example: bench check baseline={path} update=true "
+            f"baseline={path}: there is no such file; write one, for example: bench check baseline={path} update=yes "
             "model=svm,rf"
         ) from e
     except (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError) as e:
         raise InputError(
             f"baseline={path} is damaged or no baseline ({type(e).__name__}: {e}); restore it, or move it away and "
-            "write a new one with update=true"
+            "write a new one with update=yes"
         ) from e
     for measured in baseline:
         check(measured.run)
     if not baseline:
-        raise InputError(f"baseline={path} holds no system; add some with update=true")
+        raise InputError(f"baseline={path} holds no system; add some with update=yes")
     return baseline
 
 

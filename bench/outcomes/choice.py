@@ -43,6 +43,8 @@ WORDS = {  # an amount of a cost
     "decision": "until the decision",
     "cycles": "instructions",
 }
+NOUNS = {"flash": "flash", "ram": "RAM", "predict": "computing time", "decision": "decision time"}
+NOUNS |= {"cycles": "instruction count"}
 UNKNOWN = {  # why a cost is not known
     "flash": "their size cannot be counted",
     "ram": "their memory cannot be counted",
@@ -204,18 +206,18 @@ def eligible(
     if len(complete):
         failed = failed.merge(complete[[*COMPARABLE]].drop_duplicates())
     if names := sorted(set(failed["system"])):
-        notes.append(f"Left out, because folds failed: {'; '.join(names)}. Repeat the command to run them again.")
+        notes.append(f"Left out because folds failed: {'; '.join(names)}. Repeat the command to run these folds again.")
     if BATCH in complete and not batch:
         dependent = complete[BATCH] == "true"
         if names := sorted(set(complete["system"][dependent])):
             complete = complete[~complete["system"].isin(names)]
             notes.append(
-                "Left out, because predictions depend on the captures that are predicted together: "
-                f"{'; '.join(names)}. Give batch=yes to choose among them, too."
+                "Left out because predictions depend on other test captures: "
+                f"{'; '.join(names)}. To include these systems, give batch=yes."
             )
     if not len(complete):
         why = "".join(f". {note.removesuffix('.')}" for note in notes)
-        raise NothingTracked(f"no complete run is tracked for these values; make some with bench run, then choose{why}")
+        raise NothingTracked(f"no complete run is stored for these values; make one with bench run, then choose{why}")
     return complete, notes
 
 
@@ -228,7 +230,7 @@ def _asked(tables: list[pd.DataFrame], asked: Mapping[str, list[str]]) -> pd.Dat
     columns = {COLUMNS.get(key, key): key for key in asked}
     for column, key in columns.items():
         if column.startswith("protocol.") and not any(column in runs for runs in tables):
-            raise InputError(f"{key}: no run of a protocol that has it is tracked")
+            raise InputError(f"{key}: no stored run has this parameter; leave it out or run that protocol")
     parts = []
     for runs in (table for table in tables if columns.keys() <= {*table.columns}):
         if "shots" in asked and "protocol.unlabelled" in runs:
@@ -256,7 +258,7 @@ def _newest(runs: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
     if not kept.all():
         versions = ", ".join(dict.fromkeys(digest[:8] for digest in runs["corpus_digest"][~kept]))
         notes.append(
-            f"Left out: {_several(int((~kept).sum()), 'older run')} on another version of {newest['data']} or of the "
+            f"Left out: {several(int((~kept).sum()), 'older run')} on another version of {newest['data']} or of the "
             f"protocol (corpus {versions})."
         )
     return runs[kept], notes
@@ -347,7 +349,7 @@ def decide(
     best = _best(table, by, budgets)
     limits = [_limit(table, subjects, by, budgets, cost, best) for cost in budgets]
     if best is None:
-        table.loc[unranked, "verdict"] = f"{by} not known"
+        table.loc[unranked, "verdict"] = f"{by} unknown"
         return Choice(table.sort_values(by), None, None, None, unranked, limits)
     near = []
     for i in fits.index:
@@ -362,7 +364,7 @@ def decide(
     for i in fits.index:
         verdict = "as good" if i in near else "below the best"
         if i in unranked:
-            verdict += f", {by} not known"
+            verdict += f", {by} unknown"
         elif i in near:
             verdict += ", costlier" if i in dearer else ", equally cheap"
         table.loc[i, "verdict"] = "chosen" if i == chosen else verdict
@@ -373,7 +375,7 @@ def decide(
 def _excess(row: Row, budgets: Mapping[str, float]) -> str:
     """By which budgets a candidate is ruled out; empty for none."""
     over = [
-        f"{cost} {' > '.join(apart(cost, row[cost], most))}" if np.isfinite(row[cost]) else f"{cost} not known"
+        f"{cost} {' > '.join(apart(cost, row[cost], most))}" if np.isfinite(row[cost]) else f"{cost} unknown"
         for cost, most in budgets.items()
         if not _within(row[cost], most)
     ]
@@ -463,11 +465,14 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
     limits = [_limited(limit, rows, choice.best) for limit in choice.budgets]
     if choice.chosen is None or choice.best is None:
         if choice.unranked:
-            return [f"Nothing can be chosen: {by} of no candidate that fits is known ({UNKNOWN[by]}).", *limits]
-        return ["Nothing fits: every candidate is ruled out by a budget.", *limits]
+            return [
+                f"Nothing can be chosen: the {NOUNS[by]} of every system that fits is unknown ({UNKNOWN[by]}).",
+                *limits,
+            ]
+        return ["Nothing fits the budgets.", *limits]
     chosen, best = rows[choice.chosen], rows[choice.best]
     lines = [f"Choose {named(chosen)}: {chosen['accuracy']:.1f} % with {amount(by, chosen[by])} {WORDS[by]}."]
-    fits = "that fits" + (f" and has a known {by}" if choice.unranked else "")
+    fits = "that fits" + (f" and has a known {NOUNS[by]}" if choice.unranked else "")
     near, none_near, proof = "within one standard error of", "is within one standard error", ""
     if margin is not None:
         near, none_near = (f"{word} less than {margin:g} points" for word in ("that loses", "is shown to lose"))
@@ -493,40 +498,41 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
     if choice.unranked:
         first = rows[choice.unranked[0]]
         lines.append(
-            f"{_several(len(choice.unranked), 'candidate')} cannot be chosen, because the {by} is unknown "
+            f"{several(len(choice.unranked), 'system')} cannot be chosen, because the {NOUNS[by]} is unknown "
             f"({UNKNOWN[by]}). The most accurate of these is {named(first)}, {first['accuracy']:.1f} %."
         )
     lines += limits
     if subjects < FEW_SUBJECTS:
         alone = ", so there is no standard error" if subjects == 1 else ""
-        lines.append(f"Only {_several(subjects, 'subject')}{alone}: this says little about the next person.")
+        lines.append(f"Only {several(subjects, 'subject')}{alone}: the order may differ for other people.")
     if mixed:
-        lines.append("Training and test captures come from the same subjects: this does not hold for a new person.")
+        lines.append("Training and test captures come from the same subjects: expect lower accuracy for a new person.")
     return lines
 
 
 def _limited(limit: Budget, rows: Mapping[int, Row], best: int | None) -> str:
-    """What a budget costs, or where nothing fits, how far the candidates are from it."""
+    """What a budget costs, or where nothing fits, how far the systems are from it."""
     cost, count = limit.cost, limit.over + limit.unknown
-    head = f"{cost} at most {amount(cost, limit.most)}"
-    unknown = f" ({limit.unknown} with unknown {cost}: {UNKNOWN[cost]})" if limit.unknown else ""
-    without = "nothing fits either"
+    head = f"The budget of {amount(cost, limit.most)} for {NOUNS[cost]}"
+    unknown = f" ({limit.unknown} with unknown {NOUNS[cost]}: {UNKNOWN[cost]})" if limit.unknown else ""
+    without = "no system fits either"
     if limit.without is not None:
         row = rows[limit.without]
-        without = f"the best that fits is {named(row)}, {row['accuracy']:.1f} %"
+        without = f"the best system that fits is {named(row)}, {row['accuracy']:.1f} %"
     if best is not None:
-        price = f"costs {points(limit.gain, limit.error)} points: without it {without}."
+        price = f"costs {points(limit.gain, limit.error)} points: without it, {without}."
         if limit.without == best:
-            price = "costs nothing: without it the best that fits is the same."
-        return f"{head} {price}" + (f" It rules out {_several(count, 'candidate')}{unknown}." if unknown else "")
+            price = "costs nothing: without it, the best system is the same."
+        return f"{head} {price}" + (f" It rules out {several(count, 'system')}{unknown}." if unknown else "")
     if not count:
-        return f"{head} rules out no candidate."
-    counts = f"{head} alone rules out {count} of {_several(len(rows), 'candidate')}{unknown}"
+        return f"{head} rules out no system."
+    lines = [f"{head} rules out {count} of {several(len(rows), 'system')}{unknown}."]
     if limit.least is not None:
         row = rows[limit.least]
-        counts += f"; the least that any needs is {apart(cost, row[cost], limit.most)[0]}, {named(row)}"
-    return f"{counts}. Without it {without}."
+        lines.append(f"The lowest {NOUNS[cost]} is {apart(cost, row[cost], limit.most)[0]} ({named(row)}).")
+    return " ".join([*lines, f"Without this budget, {without}."])
 
 
-def _several(number: int, noun: str) -> str:
+def several(number: int, noun: str) -> str:
+    """A number with its noun, in the plural unless it is 1."""
     return f"{number} {noun}{'s' if number != 1 else ''}"

@@ -73,7 +73,9 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
     """
     both = then.labels.merge(now.labels, on=["fold", "capture"], how="outer", suffixes=("", "_now"), indicator="side")
     if (both["side"] != "both").any() or (both["true"] != both["true_now"]).any():
-        return Verdict(named(then), ("other captures",), "the run tests other captures; update the baseline")
+        return Verdict(
+            named(then), ("other captures",), "the run tests other captures than the baseline; update the baseline"
+        )
     hit_then, hit_now = (both[label] == both["true"] for label in ("predicted", "predicted_now"))
     difference = hit_now.astype(int) - hit_then.astype(int)
     units, kind = units_of(both.assign(difference=difference), level)
@@ -91,7 +93,7 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
             details.append(f"{label} x{ratio:.2f}")
             wrong += [alarm] if ratio > most else []
         else:
-            details.append(f"{label} not known")
+            details.append(f"{label} unknown")
     percent = 100 / len(both)
     line = (
         f"{100 * hit_then.mean():.1f} -> {100 * hit_now.mean():.1f} %, {percent * difference.sum():+.1f} "
@@ -112,7 +114,11 @@ def _free(then: Measured, now: Measured) -> str:
     if held(then, now):
         return ""
     seed = now.names["seed"]
-    return f" (as seed {seed} may)" if seed != then.names["seed"] else " (as other processors, threads or versions may)"
+    return (
+        f" (allowed with seed {seed})"
+        if seed != then.names["seed"]
+        else " (allowed with other processors, threads or versions)"
+    )
 
 
 def units_of(tested: pd.DataFrame, level: float) -> tuple[np.ndarray, str]:
@@ -174,9 +180,9 @@ def counterpart(then: Measured, current: list[Measured]) -> Measured | None:
 
 
 def _missing(then: Measured, current: list[Measured]) -> Verdict:
-    details = f"no complete current run; it is made by: bench run {then.run}"
+    details = f"no complete current run; make one with: bench run {then.run}"
     if any(all(now.names[k] == then.names[k] for k in SAME) for now in current):
-        details = f"the captures are others than the baseline's (digest {then.names['corpus_digest'][:16]})"
+        details = f"the run tests other captures than the baseline (digest {then.names['corpus_digest'][:16]})"
     return Verdict(named(then), ("not run",), details, current=False)
 
 

@@ -41,7 +41,7 @@ def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
         if "accuracy" in r.data.metrics
     ]
     if not rows:
-        raise NothingTracked("no scored run is tracked here; make one first, for example: bench run model=svm")
+        raise NothingTracked("no scored run is stored here; make one first, for example: bench run model=svm")
     runs = pd.DataFrame(rows)
     runs = runs.assign(complete=runs["status"] == "FINISHED").sort_values(["complete", "started"])
     options = [c for c in runs.columns if c.startswith(("stream.", f"{kind}.")) or c in ("faults", "train_subjects")]
@@ -131,8 +131,8 @@ def needed(store: Store, run: Row, name: str) -> Path:
     path = artifact(store, run, name)
     if path is None:
         raise InputError(
-            f"{name} of {run['system']} (run {run['run_id']}) is gone from the store; bring it back, or delete the run "
-            "in bench ui and make it again"
+            f"{name} of {run['system']} (run {run['run_id']}) is missing in the store; restore it, or delete the run "
+            "in bench ui and run it again"
         )
     return path
 

@@ -212,19 +212,18 @@ def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
     lines = []
     if subjects < FEW_SUBJECTS:
         lines.append(
-            f"{subjects} subject{'s are' if subjects != 1 else ' is'} too few to conclude anything: below "
-            f"{FEW_SUBJECTS}, no signed rank test can reach p < 0.05, and an interval over them says little about the "
-            "next person."
+            f"{subjects} subject{'s are' if subjects != 1 else ' is'} too few for conclusions: below "
+            f"{FEW_SUBJECTS} subjects, no signed rank test can reach p < 0.05, and intervals are unreliable."
         )
     elif (least := 2.0 ** (1 - subjects)) * (systems - 1) > 0.05:
         lines.append(
-            f"The smallest p that {subjects} subjects can give is {least:.2g}; corrected for {systems - 1} comparisons "
-            "nothing can reach 0.05."
+            f"With {subjects} subjects, the smallest possible p is {least:.2g}; corrected for {systems - 1} "
+            "comparisons, no p can reach 0.05."
         )
     if folds < 2:
-        lines.append("One split: how results vary with the training subjects is not known.")
+        lines.append("There is only one split, so the variation between training sets is unknown.")
     if mixed:
-        lines.append("Captures of one subject are on both sides: nothing here holds for a new person.")
+        lines.append("Training and test captures come from the same subjects: expect lower accuracy for a new person.")
     if systems > 1:
-        lines.append("The best system was picked by these very results, which flatters it.")
+        lines.append("The best system was selected by these results, so its advantage may be overestimated.")
     return lines

@@ -71,7 +71,7 @@ def reached() -> Iterator[None]:
         yield
     except (MlflowException, RequestException, SQLAlchemyError, OSError) as e:
         raise StoreError(
-            f"the MLflow store {_shown(store_uri())} failed: {_first_line(e)}; what is stored stays, repeat the "
+            f"the MLflow store {_shown(store_uri())} failed: {_first_line(e)}; stored results are kept; repeat the "
             "command when the store works again"
         ) from e
 
@@ -364,7 +364,7 @@ def only_one(key: str) -> Iterator[None]:
         with FileLock(lock_folder() / f"{key}.lock", timeout=0):
             yield
     except Timeout as e:
-        raise InputError("another process is running this very cell; wait for it and repeat the command") from e
+        raise InputError("another process is evaluating this system; wait for it and repeat the command") from e
 
 
 def lock_folder() -> Path:

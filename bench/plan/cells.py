@@ -258,7 +258,7 @@ def _described(tuning: Tuning) -> str:
     """What a search tries and how, in a few words: ``C, gamma=0.1|1, inner=loso``."""
     values = {k: v if isinstance(v, list) else None for k, v in tuning["space"].items()}
     words = [k if v is None else f"{k}=" + "|".join(map(str, v)) for k, v in values.items()]
-    return ", ".join([*words, *(f"{k}={v}" for k, v in tuning.items() if k not in ("space", "seed"))])
+    return ", ".join([*words, *(f"{k}={v}" for k, v in tuning.items() if k not in ("space", "seed", "objective"))])
 
 
 def cells(values: Values) -> list[Cell]:
@@ -272,7 +272,9 @@ def cells(values: Values) -> list[Cell]:
     takes = [_takes_features(model) for model in chosen["model"]]
     if "features" in values and not any(takes):
         models = ", ".join(map(str, chosen["model"]))
-        raise InputError(f"features={values['features']} does nothing: {models} takes none; leave features= out")
+        raise InputError(
+            f"features={values['features']} has no effect: {models} uses no feature set; leave features= out"
+        )
     seeds = [convert("seed", s, 0) for s in chosen["seed"]]
     distinct: dict[str, Cell] = {}
     for data, where, target, protocol, (model, takes_features), seed in itertools.product(
@@ -325,7 +327,7 @@ def _variants(values: Values, key: str, part: object, siblings: list, seed: int 
         method = "split" if key == "protocol" else "fit"
         if inspect.isclass(part) or not callable(getattr(part, method, None)):
             kind = getattr(part, "__name__", type(part).__name__)
-            raise InputError(f"{key}={kind}: give a name, or an object that can {method}, such as {kind}()")
+            raise InputError(f"{key}={kind}: give a name, or an object with {method}(), such as {kind}()")
         return [Part(PARTS[key], contract.shown(part), instance=part)]
     factory, module = load(PARTS[key], part), ""
     if (file := part.rpartition(":")[0]).endswith(".py"):  # from wherever a worker is started

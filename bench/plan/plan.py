@@ -11,6 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from bench import contract
+from bench.arguments import quoted
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus
@@ -153,9 +154,8 @@ def corpus_of(cell: Cell) -> Corpus:
     corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
     corpus = splits.captures(cell.splitter, corpus)
     if len(set(corpus.gestures)) < 2:
-        raise InputError(
-            f"data={cell.data} where={cell.where!r}: only one {corpus.target} is left, nothing to tell apart"
-        )
+        where = f" where={quoted(cell.where)}" if cell.where else ""
+        raise InputError(f"data={cell.data}{where}: only one {corpus.target} is left; choose captures of two or more")
     return corpus
 
 
@@ -188,8 +188,8 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
         if lacking := sorted(set(gestures[fold.test]) - set(gestures[fold.train])):
             leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
-                f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} and trains none of it; "
-                f"{leave}choose another protocol"
+                f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} but has no training "
+                f"capture of it; {leave}choose another protocol"
             )
         named.append(replace(fold, name=name))
     if len({fold.name for fold in named}) < len(named):  # random splits may test the same subject twice

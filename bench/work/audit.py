@@ -241,7 +241,8 @@ def clones(subject: Audited) -> Answer:
         return FAILED, "set_params() with the values of get_params() changes parameters"
     if "first" in vars(subject) and shown(subject.first) != params:
         return FAILED, "fit() changes parameters; keep learned values in attributes that end in _"
-    return PASSED, f"clone, get_params and set_params keep {len(estimator.get_params())} parameters"
+    count = len(estimator.get_params())
+    return PASSED, f"clone, get_params and set_params keep {count} parameter{'s' * (count != 1)}"
 
 
 def shown(estimator: contract.System) -> str:
@@ -300,7 +301,7 @@ def one_frame(subject: Audited) -> Answer:
 def saved(subject: Audited) -> Answer:
     """A system that is pickled and loaded as ``bench fit`` and ``bench predict`` do."""
     if columns := contract.conditions(subject.first):
-        return SKIPPED, f"it needs {', '.join(columns)} to predict, which a saved system is not given"
+        return SKIPPED, f"it needs {', '.join(columns)} to predict, which a saved model does not get"
 
     import cloudpickle
 
@@ -313,7 +314,7 @@ def saved(subject: Audited) -> Answer:
     return passed_if(
         difference(*(table.drop(columns=["label", "confidence"]) for table in labels)),
         f"saved ({len(content) / 1000:,.0f} kB) and loaded, it predicts the same",
-        "saved and loaded, it predicts otherwise",
+        "saved and loaded, it gives other predictions",
     )
 
 

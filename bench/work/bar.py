@@ -1,4 +1,4 @@
-"""A progress bar for each run, with the time left, and a line below it for each fold that reports progress."""
+"""The bar of the folds of each run, with the time left, and lines below it that tell what is running."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from rich.text import Text
 
 from bench import progress
 from bench.outcomes.results import FoldResult
-from bench.progress import Message, messages, seconds_left, span
+from bench.progress import Message, about, messages, seconds_left, smoothed, span
+
+NAMED = 3  # running folds that a line names
 
 
 class Bar(Progress):
@@ -24,6 +26,7 @@ class Bar(Progress):
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.shown: dict[tuple[str, str], tuple[float, float]] = {}  # by run and fold: seconds left, and when shown
         super().__init__(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
@@ -52,7 +55,7 @@ class Bar(Progress):
         run = self._of(key)
         self.advance(run.id)
         if result.error:
-            self.console.print(f"fold {result.name} failed: {last_line(result.error)}", style="red", markup=False)
+            self.console.print(f"{named(result.name)} failed: {last_line(result.error)}", style="red", markup=False)
         else:  # what failed at once says nothing of the others
             run.fields["seconds"].append(result.seconds)
         if not self.console.is_terminal:
@@ -60,7 +63,8 @@ class Bar(Progress):
             how = "failed" if result.error else "done"
             after = f" after {span(result.seconds)}" if result.seconds else ""
             left = f", {run.fields['left']}" if run.fields["left"] else ""
-            line = f"{run.description}: fold {result.name} {how}{after}, {run.completed:.0f} of {run.total:.0f}{left}"
+            done = f"{run.completed:.0f} of {run.total:.0f} folds"
+            line = f"{run.description}: {named(result.name)} {how}{after}, {done}{left}"
             self.console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def end(self, key: str) -> None:
@@ -82,17 +86,27 @@ class Bar(Progress):
         self._estimate(spoken)
         yield self.make_tasks_table(self.tasks)
         titles = {run.fields["key"]: f"{run.description}: " for run in self.tasks if len(self.tasks) > 1}
+        keys = {run.fields["key"] for run in self.tasks}
+        silent: dict[str, list[str]] = {}  # by run: folds that run without a message
         for message in spoken:
             if message.words:
-                left = "" if message.left is None else f", {span(message.left - (now - message.at))} left"
-                line = f"  {titles.get(message.run, '')}{message.fold}: {message.words}{left}"
-                yield Text(line, overflow="ellipsis", no_wrap=True)
+                left = ""
+                if message.left is not None:
+                    left = f", {about(self._smoothed(message[:2], message.left - (now - message.at)))} left"
+                name = named(message.fold) if message.run else message.fold
+                yield _line(f"{titles.get(message.run, '')}{name}: {message.words}{left}")
+            elif message.run in keys:
+                silent.setdefault(message.run, []).append(message.fold)
+        for key, names in silent.items():
+            more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+            words = ", ".join([named(names[0]), *names[1:NAMED]])
+            yield _line(f"{titles.get(key, '')}running: {words}{more}")
 
     def _of(self, key: str) -> Task:
         return next(run for run in self.tasks if run.fields["key"] == key)
 
     def _estimate(self, spoken: list[Message]) -> None:
-        """Note at each bar how long its folds still take; nothing where that cannot be known."""
+        """Note at each bar how long its folds still take; nothing before one of them is done."""
         now = time.time()
         for run in self.tasks:
             going = [
@@ -103,7 +117,25 @@ class Bar(Progress):
             remaining = int(run.remaining or 0)
             waiting = max(remaining - len(going), 0)
             left = seconds_left(run.fields["seconds"], going, waiting, run.fields["workers"]())
-            run.fields["left"] = f"{span(left)} left" if remaining and left is not None else ""
+            run.fields["left"] = ""
+            if remaining and left is not None:
+                run.fields["left"] = f"{about(self._smoothed((run.fields['key'], ''), left))} left"
+
+    def _smoothed(self, of: tuple[str, str], estimate: float) -> float:
+        """The time left to show of a run, or of one of its folds."""
+        now = time.time()
+        before, at = self.shown.get(of, (None, now))
+        self.shown[of] = smoothed(before, max(estimate, 0.0), now - at), now
+        return self.shown[of][0]
+
+
+def named(fold: str) -> str:
+    """A fold as lines name it; those of some protocols are called fold01."""
+    return fold if fold.startswith("fold") else f"fold {fold}"
+
+
+def _line(words: str) -> Text:
+    return Text(f"  {words}", overflow="ellipsis", no_wrap=True)
 
 
 def last_line(error: str) -> str:

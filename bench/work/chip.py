@@ -76,7 +76,7 @@ class OnChip(Experiment[None]):
         check(plan.cell.untrained)
         if missing := lacking():
             raise InputError(
-                f"bench chip needs {', '.join(missing)}, not installed here; of Debian, the packages gcc make "
+                f"bench chip needs {', '.join(missing)}, which are not installed; on Debian, install gcc make "
                 "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
             )
 

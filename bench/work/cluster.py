@@ -209,8 +209,8 @@ class Cluster:
 
     def _gone(self) -> ClusterError:
         return ClusterError(
-            f"cluster={self.address}: the scheduler is gone; every finished fold is stored and the same command goes "
-            "on from there"
+            f"cluster={self.address}: the scheduler is gone; every finished fold is stored, and the same command "
+            "continues from there"
         )
 
 

@@ -81,8 +81,8 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
     estimator, corpus = cell.estimator(), corpus_of(cell)
     if conditions := contract.conditions(estimator):
         raise InputError(
-            f"model={cell.model}: it needs {', '.join(conditions)} to predict, which a saved system is not given; "
-            "remove conditions from it, or evaluate it with bench run"
+            f"model={cell.model}: it predicts with {', '.join(conditions)}, which a saved model does not get; "
+            "remove its conditions, or evaluate it with bench run"
         )
     contract.check_training(estimator, corpus, corpus.gestures)
     store, threads = connect(), usable_cores()
@@ -129,7 +129,7 @@ def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
     except InputError as e:
         why = str(e)
     if why:
-        warn(f"warning: no calibration and no threshold go with the model: {why}")
+        warn(f"warning: the model has no calibration and no stopping threshold: {why}")
         return None
     return learned(cell.estimator, corpus, np.arange(len(corpus)), Replay())[0]
 
@@ -152,15 +152,13 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
     from bench.work.saved import by_value, quiet
 
     if recogniser.adapted:
-        raise InputError(
-            f"{model} is adapted already; give all captures of the person at once, to the system it came of"
-        )
+        raise InputError(f"{model} is adapted already; adapt the original model to all captures of the person at once")
     if not contract.adapts(recogniser.estimator):
         raise InputError(
-            f"{model} cannot adapt to a person: reflex, lda, networks and what was fitted with model.person= can"
+            f"{model} cannot adapt to a person; use reflex, lda, a network or a model fitted with model.person="
         )
     if unknown := sorted({str(name) for name in y} - set(recogniser.classes)) if y is not None else []:
-        raise InputError(f"gesture {unknown[0]} is none that {model} knows: {', '.join(recogniser.classes)}")
+        raise InputError(f"gesture {unknown[0]} is not a class of {model}; known: {', '.join(recogniser.classes)}")
     began = time.perf_counter()
     personal = copy(recogniser)
     personal.adapted = True

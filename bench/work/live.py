@@ -37,11 +37,11 @@ def live(values: dict[str, str]) -> int:
     """
     for key in values:
         if key not in OPTIONS:
-            raise InputError(f"source={values['source']}: {key}= means nothing here; {nearest(key, OPTIONS)}")
+            raise InputError(f"source={values['source']}: {key}= is no option here; {nearest(key, OPTIONS)}")
     if values["source"] != "-":
         raise InputError(f"source={values['source']}: give source=- to read standard input")
     if "model" not in values:
-        raise InputError("source=- needs model=, what bench fit has printed, or the folder that it made")
+        raise InputError("source=- needs model=, the address or folder that bench fit printed")
     from bench.work.saved import load
 
     hop_ms = number("hop_ms", values.get("hop_ms", str(HOP_MS)))
@@ -107,16 +107,14 @@ def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np
     while line := stream.readline(most + 1):
         at += 1
         if len(line) > most:
-            raise InputError(
-                f"line {at}: longer than {most} bytes, {channels} values are wanted; send one frame a line"
-            )
+            raise InputError(f"line {at}: longer than {most} bytes; send one frame of {channels} values per line")
         text = line.removesuffix(b"\n").removesuffix(b"\r").strip(b" \t")
         if not text:
             yield None
             continue
         cells = [cell.strip(b" \t") for cell in text.split(b",")] if b"," in text else re.split(rb"[ \t]+", text)
         if len(cells) != channels:
-            raise InputError(f"line {at}: {len(cells)} values instead of {channels}; send one frame a line")
+            raise InputError(f"line {at}: {len(cells)} values instead of {channels}; send one frame per line")
         if wrong := [c for c in cells if len(c) > CHARACTERS or not NUMBER.fullmatch(c)]:
             word = quoted(wrong[0].decode("utf-8", "replace"))
             raise InputError(f"line {at}: {word} is not a decimal number; send sensor values")
@@ -124,7 +122,8 @@ def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np
             values = np.array(cells, dtype=np.float64).astype(np.float32).astype(np.float64)
         within = (values >= 0) & (values <= highest_of(full_scale))
         if not within.all():
-            raise InputError(f"line {at}: {values[~within][0]:g} is not within 0 and the full scale {full_scale:g}")
+            wrong_value = f"{values[~within][0]:g} is not between 0 and the full scale {full_scale:g}"
+            raise InputError(f"line {at}: {wrong_value}; send sensor values")
         yield values
 
 

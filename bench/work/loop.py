@@ -82,14 +82,14 @@ def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment[Shown]], jo
     for plan, experiment in todo:
         if not experiment.adapts and any(fold.known for fold in plan.folds):
             raise InputError(
-                f"protocol={plan.cell.protocol}: bench {experiment.kind} tests systems as they are for anybody; leave "
-                "shots and unlabelled out"
+                f"protocol={plan.cell.protocol}: bench {experiment.kind} does not adapt systems to a person; leave "
+                "protocol.shots= and protocol.unlabelled= out"
             )
         taken = (RESERVED | experiment.columns) & set(plan.corpus.captures)
         if taken:
             raise InputError(
-                f"{plan.corpus.name} has a column {min(taken)!r}, and so has the table of results; rename it and "
-                "import again"
+                f"{plan.corpus.name} has a column {min(taken)!r}, a name that tables of results use; rename "
+                "the column and import again"
             )
         experiment.refuse(plan)
     return todo
@@ -115,7 +115,7 @@ def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate |
                 workers: Workers = Processes(folder)
                 if backend.jobs and backend.jobs > usable_cores():
                     cores = f"this machine has {usable_cores()} cores"
-                    console.print(f"warning: jobs={backend.jobs}: {cores}, more workers would only wait")
+                    console.print(f"warning: jobs={backend.jobs}: {cores}, more workers do not help")
             else:
                 from bench.work.cluster import Cluster
 
@@ -127,7 +127,9 @@ def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate |
                 with Bar(folder) as bar, Queue(connect(), todo, workers, bar, illustrate) as queue:
                     return queue.work()
     except KeyboardInterrupt as e:
-        raise Interrupted("interrupted; every finished fold is stored and the same command goes on from there") from e
+        raise Interrupted(
+            "interrupted; every finished fold is stored, and the same command continues from there"
+        ) from e
 
 
 @dataclass(eq=False)
@@ -229,7 +231,7 @@ class Queue(Generic[Shown]):
             self.workers.begin(plan)
         else:
             line = f"{plan.cell.system()} on {plan.cell.data}, {plan.cell.protocol}: all {len(plan.folds)} folds"
-            console.print(f"{line} were stored before", markup=False, soft_wrap=True)
+            console.print(f"{line} are already stored", markup=False, soft_wrap=True)
         self.bar.begin(key, plan.cell.title(), len(plan.folds), len(run.done), lambda: self.workers.count(plan))
         if not begun.waiting:
             self._close(key)
@@ -263,12 +265,15 @@ def warnings(plan: Plan) -> list[str]:
     damage = corpus.info.get("warnings", [])
     lines = [f"warning: {cell.data}: {briefly(damage, f'bench data show {cell.data}')}"] if damage else []
     if plan.mixes_subjects:
-        lines.append(f"warning: protocol={cell.protocol} mixes subjects: scores are optimistic for a new person")
+        lines.append(
+            f"warning: protocol={cell.protocol} trains and tests on the same subjects; expect lower accuracy for a new "
+            "person"
+        )
     if plan.repeats:
         tested, trained = plan.repeats[0]
         lines.append(
-            f"warning: {cell.data}: captures with the same frames as a training capture: {len(plan.repeats)}, such as "
-            f"{named(corpus, tested)} and {named(corpus, trained)}: scores are optimistic"
+            f"warning: {cell.data}: {len(plan.repeats)} test captures have the same frames as a training capture, "
+            f"such as {named(corpus, tested)} and {named(corpus, trained)}; accuracy is too high"
         )
     plain = replace(cell, tuning=None) if cell.tuning else cell
     frames = contract.window(plain.untrained, corpus.rate_hz)

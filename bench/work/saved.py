@@ -89,7 +89,7 @@ class Recogniser(PythonModel):
         if not np.isclose(rate_hz, self.rate_hz, rtol=1e-3):
             raise InputError(
                 f"rate_hz={rate_hz:g}: this model was trained at {self.rate_hz:g} Hz; resample the frames, "
-                "or fit a model to captures of that rate"
+                "or train a model on captures of that rate"
             )
 
     def label(self, corpus: Corpus) -> pd.DataFrame:
@@ -229,7 +229,7 @@ def load(model: str) -> Recogniser:
     elif not (Path(model) / "MLmodel").is_file():
         raise InputError(
             f"{model}: not a saved model; give models:/... or runs:/.../model of the store of this folder, or a folder "
-            "that bench fit out= has made"
+            "of bench fit out="
         )
     else:
         model = str(Path(model))
@@ -244,7 +244,7 @@ def load(model: str) -> Recogniser:
     finally:
         sys.path = path
     if not isinstance(recogniser, Recogniser):
-        raise InputError(f"{model} is a model of something else; give one that bench fit has saved")
+        raise InputError(f"{model} is not a model of touchbench; give one that bench fit saved")
     if recogniser.format != FORMAT:
         raise InputError(f"{model} was saved by another version of touchbench; save it again with bench fit")
     return recogniser

@@ -167,7 +167,7 @@ def touched(log_odds: np.ndarray, clock: Clock, rate_hz: float) -> np.ndarray:
     """Probability of touch now, from the log-odds of windows so far: a filter with two states, float32.
 
     Args:
-        log_odds: values of the windows of one recording, in order along the first axis; further axes are filtered alike.
+        log_odds: log-odds of the windows of one recording, in order [windows, ...].
         clock: timing of the windows.
         rate_hz: frames per second.
     """

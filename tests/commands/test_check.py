@@ -17,9 +17,9 @@ from tests.outcomes.test_gate import measured
     [
         (["error=0"], "error="),
         (["slower=nan"], "slower="),
-        (["update=true", "run=false"], "run=false"),
+        (["update=true", "run=false"], "run=no"),
         (["baseline=damaged.json"], "damaged.json"),
-        (["baseline=none.json"], "update=true"),
+        (["baseline=none.json"], "update=yes"),
     ],
 )
 def test_bad_input_is_one_line(wrong, fact, capsys):
@@ -83,7 +83,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     gate = ["check", "baseline=here/b.json", "slower=1000"]
     assert main([*gate, "update=true", *small]) == 0
     out = capsys.readouterr().out
-    assert "new      copied | synth* | loso: " in out and "here/b.json: 1 systems" in out
+    assert "new      copied | synth* | loso: " in out and "here/b.json: 1 system" in out
     before = Path("here/b.json").read_text()
     (stored,) = read(Path("here/b.json"))
     assert len(stored.labels) == 56 and stored.names["seed"] == "none" and 0 < stored.costs["relative"] < 1000
@@ -91,7 +91,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
 
     assert main([*gate, "junit=out/check.xml"]) == 0
     captured = capsys.readouterr()
-    assert "stored before" in captured.err and "same     copied | synth* | loso: " in captured.out
+    assert "already stored" in captured.err and "same     copied | synth* | loso: " in captured.out
     assert ElementTree.parse("out/check.xml").getroot().get("failures") == "0"
 
     copied(wrong="maps = [np.roll(m, 1) * (1 + (len(f) % 3)) for m, f in zip(maps, X)]")
@@ -104,7 +104,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
 
     copied(fails="raise RuntimeError('no')")
     assert main(gate) == 1
-    assert "not run  copied | synth* | loso: no complete current run; it is made by: bench run model=copied" in (
+    assert "not run  copied | synth* | loso: no complete current run; make one with: bench run model=copied" in (
         capsys.readouterr().out
     )
     assert main([*gate, "update=true"]) == 1 and Path("here/b.json").read_text() == before

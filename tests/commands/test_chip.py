@@ -62,13 +62,13 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, capsys)
 def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):
     monkeypatch.setattr(compiled.shutil, "which", lambda name: None if "arm" in name else "/bin/true")
     for arguments, fact in {
-        ("model=bayes", "features=jung28"): "needs arm-none-eabi-gcc, qemu-system-arm, not installed here",
+        ("model=bayes", "features=jung28"): "needs arm-none-eabi-gcc, qemu-system-arm, which are not installed",
         ("model=cnn85",): "has no C",
         ("model=lda", "features=touch"): "fit with model.window=1",
         ("model=bayes", "features=jung54"): "Jung54 has no C",
         ("model=bayes", "features=jung28", "bits=16"): "bits=16: give 32 or 8",
         ("model=lda", "features=touch", "model.window=1", "model.hop=0.1"): "leave model.hop= out",
-        ("model=reflex", "model.scale=peak"): "reflex behind steps of its own has no C",
+        ("model=reflex", "model.scale=peak"): "reflex with model.scale= or other steps has no C",
     }.items():
         assert main(["chip", *arguments, *SMALL[1:]]) == 2
         assert fact in capsys.readouterr().err
@@ -83,7 +83,7 @@ def test_c_that_does_not_fit_is_a_failed_fold(tmp_path):
     with pytest.raises(ValueError, match="flash count chip: x does not fit: FLASH=1K is 9 bytes too small$"):
         compiled.measured(tmp_path)
     (tmp_path / "Makefile").write_text("flash count chip:\n\t@echo nothing\n")
-    with pytest.raises(ValueError, match="said nothing of flash"):
+    with pytest.raises(ValueError, match="printed nothing about flash"):
         compiled.measured(tmp_path)
 
 

@@ -11,7 +11,7 @@ from tests.conftest import SIX, SMALL, done
 
 GOLDEN = Path(__file__).parent / "golden"
 LDA = [*SMALL[:-1], "model=lda", "features=touch", "model.window=0.5"]
-TIMED = r"(predict|decision|mean|own hop) ms|a second|predict|decision"  # headings
+TIMED = r"(predict|decision|mean|system hop) ms|decisions per s|predict|decision"  # headings
 SAME = {  # what depends on time, place, memory and identity
     r"[^\s'/]*/six\d*": "~",
     r"file://\S*?/(?=\w+/index)": "file://~/",

@@ -178,7 +178,7 @@ def test_the_rows_of_each_kind_of_run(monkeypatch, tmp_path):
     rows = table("haart-loso-v1", stored.sample(frac=1, random_state=0))
     assert rows.filter(like="p_").to_numpy() == pytest.approx(mean.to_numpy(), abs=1e-6)
     assert rows["predicted"].tolist() == [mean.columns[i][2:] for i in mean.to_numpy().argmax(axis=1)]
-    with pytest.raises(InputError, match="1a2b has no label of capture 7;"):
+    with pytest.raises(InputError, match="1a2b has no label of capture 7,"):
         table("haart-loso-v1", stored.query("capture != 7"))
     with pytest.raises(InputError, match="other captures than haart-loso-v1"):
         table("haart-loso-v1", stored.assign(true="pat"))

@@ -80,7 +80,7 @@ def test_verify_says_it_of_each_file(arm, capsys):
     out = capsys.readouterr().out.splitlines()
     assert [" damaged:" in line for line in out[:-1]] == [name in ("frames.npy", "lengths.npy") for name in NAMES]
     assert main(["data", "verify", "leg"]) == 2
-    assert main(["data", "verify"]) == 2 and "not understood" in capsys.readouterr().err
+    assert main(["data", "verify"]) == 2 and "not an action" in capsys.readouterr().err
 
 
 def test_a_damaged_corpus_does_not_hide_the_others(arm, capsys):

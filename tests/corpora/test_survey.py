@@ -92,9 +92,9 @@ def test_broken_and_odd_taxels_are_named():
         (0, 0): "never varies",
         (0, 3): "always at full scale",
         (0, 5): "never varies within a capture",
-        (3, 3): "varies far less than those around it",
-        (5, 0): "varies far more than those around it",
-        (5, 5): "often does not vary while all around it do",
+        (3, 3): "varies far less than its neighbours",
+        (5, 0): "varies far more than its neighbours",
+        (5, 5): "often constant while its neighbours vary",
     }
     assert "6 of 36" in str(result) and len(result.taxel_lines()) == 7
     assert len(survey(of([noise()])).taxel_lines()) == 1

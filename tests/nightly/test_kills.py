@@ -71,7 +71,7 @@ class Place:
         begin = time.monotonic()
         code = self.start(arguments).wait(600)
         text = (self.root / "log.txt").read_text(errors="replace")[-2000:]
-        assert code == 0 or (code == 2 and "there is something already" in text), text
+        assert code == 0 or (code == 2 and "this place is not empty" in text), text
         return time.monotonic() - begin
 
     def killed(self, arguments, moment, group):

@@ -41,7 +41,7 @@ def test_budgets_rule_out_what_is_over_them_or_not_known():
     rows, subjects = table([[90] * 4, [80] * 4, [70] * 4, [60] * 4], ram=[40.0, np.nan, 32.0, 1.0])
     choice = decide(rows, subjects, "flash", {"ram": 32.0}, None)
     assert (choice.chosen, choice.best) == (2, 2)
-    assert choice.table["verdict"][:2].to_dict() == {0: "ruled out: ram 40 kB > 32 kB", 1: "ruled out: ram not known"}
+    assert choice.table["verdict"][:2].to_dict() == {0: "ruled out: ram 40 kB > 32 kB", 1: "ruled out: ram unknown"}
     assert decide(rows, subjects, "flash", {"ram": 32.0 * (1 - 1e-12)}, None).chosen == 2  # rounding is no excess
     nothing = decide(rows, subjects, "flash", {"ram": 0.5}, None)
     assert nothing.chosen is None and words(nothing).startswith("Nothing fits")
@@ -76,7 +76,7 @@ def test_each_budget_has_its_price_and_what_binds():
     ram, predict = nothing.budgets
     assert (ram.over, ram.least, ram.without) == (3, 2, 0) and np.isnan(ram.gain)
     assert (predict.over, predict.unknown, predict.least, predict.without) == (1, 1, 0, None)
-    for fact in ("rules out 3 of 3 candidates; the least that any needs is 8 kB, s2", "2 of 3 candidates (1 with"):
+    for fact in ("rules out 3 of 3 systems. The lowest RAM is 8 kB (s2).", "2 of 3 systems (1 with"):
         assert fact in words(nothing)
 
 
@@ -85,8 +85,8 @@ def test_what_has_no_known_cost_is_compared_and_never_chosen():
     choice = decide(rows, subjects, "flash", {}, None)
     assert (choice.chosen, choice.best, choice.unranked) == (1, 1, [0])
     assert list(choice.table.index) == [2, 1, 0] and choice.table["loss"][0] == -10
-    assert choice.table["verdict"][0] == "as good, flash not known"
-    assert "1 candidate cannot be chosen" in words(choice) and "s0, 90.0 %" in words(choice)
+    assert choice.table["verdict"][0] == "as good, flash unknown"
+    assert "1 system cannot be chosen" in words(choice) and "s0, 90.0 %" in words(choice)
     none, subjects = table([[90] * 4], flash=[np.nan])
     nothing = decide(none, subjects, "flash", {}, None)
     assert nothing.chosen is None and "Nothing can be chosen" in words(nothing)

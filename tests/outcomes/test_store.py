@@ -63,7 +63,7 @@ def test_a_locked_file_is_waited_for_and_what_stays_locked_is_one_line(monkeypat
 
     assert work() == "done" and len(pauses) == 2
     answers[:] = [OSError("disk full\nmore"), "done"]
-    with pytest.raises(StoreError, match="disk full; what is stored stays"):
+    with pytest.raises(StoreError, match="disk full; stored results are kept"):
         work()
     monkeypatch.setattr(store, "PATIENCE", 0.0)
     answers[:] = [OSError("database is locked"), "done"]

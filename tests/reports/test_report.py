@@ -137,7 +137,7 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(folder):
 def test_every_part_of_the_page_is_there(folder):
     text = (folder / "index.html").read_text(encoding="utf-8")
     heads = [*re.findall(r'<h2 id="([^"]+)"', text)]
-    wanted = "verdict accuracy-and-cost runs in-a-sentence-each published-numbers early-decisions faults people "
+    wanted = "verdict accuracy-and-cost runs main-results published-numbers early-decisions faults people "
     wanted += "statistics gestures published-numbers-recomputed provenance"
     assert heads == wanted.split() and text.index("<nav") > text.index(f'id="{heads[0]}"')
     files = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}

@@ -31,14 +31,18 @@ def group(rows, mixed=False):
         # Twelve differences of one sign: p = 2 / 2 ** 12, Holm's correction doubles it. As many of either sign: p = 1.
         (
             {"rf": EVEN, "xgb": ODD, "svm": [50] * 12},
-            ["rf beats svm;", "xgb cannot be told apart from rf", "12 sub"],
+            ["rf is significantly more accurate than svm;", "rf does not differ significantly from xgb", "12 sub"],
             [],
         ),
-        ({"rf": [90] * 12, "xgb": ODD, "svm": EVEN}, ["rf beats xgb and svm"], ["apart"]),
-        ({"a": EVEN, "b": ODD}, ["b cannot be told apart from a"], ["beats"]),
-        ({"a": [60] * 10, "b": range(50, 60)}, ["a beats b"], ["apart"]),  # ten of one sign: p = 2 / 2 ** 10
-        ({"a": [1, 2]}, ["nothing to be compared"], ["beats"]),
-        ({"a": [1, 2, 3], "b": [3, 2, 1]}, ["3 subjects are too few", "2 systems"], ["beats"]),
+        ({"rf": [90] * 12, "xgb": ODD, "svm": EVEN}, ["more accurate than xgb and svm"], ["differ"]),
+        ({"a": EVEN, "b": ODD}, ["a does not differ significantly from b"], ["more accurate"]),
+        (
+            {"a": [60] * 10, "b": range(50, 60)},
+            ["a is significantly more accurate than b"],
+            ["not differ"],
+        ),  # ten of one sign: p = 2 / 2 ** 10
+        ({"a": [1, 2]}, ["no comparison"], ["more accurate"]),
+        ({"a": [1, 2, 3], "b": [3, 2, 1]}, ["3 subjects are too few", "2 systems"], ["more accurate"]),
     ],
 )
 def test_who_beats_whom(rows, facts, absent):
@@ -62,9 +66,9 @@ def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lo
     _, picture, table = stress_sections(named, tmp_path)[0]
     drawn = picture.paths[1].read_text()
     assert all(f">{text}</text>" in drawn for text in ("23", "10", "5", "-", "svm (60 % clean)", "rf (70 % clean)"))
-    row = table.frame.set_index("method").loc["svm"]
-    assert row["half of the margin is lost at"] == "shift 2.2" and row["failing of tested slices"] == "3 of 40"
-    assert row["worst subject"] == "30.0" and table.frame["method"].tolist() == ["rf", "svm"]
+    row = table.frame.set_index("system").loc["svm"]
+    assert row["half of the margin is lost at"] == "shift 2.2" and row["failing of tested groups"] == "3 of 40"
+    assert row["worst subject"] == "30.0" and table.frame["system"].tolist() == ["rf", "svm"]
 
 
 def test_early_decisions_by_start_and_hop(store, tmp_path):
@@ -72,9 +76,9 @@ def test_early_decisions_by_start_and_hop(store, tmp_path):
         streamed(store, system, start, hop, accuracy_at_500_ms=0.5, adaptive_accuracy=0.66 if system == "svm" else 0.6)
     named = contexts(tracked(store, "stream"))
     (first, picture, table), (second, *_) = stream_sections(store, named, tmp_path)
-    assert set(table.frame["method"]) == {"rf", "svm"} and picture.paths[0].exists() and "middle" not in first
+    assert set(table.frame["system"]) == {"rf", "svm"} and picture.paths[0].exists() and "middle" not in first
     assert "middle" in second and "125.0 ms" in second
-    row = table.frame.set_index("method").loc["svm"]
+    row = table.frame.set_index("system").loc["svm"]
     assert (row["250 ms"], row["500 ms"], row["adaptive"], row["after ms"]) == ("-", "50.0", "66.0", "812")
     assert row["decision ms p50 / p95"] == "1.0 / 2.0"
     words = early(named)
@@ -96,7 +100,7 @@ def test_gains_of_shots_are_paired_and_who_loses_is_named(monkeypatch):
     low, high = stats.t.interval(0.95, 2, gain.mean(), stats.sem(gain))
     assert curve.loc["2", ["gain", "gain_low", "gain_high"]].tolist() == pytest.approx([5, low, high])
     assert curve.loc["2", "worse"] == "c (-5.0)" and curve.loc[WITHOUT, "worse"] == "b (-2.0)"
-    assert f"2 known captures of each class change the accuracy of s by +5.0 [{low:+.1f}, {high:+.1f}]" in shots(
+    assert f"2 labelled captures of each class change the accuracy of s by +5.0 [{low:+.1f}, {high:+.1f}]" in shots(
         [("here", {"s": long})]
     )
     assert shots([("here", {"s": long[long["known"] != "2"]})]) == ""

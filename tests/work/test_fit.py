@@ -131,7 +131,7 @@ def test_what_cannot_be_fitted_or_loaded_is_refused(shipped, capsys):
         (["predict", "x", "y.csv", "out=a", "out=b"], "out="),
         (["predict", "http://somewhere/model", "y.csv"], "not a saved model"),
         (["predict", "runs:/0123/model", "y.csv"], "runs:/0123/model cannot be loaded"),
-        (["predict", "other", "y.csv"], "other is a model of something else"),
+        (["predict", "other", "y.csv"], "other is not a model of touchbench"),
         (["predict", "old", "y.csv"], "old was saved by another version"),
     ):
         capsys.readouterr()

@@ -235,7 +235,7 @@ def test_a_run_is_tracked_whole(capsys):
     files = "predictions.parquet confusion.csv confusion.png confusion.svg per_subject.csv per_class.csv"
     assert {a.path for a in store.client.list_artifacts(svm.info.run_id)} == {*files.split()}
     assert main(["run", "model=svm", *SMALL]) == 0  # the same again computes nothing
-    assert "stored before" in capsys.readouterr().err and len(runs("cell")[1]) == 2
+    assert "already stored" in capsys.readouterr().err and len(runs("cell")[1]) == 2
     assert runs("cell")[1][0].data.metrics == svm.data.metrics
 
 

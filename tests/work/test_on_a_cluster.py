@@ -159,7 +159,7 @@ def test_folds_of_all_cells_are_done_there_and_are_the_same_bit_for_bit(two, tmp
     assert all(a.data.params[k] == b.data.params[k] for a, b in zip(there, here, strict=True) for k in same)
     assert not any("cpu" in run.data.tags for run in there)
     capsys.readouterr()
-    assert main([*command, f"cluster={two}"]) == 0 and "stored before" in capsys.readouterr().err
+    assert main([*command, f"cluster={two}"]) == 0 and "already stored" in capsys.readouterr().err
 
 
 def test_a_worker_with_other_code_is_left_out(tmp_path, capsys):
@@ -264,7 +264,7 @@ def test_workers_stop_with_their_command_and_the_same_command_goes_on(sign, two,
     until(lambda: all(map(gone, folds)), 20)
     _, error = process.communicate(timeout=60)
     if sign == signal.SIGINT:
-        assert process.returncode == 130 and "goes on from there" in error and "Traceback" not in error
+        assert process.returncode == 130 and "continues from there" in error and "Traceback" not in error
     (folder / "go").touch()
     assert main(command) == 0
     assert sorted(fold for fold, _, _ in marks(folder)) == ["1", "2", "3", "3", "4", "4"]

@@ -134,7 +134,7 @@ def from_frame(
     """
     names = [n for n in ("capture", "frame") if n in table]
     if not names:
-        raise InputError(f"{label}: no column capture or frame; add one, so that captures can be told apart")
+        raise InputError(f"{label}: no column capture or frame; add one, so that captures can be separated")
     channels_of([str(column) for column in table], grid, label)  # refuses channels that are missing or extra
     check_columns([str(column) for column in table], channels, label)
     if "frame" not in table:
