@@ -10,7 +10,9 @@ Everything is causal and has a fixed memory, so that `bench export` can write th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from bisect import bisect_right
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -35,13 +37,19 @@ DETECT_S = 0.45  # of the detector's window
 NAME_S = 0.75  # of the recogniser's window; a network has its own
 WAIT_S = 0.2  # from the first complete window of an event to its report
 REPEATED = 4.0  # windows of one event that the detector sees together, as of `Discriminants`
-WEIGHT = 3.0  # of a decision's log-odds, for each hop of a detector's window: overlapping windows repeat each other
+WEIGHT = 4.0  # of a decision's log-odds, for each hop of a detector's window: overlapping windows repeat each other
 BEGIN, END = 0.05, 0.2  # touches that begin, and that end, per second
 ON, OFF = 0.95, 0.1
+HOLD_S = 0.3  # a touch that begins again so soon goes on
+PRICE = 0.01  # share of touches that one false alarm per hour too many is worth, where none too many is impossible
+NEARLY = 0.005  # share of touches that is given for a lower bias
 BIASES = np.arange(-10, 4.25, 0.25, dtype=np.float32)  # of which one is learned
 UNUSUAL = 3.0  # SDs of training windows
 MARGIN = 1.5  # how much further from training than any training window a window may be
 REFUSED = -4.0  # log-odds of a window that is refused
+
+
+Frames = TypeVar("Frames", int, np.ndarray)
 
 
 @dataclass(frozen=True)
@@ -52,15 +60,19 @@ class Clock:
         hop: frames from one decision to the next.
         detect: frames of the detector's window.
         name: frames of the recogniser's window.
+        wait: frames from the first complete window of an event to its report.
+        hold: frames in which a touch that begins again goes on.
     """
 
     hop: int
     detect: int
     name: int
+    wait: int
+    hold: int
 
     @classmethod
     def of(cls, system: contract.System, rate_hz: float) -> Clock:
-        """The clock of a system: its own window, or a second, and the hop nearest to 0.1 s that divides it.
+        """The clock of a system: its own window, or 0.75 s, and the hop nearest to 0.1 s that divides it.
 
         Args:
             system: fitted or not.
@@ -71,9 +83,10 @@ class Clock:
         fitting = [hop for hop in range(1, name + 1) if name % hop == 0 and wanted / 2 <= hop <= 2 * wanted]
         hop = min(fitting, key=lambda hop: abs(np.log(hop / wanted))) if fitting else max(1, min(round(wanted), name))
         detect = hop * max(1, round(min(DETECT_S * rate_hz, name) / hop))
-        return cls(hop, detect, hop * max(1, round(name / hop)))
+        wait, hold = (hop * round(seconds * rate_hz / hop) for seconds in (WAIT_S, HOLD_S))
+        return cls(hop, detect, hop * max(1, round(name / hop)), wait, hold)
 
-    def up(self, frames: np.ndarray) -> np.ndarray:
+    def up(self, frames: Frames) -> Frames:
         """Round up to frames at which there is a decision: ``detect`` and any number of hops."""
         return self.detect + -(-(frames - self.detect) // self.hop) * self.hop
 
@@ -187,18 +200,24 @@ def touched(log_odds: np.ndarray, clock: Clock, rate_hz: float) -> np.ndarray:
 def spans(probability: np.ndarray, clock: Clock) -> np.ndarray:
     """When the sensor was touched, as the probabilities of one recording show it.
 
+    A touch that is detected again within `HOLD_S` of its end goes on.
+
     Returns:
         A row per touch, in frames seen: when touch became more probable than not, when it was detected, and when its
         end was detected (the last decision for a touch that goes on), int64 [touches, 3].
     """
     rising = np.flatnonzero((probability > 0.5) & (np.append(np.float32(0), probability[:-1]) <= 0.5))
     high, low = np.flatnonzero(probability > ON), np.flatnonzero(probability < OFF)
-    rows, now = [], 0
+    rows: list[list[int]] = []
+    now = 0
     while (place := np.searchsorted(high, now)) < len(high):
         begun = high[place]
         after = np.searchsorted(low, begun)
         now = low[after] if after < len(low) else len(probability) - 1
-        rows.append((rising[np.searchsorted(rising, begun, side="right") - 1], begun, now))
+        if rows and begun - rows[-1][2] <= clock.hold // clock.hop:
+            rows[-1][2] = now
+        else:
+            rows.append([rising[np.searchsorted(rising, begun, side="right") - 1], begun, now])
         now += 1
     return clock.detect + clock.hop * np.array(rows, dtype=np.int64).reshape(-1, 3)
 
@@ -244,57 +263,135 @@ class Watcher:
         for i in range(len(seen)):
             recording = seen[[i]]
             odds = self.detector.log_odds(*windows_of(recording, self.clock)) + np.float32(self.bias)
-            touches = spans(touched(odds, self.clock, seen.rate_hz), self.clock)
-            times, kept = reports_of(touches, self.clock, seen.rate_hz)
-            series = [
-                np.arange(self.clock.up(crossed + self.clock.name), end + 1, self.clock.hop)
-                for crossed, end in touches[kept][:, [0, 2]]
-            ]
-            if not series:
-                continue
-            proba = self._probabilities(inner, cut(recording, np.concatenate(series), self.clock.name))
-            parts = np.split(proba, np.cumsum([len(ends) for ends in series])[:-1])
-            for (reported, ended), ends, part in zip(times[kept].tolist(), series, parts, strict=True):
-                rows.append((i, reported, ended, *self._named(part, ends, reported, ended)))
+            touch = touched(odds, self.clock, seen.rate_hz)
+            times = self.clock.detect + self.clock.hop * np.arange(len(touch))
+            dry = Tracker(self)
+            wanted = np.array([dry.step(time, now) for time, now in zip(times.tolist(), touch, strict=True)], bool)
+            windows = cut(recording, times[wanted], self.clock.name)
+            named = iter(self.probabilities(inner, windows) if len(windows) else [])
+            tracker = Tracker(self)
+            for time, now in zip(times.tolist(), touch, strict=True):
+                if tracker.step(time, now):
+                    tracker.name(time, next(named))
+                event = tracker.news(time)
+                if event is not None and event.end is not None:
+                    rows.append((i, event.reported, event.end, event.first, event.label, event.confidence))
+            if (event := tracker.event) is not None and not tracker.over:  # the recording ends before the touch does
+                end = tracker.low or int(times[-1])
+                rows.append((i, event.reported, end, event.first, event.label, event.confidence))
         return report_table(rows)
 
-    def _probabilities(self, inner: contract.System, windows: Corpus) -> np.ndarray:
+    def probabilities(self, inner: contract.System, windows: Corpus) -> np.ndarray:
         """Probabilities of the gestures, without background, float32 [windows, gestures]."""
         gestures = ~np.isin(np.asarray(inner.classes_).astype(str), self.background)
         proba = contract.probabilities(inner, windows)[:, gestures]
         return (proba / np.maximum(proba.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
 
-    def _named(self, proba: np.ndarray, ends: np.ndarray, reported: int, ended: int) -> tuple[str, str, float]:
-        """Labels of an event when it is reported and at its end: of the mean over its windows until then."""
-        first = proba[ends <= reported].mean(axis=0)
-        last = proba[(ends <= ended - self.tail) | (ends <= reported)].mean(axis=0)
-        names = [str(self.names[p.argmax()]) if p.max() >= self.reject else UNKNOWN for p in (first, last)]
-        return names[0], names[1], float(last.max())
 
-
-def reports_of(touches: np.ndarray, clock: Clock, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """When events are reported: `WAIT_S` after their first window is complete, or at their end if that comes first.
+def reports_of(touches: np.ndarray, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
+    """When `Tracker` reports touches, from the detector alone.
 
     Args:
         touches: result of `spans` [touches, 3].
         clock: timing of the windows.
-        rate_hz: frames per second.
 
     Returns:
         Frames seen at the report and at the end [touches, 2], and which touches are long enough for one window.
     """
     complete = np.maximum(clock.up(touches[:, 0] + clock.name), touches[:, 1])
-    wait = clock.hop * round(WAIT_S * rate_hz / clock.hop)
-    reported = np.minimum(complete + wait, touches[:, 2])
+    reported = np.minimum(complete + clock.wait, touches[:, 2] + clock.hold + clock.hop)
     return np.column_stack([reported, touches[:, 2]]), complete <= touches[:, 2]
+
+
+@dataclass
+class Event:
+    """A touch that a `Tracker` reports; times are frames seen.
+
+    Attributes:
+        reported: time of the first report.
+        first: gesture then.
+        label: gesture by now.
+        confidence: mean probability of ``label``.
+        end: time of the end; None while the touch lasts.
+    """
+
+    reported: int
+    first: str
+    label: str
+    confidence: float
+    end: int | None = None
+
+
+class Tracker:
+    """Events from what is known at each decision; the exported C follows the same rules.
+
+    Args:
+        watcher: a watcher that was learned.
+    """
+
+    def __init__(self, watcher: Watcher) -> None:
+        self.watcher = watcher
+        self.before = np.float32(0)
+        self.rise = self.crossed = self.begun = self.low = self.limit = 0
+        self.over = False
+        self.event: Event | None = None
+        self.ends: list[int] = []
+        self.proba: list[np.ndarray] = []
+
+    def step(self, seen: int, touch: np.float32) -> bool:
+        """Take the probability of touch after so many frames; True if the recogniser's window is wanted (`name`)."""
+        clock = self.watcher.clock
+        if self.over:
+            self.begun, self.over, self.event, self.ends, self.proba = 0, False, None, [], []
+        if touch > 0.5 >= self.before:
+            self.rise = seen
+        self.before = touch
+        if not self.begun:
+            if touch > ON:
+                self.crossed, self.begun, self.low = self.rise, seen, 0
+        elif touch < OFF:
+            self.low = self.low or seen
+        elif touch > ON:
+            self.low = 0
+        self.over = bool(self.begun and self.low and seen > self.low + clock.hold)
+        return bool(self.begun and not self.over and seen >= max(clock.up(self.crossed + clock.name), self.begun))
+
+    def name(self, seen: int, proba: np.ndarray) -> None:
+        """Take the probabilities of the gestures in the recogniser's window."""
+        self.ends.append(seen)
+        self.proba.append(proba)
+
+    def news(self, seen: int) -> Event | None:
+        """The event that this decision reports, renames or ends; None without news."""
+        before, limit = self.event, self.low or seen
+        if before is None:
+            if self.ends and self.ends[0] <= limit and (self.over or seen >= self.ends[0] + self.watcher.clock.wait):
+                self.limit = limit
+                label, confidence = self._label(limit)
+                self.event = Event(seen, label, label, confidence)
+        else:
+            label, confidence = self._label(max(limit - self.watcher.tail, self.limit))
+            self.event = replace(before, label=label, confidence=confidence)
+        if self.event is None:
+            return None
+        if self.over:
+            return replace(self.event, end=self.low)
+        return self.event if before is None or before.label != self.event.label else None
+
+    def _label(self, limit: int) -> tuple[str, float]:
+        """Gesture, and its mean probability over the windows that are complete after ``limit`` frames."""
+        mean = np.mean(self.proba[: bisect_right(self.ends, limit)], axis=0)
+        confidence = float(mean.max())
+        known = confidence >= self.watcher.reject
+        return str(self.watcher.names[mean.argmax()]) if known else UNKNOWN, confidence
 
 
 def learned(system: contract.System, recordings: Recordings, false_alarms: float) -> Watcher:
     """A watcher whose detector and post-processing are learned from training recordings.
 
-    Each subject is left out in turn; a detector that is fitted to the others watches the subject's recordings. Of the
-    biases that give at most ``false_alarms`` per hour, counting one more than there were, the one that finds most
-    touches is taken.
+    Each subject is left out in turn; a detector that is fitted to the others watches the subject's recordings. The bias
+    that finds most touches is taken, less `PRICE` for each false alarm per hour above ``false_alarms``, counting one
+    more than there were; of biases that find nearly as many (`NEARLY`), the lowest.
 
     Args:
         system: fitted to captures of the same subjects.
@@ -315,8 +412,9 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
         for i in judged:
             odds[i] = detector.log_odds(*seen[i])
     settings = bias_table(recordings, odds, clock)
-    fitting = settings[settings["alarms"] + 1 <= false_alarms * settings["hours"]]
-    chosen = settings.iloc[0] if fitting.empty else fitting.loc[fitting["found"].idxmax()]
+    excess = (settings["alarms"] + 1) / settings["hours"] - false_alarms
+    worth = settings["found"] - PRICE * excess.clip(lower=0)
+    chosen = settings[worth >= worth.max() - NEARLY].iloc[0]
     gestures = set(recordings.events["gesture"])
     background = tuple(sorted(set(np.asarray(system.classes_).astype(str)) - gestures))
     return Watcher(system, background, clock, _fitted(tables, clock), float(chosen["bias"]), int(chosen["tail"]))
@@ -357,7 +455,7 @@ def bias_table(recordings: Recordings, odds: list[np.ndarray], clock: Clock) -> 
     times: list[list[np.ndarray]] = [[] for _ in BIASES]
     for i, series in enumerate(odds):
         for k, column in enumerate(touched(series[:, None] + BIASES, clock, rate_hz).T):
-            reported, kept = reports_of(spans(column, clock), clock, rate_hz)
+            reported, kept = reports_of(spans(column, clock), clock)
             times[k].append(np.insert(reported[kept], 0, i, axis=1))
     rows = []
     for bias, each in zip(BIASES, times, strict=True):
