@@ -63,7 +63,7 @@ class Command:
     module: str = ""
 
 
-FOLDS = "run tune stress stream chip choose check"
+FOLDS = "run tune stress stream watch chip choose check"
 CHOICE = "choose report"
 OPTIONS = (
     Option("data", f"{FOLDS} fit extract", "text", "synth", "synth (generated captures) or an imported corpus"),
@@ -104,6 +104,10 @@ OPTIONS = (
     Option("start", "stream", "text", "onset", "start of the replay; middle skips half a capture", ("onset", "middle")),
     Option("source", "stream", "text", "", "- classifies frames from standard input"),
     Option("out", "stream", "text", "report", "folder for streaming.csv, stopping.csv and figures"),
+    Option("false_alarms", "watch", "number", 5, "false alarms per hour of background accepted in training"),
+    Option(
+        "background", "watch", "text", "", "class without touch, or quiet: ends of captures; default notouch or quiet"
+    ),
     Option("bits", "chip export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
     Option("out", "fit", "text", "", "folder for a copy of the model; new or empty"),
@@ -251,6 +255,16 @@ COMMANDS = {
         "bench stream data=haart model=svm start=onset,middle hop_ms=125\n"
         "sensor | bench stream source=- model=models:/m-0123456789abcdef",
         "[key=value ...]\nsource=- model=MODEL [hop_ms=125]",
+    ),
+    "watch": Command(
+        "compare",
+        "find touches in continuous recordings: false alarms, misses, latency",
+        "Each fold trains on captures, and learns when to report a touch from recordings of training subjects. It then "
+        "watches the recordings of the test subjects. data=synth and imported recordings are used as they are. From "
+        "other corpora, one recording per subject is composed: excerpts of 2 to 6 s of each capture, with 3 to 10 s of "
+        "background between them. Prints touches found, correct gestures when first reported and at the end, false "
+        "alarms per hour of background, latency and reports per touch.",
+        f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2",
     ),
     "chip": Command(
         "compare",

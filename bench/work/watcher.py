@@ -257,8 +257,8 @@ class Watcher:
             A row per event: ``recording``, ``reported`` and ``end`` (frames seen when it was first reported and when
             it was over), ``first`` and ``label`` (its gesture then), ``confidence`` (mean probability of ``label``).
         """
-        steps, inner = behind(self.system)
-        seen = taken(contract.blinded(self.system, recordings), steps)[0]
+        inner = behind(self.system)[1]
+        seen = self.prepared(recordings)
         rows: list[tuple] = []
         for i in range(len(seen)):
             recording = seen[[i]]
@@ -280,6 +280,15 @@ class Watcher:
                 end = tracker.low or int(times[-1])
                 rows.append((i, event.reported, end, event.first, event.label, event.confidence))
         return report_table(rows)
+
+    def prepared(self, recordings: Corpus) -> Corpus:
+        """Recordings without their labels, after the steps that are done frame by frame."""
+        return taken(contract.blinded(self.system, recordings), behind(self.system)[0])[0]
+
+    def log_odds(self, recordings: Corpus) -> list[np.ndarray]:
+        """The detector's log-odds of touch in each recording, without the bias."""
+        seen = self.prepared(recordings)
+        return [self.detector.log_odds(*windows_of(seen[[i]], self.clock)) for i in range(len(seen))]
 
     def probabilities(self, inner: contract.System, windows: Corpus) -> np.ndarray:
         """Probabilities of the gestures, without background, float32 [windows, gestures]."""
@@ -386,12 +395,13 @@ class Tracker:
         return str(self.watcher.names[mean.argmax()]) if known else UNKNOWN, confidence
 
 
-def learned(system: contract.System, recordings: Recordings, false_alarms: float) -> Watcher:
+def learned(system: contract.System, recordings: Recordings, false_alarms: float) -> tuple[Watcher, pd.DataFrame]:
     """A watcher whose detector and post-processing are learned from training recordings.
 
     Each subject is left out in turn; a detector that is fitted to the others watches the subject's recordings. The bias
     that finds most touches is taken, less `PRICE` for each false alarm per hour above ``false_alarms``, counting one
-    more than there were; of biases that find nearly as many (`NEARLY`), the lowest.
+    more than there were; of biases that find nearly as many (`NEARLY`), the lowest. The table of `bias_table` comes
+    with it.
 
     Args:
         system: fitted to captures of the same subjects.
@@ -417,7 +427,8 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
     chosen = settings[worth >= worth.max() - NEARLY].iloc[0]
     gestures = set(recordings.events["gesture"])
     background = tuple(sorted(set(np.asarray(system.classes_).astype(str)) - gestures))
-    return Watcher(system, background, clock, _fitted(tables, clock), float(chosen["bias"]), int(chosen["tail"]))
+    detector = _fitted(tables, clock)
+    return Watcher(system, background, clock, detector, float(chosen["bias"]), int(chosen["tail"])), settings
 
 
 Windowed = tuple[np.ndarray, np.ndarray, np.ndarray]  # features, labels and events of windows
@@ -442,23 +453,26 @@ def _fitted(parts: list[Windowed], clock: Clock) -> Detector:
     return Detector(clock.detect).fit(table, labels, np.concatenate(events))
 
 
-def bias_table(recordings: Recordings, odds: list[np.ndarray], clock: Clock) -> pd.DataFrame:
+def bias_table(
+    recordings: Recordings, odds: list[np.ndarray], clock: Clock, biases: np.ndarray = BIASES
+) -> pd.DataFrame:
     """What each bias gives on recordings: ``bias``, ``tail`` (frames), ``alarms``, ``hours``, ``found`` (share).
 
     Args:
         recordings: with their events.
         odds: log-odds of the windows of each recording.
         clock: timing of the windows.
+        biases: values to try, float32.
     """
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
-    times: list[list[np.ndarray]] = [[] for _ in BIASES]
+    times: list[list[np.ndarray]] = [[] for _ in biases]
     for i, series in enumerate(odds):
-        for k, column in enumerate(touched(series[:, None] + BIASES, clock, rate_hz).T):
+        for k, column in enumerate(touched(series[:, None] + biases, clock, rate_hz).T):
             reported, kept = reports_of(spans(column, clock), clock)
             times[k].append(np.insert(reported[kept], 0, i, axis=1))
     rows = []
-    for bias, each in zip(BIASES, times, strict=True):
+    for bias, each in zip(biases, times, strict=True):
         reports = pd.DataFrame(np.concatenate(each), columns=["recording", "reported", "end"])
         touch = touches_of(recordings.events, reports, rate_hz)
         late = (reports["end"].to_numpy() - recordings.events["end"].to_numpy()[touch])[touch != FALSE_ALARM]
