@@ -103,6 +103,7 @@ OPTIONS = (
     Option("hop_ms", "stream", "number", None, "ms between decisions; default: each uses 1.41 times as much touch"),
     Option("start", "stream", "text", "onset", "start of the replay; middle skips half a capture", ("onset", "middle")),
     Option("source", "stream", "text", "", "- classifies frames from standard input"),
+    Option("events", "stream", "yes", True, "source=-: report touches of an endless stream; no: classify captures"),
     Option("out", "stream", "text", "report", "folder for streaming.csv, stopping.csv and figures"),
     Option("false_alarms", "watch", "number", 5, "false alarms per hour of background accepted in training"),
     Option(
@@ -110,6 +111,7 @@ OPTIONS = (
     ),
     Option("bits", "chip export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
+    Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams"),
     Option("out", "fit", "text", "", "folder for a copy of the model; new or empty"),
     Option("out", "predict", "text", "", "CSV file that is safe in spreadsheets; default: print the table"),
     Option("out", "adapt", "text", "", "folder for the adapted model; new or empty"),
@@ -249,12 +251,14 @@ COMMANDS = {
         "Replays captures and measures accuracy against milliseconds of touch, and computing time per decision. "
         "Adaptive stopping decides as soon as the expected gain from waiting is small, as learned on training "
         "subjects. source=- reads one frame per line: values in row-major order, separated by commas or blanks, at "
-        "most 32 characters each. An empty line ends a capture. Each decision prints capture, ms, label, confidence "
-        "and settled. settled is yes once waiting would gain too little. MODEL is a model that bench fit saved.",
+        "most 32 characters each. If the model can watch an endless stream, each news of a touch (reported, changed, "
+        "ended) prints ms, news, label and confidence. Otherwise, or with events=no, an empty line ends a capture, and "
+        "each decision prints capture, ms, label, confidence and settled. settled is yes once waiting would gain too "
+        "little. MODEL is a model that bench fit saved.",
         "bench stream data=haart protocol=loso model=svm,rf features=jung54\n"
         "bench stream data=haart model=svm start=onset,middle hop_ms=125\n"
         "sensor | bench stream source=- model=models:/m-0123456789abcdef",
-        "[key=value ...]\nsource=- model=MODEL [hop_ms=125]",
+        "[key=value ...]\nsource=- model=MODEL [events=no] [hop_ms=125]",
     ),
     "watch": Command(
         "compare",

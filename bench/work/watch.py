@@ -47,7 +47,9 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
 
     kind: ClassVar[str] = "watch"
     fold_kind: ClassVar[str] = "watch_fold"
-    heading: ClassVar[str] = "Touches in recordings, percent; post-processing learned on training subjects"
+    heading: ClassVar[str] = (
+        "Percent of touches found, correct when first reported and at the end; false alarms per hour of background"
+    )
     columns: ClassVar[frozenset[str]] = frozenset({"kind", "end", "reported", "first", "label", "confidence"})
 
     false_alarms: float = 5.0
@@ -179,25 +181,25 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
     def row(self, metrics: dict[str, float]) -> dict[str, str]:
         """Touches found and named, false alarms, latency."""
 
-        def percent(name: str) -> str:
-            if name not in metrics:
-                return "-"
-            low, high = (metrics.get(f"{name}_{side}") for side in ("low", "high"))
-            shown = "" if low is None or high is None else f" [{100 * low:.1f}, {100 * high:.1f}]"
-            return f"{100 * metrics[name]:.1f}{shown}"
+        def number(name: str, digits: int = 2, scale: float = 1) -> str:
+            return f"{scale * metrics[name]:.{digits}f}" if name in metrics else "-"
 
-        def number(name: str, digits: int = 2) -> str:
-            return f"{metrics[name]:.{digits}f}" if name in metrics else "-"
+        def percent(name: str) -> str:
+            return number(name, 1, 100)
+
+        def between(name: str, digits: int, scale: float = 1) -> str:
+            low, high = (number(f"{name}_{side}", digits, scale) for side in ("low", "high"))
+            return "" if "-" in (low, high) else f" [{low}, {high}]"
 
         return {
             "touches": number("touches", 0),
             "found": percent("touches_found"),
-            "correct at first": percent("first_correct"),
-            "correct at end": percent("end_correct"),
-            "false alarms / h": number("false_alarms_per_hour", 1),
+            "first": percent("first_correct"),
+            "end": percent("end_correct") + between("end_correct", 1, 100),
+            "alarms/h": number("false_alarms_per_hour", 1) + between("false_alarms_per_hour", 1),
             "latency s": number("latency_s_p50"),
-            "90 %": number("latency_s_p90"),
-            "reports / touch": number("fragments"),
+            "90 % s": number("latency_s_p90"),
+            "per touch": number("fragments"),
         }
 
 

@@ -11,6 +11,7 @@ Everything is causal and has a fixed memory, so that `bench export` can write th
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -21,7 +22,7 @@ from scipy.special import logsumexp
 from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
-from bench.corpora.steps import Step, Windows
+from bench.corpora.steps import SETTLED_S, Step, Windows
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
 from features.base import constant
 from features.base import labels as row_labels
@@ -163,10 +164,15 @@ def windows_of(recording: Corpus, clock: Clock) -> tuple[np.ndarray, np.ndarray]
         float32 [windows, n_features] and bool [windows].
     """
     ends = np.arange(clock.detect, int(recording.lengths[0]) + 1, clock.hop)
-    frames = recording[0]
-    changes = np.append(0, np.cumsum((frames[1:] != frames[:-1]).any(axis=(1, 2))))
-    still = changes[ends - 1] == changes[ends - clock.detect]
-    return TouchFeatures().transform(cut(recording, ends, clock.detect)).to_numpy(dtype=np.float32), still
+    return seen_windows(recording, ends, clock.detect)
+
+
+def seen_windows(recording: Corpus, ends: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Features of the windows of `cut`, and whether no taxel changes in each; result of `windows_of`."""
+    stream = recording[0]
+    changes = np.append(0, np.cumsum((stream[1:] != stream[:-1]).any(axis=(1, 2))))
+    still = changes[ends - 1] == changes[ends - frames]
+    return TouchFeatures().transform(cut(recording, ends, frames)).to_numpy(dtype=np.float32), still
 
 
 def cut(recording: Corpus, ends: np.ndarray, frames: int) -> Corpus:
@@ -184,17 +190,21 @@ def touched(log_odds: np.ndarray, clock: Clock, rate_hz: float) -> np.ndarray:
         clock: timing of the windows.
         rate_hz: frames per second.
     """
+    q = np.zeros(np.shape(log_odds)[1:], np.float32)
+    series = np.empty(np.shape(log_odds), np.float32)
+    for i, odds in enumerate(np.asarray(log_odds, np.float32)):
+        series[i] = q = updated(q, odds, clock, rate_hz)
+    return series
+
+
+def updated(q: np.ndarray, log_odds: np.ndarray, clock: Clock, rate_hz: float) -> np.ndarray:
+    """Probability of touch after one more window, float32; arguments of `touched`, and the probability before."""
     hop_s = np.float32(clock.hop / rate_hz)
     begin, end = np.float32(BEGIN) * hop_s, np.float32(END) * hop_s
-    weight = np.float32(WEIGHT * clock.hop / clock.detect)
-    steps = np.clip(weight * np.asarray(log_odds, np.float32), -10, 10)
-    q = np.zeros(steps.shape[1:], np.float32)
-    series = np.empty_like(steps)
-    for i, step in enumerate(steps):
-        prior = q * (1 - end) + (1 - q) * begin
-        odds = prior / (1 - prior) * np.exp(step)
-        series[i] = q = odds / (1 + odds)
-    return series
+    step = np.clip(np.float32(WEIGHT * clock.hop / clock.detect) * log_odds, -10, 10)
+    prior = q * (1 - end) + (1 - q) * begin
+    odds = prior / (1 - prior) * np.exp(step)
+    return odds / (1 + odds)
 
 
 def spans(probability: np.ndarray, clock: Clock) -> np.ndarray:
@@ -393,6 +403,53 @@ class Tracker:
         confidence = float(mean.max())
         known = confidence >= self.watcher.reject
         return str(self.watcher.names[mean.argmax()]) if known else UNKNOWN, confidence
+
+
+class LiveStream:
+    """A watcher on frames that come one by one; memory does not grow.
+
+    Args:
+        watcher: a watcher that was learned.
+        grid: (rows, cols) of the sensor.
+        rate_hz: frames per second.
+        full_scale: largest value of a channel.
+    """
+
+    def __init__(self, watcher: Watcher, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
+        self.watcher, self.tracker = watcher, Tracker(watcher)
+        self.rate_hz, self.full_scale = rate_hz, full_scale
+        self.frames: deque[np.ndarray] = deque(maxlen=max(watcher.clock.detect, watcher.clock.name) + 1)
+        self.seen, self.touch = 0, np.zeros((), np.float32)
+        self.least, self.most = np.full(grid, np.inf), np.full(grid, -np.inf)  # of frames that were dropped
+
+    def push(self, frame: np.ndarray) -> Event | None:
+        """Take a frame [rows, cols]; the event that it reports, renames or ends, None without news."""
+        if len(self.frames) == self.frames.maxlen:
+            self.least = np.minimum(self.least, self.frames[0])
+            self.most = np.maximum(self.most, self.frames[0])
+        self.frames.append(frame)
+        self.seen += 1
+        clock = self.watcher.clock
+        if self.seen < clock.detect or (self.seen - clock.detect) % clock.hop:
+            return None
+        recording = self._recent()
+        ends = recording.lengths
+        odds = self.watcher.detector.log_odds(*seen_windows(recording, ends, clock.detect))
+        self.touch = updated(self.touch, odds[0] + np.float32(self.watcher.bias), clock, self.rate_hz)
+        if self.tracker.step(self.seen, np.float32(self.touch)):
+            inner = behind(self.watcher.system)[1]
+            self.tracker.name(self.seen, self.watcher.probabilities(inner, cut(recording, ends, clock.name))[0])
+        return self.tracker.news(self.seen)
+
+    def _recent(self) -> Corpus:
+        """The frames that are kept, after the steps; older frames count by their smallest and largest values."""
+        older = min(self.seen - len(self.frames), max(2, int(np.ceil(SETTLED_S * self.rate_hz))))
+        before = [self.least] * (older - 1) + [self.most] * bool(older)
+        frames = np.stack([*before, *self.frames])
+        table = pd.DataFrame({"subject": [""], "gesture": [""]})
+        whole = Corpus.from_captures([frames], table, self.rate_hz, full_scale=self.full_scale)
+        seen = self.watcher.prepared(whole)
+        return seen.changed(starts=np.array([older]), lengths=np.array([len(self.frames)]))
 
 
 def learned(system: contract.System, recordings: Recordings, false_alarms: float) -> tuple[Watcher, pd.DataFrame]:
