@@ -38,14 +38,14 @@ def watcher(recordings):
     return learned(system, recordings[np.arange(3)], 5.0)[0]
 
 
-def followed(probabilities, windows, tail=10, reject=0.0):
+def followed(probabilities, windows, tail=10, reject=0.0, peak=0.0):
     """News of a tracker, whose recogniser's windows are given by frames seen."""
     names = np.array(["pat", "rub"])
     tracker = Tracker(SimpleNamespace(clock=CLOCK, tail=tail, reject=reject, names=names))
     news = []
     for i, probability in enumerate(probabilities):
         seen = CLOCK.detect + i * CLOCK.hop
-        if tracker.step(seen, np.float32(probability)):
+        if tracker.step(seen, np.float32(probability), np.float32(peak)):
             tracker.name(seen, np.array(windows(seen), np.float32))
         if event := tracker.news(seen):
             news.append((seen, event.reported, event.end, event.first, event.label))
@@ -70,6 +70,9 @@ def test_short_touches_and_touches_that_begin_again():
         return (1.0, 0.0)
 
     assert followed([0.1] * 5 + [0.99] * 7 + [0.05] * 9, pat) == []  # over before a window of 40 frames is complete
+    # over at 85: reported all the same where its log-odds are high enough, 10 frames later
+    strong = followed([0.1] * 5 + [0.99] * 7 + [0.05] * 9, pat, peak=13)
+    assert strong == [(95, 95, None, "pat", "pat"), (105, 95, 85, "pat", "pat")]
     # over at 95, after the first complete window at 90: reported 10 frames after that, ended 15 frames after 95
     short = followed([0.1] * 5 + [0.99] * 9 + [0.05] * 9, pat)
     assert short == [(100, 100, None, "pat", "pat"), (115, 100, 95, "pat", "pat")]
