@@ -135,7 +135,8 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
         with computing(1):
             spent = _decision_ms(learned, test)
         metrics |= footprint(estimator, corpus)
-        chosen: dict[str, object] = {"bias": learned.bias, "tail": learned.tail, "refused": learned.detector.limit_}
+        chosen: dict[str, object] = {"bias": learned.bias, "tail": learned.tail, "strong": learned.strong}
+        chosen["refused"] = learned.detector.limit_
         return FoldResult(
             fold.name,
             table.assign(fold=fold.name).astype(numbers),
@@ -235,11 +236,12 @@ def _known(numbers: dict[str, float]) -> dict[str, float]:
 def _curve(learned: watcher.Watcher, test: Recordings) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Touches found and false alarms by offset of the bias, and the probability of touch in the first two minutes."""
     clock, rate_hz = learned.clock, test.corpus.rate_hz
-    odds = [each + np.float32(learned.bias) for each in learned.log_odds(test.corpus)]
-    settings = watcher.bias_table(test, odds, clock, OFFSETS.astype(np.float32))
+    odds = learned.log_odds(test.corpus)
+    biases = (OFFSETS + learned.bias).astype(np.float32)
+    settings = watcher.bias_table(test, odds, clock, biases, (learned.strong,))
     found = (settings["found"] * len(test.events)).round()
-    curve = pd.DataFrame({"recording": 0, "confidence": settings["bias"], "start": found, "end": settings["alarms"]})
-    probability = watcher.touched(odds[0], clock, rate_hz)
+    curve = pd.DataFrame({"recording": 0, "confidence": OFFSETS, "start": found, "end": settings["alarms"]})
+    probability = watcher.touched(odds[0] + np.float32(learned.bias), clock, rate_hz)
     times = clock.detect + clock.hop * np.arange(len(probability))
     shown = pd.DataFrame({"recording": 0, "reported": times, "confidence": probability})
     return curve, shown[shown["reported"] <= SHOWN_S * rate_hz]

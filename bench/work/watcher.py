@@ -41,7 +41,7 @@ REPEATED = 4.0  # windows of one event that the detector sees together, as of `D
 WEIGHT = 4.0  # of a decision's log-odds, for each hop of a detector's window: overlapping windows repeat each other
 BEGIN, END = 0.05, 0.2  # touches that begin, and that end, per second
 ON, OFF = 0.95, 0.1
-STRONG = 12.0  # log-odds from which on a touch too short for a window is reported
+STRONG = (np.inf, 40.0, 30.0, 25.0, 20.0, 16.0, 14.0, 12.0, 10.0)  # log-odds of short touches, of which one is learned
 HOLD_S = 0.3  # a touch that begins again so soon goes on
 PRICE = 0.01  # share of touches that one false alarm per hour too many is worth, where none too many is impossible
 NEARLY = 0.005  # share of touches that is given for a lower bias
@@ -244,6 +244,7 @@ class Watcher:
         detector: fitted to windows of training recordings.
         bias: added to the detector's log-odds, learned for a number of false alarms per hour.
         tail: frames from the end of a touch until that is detected, learned.
+        strong: log-odds from which on a touch that is too short for a window is reported, learned.
         reject: confidence below which a label is ``unknown``; 0 for never.
     """
 
@@ -253,6 +254,7 @@ class Watcher:
     detector: Detector
     bias: float
     tail: int
+    strong: float = np.inf
     reject: float = 0.0
 
     @property
@@ -309,24 +311,25 @@ class Watcher:
         return (proba / np.maximum(proba.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
 
 
-def reports_of(touches: np.ndarray, odds: np.ndarray, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
+def reports_of(touches: np.ndarray, odds: np.ndarray, clock: Clock, strong: float) -> tuple[np.ndarray, np.ndarray]:
     """When `Tracker` reports touches, from the detector alone.
 
     Args:
         touches: result of `spans` [touches, 3].
         odds: log-odds of the windows of the recording, without the bias.
         clock: timing of the windows.
+        strong: log-odds from which on short touches are reported.
 
     Returns:
         Frames seen at the report and at the end [touches, 2], and which touches are reported: those with a complete
-        window, and short ones whose log-odds reach `STRONG`.
+        window, and short ones.
     """
     complete = np.maximum(clock.up(touches[:, 0] + clock.name), touches[:, 1])
     first, last = ((touches[:, column] - clock.detect) // clock.hop for column in (0, 2))
-    strong = np.array([odds[a : b + 1].max() >= STRONG for a, b in zip(first, last, strict=True)], bool)
+    short = np.array([odds[a : b + 1].max() >= strong for a, b in zip(first, last, strict=True)], bool)
     reported = np.minimum(np.minimum(complete, touches[:, 2]) + clock.wait, touches[:, 2] + clock.hold + clock.hop)
-    strong &= touches[:, 2] >= clock.name
-    return np.column_stack([reported, touches[:, 2]]), (complete <= touches[:, 2]) | strong
+    short &= touches[:, 2] >= clock.name
+    return np.column_stack([reported, touches[:, 2]]), (complete <= touches[:, 2]) | short
 
 
 @dataclass
@@ -391,7 +394,7 @@ class Tracker:
         if not self.begun or self.over:
             return False
         complete = bool(seen >= max(clock.up(self.crossed + clock.name), self.begun))
-        short = bool(self.low == seen >= clock.name and not self.named and self.peak >= STRONG)
+        short = bool(self.low == seen >= clock.name and not self.named and self.peak >= self.watcher.strong)
         self.named = self.named or complete or short
         return complete or short
 
@@ -477,7 +480,8 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
 
     Each subject is left out in turn; a detector that is fitted to the others watches the subject's recordings. The bias
     that finds most touches is taken, less `PRICE` for each false alarm per hour above ``false_alarms``, counting one
-    more than there were; of biases that find nearly as many (`NEARLY`), the lowest. The table of `bias_table` comes
+    more than there were; of biases that find nearly as many (`NEARLY`), the lowest. Then so is the threshold for short
+    touches (`STRONG`), of which the highest is taken. The table of `bias_table` comes
     with it.
 
     Args:
@@ -499,13 +503,20 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
         for i in judged:
             odds[i] = detector.log_odds(*seen[i])
     settings = bias_table(recordings, odds, clock)
-    excess = (settings["alarms"] + 1) / settings["hours"] - false_alarms
-    worth = settings["found"] - PRICE * excess.clip(lower=0)
-    chosen = settings[worth >= worth.max() - NEARLY].iloc[0]
+    bias = float(best(settings, false_alarms)["bias"])
+    short = bias_table(recordings, odds, clock, np.array([bias], np.float32), STRONG)
+    chosen = best(short, false_alarms)
     gestures = set(recordings.events["gesture"])
     background = tuple(sorted(set(np.asarray(system.classes_).astype(str)) - gestures))
     detector = _fitted(tables, clock)
-    return Watcher(system, background, clock, detector, float(chosen["bias"]), int(chosen["tail"])), settings
+    return Watcher(system, background, clock, detector, bias, int(chosen["tail"]), float(chosen["strong"])), settings
+
+
+def best(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
+    """The first row of `bias_table` that is nearly the best; see `learned`."""
+    excess = (settings["alarms"] + 1) / settings["hours"] - false_alarms
+    worth = settings["found"] - PRICE * excess.clip(lower=0)
+    return settings[worth >= worth.max() - NEARLY].iloc[0]
 
 
 Windowed = tuple[np.ndarray, np.ndarray, np.ndarray]  # features, labels and events of windows
@@ -531,29 +542,39 @@ def _fitted(parts: list[Windowed], clock: Clock) -> Detector:
 
 
 def bias_table(
-    recordings: Recordings, odds: list[np.ndarray], clock: Clock, biases: np.ndarray = BIASES
+    recordings: Recordings,
+    odds: list[np.ndarray],
+    clock: Clock,
+    biases: np.ndarray = BIASES,
+    strong: tuple[float, ...] = (np.inf,),
 ) -> pd.DataFrame:
-    """What each bias gives on recordings: ``bias``, ``tail`` (frames), ``alarms``, ``hours``, ``found`` (share).
+    """Count what each bias gives on recordings.
 
     Args:
-        recordings: with their events.
+        recordings: recordings with their events.
         odds: log-odds of the windows of each recording.
         clock: timing of the windows.
         biases: values to try, float32.
+        strong: thresholds for short touches to try, each with each bias.
+
+    Returns:
+        Columns ``bias``, ``strong``, ``tail`` (frames), ``alarms``, ``hours`` (of background), ``found`` (share).
     """
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
-    times: list[list[np.ndarray]] = [[] for _ in biases]
+    times: dict[tuple[float, float], list[np.ndarray]] = {(bias, level): [] for bias in biases for level in strong}
     for i, series in enumerate(odds):
-        for k, column in enumerate(touched(series[:, None] + biases, clock, rate_hz).T):
-            reported, kept = reports_of(spans(column, clock), series, clock)
-            times[k].append(np.insert(reported[kept], 0, i, axis=1))
+        for bias, column in zip(biases, touched(series[:, None] + biases, clock, rate_hz).T, strict=True):
+            touches = spans(column, clock)
+            for level in strong:
+                reported, kept = reports_of(touches, series, clock, level)
+                times[bias, level].append(np.insert(reported[kept], 0, i, axis=1))
     rows = []
-    for bias, each in zip(biases, times, strict=True):
+    for (bias, level), each in times.items():
         reports = pd.DataFrame(np.concatenate(each), columns=["recording", "reported", "end"])
         touch = touches_of(recordings.events, reports, rate_hz)
         late = (reports["end"].to_numpy() - recordings.events["end"].to_numpy()[touch])[touch != FALSE_ALARM]
         tail = max(int(np.median(late)), 0) if len(late) else 0
         found = len(np.setdiff1d(touch, [FALSE_ALARM])) / max(len(recordings.events), 1)
-        rows.append((bias, tail, int((touch == FALSE_ALARM).sum()), hours, found))
-    return pd.DataFrame(rows, columns=["bias", "tail", "alarms", "hours", "found"])
+        rows.append((bias, level, tail, int((touch == FALSE_ALARM).sum()), hours, found))
+    return pd.DataFrame(rows, columns=["bias", "strong", "tail", "alarms", "hours", "found"])

@@ -41,7 +41,7 @@ def watcher(recordings):
 def followed(probabilities, windows, tail=10, reject=0.0, peak=0.0):
     """News of a tracker, whose recogniser's windows are given by frames seen."""
     names = np.array(["pat", "rub"])
-    tracker = Tracker(SimpleNamespace(clock=CLOCK, tail=tail, reject=reject, names=names))
+    tracker = Tracker(SimpleNamespace(clock=CLOCK, tail=tail, reject=reject, names=names, strong=12.0))
     news = []
     for i, probability in enumerate(probabilities):
         seen = CLOCK.detect + i * CLOCK.hop
