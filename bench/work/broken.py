@@ -1,7 +1,8 @@
-"""Background as a broken sensor shows it: windows that a detector learns to tell from touch.
+"""Windows as a broken sensor shows them, from which a detector learns that this is no touch.
 
-Nobody touches the sensor in these windows, but readings are tared, noisy, stuck or missing. Amounts are drawn
-evenly on a logarithmic scale, in shares of full scale, so that no sensor's units are assumed.
+A kind of broken sensor is a function of windows, float32 shares of full scale [windows, frames, rows, cols], and a
+random generator. Amounts differ from window to window; most are drawn evenly on a logarithmic scale, in shares of full
+scale, so that no sensor's units are assumed.
 """
 
 from __future__ import annotations
@@ -66,31 +67,25 @@ def humming(windows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return windows + _amounts(windows, HUM, rng) * wave[:, :, None, None].astype(np.float32)
 
 
-KINDS: tuple[Callable[[np.ndarray, np.random.Generator], np.ndarray], ...] = (
-    *(tared, noisy, disconnected, stuck, dead, loose, humming),
-)
+Kind = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+KINDS: tuple[Kind, ...] = (tared, noisy, disconnected, stuck, dead, loose, humming)
+FEELING: tuple[Kind, ...] = (stuck, dead)  # a sensor broken like this still feels touch
 
 
-def broken(windows: Corpus, whole: bool, seed: str) -> dict[str, Corpus]:
-    """Windows of background, once for each of `KINDS`.
+def broken(windows: Corpus, kind: Kind, whole: bool, seed: str) -> Corpus:
+    """Windows as a broken sensor shows them, float32, 0..full_scale.
 
     Args:
-        windows: captures of background of one length, at least one.
+        windows: captures of one length, at least one.
+        kind: one of `KINDS`.
         whole: True if the sensor's readings are whole numbers.
         seed: seed of the amounts, together with the name of the kind.
-
-    Returns:
-        As many captures for each name, float32, 0..full_scale.
     """
     shares = np.stack(as_shares(windows, np.arange(len(windows))))
+    values = kind(shares, seeded(f"{kind.__name__} {seed}")).astype(np.float32).clip(0, 1)
+    frames = (values * np.float32(windows.full_scale)).reshape(-1, *shares.shape[2:])
     starts = np.arange(len(shares)) * shares.shape[1]
-    changed = {}
-    for kind in KINDS:
-        values = kind(shares, seeded(f"{kind.__name__} {seed}")).astype(np.float32).clip(0, 1)
-        frames = (values * np.float32(windows.full_scale)).reshape(-1, *shares.shape[2:])
-        frames = np.rint(frames) if whole else frames
-        changed[kind.__name__] = windows.changed(frames=frames, starts=starts, digest="", path=None)
-    return changed
+    return windows.changed(frames=np.rint(frames) if whole else frames, starts=starts, digest="", path=None)
 
 
 def _amounts(windows: np.ndarray, between: tuple[float, float], rng: np.random.Generator) -> np.ndarray:

@@ -25,7 +25,7 @@ from bench.corpora.recordings import Recordings
 from bench.corpora.steps import Scale, Step, Windows
 from bench.errors import InputError
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
-from bench.work.broken import broken
+from bench.work.broken import FEELING, KINDS, broken
 from features.base import constant
 from features.base import labels as row_labels
 from features.touch import TouchFeatures
@@ -35,7 +35,7 @@ from models.search.inner_folds import inner_folds
 
 BACKGROUND = ""  # its class in the detector
 BROKEN = " "  # begins the class of each kind of broken sensor in the detector; sorts before all gestures
-RARE = 32  # one of so many windows of background is also shown as each kind of broken sensor shows it
+RARE = 8  # one of so many training windows is also learned as broken sensors show it
 UNKNOWN = "unknown"  # label of a gesture that is rejected
 HOP_S = 0.1
 DETECT_S = 0.45  # of the detector's window
@@ -448,7 +448,9 @@ def training_windows(recording: Recordings, table: np.ndarray, clock: Clock) -> 
 
 
 def broken_windows(recording: Recordings, seen: Corpus, clock: Clock, whole: bool) -> list[Windowed]:
-    """Some windows of one recording's background as broken sensors show them: a part for each kind.
+    """Some windows of one recording as broken sensors show them, a part for each kind of broken sensor.
+
+    Background becomes a class of its own for each kind; touch stays touch, where a broken sensor still feels it.
 
     Args:
         recording: one recording with its events.
@@ -456,14 +458,17 @@ def broken_windows(recording: Recordings, seen: Corpus, clock: Clock, whole: boo
         clock: timing of the windows.
         whole: True if readings after the steps are whole numbers.
     """
-    chosen, labels, _ = _inside(recording, clock)
-    quiet = chosen[labels == BACKGROUND][::RARE]
-    if not len(quiet):
-        return []
-    windows = cut(seen, clock.detect + clock.hop * quiet, clock.detect)
-    kinds = broken(windows, whole, f"of {recording.subjects[0]}")
-    tables = {kind: TouchFeatures().transform(each).to_numpy(dtype=np.float32) for kind, each in kinds.items()}
-    return [(table, np.full(len(quiet), BROKEN + kind), np.arange(len(quiet))) for kind, table in tables.items()]
+    chosen, labels, number = _inside(recording, clock)
+    parts = []
+    for quiet, kinds in ((True, KINDS), (False, FEELING)):
+        some = np.flatnonzero((labels == BACKGROUND) == quiet)[::RARE]
+        windows = cut(seen, clock.detect + clock.hop * chosen[some], clock.detect)
+        for kind in kinds if len(some) else ():
+            frames = broken(windows, kind, whole, f"{recording.subjects[0]}, {'background' if quiet else 'touch'}")
+            table = TouchFeatures().transform(frames).to_numpy(dtype=np.float32)
+            names = np.full(len(some), BROKEN + kind.__name__) if quiet else labels[some]
+            parts.append((table, names, np.arange(len(some)) if quiet else number[some]))
+    return parts
 
 
 def _inside(recording: Recordings, clock: Clock) -> Windowed:

@@ -10,9 +10,18 @@ from bench.corpora import synth, synth_recordings
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings, event_table
 from bench.errors import InputError
-from bench.outcomes.events import report_table
-from bench.work.broken import KINDS, broken
-from bench.work.watcher import UNKNOWN, known_confidence, learn_reject, learned, reject_threshold
+from bench.outcomes.events import matched, report_table
+from bench.work.broken import KINDS, broken, tared
+from bench.work.watcher import (
+    UNKNOWN,
+    Clock,
+    broken_windows,
+    joined,
+    known_confidence,
+    learn_reject,
+    learned,
+    reject_threshold,
+)
 from features.touch import TouchFeatures
 from models.classic.lda import lda
 from models.recipe import Recipe
@@ -83,6 +92,34 @@ def test_no_event_without_touch_and_the_next_touch_is_found(kind, people, watche
     assert len(reports) and (reports["reported"] > begins).all(), (kind, begins, reports)
 
 
+def test_touches_are_found_on_a_sensor_with_a_stuck_taxel(people, watcher):
+    own = people[1][[3]]
+    frames = own.corpus[0].copy()
+    frames[:, 2, 5] = FULL_SCALE
+    stuck = own.corpus.changed(frames=frames, starts=np.zeros(1, np.int64), digest="", path=None)
+    sound, broken_one = (
+        matched(own.events, watcher.reports(corpus), 54.0)[0]["found"] for corpus in (own.corpus, stuck)
+    )
+    assert broken_one.sum() >= 0.8 * sound.sum() > 0
+
+
+def test_broken_windows_of_background_are_their_own_classes_and_those_of_touch_stay_touch():
+    frames = np.random.default_rng(0).integers(0, 9, (2000, 4, 4)).astype(np.uint16)
+    whole = Corpus.from_captures([frames], pd.DataFrame({"subject": ["1"], "gesture": [""]}), 54.0, full_scale=100)
+    recording = Recordings(whole, event_table([(0, 1000, 2000, "pat")]))
+    clock = Clock(hop=5, detect=25, name=40, wait=10, hold=15)
+    # Windows of 25 frames that end at 25, 35, ... 995 are background, at 1025, 1035, ... 1995 touch: 98 each.
+    parts = broken_windows(recording, whole, clock, whole=True)
+    assert [labels.tolist() for _, labels, _ in parts] == [
+        *([f" {kind.__name__}"] * 13 for kind in KINDS),
+        *[["pat"] * 13] * 2,
+    ]
+    assert all(table.shape == (13, 427) for table, _, _ in parts)
+    assert all(len({*number}) == (1 if "pat" in labels else 13) for _, labels, number in parts)
+    table, labels, number = joined(parts)
+    assert len(table) == len(labels) == 9 * 13 and len({*number}) == 7 * 13 + 2
+
+
 def windows(frames):
     """Captures of one subject, as float32 or as whole numbers 0..100."""
     captures = pd.DataFrame({"subject": "1", "gesture": ["", ""]})
@@ -92,8 +129,7 @@ def windows(frames):
 @pytest.mark.parametrize("whole", [True, False])
 def test_broken_windows_are_readings_of_the_same_sensor(whole):
     frames = np.random.default_rng(0).integers(5, 9, (2, 25, 4, 3)).astype(np.uint16)
-    changed = broken(windows(frames), whole, "a")
-    assert [*changed] == [kind.__name__ for kind in KINDS]
+    changed = {kind.__name__: broken(windows(frames), kind, whole, "a") for kind in KINDS}
     for kind, corpus in changed.items():
         values = np.stack(list(corpus))
         assert values.shape == frames.shape and values.dtype == np.float32
@@ -108,12 +144,12 @@ def test_broken_windows_are_readings_of_the_same_sensor(whole):
             (w.reshape(25, 12).tolist(), np.median(w.reshape(25, 12), axis=0).tolist()) for w in frames
         )
     ]
-    tared = np.stack(list(changed["tared"])).reshape(2, 25, 12)
-    np.testing.assert_allclose(tared, np.rint(expected) if whole else expected, atol=1e-4)
-    again = broken(windows(frames), whole, "a")
-    assert all(np.array_equal(np.stack(list(again[k])), np.stack(list(changed[k]))) for k in changed)
-    other = broken(windows(frames), whole, "b")
-    assert not np.array_equal(np.stack(list(other["noisy"])), np.stack(list(changed["noisy"])))
+    found = np.stack(list(changed["tared"])).reshape(2, 25, 12)
+    np.testing.assert_allclose(found, np.rint(expected) if whole else expected, atol=1e-4)
+    for kind in KINDS:
+        again, other = (np.stack(list(broken(windows(frames), kind, whole, seed))) for seed in "ab")
+        assert np.array_equal(again, np.stack(list(changed[kind.__name__])))
+        assert np.array_equal(again, other) == (kind is tared), kind
 
 
 def test_the_confidence_of_a_touch_is_that_of_its_last_label():
