@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -22,8 +23,10 @@ from scipy.special import logsumexp
 from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
-from bench.corpora.steps import SETTLED_S, Step, Windows
+from bench.corpora.steps import SETTLED_S, Scale, Step, Windows
+from bench.errors import InputError
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
+from bench.work.broken import FEELING, KINDS, broken
 from features.base import constant
 from features.base import labels as row_labels
 from features.touch import TouchFeatures
@@ -32,6 +35,8 @@ from models.recipe import Recipe, taken
 from models.search.inner_folds import inner_folds
 
 BACKGROUND = ""  # its class in the detector
+BROKEN = " "  # begins the class of each kind of broken sensor in the detector; sorts before all gestures
+RARE = 8  # one of so many training windows is also learned as broken sensors show it
 UNKNOWN = "unknown"  # label of a gesture that is rejected
 HOP_S = 0.1
 DETECT_S = 0.45  # of the detector's window
@@ -49,6 +54,7 @@ BIASES = np.arange(-10, 4.25, 0.25, dtype=np.float32)  # of which one is learned
 UNUSUAL = 3.0  # SDs of training windows
 MARGIN = 1.5  # how much further from training than any training window a window may be
 REFUSED = -4.0  # log-odds of a window that is refused
+REJECTED = 0.05  # share of touches with a known gesture that may be labelled unknown
 
 
 Frames = TypeVar("Frames", int, np.ndarray)
@@ -110,16 +116,18 @@ def behind(system: contract.System) -> tuple[list[Step], contract.System]:
 class Detector:
     """Linear discriminants on `features.touch` that tell touch from background, whatever the gesture.
 
-    A window is refused, and is no touch, if more of its features lie far from training than in any training window, or
-    if no taxel changes in it: the sensor is tared, saturated or disconnected.
+    Background from broken sensors (`bench.work.broken`) has one class for each kind. A window is refused, and is no
+    touch, if more of its features lie far from training than in any real training window, or if no taxel changes in it:
+    the sensor is tared, saturated or disconnected.
 
     Args:
         detect: frames of a window.
 
     Attributes:
         classifier_: fitted to windows of each gesture and of background.
+        quiet_: number of its classes that are no gesture; they are the first.
         mean_, sd_: statistics of the features of training windows, float32 [features].
-        limit_: share of features beyond 3 SDs from which on a window is refused.
+        limit_: share of features beyond 3 SDs above which a window is refused.
     """
 
     detect: int
@@ -129,14 +137,16 @@ class Detector:
 
         Args:
             table: features [windows, n_features], float32.
-            labels: gesture of each window, `BACKGROUND` for background.
+            labels: str [windows]: gesture, `BACKGROUND`, or `BROKEN` followed by the kind of a broken sensor.
             events: number of the event, or the gap between events, that each window lies in.
         """
         rows = pd.DataFrame(table, index=row_labels(events, np.zeros(len(events), np.int64)))
         self.classifier_ = Discriminants(windows=REPEATED).fit(rows, labels)
+        real = ~np.char.startswith(labels, BROKEN)
+        self.quiet_ = len(set(labels[~real]) | {BACKGROUND})
         self.mean_, self.sd_ = table.mean(axis=0), table.std(axis=0)
         self.sd_[constant(table) | (self.sd_ == 0)] = np.inf
-        self.limit_ = MARGIN * float(self.unusual(table).max())
+        self.limit_ = MARGIN * float(self.unusual(table[real]).max())
         return self
 
     def log_odds(self, table: np.ndarray, still: np.ndarray) -> np.ndarray:
@@ -147,8 +157,7 @@ class Detector:
             still: True if no taxel changes in a window, bool [windows].
         """
         scores = self.classifier_.decision_function(table)
-        quiet = self.classifier_.classes_ == BACKGROUND
-        odds = logsumexp(scores[:, ~quiet], axis=1) - scores[:, quiet][:, 0]
+        odds = logsumexp(scores[:, self.quiet_ :], axis=1) - logsumexp(scores[:, : self.quiet_], axis=1)
         return np.where(still | (self.unusual(table) > self.limit_), REFUSED, odds).astype(np.float32)
 
     def unusual(self, table: np.ndarray) -> np.ndarray:
@@ -496,7 +505,16 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
     corpus = taken(recordings.corpus, steps)[0]
     clock = Clock.of(system, corpus.rate_hz)
     seen = [windows_of(corpus[[i]], clock) for i in range(len(corpus))]
-    tables = [training_windows(recordings[i], table, clock) for i, (table, _) in enumerate(seen)]
+    whole = storage(recordings.corpus)[0].dtype.kind in "iu" and not any(isinstance(step, Scale) for step in steps)
+    tables = [
+        joined(
+            [
+                training_windows(recordings[i], table, clock),
+                *broken_windows(recordings[i], corpus[[i]], clock, whole),
+            ]
+        )
+        for i, (table, _) in enumerate(seen)
+    ]
     odds: list[np.ndarray] = [np.zeros(0)] * len(seen)
     for train, judged in inner_folds(recordings.subjects.astype(str), "loso"):
         detector = _fitted([tables[i] for i in train], clock)
@@ -524,21 +542,57 @@ Windowed = tuple[np.ndarray, np.ndarray, np.ndarray]  # features, labels and eve
 
 def training_windows(recording: Recordings, table: np.ndarray, clock: Clock) -> Windowed:
     """Every second window of one recording that lies within one event or one gap: features, label, number of it."""
-    ends = clock.detect + clock.hop * np.arange(len(table))
+    chosen, labels, number = _inside(recording, clock)
+    return table[chosen], labels, number
+
+
+def broken_windows(recording: Recordings, seen: Corpus, clock: Clock, whole: bool) -> list[Windowed]:
+    """Some windows of one recording as broken sensors show them, a part for each kind of broken sensor.
+
+    Background becomes a class of its own for each kind; touch stays touch, where a broken sensor still feels it.
+
+    Args:
+        recording: one recording with its events.
+        seen: the same after the steps before the system.
+        clock: timing of the windows.
+        whole: True if readings after the steps are whole numbers.
+    """
+    chosen, labels, number = _inside(recording, clock)
+    parts = []
+    for quiet, kinds in ((True, KINDS), (False, FEELING)):
+        some = np.flatnonzero((labels == BACKGROUND) == quiet)[::RARE]
+        windows = cut(seen, clock.detect + clock.hop * chosen[some], clock.detect)
+        for kind in kinds if len(some) else ():
+            frames = broken(windows, kind, whole, f"{recording.subjects[0]}, {'background' if quiet else 'touch'}")
+            table = TouchFeatures().transform(frames).to_numpy(dtype=np.float32)
+            names = np.full(len(some), BROKEN + kind.__name__) if quiet else labels[some]
+            parts.append((table, names, np.arange(len(some)) if quiet else number[some]))
+    return parts
+
+
+def _inside(recording: Recordings, clock: Clock) -> Windowed:
+    """Every second window of one recording that lies within one event or one gap: position, label, number of it."""
+    ends = np.arange(clock.detect, int(recording.corpus.lengths[0]) + 1, clock.hop)
     starts = recording.events["start"].to_numpy()
     edges = np.unique(np.append(starts, recording.events["end"].to_numpy()))
     number = np.searchsorted(edges, ends - 1, side="right")
     inside = number == np.searchsorted(edges, ends - clock.detect, side="right")
     inside[1::2] = False
     labels = recording.frame_labels()[ends - 1]
-    return table[inside], np.where(labels == "", BACKGROUND, labels)[inside].astype(str), number[inside]
+    return np.flatnonzero(inside), np.where(labels == "", BACKGROUND, labels)[inside].astype(str), number[inside]
+
+
+def joined(parts: list[Windowed]) -> Windowed:
+    """Windows of several parts together; events of different parts stay apart."""
+    firsts = np.cumsum([0, *(number.max(initial=0) + 1 for _, _, number in parts)])
+    events = [number + first for (_, _, number), first in zip(parts, firsts[:-1], strict=True)]
+    table, labels = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    return table, labels, np.concatenate(events)
 
 
 def _fitted(parts: list[Windowed], clock: Clock) -> Detector:
     """A detector that is fitted to the windows of some recordings."""
-    events = [number + 1_000_000 * i for i, (_, _, number) in enumerate(parts)]
-    table, labels = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-    return Detector(clock.detect).fit(table, labels, np.concatenate(events))
+    return Detector(clock.detect).fit(*joined(parts))
 
 
 def bias_table(
@@ -578,3 +632,64 @@ def bias_table(
         found = len(np.setdiff1d(touch, [FALSE_ALARM])) / max(len(recordings.events), 1)
         rows.append((bias, level, tail, int((touch == FALSE_ALARM).sum()), hours, found))
     return pd.DataFrame(rows, columns=["bias", "strong", "tail", "alarms", "hours", "found"])
+
+
+def learn_reject(
+    make_system: Callable[[], contract.System],
+    captures: Corpus,
+    recordings: Recordings,
+    watcher: Watcher,
+    groups: str = "3",
+) -> float:
+    """The confidence below which a label is ``unknown`` (`Watcher.reject`), learned on training subjects.
+
+    Each group of subjects is left out in turn; a system that is fitted to the captures of the others names the touches
+    that the watcher's detector finds in the group's recordings.
+
+    Args:
+        make_system: factory of the watcher's system, not fitted.
+        captures: training captures, without the gesture that is left out.
+        recordings: recordings of training subjects, without that gesture.
+        watcher: watcher that was learned on the same captures and recordings.
+        groups: number of groups of subjects, or ``loso`` for each subject alone.
+
+    Raises:
+        InputError: fewer than two subjects, or no touch is found.
+    """
+    subjects = recordings.subjects.astype(str)
+    found = []
+    for _, judged in inner_folds(subjects, groups):
+        train = captures[~np.isin(captures.subjects.astype(str), subjects[judged])]
+        system = make_system().fit(train, train.gestures)
+        held = recordings[judged]
+        reports = replace(watcher, system=system, reject=0.0).reports(held.corpus)
+        found.append(known_confidence(held.events, reports, held.corpus.rate_hz))
+    return reject_threshold(np.concatenate(found))
+
+
+def known_confidence(touches: pd.DataFrame, reports: pd.DataFrame, rate_hz: float) -> np.ndarray:
+    """Confidence of the last label of each touch that was found, float64 [touches found], in order of the touches.
+
+    Args:
+        touches: the ``events`` of recordings.
+        reports: result of `Watcher.reports`.
+        rate_hz: frames per second.
+    """
+    reports = reports.assign(touch=touches_of(touches, reports, rate_hz))
+    ordered = reports[reports["touch"] != FALSE_ALARM].sort_values(["touch", "reported", "end"], kind="stable")
+    return ordered.drop_duplicates("touch", keep="last")["confidence"].to_numpy()
+
+
+def reject_threshold(confidence: np.ndarray, share: float = REJECTED) -> float:
+    """Threshold that rejects at most a share of touches with known gestures.
+
+    Args:
+        confidence: confidence of the label of each training touch with a known gesture [touches].
+        share: share of them that may lie below the threshold.
+
+    Raises:
+        InputError: there are no touches.
+    """
+    if not len(confidence):
+        raise InputError("unknown= learns a threshold from training touches, and none was found; leave unknown= out")
+    return float(np.quantile(confidence, share, method="lower"))
