@@ -1,4 +1,5 @@
-/* Frames from standard input, a line each, a blank line ends a capture; a line per decision, as bench stream source=-. */
+/* Frames from standard input, a line each, a blank line ends a capture; a line per decision, as bench stream source=-.
+   touch -w watches an endless stream, if there is a watcher: a line per event that is reported, renamed or over. */
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,7 +14,12 @@
 enum { FRAME, BLANK, REFUSED, ENDED };
 enum { CHARACTERS = 32 }; /* most of a number; a line has at most as many for each taxel, its end included */
 
+#if TOUCH_WATCH
+static touch_watch_t watch; /* has the room of a capture as well */
+#define state watch.now
+#else
 static touch_t state;
+#endif
 
 /* The next byte of the input; CR LF is LF, and CR at the end of the input is the end. */
 static int next_byte(int *bytes)
@@ -109,9 +115,66 @@ static int decided(int capture, int seen, int *settled)
     return 0;
 }
 
-int main(void)
+static int refused(int number)
+{
+    fprintf(stderr, "line %d: send %d decimal numbers, all with commas or all with blanks between them\n", number,
+            TOUCH_TAXELS);
+    return 2;
+}
+
+#if TOUCH_WATCH
+/* A frame has been taken: news is printed with the time of the event's report or end, otherwise of this frame. */
+static void tell(int news, const touch_event_t *event, uint32_t seen)
+{
+    static const char *const words[] = {"", "reported", "changed", "ended"};
+    uint32_t at = news == TOUCH_ENDED ? event->end : seen;
+    printf("%.0f,%s,%s,%.3f\n", 1000.0 / TOUCH_RATE_HZ * at, words[news],
+           event->label == TOUCH_UNKNOWN ? "unknown" : cell(touch_name(event->label)), (double)event->confidence);
+    fflush(stdout);
+}
+
+/* Lines until the input ends; a blank one begins anew. */
+static int watched(void)
 {
     static float frame[TOUCH_TAXELS];
+    touch_event_t event;
+    uint32_t seen = 0;
+    touch_watch_init(&watch);
+    printf("ms,news,label,confidence\n");
+    for (int number = 1;; number++) {
+        int kind = read_line(frame);
+        if (kind == ENDED)
+            return 0;
+        if (kind == REFUSED)
+            return refused(number);
+        if (kind == BLANK) {
+            touch_watch_init(&watch);
+            seen = 0;
+            continue;
+        }
+        int news = touch_watch(&watch, frame, &event);
+        if (news < 0) {
+            fprintf(stderr, "line %d: out of range\n", number);
+            return 2;
+        }
+        seen++;
+        if (news)
+            tell(news, &event, seen);
+    }
+}
+#endif
+
+int main(int count, char **words)
+{
+    static float frame[TOUCH_TAXELS];
+#if TOUCH_WATCH
+    if (count == 2 && !strcmp(words[1], "-w"))
+        return watched();
+#endif
+    if (count > 1) {
+        fprintf(stderr, "%s: %s\n", words[1], TOUCH_WATCH ? "give -w or nothing" : "give nothing");
+        return 2;
+    }
     int capture = 1, seen = 0, at_last = 0, number = 0, settled = 0;
     const double per_hop = HOP_MS * TOUCH_RATE_HZ / 1000;
     touch_init(&state);
@@ -133,9 +196,7 @@ int main(void)
                 at_last = seen;
             }
         } else if (kind == REFUSED) {
-            fprintf(stderr, "line %d: send %d decimal numbers, all with commas or all with blanks between them\n", number,
-                    TOUCH_TAXELS);
-            return 2;
+            return refused(number);
         } else if (seen) {
             if (at_last < seen)
                 decided(capture, seen, &settled);
