@@ -81,6 +81,7 @@ int main(void)
         generate(n);
         watch.begun = n >= count; /* as if nothing were touched, then as if a touch never ended */
         watch.crossed = watch.falling = 0;
+        watch.touched = watch.begun ? watch.touched : 0;
         uint32_t begin = VALUE;
         touch_watch(&watch, frame, &event);
         uint32_t spent = since(begin);
@@ -95,12 +96,14 @@ int main(void)
         at++;
     if (most > both_most)
         both_most = most;
-    printf("instructions: %.0f a frame on average, at most %lu without and %lu with a window that ends; label at most %lu; "
+    printf("instructions: %lu a frame on average, at most %lu without and %lu with a window that ends; label at most %lu; "
            "a frame and its label at most %lu\n",
-           all / taken, (unsigned long)most_idle, (unsigned long)most, (unsigned long)label_most, (unsigned long)both_most);
+           (unsigned long)(all / taken + 0.5), (unsigned long)most_idle, (unsigned long)most, (unsigned long)label_most,
+           (unsigned long)both_most);
 #if TOUCH_WATCH
-    printf("watching: %.0f instructions a frame on average without touch and %.0f with, at most %lu and %lu\n",
-           idle_all / count, watch_all / count, (unsigned long)watch_idle, (unsigned long)watch_most);
+    printf("watching: %lu instructions a frame on average without touch and %lu with, at most %lu and %lu\n",
+           (unsigned long)(idle_all / count + 0.5), (unsigned long)(watch_all / count + 0.5), (unsigned long)watch_idle,
+           (unsigned long)watch_most);
 #endif
     printf("stack: %lu bytes at most, below the caller\n", (unsigned long)((here - at) * sizeof *at));
     return deciding ? 0 : 1;
