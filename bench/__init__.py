@@ -16,7 +16,7 @@ from __future__ import annotations
 import importlib
 
 API = ("audit", "choose", "compare", "corpus", "fit", "latex", "look", "plans", "results", "run", "stream", "stress")
-API += ("tune",)
+API += ("tune", "watch")
 VALUES = {"Corpus": "bench.corpora.corpus", "InputError": "bench.errors", "fault": "bench.corpora.faults"}
 __all__ = [*API, *VALUES]
 

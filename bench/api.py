@@ -18,6 +18,7 @@ from bench.commands import run as _run
 from bench.commands import stream as _stream
 from bench.commands import stress as _stress
 from bench.commands import tune as _tune
+from bench.commands import watch as _watch
 from bench.commands.printing import output, system_in_tables
 from bench.commands.smallest import smallest
 from bench.corpora.corpus import Corpus
@@ -222,6 +223,27 @@ def stream(**values: object) -> Found:
     more = {
         name: _joined([(system, tables[f"{name}.csv"]) for system, tables in good], "system")
         for name in ("instants", "stopping")
+        if good
+    }
+    return Found(table_of(outcomes), more)
+
+
+def watch(**values: object) -> Found:
+    """Watch continuous recordings, as ``bench watch`` does; tables ``touches``, ``reports``, ``subjects``, ``curve``.
+
+    Args:
+        values: keys of `run`; ``false_alarms`` (per hour of background, accepted on training subjects, default 5) and
+            ``background`` (class without touch, or ``quiet``).
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    outcomes = _watch.watched(_values(values, keys("watch")))
+    good = [(system_in_tables(o), o.findings.tables) for o in outcomes if o.findings]
+    names = {"touches": "touches", "reports": "reports", "subjects": "per_subject", "curve": "curve"}
+    more = {
+        name: _joined([(system, tables[f"{file}.csv"]) for system, tables in good], "system")
+        for name, file in names.items()
         if good
     }
     return Found(table_of(outcomes), more)

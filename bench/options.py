@@ -63,7 +63,7 @@ class Command:
     module: str = ""
 
 
-FOLDS = "run tune stress stream chip choose check"
+FOLDS = "run tune stress stream watch chip choose check"
 CHOICE = "choose report"
 OPTIONS = (
     Option("data", f"{FOLDS} fit extract", "text", "synth", "synth (generated captures) or an imported corpus"),
@@ -92,7 +92,13 @@ OPTIONS = (
     Option("max_decision", CHOICE, "amount", None, "longest touch before the decision, such as 1s"),
     Option("max_cycles", CHOICE, "amount", None, "most instructions for the costliest frame, such as 600k"),
     Option("clock", "choose", "text", "", "clock rate of the chip, such as 64MHz; adds its cycles to decision times"),
-    Option("margin", "choose", "number", None, "accepted loss in points; uses a t-test, not one standard error"),
+    Option(
+        "margin",
+        "choose",
+        "number",
+        None,
+        "accepted loss in points; a one-sided paired t-test replaces the standard error",
+    ),
     Option("unit", "choose", "text", "capture", "unit of accuracy", ("capture", "window")),
     Option("batch", "choose submit", "yes", False, "yes: also systems whose labels depend on other test captures"),
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
@@ -103,9 +109,15 @@ OPTIONS = (
     Option("hop_ms", "stream", "number", None, "ms between decisions; default: each uses 1.41 times as much touch"),
     Option("start", "stream", "text", "onset", "start of the replay; middle skips half a capture", ("onset", "middle")),
     Option("source", "stream", "text", "", "- classifies frames from standard input"),
+    Option("events", "stream", "yes", True, "source=-: report touches of an endless stream; no: classify captures"),
     Option("out", "stream", "text", "report", "folder for streaming.csv, stopping.csv and figures"),
+    Option("false_alarms", "watch", "number", 5, "false alarms per hour of background accepted in training"),
+    Option(
+        "background", "watch", "text", "", "class without touch, or quiet: ends of captures; default notouch or quiet"
+    ),
     Option("bits", "chip export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
+    Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams"),
     Option("out", "fit", "text", "", "folder for a copy of the model; new or empty"),
     Option("out", "predict", "text", "", "CSV file that is safe in spreadsheets; default: print the table"),
     Option("out", "adapt", "text", "", "folder for the adapted model; new or empty"),
@@ -163,8 +175,8 @@ COMMANDS = {
         "find the cheapest system within one standard error of the best",
         "Finds, among stored runs on the same captures, the cheapest system within one standard error of the most "
         "accurate one. This is the standard error of the paired difference over subjects. If no system fits the "
-        "budgets, it prints the lowest cost for each budget; exit code 1. Runs with failed folds or of an older corpus "
-        "are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
+        "budgets, it prints the lowest cost for each budget; exit code 1. Runs with failed folds, and older runs on "
+        "other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
         "for runs of bench chip, which also count instructions. over= runs systems instead: each fold chooses the "
         "smallest value on left-out training subjects. The values are those of model.X=, or an eighth, a quarter, a "
         "half and all of the default.",
@@ -245,12 +257,24 @@ COMMANDS = {
         "Replays captures and measures accuracy against milliseconds of touch, and computing time per decision. "
         "Adaptive stopping decides as soon as the expected gain from waiting is small, as learned on training "
         "subjects. source=- reads one frame per line: values in row-major order, separated by commas or blanks, at "
-        "most 32 characters each. An empty line ends a capture. Each decision prints capture, ms, label, confidence "
-        "and settled. settled is yes once waiting would gain too little. MODEL is a model that bench fit saved.",
+        "most 32 characters each. If the model can watch an endless stream, each news of a touch (reported, changed, "
+        "ended) prints ms, news, label and confidence. Otherwise, or with events=no, an empty line ends a capture, and "
+        "each decision prints capture, ms, label, confidence and settled. settled is yes once waiting would gain too "
+        "little. MODEL is a model that bench fit saved.",
         "bench stream data=haart protocol=loso model=svm,rf features=jung54\n"
         "bench stream data=haart model=svm start=onset,middle hop_ms=125\n"
         "sensor | bench stream source=- model=models:/m-0123456789abcdef",
-        "[key=value ...]\nsource=- model=MODEL [hop_ms=125]",
+        "[key=value ...]\nsource=- model=MODEL [events=no] [hop_ms=125]",
+    ),
+    "watch": Command(
+        "compare",
+        "find touches in continuous recordings: false alarms, misses, latency",
+        "Each fold trains on captures, and learns when to report a touch from recordings of training subjects. It then "
+        "watches the recordings of the test subjects. data=synth and imported recordings are used as they are. From "
+        "other corpora, one recording per subject is composed: excerpts of 2 to 6 s of each capture, with 3 to 10 s of "
+        "background between them. Prints touches found, correct gestures when first reported and at the end, false "
+        "alarms per hour of background, latency and reports per touch.",
+        f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2",
     ),
     "chip": Command(
         "compare",

@@ -43,14 +43,19 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     Raises:
         InputError: something in the values or the data cannot be used, or they name several systems.
     """
+    from bench.commands.watch import with_recordings
     from bench.work.fit import fit
+    from bench.work.watch import Watch
 
     stopping = bool(setting("fit", "stopping", values))
-    cell, *more = cells({k: v for k, v in values.items() if k not in ("out", "stopping")})
+    watching = bool(setting("fit", "watch", values))
+    cell, *more = cells({k: v for k, v in values.items() if k not in ("out", "stopping", "watch")})
     if more:
         raise InputError("bench fit saves one system; give one value of each key")
     out = Path(str(values["out"])) if "out" in values else None
-    return fit(cell, out, stopping), out
+    if cell.data != "synth":
+        cell = with_recordings(cell)
+    return fit(cell, out, stopping, Watch() if watching else None), out
 
 
 def predict(arguments: list[str]) -> int:

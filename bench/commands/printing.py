@@ -37,6 +37,7 @@ HEADINGS = {  # of columns that kinds of run call otherwise
     "after ms": "at mean ms",
     "a second": "decisions per s",
     "own hop ms": "system hop ms",
+    "per touch": "reports per touch",
 }
 SPARE = (  # columns that a narrow terminal does not get, the first to go first
     "own hop ms",
@@ -47,6 +48,9 @@ SPARE = (  # columns that a narrow terminal does not get, the first to go first
     "macro-F1",
     "SD",
     "start",
+    "90 % s",
+    "touches",
+    "per touch",
     "2000 ms",
     "250 ms",
     "other labels",
@@ -248,7 +252,9 @@ def _rows(out: Console, outcomes: Sequence[Outcome]) -> None:
     if not differing:
         data, subset, protocol = context_of(outcomes[0].tags)
         title = f"{data}, {'all captures' if subset == 'all' else subset}, {protocol}\n{title}"
-    if any("[" in row.get(HEADINGS.get(name, name), "") for row in rows for name in ACCURACY):
+    if outcomes[0].experiment.kind == "watch" or any(
+        "[" in row.get(HEADINGS.get(name, name), "") for row in rows for name in ACCURACY
+    ):
         title += "; in brackets 95 % confidence intervals over subjects"
     spare = [HEADINGS.get(name, name) for name in SPARE]
     grid(out, title, rows, ("system", *contexts_of[0], "worst fault"), spare, marked)

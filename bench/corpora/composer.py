@@ -14,6 +14,8 @@ TOUCH_S = (2.0, 6.0)  # excerpts of captures; a shorter capture is used whole
 GAP_S = (3.0, 10.0)
 QUIET_S = 0.25  # of a piece of background, at least
 QUIET = 0.1  # of the highest summed pressure of a capture: frames below, at its ends, are quiet
+BACKGROUND = "background"  # class of the captures between the events of a recording
+RECORDED = "cut from recordings"  # in the corpus's info
 BESIDES = ("subject", "gesture", "split")  # columns that are no condition of the sensor
 
 
@@ -75,7 +77,7 @@ def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
         Recordings in the order of the subjects' names, without the corpus's conditions.
 
     Raises:
-        InputError: a subject has no background.
+        InputError: there is no touch, or a subject has no background.
     """
     labels = [c for c in touches.captures if c not in (*BESIDES, *touches.target.split("+"))]
     conditions = _keys(touches, labels)
@@ -84,6 +86,8 @@ def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
     gestures = touches.gestures
     rate, rows, streams = touches.rate_hz, [], []
     names = sorted(set(subjects))
+    if not names:
+        raise InputError(f"{touches.name}: there is no touch beside the background; give another background=")
     for number, subject in enumerate(names):
         rng = seeded(f"recording {seed} of {subject}")
         chosen = np.flatnonzero(subjects == subject)
@@ -132,3 +136,63 @@ def _gap(quiet: Corpus, pool: np.ndarray, rng: np.random.Generator) -> list[np.n
         parts.append(frames[begin : begin + length])
         missing -= length
     return parts
+
+
+def captures_in(recordings: Recordings) -> Corpus:
+    """Recordings as captures, one per event and one per gap between events; no frame is copied.
+
+    The class of a gap is ``background``. The table has the position of the recording as ``recording``, and the
+    conditions of the recordings.
+    """
+    lengths = recordings.corpus.lengths
+    labels = pd.Series(recordings.frame_labels())
+    firsts = np.cumsum(lengths) - lengths
+    recording = np.repeat(np.arange(len(recordings)), lengths)
+    edges = np.append(True, recording[1:] != recording[:-1])
+    edges[(firsts[recordings.events["recording"]] + recordings.events["start"]).to_numpy()] = True
+    ends = (firsts[recordings.events["recording"]] + recordings.events["end"]).to_numpy()
+    edges[ends[ends < len(edges)]] = True
+    starts = np.flatnonzero(edges)
+    table = recordings.corpus.captures.iloc[recording[starts]].reset_index(drop=True)
+    table = table.assign(gesture=labels[starts].replace("", BACKGROUND).to_numpy(), recording=recording[starts])
+    return recordings.corpus.changed(
+        starts=storage(recordings.corpus)[1][recording[starts]] + starts - firsts[recording[starts]],
+        lengths=np.append(starts[1:], len(edges))[: len(starts)] - starts,
+        captures=table,
+        index=np.arange(len(starts)),
+        piece=np.zeros(len(starts), dtype=np.int64),
+        path=None,
+        info=recordings.corpus.info | {RECORDED: True},
+    )
+
+
+def recorded(captures: Corpus) -> Recordings:
+    """The recordings that `captures_in` has cut, from all captures of some of them.
+
+    Raises:
+        ValueError: captures of a recording are missing.
+    """
+    table = captures.captures.assign(start=storage(captures)[1], length=captures.lengths)
+    table = table.sort_values(["recording", "start"])
+    groups = table.groupby("recording", sort=True)
+    first, lengths = groups["start"].min(), groups["length"].sum()
+    if (groups["start"].max() + groups["length"].last() != first + lengths).any():
+        raise ValueError("captures of a recording are missing")
+    number = table["recording"].map({name: i for i, name in enumerate(first.index)}).to_numpy()
+    start = (table["start"] - table["recording"].map(first)).to_numpy()
+    touched = (table["gesture"] != BACKGROUND).to_numpy()
+    events = zip(number, start, start + table["length"], table["gesture"], strict=True)
+    subjects = pd.DataFrame({"subject": groups["subject"].first().to_numpy(), "gesture": ""})
+    corpus = captures.changed(
+        starts=first.to_numpy(),
+        lengths=lengths.to_numpy(),
+        captures=subjects,
+        index=np.arange(len(first)),
+        piece=np.zeros(len(first), dtype=np.int64),
+    )
+    return Recordings(corpus, event_table([event for event, kept in zip(events, touched, strict=True) if kept]))
+
+
+def is_recorded(captures: Corpus) -> bool:
+    """Return True for captures that `captures_in` has cut from recordings."""
+    return bool(captures.info.get(RECORDED))

@@ -133,6 +133,7 @@ class Cell:
     features: Part[contract.Features] | None
     model: Part[contract.System]
     tuning: Tuning | None = None
+    recordings: bool = False
 
     def __getstate__(self) -> dict[str, object]:
         return {f.name: getattr(self, f.name) for f in fields(self)}

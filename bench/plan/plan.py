@@ -12,9 +12,10 @@ import numpy as np
 
 from bench import contract
 from bench.arguments import quoted
+from bench.corpora.composer import captures_in
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
-from bench.corpora.library import open_corpus
+from bench.corpora.library import open_corpus, recordings
 from bench.errors import InputError
 from bench.plan import splits
 from bench.plan.cells import Cell
@@ -151,6 +152,8 @@ def corpus_of(cell: Cell) -> Corpus:
     Raises:
         InputError: they cannot be opened, chosen, joined, or told apart by the target.
     """
+    if cell.recordings:
+        return captures_in(recordings(cell.data, cell.data_parameters))
     corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
     corpus = splits.captures(cell.splitter, corpus)
     if len(set(corpus.gestures)) < 2:

@@ -26,6 +26,9 @@ from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.machine import this_machine
 from bench.work.replay import Replay, Stopping, learned, unlearnable
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
+from bench.work.watch import Watch
+from bench.work.watcher import Watcher
+from bench.work.watcher import learned as learned_watcher
 from bench.work.workers import fill_cache
 
 if TYPE_CHECKING:
@@ -63,13 +66,14 @@ class Fitted:
     __repr__ = __str__
 
 
-def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
+def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: Watch | None = None) -> Fitted:
     """Train on all captures of a cell, and save.
 
     Args:
         cell: cell to train; its protocol is ignored.
         stopping: True to learn, from three more fits that leave subjects out, the calibration and the stopping rule; a
             warning appears if there are too few captures for it.
+        watch: settings of the post-processing for endless streams; None for a model without.
         out: a folder that is new or empty, to save the model there too.
 
     Raises:
@@ -93,6 +97,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
         with computing(threads):
             learned_stopping = _stopping(cell, corpus) if stopping else None
             metrics = fitted(estimator, corpus)
+            watcher = _watcher(estimator, corpus, watch) if watch else None
     with computing(1):
         milliseconds = latency(estimator, corpus, int(corpus.lengths.max()))[:2]
     metrics = costs([FoldResult("", None, metrics | footprint(estimator, corpus), *milliseconds)])
@@ -101,7 +106,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
 
     from bench.work.saved import Recogniser, by_value, quiet
 
-    recogniser = Recogniser(estimator, corpus, learned_stopping)
+    recogniser = Recogniser(estimator, corpus, learned_stopping, watcher)
     plugins = [part.name for part in (cell.model, cell.features) if part]
     model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.packages())
     by_value()
@@ -120,6 +125,17 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True) -> Fitted:
                 with made_whole(out) as beside:
                     mlflow.pyfunc.save_model(str(beside), **model)
     return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus))
+
+
+def _watcher(estimator: contract.System, corpus: Corpus, watch: Watch) -> Watcher | None:
+    """The post-processing for endless streams; None, with a warning, where the captures cannot teach it."""
+    try:
+        if len(set(corpus.subjects)) < 2:
+            raise InputError("only one subject trains")
+        return learned_watcher(estimator, watch.recordings(corpus), watch.false_alarms)[0]
+    except InputError as e:
+        warn(f"warning: the model cannot watch an endless stream: {e}")
+        return None
 
 
 def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 import pandas as pd
 
-from bench.arguments import number
+from bench.arguments import number, setting
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.limits import quoted
 from bench.corpora.read.sensor_values import checked, highest_of
@@ -22,9 +22,10 @@ from bench.work.replay import GROWTH
 
 if TYPE_CHECKING:
     from bench.work.saved import Recogniser
+    from bench.work.watcher import Watcher
 
 HOP_MS = 125.0  # 8 decisions a second; the systems in the literature make 6 to 9
-OPTIONS = ("source", "model", "hop_ms")
+OPTIONS = ("source", "model", "hop_ms", "events")
 CHARACTERS = 32  # most of a number; a line has at most as many for each channel, its end included
 NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
@@ -46,6 +47,8 @@ def live(values: dict[str, str]) -> int:
 
     hop_ms = number("hop_ms", values.get("hop_ms", str(HOP_MS)))
     recogniser = load(values["model"])
+    if recogniser.watcher is not None and bool(setting("stream", "events", values)):
+        return watched(recogniser, recogniser.watcher)
     frame_ms = 1000 / recogniser.rate_hz
     if hop_ms < frame_ms:
         raise InputError(f"hop_ms={hop_ms:g}: one frame takes {frame_ms:.4g} ms; give at least that")
@@ -72,6 +75,38 @@ def live(values: dict[str, str]) -> int:
         word = "-" if share is None else "yes" if settled else "no"
         out.writerow([capture, f"{seen * frame_ms:.0f}", label, f"{confidence:.3f}", word])
         sys.stdout.flush()
+    return 0
+
+
+def watched(recogniser: Recogniser, watcher: Watcher) -> int:
+    """Report the touches of an endless stream until standard input ends; empty lines mean nothing.
+
+    Raises:
+        InputError: a line that is not a frame; news before it is printed already.
+    """
+    from bench.work.watcher import LiveStream
+
+    rows, cols = recogniser.grid
+    frame_ms = 1000 / recogniser.rate_hz
+    print(
+        f"expecting frames of {rows}x{cols}, values 0 to {recogniser.full_scale:g}, at {recogniser.rate_hz:g} Hz; "
+        f"a touch is reported after {(watcher.clock.name + watcher.clock.wait) * frame_ms:.0f} ms or later",
+        file=sys.stderr,
+    )
+    stream = LiveStream(watcher, recogniser.grid, recogniser.rate_hz, recogniser.full_scale)
+    out = csv.writer(sys.stdout, lineterminator="\n")
+    out.writerow(["ms", "news", "label", "confidence"])
+    sys.stdout.flush()
+    lasting = False
+    for frame in frames_of(sys.stdin.buffer, rows * cols, recogniser.full_scale):
+        if frame is None:
+            continue
+        event = stream.push(checked(frame.reshape(1, rows, cols), recogniser.full_scale, "input", "frame")[0])
+        if event is not None:
+            news = "ended" if event.end is not None else "changed" if lasting else "reported"
+            lasting = event.end is None
+            out.writerow([f"{stream.seen * frame_ms:.0f}", news, event.label, f"{event.confidence:.3f}"])
+            sys.stdout.flush()
     return 0
 
 

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
     from bench.contract import System
     from bench.work.replay import Stopping
+    from bench.work.watcher import Watcher
 
 PACKAGES = ("bench", "features", "models", "protocols")  # whose code goes with a model
 
@@ -50,6 +51,7 @@ class Recogniser(PythonModel):
         estimator: fitted to a `Corpus`.
         corpus: the captures that it was fitted to; their frames are not kept.
         stopping: calibration and stopping rule; None if its captures could not teach them.
+        watcher: the system with post-processing for endless streams; None without.
 
     Attributes:
         classes: class names, sorted.
@@ -63,10 +65,13 @@ class Recogniser(PythonModel):
     format = ""  # of a model that another version has saved
     adapted = False  # to a person
 
-    def __init__(self, estimator: System, corpus: Corpus, stopping: Stopping | None = None) -> None:
+    def __init__(
+        self, estimator: System, corpus: Corpus, stopping: Stopping | None = None, watcher: Watcher | None = None
+    ) -> None:
         self.format = FORMAT
         self.estimator = estimator
         self.stopping = stopping
+        self.watcher = watcher
         self.classes = [str(c) for c in np.unique(corpus.gestures.astype(str))]
         rows, cols = corpus.grid
         self.grid = int(rows), int(cols)

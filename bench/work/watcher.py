@@ -11,6 +11,7 @@ Everything is causal and has a fixed memory, so that `bench export` can write th
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -21,7 +22,7 @@ from scipy.special import logsumexp
 from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
-from bench.corpora.steps import Step, Windows
+from bench.corpora.steps import SETTLED_S, Step, Windows
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
 from features.base import constant
 from features.base import labels as row_labels
@@ -40,6 +41,7 @@ REPEATED = 4.0  # windows of one event that the detector sees together, as of `D
 WEIGHT = 4.0  # of a decision's log-odds, for each hop of a detector's window: overlapping windows repeat each other
 BEGIN, END = 0.05, 0.2  # touches that begin, and that end, per second
 ON, OFF = 0.95, 0.1
+STRONG = 12.0  # log-odds from which on a touch too short for a window is reported
 HOLD_S = 0.3  # a touch that begins again so soon goes on
 PRICE = 0.01  # share of touches that one false alarm per hour too many is worth, where none too many is impossible
 NEARLY = 0.005  # share of touches that is given for a lower bias
@@ -163,10 +165,15 @@ def windows_of(recording: Corpus, clock: Clock) -> tuple[np.ndarray, np.ndarray]
         float32 [windows, n_features] and bool [windows].
     """
     ends = np.arange(clock.detect, int(recording.lengths[0]) + 1, clock.hop)
-    frames = recording[0]
-    changes = np.append(0, np.cumsum((frames[1:] != frames[:-1]).any(axis=(1, 2))))
-    still = changes[ends - 1] == changes[ends - clock.detect]
-    return TouchFeatures().transform(cut(recording, ends, clock.detect)).to_numpy(dtype=np.float32), still
+    return seen_windows(recording, ends, clock.detect)
+
+
+def seen_windows(recording: Corpus, ends: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Features of the windows of `cut`, and whether no taxel changes in each; result of `windows_of`."""
+    stream = recording[0]
+    changes = np.append(0, np.cumsum((stream[1:] != stream[:-1]).any(axis=(1, 2))))
+    still = changes[ends - 1] == changes[ends - frames]
+    return TouchFeatures().transform(cut(recording, ends, frames)).to_numpy(dtype=np.float32), still
 
 
 def cut(recording: Corpus, ends: np.ndarray, frames: int) -> Corpus:
@@ -184,17 +191,21 @@ def touched(log_odds: np.ndarray, clock: Clock, rate_hz: float) -> np.ndarray:
         clock: timing of the windows.
         rate_hz: frames per second.
     """
+    q = np.zeros(np.shape(log_odds)[1:], np.float32)
+    series = np.empty(np.shape(log_odds), np.float32)
+    for i, odds in enumerate(np.asarray(log_odds, np.float32)):
+        series[i] = q = updated(q, odds, clock, rate_hz)
+    return series
+
+
+def updated(q: np.ndarray, log_odds: np.ndarray, clock: Clock, rate_hz: float) -> np.ndarray:
+    """Probability of touch after one more window, float32; arguments of `touched`, and the probability before."""
     hop_s = np.float32(clock.hop / rate_hz)
     begin, end = np.float32(BEGIN) * hop_s, np.float32(END) * hop_s
-    weight = np.float32(WEIGHT * clock.hop / clock.detect)
-    steps = np.clip(weight * np.asarray(log_odds, np.float32), -10, 10)
-    q = np.zeros(steps.shape[1:], np.float32)
-    series = np.empty_like(steps)
-    for i, step in enumerate(steps):
-        prior = q * (1 - end) + (1 - q) * begin
-        odds = prior / (1 - prior) * np.exp(step)
-        series[i] = q = odds / (1 + odds)
-    return series
+    step = np.clip(np.float32(WEIGHT * clock.hop / clock.detect) * log_odds, -10, 10)
+    prior = q * (1 - end) + (1 - q) * begin
+    odds = prior / (1 - prior) * np.exp(step)
+    return odds / (1 + odds)
 
 
 def spans(probability: np.ndarray, clock: Clock) -> np.ndarray:
@@ -257,29 +268,39 @@ class Watcher:
             A row per event: ``recording``, ``reported`` and ``end`` (frames seen when it was first reported and when
             it was over), ``first`` and ``label`` (its gesture then), ``confidence`` (mean probability of ``label``).
         """
-        steps, inner = behind(self.system)
-        seen = taken(contract.blinded(self.system, recordings), steps)[0]
+        inner = behind(self.system)[1]
+        seen = self.prepared(recordings)
         rows: list[tuple] = []
         for i in range(len(seen)):
             recording = seen[[i]]
-            odds = self.detector.log_odds(*windows_of(recording, self.clock)) + np.float32(self.bias)
-            touch = touched(odds, self.clock, seen.rate_hz)
+            odds = self.detector.log_odds(*windows_of(recording, self.clock))
+            touch = touched(odds + np.float32(self.bias), self.clock, seen.rate_hz)
             times = self.clock.detect + self.clock.hop * np.arange(len(touch))
             dry = Tracker(self)
-            wanted = np.array([dry.step(time, now) for time, now in zip(times.tolist(), touch, strict=True)], bool)
+            series = [*zip(times.tolist(), touch, odds, strict=True)]
+            wanted = np.array([dry.step(*each) for each in series], bool)
             windows = cut(recording, times[wanted], self.clock.name)
             named = iter(self.probabilities(inner, windows) if len(windows) else [])
             tracker = Tracker(self)
-            for time, now in zip(times.tolist(), touch, strict=True):
-                if tracker.step(time, now):
-                    tracker.name(time, next(named))
-                event = tracker.news(time)
+            for each in series:
+                if tracker.step(*each):
+                    tracker.name(each[0], next(named))
+                event = tracker.news(each[0])
                 if event is not None and event.end is not None:
                     rows.append((i, event.reported, event.end, event.first, event.label, event.confidence))
             if (event := tracker.event) is not None and not tracker.over:  # the recording ends before the touch does
                 end = tracker.low or int(times[-1])
                 rows.append((i, event.reported, end, event.first, event.label, event.confidence))
         return report_table(rows)
+
+    def prepared(self, recordings: Corpus) -> Corpus:
+        """Recordings without their labels, after the steps that are done frame by frame."""
+        return taken(contract.blinded(self.system, recordings), behind(self.system)[0])[0]
+
+    def log_odds(self, recordings: Corpus) -> list[np.ndarray]:
+        """The detector's log-odds of touch in each recording, without the bias."""
+        seen = self.prepared(recordings)
+        return [self.detector.log_odds(*windows_of(seen[[i]], self.clock)) for i in range(len(seen))]
 
     def probabilities(self, inner: contract.System, windows: Corpus) -> np.ndarray:
         """Probabilities of the gestures, without background, float32 [windows, gestures]."""
@@ -288,19 +309,24 @@ class Watcher:
         return (proba / np.maximum(proba.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
 
 
-def reports_of(touches: np.ndarray, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
+def reports_of(touches: np.ndarray, odds: np.ndarray, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
     """When `Tracker` reports touches, from the detector alone.
 
     Args:
         touches: result of `spans` [touches, 3].
+        odds: log-odds of the windows of the recording, without the bias.
         clock: timing of the windows.
 
     Returns:
-        Frames seen at the report and at the end [touches, 2], and which touches are long enough for one window.
+        Frames seen at the report and at the end [touches, 2], and which touches are reported: those with a complete
+        window, and short ones whose log-odds reach `STRONG`.
     """
     complete = np.maximum(clock.up(touches[:, 0] + clock.name), touches[:, 1])
-    reported = np.minimum(complete + clock.wait, touches[:, 2] + clock.hold + clock.hop)
-    return np.column_stack([reported, touches[:, 2]]), complete <= touches[:, 2]
+    first, last = ((touches[:, column] - clock.detect) // clock.hop for column in (0, 2))
+    strong = np.array([odds[a : b + 1].max() >= STRONG for a, b in zip(first, last, strict=True)], bool)
+    reported = np.minimum(np.minimum(complete, touches[:, 2]) + clock.wait, touches[:, 2] + clock.hold + clock.hop)
+    strong &= touches[:, 2] >= clock.name
+    return np.column_stack([reported, touches[:, 2]]), (complete <= touches[:, 2]) | strong
 
 
 @dataclass
@@ -333,28 +359,41 @@ class Tracker:
         self.watcher = watcher
         self.before = np.float32(0)
         self.rise = self.crossed = self.begun = self.low = self.limit = 0
-        self.over = False
+        self.over = self.named = False
+        self.peak = np.float32(0)
         self.event: Event | None = None
         self.ends: list[int] = []
         self.proba: list[np.ndarray] = []
 
-    def step(self, seen: int, touch: np.float32) -> bool:
-        """Take the probability of touch after so many frames; True if the recogniser's window is wanted (`name`)."""
+    def step(self, seen: int, touch: np.float32, log_odds: np.float32) -> bool:
+        """Take what the detector says after so many frames; True if the recogniser's window is wanted (`name`).
+
+        Args:
+            seen: frames so far.
+            touch: probability of touch (`touched`).
+            log_odds: result of the detector, without the bias.
+        """
         clock = self.watcher.clock
         if self.over:
             self.begun, self.over, self.event, self.ends, self.proba = 0, False, None, [], []
         if touch > 0.5 >= self.before:
-            self.rise = seen
+            self.rise, self.peak = seen, log_odds
+        self.peak = max(self.peak, log_odds)
         self.before = touch
         if not self.begun:
             if touch > ON:
-                self.crossed, self.begun, self.low = self.rise, seen, 0
+                self.crossed, self.begun, self.low, self.named = self.rise, seen, 0, False
         elif touch < OFF:
             self.low = self.low or seen
         elif touch > ON:
             self.low = 0
         self.over = bool(self.begun and self.low and seen > self.low + clock.hold)
-        return bool(self.begun and not self.over and seen >= max(clock.up(self.crossed + clock.name), self.begun))
+        if not self.begun or self.over:
+            return False
+        complete = bool(seen >= max(clock.up(self.crossed + clock.name), self.begun))
+        short = bool(self.low == seen >= clock.name and not self.named and self.peak >= STRONG)
+        self.named = self.named or complete or short
+        return complete or short
 
     def name(self, seen: int, proba: np.ndarray) -> None:
         """Take the probabilities of the gestures in the recogniser's window."""
@@ -386,12 +425,60 @@ class Tracker:
         return str(self.watcher.names[mean.argmax()]) if known else UNKNOWN, confidence
 
 
-def learned(system: contract.System, recordings: Recordings, false_alarms: float) -> Watcher:
+class LiveStream:
+    """A watcher on frames that come one by one; memory does not grow.
+
+    Args:
+        watcher: a watcher that was learned.
+        grid: (rows, cols) of the sensor.
+        rate_hz: frames per second.
+        full_scale: largest value of a channel.
+    """
+
+    def __init__(self, watcher: Watcher, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
+        self.watcher, self.tracker = watcher, Tracker(watcher)
+        self.rate_hz, self.full_scale = rate_hz, full_scale
+        self.frames: deque[np.ndarray] = deque(maxlen=max(watcher.clock.detect, watcher.clock.name) + 1)
+        self.seen, self.touch = 0, np.zeros((), np.float32)
+        self.least, self.most = np.full(grid, np.inf), np.full(grid, -np.inf)  # of frames that were dropped
+
+    def push(self, frame: np.ndarray) -> Event | None:
+        """Take a frame [rows, cols]; the event that it reports, renames or ends, None without news."""
+        if len(self.frames) == self.frames.maxlen:
+            self.least = np.minimum(self.least, self.frames[0])
+            self.most = np.maximum(self.most, self.frames[0])
+        self.frames.append(frame)
+        self.seen += 1
+        clock = self.watcher.clock
+        if self.seen < clock.detect or (self.seen - clock.detect) % clock.hop:
+            return None
+        recording = self._recent()
+        ends = recording.lengths
+        odds = self.watcher.detector.log_odds(*seen_windows(recording, ends, clock.detect))[0]
+        self.touch = updated(self.touch, odds + np.float32(self.watcher.bias), clock, self.rate_hz)
+        if self.tracker.step(self.seen, np.float32(self.touch), odds):
+            inner = behind(self.watcher.system)[1]
+            self.tracker.name(self.seen, self.watcher.probabilities(inner, cut(recording, ends, clock.name))[0])
+        return self.tracker.news(self.seen)
+
+    def _recent(self) -> Corpus:
+        """The frames that are kept, after the steps; older frames count by their smallest and largest values."""
+        older = min(self.seen - len(self.frames), max(2, int(np.ceil(SETTLED_S * self.rate_hz))))
+        before = [self.least] * (older - 1) + [self.most] * bool(older)
+        frames = np.stack([*before, *self.frames])
+        table = pd.DataFrame({"subject": [""], "gesture": [""]})
+        whole = Corpus.from_captures([frames], table, self.rate_hz, full_scale=self.full_scale)
+        seen = self.watcher.prepared(whole)
+        return seen.changed(starts=np.array([older]), lengths=np.array([len(self.frames)]))
+
+
+def learned(system: contract.System, recordings: Recordings, false_alarms: float) -> tuple[Watcher, pd.DataFrame]:
     """A watcher whose detector and post-processing are learned from training recordings.
 
     Each subject is left out in turn; a detector that is fitted to the others watches the subject's recordings. The bias
     that finds most touches is taken, less `PRICE` for each false alarm per hour above ``false_alarms``, counting one
-    more than there were; of biases that find nearly as many (`NEARLY`), the lowest.
+    more than there were; of biases that find nearly as many (`NEARLY`), the lowest. The table of `bias_table` comes
+    with it.
 
     Args:
         system: fitted to captures of the same subjects.
@@ -417,7 +504,8 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
     chosen = settings[worth >= worth.max() - NEARLY].iloc[0]
     gestures = set(recordings.events["gesture"])
     background = tuple(sorted(set(np.asarray(system.classes_).astype(str)) - gestures))
-    return Watcher(system, background, clock, _fitted(tables, clock), float(chosen["bias"]), int(chosen["tail"]))
+    detector = _fitted(tables, clock)
+    return Watcher(system, background, clock, detector, float(chosen["bias"]), int(chosen["tail"])), settings
 
 
 Windowed = tuple[np.ndarray, np.ndarray, np.ndarray]  # features, labels and events of windows
@@ -442,23 +530,26 @@ def _fitted(parts: list[Windowed], clock: Clock) -> Detector:
     return Detector(clock.detect).fit(table, labels, np.concatenate(events))
 
 
-def bias_table(recordings: Recordings, odds: list[np.ndarray], clock: Clock) -> pd.DataFrame:
+def bias_table(
+    recordings: Recordings, odds: list[np.ndarray], clock: Clock, biases: np.ndarray = BIASES
+) -> pd.DataFrame:
     """What each bias gives on recordings: ``bias``, ``tail`` (frames), ``alarms``, ``hours``, ``found`` (share).
 
     Args:
         recordings: with their events.
         odds: log-odds of the windows of each recording.
         clock: timing of the windows.
+        biases: values to try, float32.
     """
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
-    times: list[list[np.ndarray]] = [[] for _ in BIASES]
+    times: list[list[np.ndarray]] = [[] for _ in biases]
     for i, series in enumerate(odds):
-        for k, column in enumerate(touched(series[:, None] + BIASES, clock, rate_hz).T):
-            reported, kept = reports_of(spans(column, clock), clock)
+        for k, column in enumerate(touched(series[:, None] + biases, clock, rate_hz).T):
+            reported, kept = reports_of(spans(column, clock), series, clock)
             times[k].append(np.insert(reported[kept], 0, i, axis=1))
     rows = []
-    for bias, each in zip(BIASES, times, strict=True):
+    for bias, each in zip(biases, times, strict=True):
         reports = pd.DataFrame(np.concatenate(each), columns=["recording", "reported", "end"])
         touch = touches_of(recordings.events, reports, rate_hz)
         late = (reports["end"].to_numpy() - recordings.events["end"].to_numpy()[touch])[touch != FALSE_ALARM]

@@ -1,0 +1,54 @@
+"""The command ``bench watch``: continuous recordings through fitted systems."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bench.arguments import KEYS, Values, backend_of, number, parse
+from bench.commands.printing import show, then
+from bench.corpora.library import imported, stored_value
+from bench.corpora.recordings import Recordings
+from bench.errors import InputError
+from bench.options import keys
+from bench.plan.cells import Cell, cells
+from bench.work.loop import Outcome, execute, prepared
+from bench.work.watch import Watch
+from reports.illustrations import illustrate
+
+OWN = keys("watch") - KEYS
+
+
+def watch(arguments: list[str]) -> int:
+    """Watch recordings under a protocol; exit code as of ``bench run``.
+
+    Raises:
+        InputError: something in the arguments or the data cannot be used; nothing was run.
+    """
+    code = show(watched(parse(arguments, keys("watch"))))
+    then("bench choose max_false_alarms=5 max_latency=1s")
+    return code
+
+
+def watched(values: Values) -> list[Outcome]:
+    """The systems of some values on continuous recordings.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    alarms = number("false_alarms", values.get("false_alarms", "5"))
+    experiment = Watch(alarms, str(values.get("background", "")))
+    backend = backend_of(values)
+    todo = [with_recordings(cell) for cell in cells({k: v for k, v in values.items() if k not in OWN})]
+    return execute(prepared(todo, [experiment], backend.jobs), backend, illustrate)
+
+
+def with_recordings(cell: Cell) -> Cell:
+    """The cell, marked if its data holds recordings.
+
+    Raises:
+        InputError: a condition selects captures of recordings.
+    """
+    recorded = cell.data == "synth" or (cell.data in imported() and isinstance(stored_value(cell.data), Recordings))
+    if recorded and cell.where:
+        raise InputError(f"where={cell.where}: {cell.data} holds recordings, which are used whole; leave where= out")
+    return replace(cell, recordings=recorded)
