@@ -11,7 +11,7 @@ from sklearn.pipeline import Pipeline
 from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from bench.export.classifiers import HAVE, Decider, decider, detector, has_c, number
-from bench.work.watcher import BACKGROUND, BEGIN, END, OFF, ON, REFUSED, UNUSUAL, WEIGHT, Watcher
+from bench.work.watcher import BACKGROUND, BEGIN, END, OFF, ON, REFUSED, STRONG, UNUSUAL, WEIGHT, Watcher
 from features.jung28 import Jung28
 from features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
 from models.recipe import Recipe
@@ -245,6 +245,7 @@ def _watching(watcher: Watcher, recogniser: Recogniser, sizes: dict[str, Any]) -
         "ODDS_WEIGHT": number(WEIGHT * clock.hop / clock.detect),
         "BEGIN": number(float(begin)),
         "STAY": number(float(1 - end)),
+        "STRONG": number(STRONG),
         "ON": number(ON),
         "OFF": number(OFF),
         "REJECT": number(watcher.reject),

@@ -159,12 +159,13 @@ def _watch_state(d: dict[str, str]) -> str:
     members = (
         "touch_t now;  /* the last frames, and what features and classifier work in */",
         f"part_t parts[{max(int(d['PARTS']) - int(d['HELD']), 1)}];  /* hops of the last window, others lie in now */",
-        "int part, within, hops, unchanged;  /* the last part, frames in it, hops, frames since a change */",
-        "float touched;  /* probability of touch at the last hop */",
+        "int part, within, filled, unchanged;  /* the last part, frames in it, parts so far, frames since a change */",
+        "float touched, peak;  /* probability of touch at the last hop, largest log-odds since it rose */",
         "int begun, falling, over, is_reported, label;  /* of the event that goes on */",
         "uint32_t seen, rise, crossed, low, limit, first, reported;  /* frames; all of them may wrap */",
         "uint32_t named, joined;  /* windows of the event, and of them those in the mean */",
-        f"float waiting[{d['PENDING']}][{d['CLASSES']}], mean[{d['CLASSES']}];  /* probabilities */",
+        f"uint32_t ends[{d['PENDING']}];  /* of the last windows */",
+        f"float waiting[{d['PENDING']}][{d['CLASSES']}], mean[{d['CLASSES']}];  /* probabilities of them, and mean */",
     )
     return "\ntypedef struct {\n" + "".join(f"    {line}\n" for line in members) + "} touch_watch_t;\n"
 

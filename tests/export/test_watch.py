@@ -104,7 +104,7 @@ def watching(name):
         "reflex": lambda: Reflex(units=6, copies=1),
     }[name]()
     recogniser = fitted(system, corpus if name != "reflex" else corpus[: len(corpus) // 3])
-    recogniser.watcher = learned(recogniser.estimator, streams, false_alarms=5.0)
+    recogniser.watcher = learned(recogniser.estimator, streams, false_alarms=5.0)[0]
     if name == "background":
         recogniser.watcher.background = ("stroke",)
         recogniser.watcher.reject = 0.7
@@ -154,8 +154,18 @@ def silences(frames):
     yield stuck
 
 
+def reports(recogniser, frames):
+    """Events of one recording in Python."""
+    captures = pd.DataFrame({"subject": ["1"], "gesture": [""]})
+    corpus = Corpus.from_captures([frames], captures, recogniser.rate_hz, full_scale=recogniser.full_scale)
+    return recogniser.watcher.reports(corpus).drop(columns="recording")
+
+
 def check_silence(watched, recogniser, seconds, frames, seen=0):
-    """Nothing is reported in silence, and afterwards the same as without it, as much later."""
+    """Nothing is reported in silence, and afterwards the same as without it, as much later.
+
+    The jump from silence to other readings may be an event, which is over within a window.
+    """
     hop = recogniser.watcher.clock.hop
     silent = hop * round(seconds * recogniser.rate_hz / hop)
     expected = events_of(watched.start()(frames), recogniser.classes)
@@ -165,7 +175,12 @@ def check_silence(watched, recogniser, seconds, frames, seen=0):
         events = events_of(watched(frames), recogniser.classes)
         for name in ("reported", "end"):
             events[name] = (events[name] - silent - seen) % 2**32
-        check_equal(events, expected)
+        jump = events["end"] <= recogniser.watcher.clock.detect + hop
+        assert jump.sum() <= 1
+        check_equal(events[~jump].reset_index(drop=True), expected)
+        if seconds <= 60:
+            both = reports(recogniser, np.concatenate([silence, frames]))
+            check_equal(events, both.assign(reported=both["reported"] - silent, end=both["end"] - silent))
 
 
 def test_silence_is_no_event_and_frames_are_counted_for_ever(tmp_path):
@@ -238,8 +253,5 @@ def test_ten_minutes_of_silence_and_an_hour_of_touch(tmp_path):
     hour = np.concatenate([*streams.corpus] * 20)[: round(3600 * recogniser.rate_hz)]
     assert len(hour) == 3600 * recogniser.rate_hz
     watched = Watched(recogniser, tmp_path)
-    expected = recogniser.watcher.reports(
-        streams.corpus[[0]].changed(frames=hour, starts=np.zeros(1, np.int64), lengths=np.array([len(hour)]))
-    )
-    check_equal(events_of(watched.start()(hour), recogniser.classes), expected, wrong=0.02)
+    check_equal(events_of(watched.start()(hour), recogniser.classes), reports(recogniser, hour), wrong=0.02)
     check_silence(watched, recogniser, 600, hour)

@@ -44,8 +44,8 @@ static int watched(touch_watch_t *w, const float *frame)
     if (++w->within < WATCH_HOP)
         return 0;
     w->within = 0;
-    w->hops = w->hops < DETECT / WATCH_HOP ? w->hops + 1 : w->hops;
-    return w->hops == DETECT / WATCH_HOP;
+    w->filled = w->filled < PARTS ? w->filled + 1 : PARTS;
+    return w->filled >= DETECT / WATCH_HOP;
 }
 
 /* Log-odds of touch of the detector's window. */
@@ -89,6 +89,7 @@ static void name(touch_watch_t *w)
         sum += gesture[c] ? proba[c] : 0;
     for (int c = 0; c < CLASSES; c++)
         kept[c] = gesture[c] ? proba[c] / fmaxf(sum, 1e-9f) : 0;
+    w->ends[w->named % PENDING] = w->seen;
     if (!w->named++)
         w->first = w->seen;
 }
@@ -96,21 +97,34 @@ static void name(touch_watch_t *w)
 /* Windows that were complete after so many frames join the mean. */
 static void join_until(touch_watch_t *w, uint32_t limit)
 {
-    for (; w->joined < w->named && (int32_t)(limit - w->first - w->joined * WATCH_HOP) >= 0; w->joined++)
+    for (; w->joined < w->named && (int32_t)(limit - w->ends[w->joined % PENDING]) >= 0; w->joined++)
         for (int c = 0; c < CLASSES; c++) {
             float mean = w->joined ? w->mean[c] : 0;
             w->mean[c] = mean + (w->waiting[w->joined % PENDING][c] - mean) / (float)(w->joined + 1);
         }
 }
 
-/* The rules of an event, from the probability of touch before and at this hop: reported, renamed or over. */
-static int news(touch_watch_t *w, float before, touch_event_t *event)
+/* Whether the recogniser is wanted: a window lies in the touch, or a touch ends that is short but beyond doubt. */
+static int wanted(const touch_watch_t *w)
+{
+    if (w->over)
+        return 0;
+    if (w->seen - w->crossed >= NAME)
+        return 1;
+    return w->falling && w->low == w->seen && w->filled == PARTS && !w->named && w->peak >= STRONG;
+}
+
+/* The rules of an event: reported, renamed or over. before: probability of touch at the hop before; odds: log-odds. */
+static int news(touch_watch_t *w, float before, float odds, touch_event_t *event)
 {
     float touched = w->touched;
     if (w->over) /* at the hop before */
         w->begun = w->falling = w->over = w->is_reported = w->named = w->joined = 0;
-    if (touched > 0.5f && before <= 0.5f)
+    if (touched > 0.5f && before <= 0.5f) {
         w->rise = w->seen;
+        w->peak = odds;
+    }
+    w->peak = fmaxf(w->peak, odds);
     if (!w->begun) {
         if (touched > ON) {
             w->crossed = w->rise;
@@ -125,7 +139,7 @@ static int news(touch_watch_t *w, float before, touch_event_t *event)
     if (!w->begun)
         return 0;
     w->over = w->falling && w->seen - w->low > HOLD;
-    if (!w->over && w->seen - w->crossed >= NAME)
+    if (wanted(w))
         name(w);
     uint32_t limit = w->falling ? w->low : w->seen;
     if (w->is_reported) /* what comes before the end of a touch is seen with the end itself */
@@ -162,7 +176,7 @@ int touch_watch(touch_watch_t *w, const float *frame, touch_event_t *event)
         return TOUCH_BAD;
     if (!watched(w, frame))
         return 0;
-    float before = w->touched;
-    w->touched = filtered(before, log_odds(w));
-    return news(w, before, event);
+    float before = w->touched, odds = log_odds(w);
+    w->touched = filtered(before, odds);
+    return news(w, before, odds, event);
 }
