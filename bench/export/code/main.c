@@ -1,5 +1,5 @@
 /* Frames from standard input, a line each, a blank line ends a capture; a line per decision, as bench stream source=-.
-   touch -w watches an endless stream, if there is a watcher: a line per event that is reported, renamed or over. */
+   touch -w watches an endless stream, if there is a watcher: a line whenever an event is reported, renamed or over. */
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -123,22 +123,13 @@ static int refused(int number)
 }
 
 #if TOUCH_WATCH
-/* A frame has been taken: news is printed with the time of the event's report or end, otherwise of this frame. */
-static void tell(int news, const touch_event_t *event, uint32_t seen)
-{
-    static const char *const words[] = {"", "reported", "changed", "ended"};
-    uint32_t at = news == TOUCH_ENDED ? event->end : seen;
-    printf("%.0f,%s,%s,%.3f\n", 1000.0 / TOUCH_RATE_HZ * at, words[news],
-           event->label == TOUCH_UNKNOWN ? "unknown" : cell(touch_name(event->label)), (double)event->confidence);
-    fflush(stdout);
-}
-
-/* Lines until the input ends; a blank one begins anew. */
+/* Lines until the input ends; blank ones mean nothing. */
 static int watched(void)
 {
+    static const char *const words[] = {"", "reported", "changed", "ended"};
     static float frame[TOUCH_TAXELS];
     touch_event_t event;
-    uint32_t seen = 0;
+    double seen = 0;
     touch_watch_init(&watch);
     printf("ms,news,label,confidence\n");
     for (int number = 1;; number++) {
@@ -147,19 +138,19 @@ static int watched(void)
             return 0;
         if (kind == REFUSED)
             return refused(number);
-        if (kind == BLANK) {
-            touch_watch_init(&watch);
-            seen = 0;
+        if (kind == BLANK)
             continue;
-        }
         int news = touch_watch(&watch, frame, &event);
         if (news < 0) {
             fprintf(stderr, "line %d: out of range\n", number);
             return 2;
         }
         seen++;
-        if (news)
-            tell(news, &event, seen);
+        if (news) {
+            const char *label = event.label == TOUCH_UNKNOWN ? "unknown" : cell(touch_name(event.label));
+            printf("%.0f,%s,%s,%.3f\n", 1000.0 / TOUCH_RATE_HZ * seen, words[news], label, (double)event.confidence);
+            fflush(stdout);
+        }
     }
 }
 #endif
