@@ -20,6 +20,7 @@ static touch_watch_t watch; /* has the room of a capture as well */
 #else
 static touch_t state;
 #endif
+static float frame[TOUCH_TAXELS];
 
 /* The next byte of the input; CR LF is LF, and CR at the end of the input is the end. */
 static int next_byte(int *bytes)
@@ -37,7 +38,7 @@ static int next_byte(int *bytes)
 }
 
 /* Read a line: decimal numbers, with a comma between them and blanks (spaces, tabs) around it, or with blanks alone. */
-static int read_line(float *frame)
+static int read_line(void)
 {
     char word[CHARACTERS + 1];
     int bytes = 0, length = 0, count = 0;
@@ -127,13 +128,12 @@ static int refused(int number)
 static int watched(void)
 {
     static const char *const words[] = {"", "reported", "changed", "ended"};
-    static float frame[TOUCH_TAXELS];
     touch_event_t event;
     double seen = 0;
     touch_watch_init(&watch);
     printf("ms,news,label,confidence\n");
     for (int number = 1;; number++) {
-        int kind = read_line(frame);
+        int kind = read_line();
         if (kind == ENDED)
             return 0;
         if (kind == REFUSED)
@@ -157,7 +157,6 @@ static int watched(void)
 
 int main(int count, char **words)
 {
-    static float frame[TOUCH_TAXELS];
 #if TOUCH_WATCH
     if (count == 2 && !strcmp(words[1], "-w"))
         return watched();
@@ -171,7 +170,7 @@ int main(int count, char **words)
     touch_init(&state);
     printf("capture,ms,label,confidence,settled\n");
     for (;;) {
-        int kind = read_line(frame);
+        int kind = read_line();
         if (kind == ENDED)
             break;
         number++;
