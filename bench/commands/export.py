@@ -37,6 +37,8 @@ def export(arguments: list[str]) -> int:
     print(f"{out}: {', '.join(sorted(path.name for path in out.iterdir()))}")
     if model.stopping is not None and not model.stopping.saves:
         print(f"{NO_SAVING}: touch.h has no TOUCH_THRESHOLD, and settled is always 0")
+    if model.watcher is not None and "touch_watch(" not in files["touch.h"]:
+        print("touch.h has no touch_watch: only systems on the feature set touch can watch an endless stream in C")
     print("make chip links for a Cortex-M4F with FLASH=256K RAM=32K; for another chip, append its sizes")
     then(f"make -C {shlex.quote(str(out))} check flash")
     return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -107,20 +107,42 @@ def _measured(scaling: Affine) -> tuple[dict[str, np.ndarray], str]:
     return arrays, f"    measured(t->features, {{a}}, {{b}}, {'{c}' if c.any() else '0'}, t->features);\n"
 
 
-def _linear(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -> Decider:
+def _scores(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int, classes: str = "CLASSES") -> Decider:
     integers, step = rounded(weights, bits)
     arrays, body = _measured(scaling)
-    body += "    layer({weights}, {step}, {bias}, CLASSES, FEATURES, t->features, proba);\n    softmax(proba);\n"
+    body += f"    layer({{weights}}, {{step}}, {{bias}}, {classes}, FEATURES, t->features, proba);\n"
     arrays |= {"weights": integers, "step": step, "bias": bias.astype(SINGLE)}
     return Decider(arrays, body, "weighed, class by class")
 
 
-def _discriminants(scaling: Affine, classifier: Discriminants, bits: int) -> Decider:
+def _linear(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -> Decider:
+    scores = _scores(scaling, weights, bias, bits)
+    return replace(scores, body=scores.body + "    softmax(proba);\n")
+
+
+def _standardised(scaling: Affine, classifier: Discriminants) -> tuple[Affine, np.ndarray, np.ndarray]:
+    """Scaling to mean 0 and SD 1, and weights and bias behind it."""
     learnt = classifier.learnt_
     varies = _varies(learnt.mean, learnt.sd)
     standard = _then(scaling, learnt.mean, np.where(varies, _inverse(learnt.sd), 0), np.zeros(len(learnt.mean)))
     weights = classifier.coef_ * np.where(varies, learnt.sd, 0)
-    return _linear(standard, weights, classifier.intercept_ + classifier.coef_ @ learnt.mean, bits)
+    return standard, weights, classifier.intercept_ + classifier.coef_ @ learnt.mean
+
+
+def _discriminants(scaling: Affine, classifier: Discriminants, bits: int) -> Decider:
+    return _linear(*_standardised(scaling, classifier), bits)
+
+
+def detector(classifier: Discriminants, bits: int) -> Decider:
+    """Scores of the classes of a detector; the function leaves the features standardised.
+
+    Args:
+        classifier: fitted to features, without scaling before it.
+        bits: bits of a learnt weight, 32 or 8.
+    """
+    width = classifier.n_features_in_
+    scaling = _standardised((np.zeros(width), np.ones(width), np.zeros(width)), classifier)
+    return replace(_scores(*scaling, bits, "DETECTED"), comment="scores of touch and background")
 
 
 def _logistic(scaling: Affine, classifier: LogisticRegression, bits: int) -> Decider:

@@ -29,6 +29,12 @@ PRINTED = (  # by make flash count chip
     r"program: \d+ bytes of flash and (?P<program>\d+) of RAM, and (?P<reserve>\d+) more",
     r"instructions: (?P<mean>\d+) a frame on average.*; a frame and its label at most (?P<most>\d+)",
 )
+WATCHING = (  # besides, of a system that watches a stream
+    r"watching: (?P<watch_ram_bytes>\d+) bytes of state",
+    r"watching, linked .*: (?P<watch_flash_bytes>\d+) bytes of flash",
+    r"watching: (?P<watch_idle_instructions>\d+) instructions a frame on average without touch and "
+    r"(?P<watch_frame_instructions>\d+) with, at most \d+ and (?P<watch_most_instructions>\d+)",
+)
 
 
 def lacking() -> list[str]:
@@ -69,7 +75,9 @@ def measured(folder: Path) -> dict[str, float]:
         with the C library and what the linker script reserves for heap and stack.
         ``chip_frame_instructions``: of a frame, mean; ``chip_most_instructions``: of the frame that costs most together
         with its label, as QEMU counts them (a generated capture of 8 s, a label every eighth frame and where a window
-        ends).
+        ends). Of a system that watches an endless stream, too: ``chip_watch_ram_bytes`` (with that of a capture),
+        ``chip_watch_flash_bytes``, ``chip_watch_idle_instructions`` and ``chip_watch_frame_instructions``: means of a
+        frame without and with touch, and ``chip_watch_most_instructions``: of the frame that costs most.
 
     Raises:
         ValueError: they do not compile, or the program does not fit into 256 KiB and 32 KiB, or QEMU does not end.
@@ -80,7 +88,9 @@ def measured(folder: Path) -> dict[str, float]:
         if not (match := re.search(pattern, text)):
             raise ValueError(f"make flash count chip printed nothing about {pattern.partition(':')[0]}: {text[-300:]}")
         numbers |= {name: float(value) for name, value in match.groupdict().items()}
-    return {
+    matches = [match for pattern in WATCHING if (match := re.search(pattern, text))]
+    watching = {f"chip_{name}": float(value) for match in matches for name, value in match.groupdict().items()}
+    return watching | {
         "chip_flash_bytes": numbers["flash"],
         "chip_code_bytes": numbers["code"],
         "chip_table_bytes": numbers["tables"],

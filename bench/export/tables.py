@@ -10,7 +10,8 @@ from sklearn.pipeline import Pipeline
 
 from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
-from bench.export.classifiers import HAVE, Decider, decider, has_c, number
+from bench.export.classifiers import HAVE, Decider, decider, detector, has_c, number
+from bench.work.watcher import BACKGROUND, BEGIN, END, OFF, ON, REFUSED, STRONG, UNUSUAL, WEIGHT, Watcher
 from features.jung28 import Jung28
 from features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
 from models.recipe import Recipe
@@ -29,8 +30,8 @@ class Chip:
 
     Attributes:
         defines: macros of the preprocessor, by name.
-        deciders: classifiers by the name of their function: ``decide``, and ``decide_early`` for captures shorter than
-            a window.
+        deciders: classifiers by the name of their function: ``decide``, ``decide_early`` for captures shorter than a
+            window, and ``detect`` for an endless stream.
         features: fixed code that computes the features: ``touch``, ``jung28`` or ``convolved``.
         classes: names.
         arrays: learnt numbers of the features, by name.
@@ -95,7 +96,11 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         deciders = {"decide": network.head(system, bits)}
         width = deciders["decide"].arrays["hidden"].shape[1]
     defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
-    defines |= _stopping(recogniser.stopping)
+    defines |= _stopping(recogniser.stopping) | {"WATCH": 0}
+    if name == "touch" and (watcher := getattr(recogniser, "watcher", None)) is not None:
+        defines |= _watching(watcher, recogniser, sizes)
+        deciders["detect"] = detector(watcher.detector.classifier_, bits)
+        arrays["gesture"] = (~np.isin(recogniser.classes, watcher.background)).astype(np.int8)
     for part in deciders.values():
         defines |= part.defines
     return Chip({k: str(v) for k, v in defines.items()}, deciders, name, recogniser.classes, arrays)
@@ -192,12 +197,58 @@ def _windows(windows: Windows | None, short: Windows | None, rate_hz: float) -> 
     lags = ", ".join(str(max(1, round(s * rate_hz))) for s in LAGS_S)
     return {
         "WINDOW": window,
+        "RING": window,
         "HOP": hop,
         "EARLY": early_window,
         "EARLY_HOP": early_hop,
         "SEGMENT": segment,
         "MOST_POINTS": max(POINTS, min(window, segment)),
         "LAG_FRAMES": f"{{{lags}}}",
+    }
+
+
+def _watching(watcher: Watcher, recogniser: Recogniser, sizes: dict[str, Any]) -> dict[str, Any]:
+    """Rules of a watcher; its frames share the ring of signals with captures.
+
+    Args:
+        watcher: learned for the system.
+        recogniser: saved system.
+        sizes: result of `_windows`.
+    """
+    clock, learnt = watcher.clock, watcher.detector
+    classes = learnt.classifier_.classes_.tolist()
+    features = len(learnt.mean_)
+    hop_s = np.float32(clock.hop / recogniser.rate_hz)
+    begin, end = np.float32(BEGIN) * hop_s, np.float32(END) * hop_s
+    ring = max(sizes["WINDOW"], clock.name)
+    settled = int(np.ceil(SETTLED_S * recogniser.rate_hz))
+    return {
+        "RING": ring,
+        "MOST_POINTS": max(POINTS, min(ring, sizes["SEGMENT"])),
+        "WATCH": 1,
+        "WATCH_HOP": clock.hop,
+        "DETECT": clock.detect,
+        "NAME": clock.name,
+        "PARTS": clock.name // clock.hop,
+        "HELD": 4 if sizes["EARLY"] else 2,
+        "TURN": ring * -(-max(ring, settled) // ring),
+        "WAIT": clock.wait,
+        "HOLD": clock.hold,
+        "TAIL": watcher.tail,
+        "PENDING": -(-(watcher.tail + clock.hold) // clock.hop) + 1,
+        "DETECTED": len(classes),
+        "BACKGROUND": classes.index(BACKGROUND),
+        "UNUSUAL": number(UNUSUAL),
+        "MOST_UNUSUAL": max(n for n in range(features + 1) if n / features <= learnt.limit_),
+        "REFUSED": number(REFUSED),
+        "BIAS": number(watcher.bias),
+        "ODDS_WEIGHT": number(WEIGHT * clock.hop / clock.detect),
+        "BEGIN": number(float(begin)),
+        "STAY": number(float(1 - end)),
+        "STRONG": number(STRONG),
+        "ON": number(ON),
+        "OFF": number(OFF),
+        "REJECT": number(watcher.reject),
     }
 
 

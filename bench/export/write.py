@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 CODE = Path(__file__).parent / "code"
 TYPES = {"int8": "int8_t", "int16": "int16_t", "int32": "int", "float32": "float"}
-PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "STOPPING", "THRESHOLD")
+PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "STOPPING", "THRESHOLD", "WATCH")
 SETTLED = "settled: 0 to 1; from TOUCH_THRESHOLD on, more touch is expected to gain too little."
 NOT_SETTLED = "settled: always 0, because training found no saving by deciding early."
 TOP = """/* From frames to a label, in the order in which it happens: a frame is checked and repaired, joins what is
@@ -35,6 +35,11 @@ COMMENTS = {  # by the first constant of each group
     "SEGMENT": "Spectra: frames of a segment, most points; lags of autocorrelations, in frames.",
     "STOPPING": "Early decisions: how settled a label must be, learned on training subjects.",
     "CALIBRATED": "Calibration: confidence by ms of touch, learned on training subjects.",
+    "WATCH": "An endless stream, 0 for none: frames from a decision to the next, of both stages' windows.",
+    "PARTS": "Hops of the recogniser's window; those whose sums lie with captures; frames after which places repeat.",
+    "WAIT": "Frames from the first name to the report, from the end to its report, and how late an end is noticed.",
+    "DETECTED": "The detector's classes, and how many of its features may lie beyond so many SDs; learned.",
+    "BIAS": "The filter of its log-odds, and of events; learned.",
     "PASSES": "Rounds in which broken taxels are filled from their neighbours; labels that are remembered.",
     "SIGNALS": "Features of touch: signals of a frame, what is taken of each, and of the taxels in order of size.",
     "NAMES": "Classes, in the order of probabilities.",
@@ -113,7 +118,7 @@ int touch_label(touch_t *t, float *probabilities, float *settled);
 
 /* What a class is called. */
 const char *touch_name(int label);
-
+{WATCH if defines["WATCH"] == "1" else ""}
 #endif
 """
 
@@ -143,10 +148,53 @@ def _state(chip: Chip) -> str:
             "int remembered, label_at[32]; int16_t labels[32];  /* labels so far, and after how many frames */"
         )
     body = "".join(f"    {line}\n" for line in members)
-    return (PART.format(taxels=taxels) if chip.features == "touch" else "") + f"typedef struct {{\n{body}}} touch_t;\n"
+    part = PART.format(taxels=taxels) if chip.features == "touch" else ""
+    return f"{part}typedef struct {{\n{body}}} touch_t;\n{_watch_state(d)}"
 
 
-PART = """/* What the taxels did in half a window. */
+def _watch_state(d: dict[str, str]) -> str:
+    """What is kept between the frames of an endless stream; nothing for a system that watches none."""
+    if d["WATCH"] == "0":
+        return ""
+    members = (
+        "touch_t now;  /* the last frames, and what features and classifier work in */",
+        f"part_t parts[{max(int(d['PARTS']) - int(d['HELD']), 1)}];  /* hops of the last window, others lie in now */",
+        "int part, within, filled, unchanged;  /* the last part, frames in it, parts so far, frames since a change */",
+        "float touched, peak;  /* probability of touch at the last hop, largest log-odds since it rose */",
+        "int begun, falling, over, is_reported, label;  /* of the event that goes on */",
+        "uint32_t seen, rise, crossed, low, limit, first, reported;  /* frames; all of them may wrap */",
+        "uint32_t named, joined;  /* windows of the event, and of them those in the mean */",
+        f"uint32_t ends[{d['PENDING']}];  /* of the last windows */",
+        f"float waiting[{d['PENDING']}][{d['CLASSES']}], mean[{d['CLASSES']}];  /* probabilities of them, and mean */",
+    )
+    return "\ntypedef struct {\n" + "".join(f"    {line}\n" for line in members) + "} touch_watch_t;\n"
+
+
+WATCH = """
+#define TOUCH_UNKNOWN -1 /* label of a touch that is unlike all gestures */
+#define TOUCH_REPORTED 1 /* news: an event is reported, its label is another one, it is over */
+#define TOUCH_CHANGED 2
+#define TOUCH_ENDED 3
+
+/* An event: its label so far, mean probability of the label, and frames seen when it was reported and when it ended.
+   Frames are counted from touch_watch_init, modulo 2^32; end is 0 while the touch lasts. */
+typedef struct {
+    int label;
+    float confidence;
+    uint32_t reported, end;
+} touch_event_t;
+
+/* Begin to watch: once, at power-on. The state is all the memory that is needed; it holds that of a capture, too. */
+int touch_watch_init(touch_watch_t *w);
+
+/* Take a frame of an endless stream, as touch_push does: 0 without news, TOUCH_REPORTED, TOUCH_CHANGED or TOUCH_ENDED
+   with news, which the event then tells, or a code, which changes nothing. A touch that is over before it was reported
+   is news once, TOUCH_ENDED. */
+int touch_watch(touch_watch_t *w, const float *frame, touch_event_t *event);
+"""
+
+
+PART = """/* What the taxels did in a part of a window. */
 typedef struct {{
     int n;
     float mean[{taxels}], m2[{taxels}], most[{taxels}];
@@ -156,16 +204,17 @@ typedef struct {{
 
 
 def _touch_state(d: dict[str, str]) -> list[str]:
-    window, points, taxels, classes = d["WINDOW"], d["MOST_POINTS"], d["TAXELS"], d["CLASSES"]
+    ring, points, taxels, classes = d["RING"], d["MOST_POINTS"], d["TAXELS"], d["CLASSES"]
     early = d["EARLY"] != "0"
+    halves = "halves of the last window" + (", and of a shorter one" if early else "")
     early_sum = f"float early_sum[{classes}]; int early_windows;  /* of shorter ones, before the first */"
     return [
         f"float before[{taxels}];  /* the last one */",
-        f"float signals[{window}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
-        f"part_t whole[2]{', early[2]' if early else ''};  /* halves of the last window */",
+        f"float signals[{ring}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
+        f"part_t parts[{4 if early else 2}];  /* {halves} */",
         f"float sum[{classes}]; int windows;  /* of decisions */",
         *([early_sum] if early else []),
-        f"float series[{window}], sorted[{window}], centre[{window}], taxels[{taxels}];  /* to work in */",
+        f"float series[{ring}], sorted[{ring}], centre[{ring}], taxels[{taxels}];  /* to work in */",
         f"float cosine[{points}], sine[{points}], power[{int(points) // 2}]; int points;  /* of spectra */",
     ]
 
@@ -245,6 +294,9 @@ def _code(chip: Chip) -> str:
     pieces += [_fixed(f"{name}.c") for name in FUNCTIONS if f"{name}(" in bodies]
     for function, decider in chip.deciders.items():
         body = decider.body.format(**{name: f"{function}_{name}" for name in decider.arrays})
-        comment = f"/* Probabilities from the features: {decider.comment}. */\n"
+        comment = (
+            f"/* {'Scores' if function == 'detect' else 'Probabilities'} from the features: {decider.comment}. */\n"
+        )
         pieces.append(f"{comment}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
-    return "\n".join([*pieces, _fixed("api.c")])
+    pieces.append(_fixed("api.c"))
+    return "\n".join([*pieces, _fixed("watch.c")] if chip.defines["WATCH"] == "1" else pieces)

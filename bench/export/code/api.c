@@ -1,4 +1,4 @@
-/* The three functions, and when to decide. */
+/* The functions for captures, and when to decide. */
 
 int touch_init(touch_t *t)
 {
@@ -73,18 +73,28 @@ static int earlier(touch_t *t, int label)
 }
 #endif
 
-int touch_push(touch_t *t, const float *frame)
+/* Whether readings lie within 0 and the full scale. */
+static int is_frame(const float *frame)
 {
-    if (!t || !frame)
-        return TOUCH_BAD;
     for (int i = 0; i < TAXELS; i++)
         if (!(frame[i] >= 0 && frame[i] <= FULL_SCALE)) /* not a number is neither */
-            return TOUCH_BAD;
+            return 0;
+    return 1;
+}
+
+int touch_push(touch_t *t, const float *frame)
+{
+    if (!t || !frame || !is_frame(frame))
+        return TOUCH_BAD;
     if (t->seen >= LONGEST)
         return TOUCH_LONG;
+#if WINDOW && !CONVOLVED
+    take(t, frame);
+#else
     for (int i = 0; i < TAXELS; i++)
         t->frame[i] = frame[i];
     prepared(t, t->frame);
+#endif
 #if CONVOLVED
     int ready = join(t, t->frame);
     if (ready) {
@@ -95,24 +105,19 @@ int touch_push(touch_t *t, const float *frame)
     }
     return ready;
 #elif WINDOW
-    for (int i = 0; i < TAXELS; i++) {
-        t->frame[i] /= FULL_SCALE;
-        t->before[i] = t->seen ? t->before[i] : t->frame[i];
-    }
     int at = t->seen++;
-    signals_of(t->frame, t->before, t->signals[at % WINDOW]);
-    int ready = halves(t->whole, t->frame, at, WINDOW, HOP);
+    int ready = halves(t->parts, t->frame, at, WINDOW, HOP);
     if (ready) {
-        features_of(t, WINDOW, t->whole);
+        features_of_halves(t, WINDOW, t->parts);
         decide(t, t->proba);
         for (int c = 0; c < CLASSES; c++)
             t->sum[c] += t->proba[c];
         t->windows++;
     }
 #if EARLY
-    if (at < WINDOW && halves(t->early, t->frame, at, EARLY, EARLY_HOP) && !ready) {
+    if (at < WINDOW && halves(t->parts + 2, t->frame, at, EARLY, EARLY_HOP) && !ready) {
         ready = 1;
-        features_of(t, EARLY, t->early);
+        features_of_halves(t, EARLY, t->parts + 2);
         decide_early(t, t->proba);
         for (int c = 0; c < CLASSES; c++)
             t->early_sum[c] += t->proba[c];
@@ -157,10 +162,10 @@ static void label_so_far(touch_t *t, float *proba)
             proba[c] = t->early_sum[c] / (float)t->early_windows;
         return;
     }
-    features_of(t, t->seen, t->early);
+    features_of_halves(t, t->seen, t->parts + 2);
     decide_early(t, proba);
 #else
-    features_of(t, t->seen, t->whole);
+    features_of_halves(t, t->seen, t->parts);
     decide(t, proba);
 #endif
 #else

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 
 extern uint32_t data_begin[], data_end[], data_from[], bss_begin[], bss_end[], stack[];
-int main(void);
+int main(int count, char **words);
 void initialise_monitor_handles(void);
 void reset(void);
 void _init(void);
@@ -31,5 +31,5 @@ void reset(void)
     *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* the FPU */
     __asm volatile("dsb\n isb");
     initialise_monitor_handles();
-    exit(main());
+    exit(main(0, 0));
 }

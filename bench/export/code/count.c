@@ -13,14 +13,30 @@
 
 extern uint32_t end[]; /* of data, where the heap begins, which nothing takes before printf */
 
+#if TOUCH_WATCH
+static touch_watch_t watch;
+static touch_event_t event;
+#define state watch.now
+#else
 static touch_t state;
+#endif
 static float frame[TOUCH_TAXELS], proba[TOUCH_CLASSES];
+static uint32_t seed = 1;
 
 static uint32_t since(uint32_t begin) { return ((begin - VALUE) & 0xFFFFFF) * PER_TICK; }
 
+/* Frame n: noise of a strength that changes. */
+static void generate(int n)
+{
+    for (int i = 0; i < TOUCH_TAXELS; i++) {
+        seed = seed * 1103515245u + 12345u;
+        frame[i] = TOUCH_FULL_SCALE * (float)(seed >> 16 & 255) / 1024 * (float)(1 + n / 7 % 3);
+    }
+}
+
 int main(void)
 {
-    uint32_t seed = 1, most = 0, most_idle = 0, label_most = 0, both_most = 0;
+    uint32_t most = 0, most_idle = 0, label_most = 0, both_most = 0;
     double all = 0;
     int count = (int)(8 * TOUCH_RATE_HZ), taken = 0, deciding = 0;
     volatile uint32_t *at, *here;
@@ -32,10 +48,7 @@ int main(void)
     CONTROL = 5;
     touch_init(&state);
     for (int n = 0; n < count; n++) {
-        for (int i = 0; i < TOUCH_TAXELS; i++) {
-            seed = seed * 1103515245u + 12345u;
-            frame[i] = TOUCH_FULL_SCALE * (float)(seed >> 16 & 255) / 1024 * (float)(1 + n / 7 % 3);
-        }
+        generate(n);
         uint32_t begin = VALUE;
         int ready = touch_push(&state, frame);
         uint32_t spent = since(begin);
@@ -60,13 +73,38 @@ int main(void)
             deciding++;
         }
     }
+#if TOUCH_WATCH
+    uint32_t watch_most = 0, watch_idle = 0;
+    double watch_all = 0, idle_all = 0;
+    touch_watch_init(&watch);
+    for (int n = 0; n < 2 * count; n++) {
+        generate(n);
+        watch.begun = n >= count; /* as if nothing were touched, then as if a touch never ended */
+        watch.crossed = watch.falling = 0;
+        watch.touched = watch.begun ? watch.touched : 0;
+        uint32_t begin = VALUE;
+        touch_watch(&watch, frame, &event);
+        uint32_t spent = since(begin);
+        *(n < count ? &idle_all : &watch_all) += spent;
+        if (n < count && spent > watch_idle)
+            watch_idle = spent;
+        if (n >= count && spent > watch_most)
+            watch_most = spent;
+    }
+#endif
     for (at = end; at < here && *at == UNUSED;)
         at++;
     if (most > both_most)
         both_most = most;
-    printf("instructions: %.0f a frame on average, at most %lu without and %lu with a window that ends; label at most %lu; "
+    printf("instructions: %lu a frame on average, at most %lu without and %lu with a window that ends; label at most %lu; "
            "a frame and its label at most %lu\n",
-           all / taken, (unsigned long)most_idle, (unsigned long)most, (unsigned long)label_most, (unsigned long)both_most);
+           (unsigned long)(all / taken + 0.5), (unsigned long)most_idle, (unsigned long)most, (unsigned long)label_most,
+           (unsigned long)both_most);
+#if TOUCH_WATCH
+    printf("watching: %lu instructions a frame on average without touch and %lu with, at most %lu and %lu\n",
+           (unsigned long)(idle_all / count + 0.5), (unsigned long)(watch_all / count + 0.5), (unsigned long)watch_idle,
+           (unsigned long)watch_most);
+#endif
     printf("stack: %lu bytes at most, below the caller\n", (unsigned long)((here - at) * sizeof *at));
     return deciding ? 0 : 1;
 }

@@ -258,8 +258,25 @@ static void space(float *values, float *found)
     found[SPREAD] = TAXELS > 1 ? entropy / fmaxf(logf((float)TAXELS), 1e-9f) : 0;
 }
 
-/* Features of the last n frames; parts hold what the taxels did in them. */
-static void features_of(touch_t *t, int n, const part_t *parts)
+/* What a taxel did over several parts that follow one another: its mean (kind 0), SD (1) or largest value (2). */
+static float over(const part_t *const *parts, int count, int kind, int i)
+{
+    float n = 0, mean = 0, m2 = 0, most = 0;
+    for (int k = 0; k < count; k++) {
+        const part_t *b = parts[k];
+        if (!b->n)
+            continue;
+        float second = (float)b->n, away = b->mean[i] - mean;
+        m2 = n > 0 ? m2 + b->m2[i] + away * away * n * second / (n + second) : b->m2[i];
+        mean = n > 0 ? mean + away * second / (n + second) : b->mean[i];
+        most = fmaxf(most, b->most[i]);
+        n += second;
+    }
+    return kind == 0 ? mean : kind == 1 ? sqrtf(m2 / n) : most;
+}
+
+/* Features of the last n frames; the parts hold what the taxels did in them. */
+static void features_of(touch_t *t, int n, const part_t *const *parts, int count)
 {
     float *found = t->features, *series = t->series, centre_variance[2] = {0, 0}, *next;
     int begin = t->seen - n;
@@ -267,7 +284,7 @@ static void features_of(touch_t *t, int n, const part_t *parts)
     float *ranges = after + LAGS * LAGGED;
     for (int s = 0; s < SIGNALS; s++) {
         for (int i = 0; i < n; i++)
-            series[i] = t->signals[(begin + i) % WINDOW][s];
+            series[i] = t->signals[(begin + i) % RING][s];
         if (of_steps[s])
             series[0] = n > 1 ? series[1] : 0;
         float least = series[0], most = series[0];
@@ -308,16 +325,8 @@ static void features_of(touch_t *t, int n, const part_t *parts)
     }
     next = ranges + 3;
     for (int kind = 0; kind < 3; kind++, next += SPREAD + 1) {
-        for (int i = 0; i < TAXELS; i++) {
-            const part_t *a = parts, *b = parts + 1;
-            float first = (float)a->n, second = (float)b->n, away = b->mean[i] - a->mean[i];
-            if (kind == 0)
-                t->taxels[i] = a->mean[i] + away * second / (first + second);
-            else if (kind == 1)
-                t->taxels[i] = sqrtf((a->m2[i] + b->m2[i] + away * away * first * second / (first + second)) / (float)n);
-            else
-                t->taxels[i] = fmaxf(a->most[i], b->most[i]);
-        }
+        for (int i = 0; i < TAXELS; i++)
+            t->taxels[i] = over(parts, count, kind, i);
         space(t->taxels, next);
     }
 }
@@ -352,4 +361,24 @@ static int halves(part_t *parts, const float *p, int at, int window, int hop)
         forget(&parts[at / hop % 2]);
     join(&parts[at / hop % 2], p);
     return at + 1 >= window && (at + 1 - window) % hop == 0;
+}
+
+/* Features of the last n frames, which lie in two halves. */
+static void features_of_halves(touch_t *t, int n, const part_t *halves)
+{
+    const part_t *parts[] = {halves, halves + 1};
+    features_of(t, n, parts, 2);
+}
+
+/* The readings of a frame, repaired, as shares of full scale, and its signals, which join those before it. */
+static void take(touch_t *t, const float *frame)
+{
+    for (int i = 0; i < TAXELS; i++)
+        t->frame[i] = frame[i];
+    prepared(t, t->frame);
+    for (int i = 0; i < TAXELS; i++) {
+        t->frame[i] /= FULL_SCALE;
+        t->before[i] = t->seen ? t->before[i] : t->frame[i];
+    }
+    signals_of(t->frame, t->before, t->signals[t->seen % RING]);
 }

@@ -1,4 +1,5 @@
-/* Frames from standard input, a line each, a blank line ends a capture; a line per decision, as bench stream source=-. */
+/* Frames from standard input, a line each, a blank line ends a capture; a line per decision, as bench stream source=-.
+   touch -w watches an endless stream, if there is a watcher: a line whenever an event is reported, renamed or over. */
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,7 +14,13 @@
 enum { FRAME, BLANK, REFUSED, ENDED };
 enum { CHARACTERS = 32 }; /* most of a number; a line has at most as many for each taxel, its end included */
 
+#if TOUCH_WATCH
+static touch_watch_t watch; /* has the room of a capture as well */
+#define state watch.now
+#else
 static touch_t state;
+#endif
+static float frame[TOUCH_TAXELS];
 
 /* The next byte of the input; CR LF is LF, and CR at the end of the input is the end. */
 static int next_byte(int *bytes)
@@ -31,7 +38,7 @@ static int next_byte(int *bytes)
 }
 
 /* Read a line: decimal numbers, with a comma between them and blanks (spaces, tabs) around it, or with blanks alone. */
-static int read_line(float *frame)
+static int read_line(void)
 {
     char word[CHARACTERS + 1];
     int bytes = 0, length = 0, count = 0;
@@ -109,15 +116,61 @@ static int decided(int capture, int seen, int *settled)
     return 0;
 }
 
-int main(void)
+static int refused(int number)
 {
-    static float frame[TOUCH_TAXELS];
+    fprintf(stderr, "line %d: send %d decimal numbers, all with commas or all with blanks between them\n", number,
+            TOUCH_TAXELS);
+    return 2;
+}
+
+#if TOUCH_WATCH
+/* Lines until the input ends; blank ones mean nothing. */
+static int watched(void)
+{
+    static const char *const words[] = {"", "reported", "changed", "ended"};
+    touch_event_t event;
+    double seen = 0;
+    touch_watch_init(&watch);
+    printf("ms,news,label,confidence\n");
+    for (int number = 1;; number++) {
+        int kind = read_line();
+        if (kind == ENDED)
+            return 0;
+        if (kind == REFUSED)
+            return refused(number);
+        if (kind == BLANK)
+            continue;
+        int news = touch_watch(&watch, frame, &event);
+        if (news < 0) {
+            fprintf(stderr, "line %d: out of range\n", number);
+            return 2;
+        }
+        seen++;
+        if (news) {
+            const char *label = event.label == TOUCH_UNKNOWN ? "unknown" : cell(touch_name(event.label));
+            printf("%.0f,%s,%s,%.3f\n", 1000.0 / TOUCH_RATE_HZ * seen, words[news], label, (double)event.confidence);
+            fflush(stdout);
+        }
+    }
+}
+#endif
+
+int main(int count, char **words)
+{
+#if TOUCH_WATCH
+    if (count == 2 && !strcmp(words[1], "-w"))
+        return watched();
+#endif
+    if (count > 1) {
+        fprintf(stderr, "%s: %s\n", words[1], TOUCH_WATCH ? "give -w or nothing" : "give nothing");
+        return 2;
+    }
     int capture = 1, seen = 0, at_last = 0, number = 0, settled = 0;
     const double per_hop = HOP_MS * TOUCH_RATE_HZ / 1000;
     touch_init(&state);
     printf("capture,ms,label,confidence,settled\n");
     for (;;) {
-        int kind = read_line(frame);
+        int kind = read_line();
         if (kind == ENDED)
             break;
         number++;
@@ -133,9 +186,7 @@ int main(void)
                 at_last = seen;
             }
         } else if (kind == REFUSED) {
-            fprintf(stderr, "line %d: send %d decimal numbers, all with commas or all with blanks between them\n", number,
-                    TOUCH_TAXELS);
-            return 2;
+            return refused(number);
         } else if (seen) {
             if (at_last < seen)
                 decided(capture, seen, &settled);
