@@ -11,7 +11,7 @@ from sklearn.pipeline import Pipeline
 from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from bench.export.classifiers import HAVE, Decider, decider, detector, has_c, number
-from bench.work.watcher import BACKGROUND, BEGIN, END, OFF, ON, REFUSED, STRONG, UNUSUAL, WEIGHT, Watcher
+from bench.work.watcher import BEGIN, END, OFF, ON, REFUSED, UNUSUAL, WEIGHT, Watcher
 from features.jung28 import Jung28
 from features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
 from models.recipe import Recipe
@@ -216,7 +216,6 @@ def _watching(watcher: Watcher, recogniser: Recogniser, sizes: dict[str, Any]) -
         sizes: result of `_windows`.
     """
     clock, learnt = watcher.clock, watcher.detector
-    classes = learnt.classifier_.classes_.tolist()
     features = len(learnt.mean_)
     hop_s = np.float32(clock.hop / recogniser.rate_hz)
     begin, end = np.float32(BEGIN) * hop_s, np.float32(END) * hop_s
@@ -236,8 +235,8 @@ def _watching(watcher: Watcher, recogniser: Recogniser, sizes: dict[str, Any]) -
         "HOLD": clock.hold,
         "TAIL": watcher.tail,
         "PENDING": -(-(watcher.tail + clock.hold) // clock.hop) + 1,
-        "DETECTED": len(classes),
-        "BACKGROUND": classes.index(BACKGROUND),
+        "DETECTED": len(learnt.classifier_.classes_),
+        "QUIET": learnt.quiet_,
         "UNUSUAL": number(UNUSUAL),
         "MOST_UNUSUAL": max(n for n in range(features + 1) if n / features <= learnt.limit_),
         "REFUSED": number(REFUSED),
@@ -245,7 +244,7 @@ def _watching(watcher: Watcher, recogniser: Recogniser, sizes: dict[str, Any]) -
         "ODDS_WEIGHT": number(WEIGHT * clock.hop / clock.detect),
         "BEGIN": number(float(begin)),
         "STAY": number(float(1 - end)),
-        "STRONG": number(STRONG),
+        "STRONG": number(min(watcher.strong, 1e30)),
         "ON": number(ON),
         "OFF": number(OFF),
         "REJECT": number(watcher.reject),

@@ -234,7 +234,7 @@ def spans(probability: np.ndarray, clock: Clock) -> np.ndarray:
         begun = high[place]
         after = np.searchsorted(low, begun)
         now = low[after] if after < len(low) else len(probability) - 1
-        if rows and begun - rows[-1][2] <= clock.hold // clock.hop:
+        if rows and begun - rows[-1][2] <= clock.hold // clock.hop + 1:
             rows[-1][2] = now
         else:
             rows.append([rising[np.searchsorted(rising, begun, side="right") - 1], begun, now])

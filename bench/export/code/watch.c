@@ -48,10 +48,21 @@ static int watched(touch_watch_t *w, const float *frame)
     return w->filled >= DETECT / WATCH_HOP;
 }
 
-/* Log-odds of touch of the detector's window. */
+/* Logarithm of the sum of exponentials. */
+static float log_sum(const float *scores, int n)
+{
+    float most = scores[0], sum = 0;
+    for (int c = 1; c < n; c++)
+        most = fmaxf(most, scores[c]);
+    for (int c = 0; c < n; c++)
+        sum += expf(scores[c] - most);
+    return most + logf(sum);
+}
+
+/* Log-odds of touch of the detector's window; the first classes are no gesture. */
 static float log_odds(touch_watch_t *w)
 {
-    float scores[DETECTED], most = -INFINITY, sum = 0;
+    float scores[DETECTED];
     int unusual = 0;
     if (w->unchanged == DETECT)
         return REFUSED;
@@ -61,13 +72,7 @@ static float log_odds(touch_watch_t *w)
         unusual += !(fabsf(w->now.features[i]) <= UNUSUAL);
     if (unusual > MOST_UNUSUAL)
         return REFUSED;
-    for (int c = 0; c < DETECTED; c++)
-        if (c != BACKGROUND)
-            most = fmaxf(most, scores[c]);
-    for (int c = 0; c < DETECTED; c++)
-        if (c != BACKGROUND)
-            sum += expf(scores[c] - most);
-    return most + logf(sum) - scores[BACKGROUND];
+    return log_sum(scores + QUIET, DETECTED - QUIET) - log_sum(scores, QUIET);
 }
 
 /* Probability that the sensor is touched now, from that at the hop before. */
