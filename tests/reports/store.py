@@ -123,6 +123,20 @@ def stressed(store, system, accuracy, losses, more=(), **about):
     return other_run(store, "stress", system, metrics, {"faults": ",".join(losses)}, **about)
 
 
+def watched(store, system, end_correct, alarms, latency, flash=4000.0, **params):
+    """A run of ``bench watch`` with the shares of touches of each subject that end with the correct label."""
+    metrics = {"end_correct": sum(end_correct) / len(end_correct), "touches_found": 0.9, "first_correct": 0.5}
+    metrics |= {"false_alarms_per_hour": alarms, "latency_s_p50": latency, "flash_bytes": flash, "ram_bytes": 900.0}
+    params = {"watch.false_alarms": "5.0", "watch.background": "", "cpu": "one"} | params
+    run = other_run(store, "watch", system, metrics, params, mixes_subjects="false", test_over_train="")
+    table = pd.DataFrame({"subject": range(1, len(end_correct) + 1), "end_correct": end_correct})
+    with tempfile.TemporaryDirectory() as folder:
+        table.to_csv(Path(folder) / "per_subject.csv", index=False)
+        pd.DataFrame().to_parquet(Path(folder) / "predictions.parquet")
+        store.keep(run, Path(folder))
+    return run
+
+
 def streamed(store, system, start="onset", hop="None", **metrics):
     """A stream run with its tables."""
     metrics = {"accuracy": 0.7, "adaptive_accuracy": 0.65, "adaptive_ms": 812.0, "mean_ms": 900.0} | metrics
