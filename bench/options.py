@@ -181,8 +181,8 @@ COMMANDS = {
         "are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
         "for runs of bench chip, which also count instructions. over= runs systems instead: each fold chooses the "
         "smallest value on left-out training subjects. The values are those of model.X=, or an eighth, a quarter, a "
-        "half and all of the default. max_false_alarms= and max_latency= compare runs of bench watch instead, by the share "
-        "of touches whose label is correct at the end.",
+        "half and all of the default. max_false_alarms= and max_latency= compare runs of bench watch instead, by the "
+        "share of touches whose label is correct at the end.",
         "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB\n"
         "bench choose data=haart protocol=loso max_false_alarms=5 max_latency=1s\n"
         "bench choose data=haart protocol=loso model=cnn85 over=frames",

@@ -128,7 +128,8 @@ def watched(store, system, end_correct, alarms, latency, flash=4000.0, **params)
     metrics = {"end_correct": sum(end_correct) / len(end_correct), "touches_found": 0.9, "first_correct": 0.5}
     metrics |= {"false_alarms_per_hour": alarms, "latency_s_p50": latency, "flash_bytes": flash, "ram_bytes": 900.0}
     params = {"watch.false_alarms": "5.0", "watch.background": "", "cpu": "one"} | params
-    run = other_run(store, "watch", system, metrics, params, mixes_subjects="false", test_over_train="")
+    facts = {"mixes_subjects": "false", "test_over_train": "", "official_split": ""}
+    run = other_run(store, "watch", system, metrics, params, **facts)
     table = pd.DataFrame({"subject": range(1, len(end_correct) + 1), "end_correct": end_correct})
     with tempfile.TemporaryDirectory() as folder:
         table.to_csv(Path(folder) / "per_subject.csv", index=False)
