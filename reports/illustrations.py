@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from bench.outcomes.comparable import context_of, method_of
 from bench.outcomes.results import Findings
@@ -20,6 +21,6 @@ def illustrate(kind: str, tags: dict[str, str], findings: Findings, folder: Path
         streaming.figure([tags | findings.analysis], folder)
     elif kind == "watch" and findings.metrics.get("background_minutes"):  # without background, there is no rate
         tables = {"predictions": findings.tables["predictions.parquet"], "curve": findings.tables["curve.csv"]}
-        row = tags | findings.metrics | tables
+        row: dict[str, Any] = {**tags, **findings.metrics, **tables}
         figure = watching.watching_figure([row])
         figures.save(figure, folder, "watching", ", ".join(context_of(tags)), watching.caption(row))

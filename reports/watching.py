@@ -14,7 +14,7 @@ from bench.outcomes.events import FALSE_ALARM, matched
 from bench.outcomes.runs import needed
 from bench.outcomes.store import Store
 from reports.fault_curves import context_words, contexts
-from reports.figures import DASHES, MARKERS, WIDEST, Picture, plain, save
+from reports.figures import DASHES, LINE, MARKERS, WIDEST, Picture, plain, save
 from reports.numbers import bounded, number
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 SHORTEST_S, LONGEST_S, TOUCHES = 60.0, 120.0, 6  # of a timeline, which shows so many touches where it can
 TRUTH, REPORTED = 1.3, -0.5  # heights of the bars; the probability has 0 to 1
 HIGH = 0.2  # of a bar
+ALARMS = "false alarms per hour of background"
 Section = tuple[str, Picture, list[str]]  # a context in words, its figure, and a sentence on each system
 
 
@@ -35,8 +36,9 @@ def watch_sections(store: Store, runs: pd.DataFrame | None, folder: Path) -> lis
         folder: destination folder of the figures.
     """
     sections = []
-    scored = None if runs is None else runs.assign(accuracy=runs["end_correct"])
-    for i, (context, members) in enumerate(contexts(scored).items(), 1):
+    if runs is not None:  # without background, there is nothing to count false alarms in
+        runs = runs[runs["background_minutes"] > 0].assign(accuracy=runs["end_correct"])
+    for i, (context, members) in enumerate(contexts(runs).items(), 1):
         rows = [watch_of(store, run) for run in members]
         picture = save(watching_figure(rows), folder, f"0-watch-{i}", context, f"{context}: {caption(rows[0])}")
         sections.append((context, picture, [sentence(run) for run in members]))
@@ -45,25 +47,21 @@ def watch_sections(store: Store, runs: pd.DataFrame | None, folder: Path) -> lis
 
 def watch_of(store: Store, run: Row) -> dict[str, Any]:
     """A run with its tables ``predictions`` and ``curve``."""
-    tables = {"predictions": pd.read_parquet(needed(store, run, "predictions.parquet"))}
-    return {**run, **tables, "curve": pd.read_csv(needed(store, run, "curve.csv"))}
+    predictions = pd.read_parquet(needed(store, run, "predictions.parquet"))
+    return {**run, "predictions": predictions, "curve": pd.read_csv(needed(store, run, "curve.csv"))}
 
 
 def sentence(run: Row) -> str:
     """The scores of a system: data, protocol and unit first."""
-
-    def share(name: str) -> str:
-        return bounded(*(100 * run.get(f"{name}{end}", np.nan) for end in ("", "_low", "_high"))).replace(
-            " [", " % [", 1
-        )
-
-    found, end = (text if "%" in text else f"{text} %" for text in map(share, ("touches_found", "end_correct")))
-    alarms = bounded(*(run.get(f"false_alarms_per_hour{end}", np.nan) for end in ("", "_low", "_high")))
+    found, end, alarms = (
+        tuple(scale * run.get(f"{name}{side}", np.nan) for side in ("", "_low", "_high"))
+        for name, scale in (("touches_found", 100), ("end_correct", 100), ("false_alarms_per_hour", 1))
+    )
     return (
         f"{context_words(run)}, {run['touches']:.0f} touches in {run['background_minutes']:.0f} minutes of background: "
-        f"{method_of(run)} finds {found} of the touches, and {end} have the correct label at the end. It raises "
-        f"{alarms} false alarms per hour of background; its median latency is "
-        f"{number(run.get('latency_s_p50', np.nan), 2)} s."
+        f"{method_of(run)} finds {bounded(*found)} percent of the touches, and {bounded(*end)} percent have the "
+        f"correct label at the end. It raises {bounded(*alarms)} {ALARMS}. Its median latency is "
+        f"{number(run.get('latency_s_p50', np.nan), 2)} s; brackets are 95 % intervals over subjects."
     )
 
 
@@ -84,8 +82,8 @@ def watching_figure(rows: list[dict[str, Any]]) -> Figure:
     Args:
         rows: tags and metrics of comparable runs with ``predictions`` and ``curve``, as `watch_of` gives them.
     """
-    figure = Figure(figsize=(WIDEST, 5.6 + 0.1 * max(0, len(rows) - 6)), layout="constrained")
-    timeline, curve = figure.subplots(2, 1, height_ratios=(3, 4))
+    figure = Figure(figsize=(WIDEST, 5.2 + LINE * len(rows)), layout="constrained")
+    timeline, curve = figure.subplots(2, 1)
     _timeline(timeline, rows[0])
     for i, row in enumerate(rows):
         look: dict[str, Any] = {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "markersize": 4}
@@ -95,14 +93,13 @@ def watching_figure(rows: list[dict[str, Any]]) -> Figure:
         star = look | {"marker": "*", "markersize": 14, "markeredgecolor": "black", "linestyle": "", "zorder": 5}
         learned = row.get("false_alarms_per_hour", np.nan), 100 * (1 - row["touches_found"])
         curve.plot(*([value] for value in learned), **star, clip_on=False)
-    curve.set_xscale("symlog", linthresh=1)  # there may be no false alarm at all
+    curve.set_xscale("symlog", linthresh=1, linscale=0.3)  # there may be no false alarm at all
     curve.set_xticks([0, 1, 2, 5, 10, 20, 50, 100, 200, 500], minor=False)
     curve.xaxis.set_major_formatter("{x:g}")
     ends = [value for row in rows for value in row["curve"]["false_alarms_per_hour"].dropna()]
-    curve.set(xlim=(0, max([10, *ends])), ylim=(0, None), ylabel="missed touches, %")
-    curve.set_xlabel("false alarms per hour of background")
+    curve.set(xlim=(0, max([10, *ends])), ylim=(0, None), ylabel="missed touches, %", xlabel=ALARMS)
     curve.grid(alpha=0.25)
-    curve.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, handlelength=4)
+    figure.legend(loc="outside lower left", frameon=False, handlelength=4)
     return figure
 
 
@@ -147,12 +144,8 @@ def _bar(ax: Axes, span: tuple[float, float], height: float, colour: str, words:
 
 
 def frame_rate(predictions: pd.DataFrame, background_minutes: float) -> float:
-    """Frames per second of the recordings of a run, from its frames of background and their minutes.
-
-    Args:
-        predictions: stored table of the run.
-        background_minutes: its metric.
-    """
-    of = {kind: part for kind, part in predictions.groupby("kind")}
-    touched = (of["touch"]["end"] - of["touch"]["start"]).sum() if "touch" in of else 0
-    return float((of["recording"]["end"].sum() - touched) / (60 * background_minutes))
+    """Frames per second of the recordings of a run, from its table and the minutes of its background."""
+    kinds = predictions["kind"]
+    touch, recording = predictions[kinds == "touch"], predictions[kinds == "recording"]
+    frames = recording["end"].sum() - (touch["end"] - touch["start"]).sum()
+    return float(frames / (60 * background_minutes))
