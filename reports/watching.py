@@ -97,7 +97,7 @@ def watching_figure(rows: list[dict[str, Any]]) -> Figure:
     curve.set_xticks([0, 1, 2, 5, 10, 20, 50, 100, 200, 500], minor=False)
     curve.xaxis.set_major_formatter("{x:g}")
     ends = [value for row in rows for value in row["curve"]["false_alarms_per_hour"].dropna()]
-    curve.set(xlim=(0, max([10, *ends])), ylim=(0, None), ylabel="missed touches, %", xlabel=ALARMS)
+    curve.set(xlim=(0, 1.05 * max([10, *ends])), ylim=(0, None), ylabel="missed touches, %", xlabel=ALARMS)
     curve.grid(alpha=0.25)
     figure.legend(loc="outside lower left", frameon=False, handlelength=4)
     return figure
