@@ -100,7 +100,13 @@ OPTIONS = (
     ),
     Option("max_latency", "choose", "amount", None, "median latency, such as 1s; compares runs of bench watch"),
     Option("clock", "choose", "text", "", "clock rate of the chip, such as 64MHz; adds its cycles to decision times"),
-    Option("margin", "choose", "number", None, "accepted loss in points; uses a t-test, not one standard error"),
+    Option(
+        "margin",
+        "choose",
+        "number",
+        None,
+        "accepted loss in points; a one-sided paired t-test replaces the standard error",
+    ),
     Option("unit", "choose", "text", "capture", "unit of accuracy", ("capture", "window")),
     Option("batch", "choose submit", "yes", False, "yes: also systems whose labels depend on other test captures"),
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
@@ -177,8 +183,8 @@ COMMANDS = {
         "find the cheapest system within one standard error of the best",
         "Finds, among stored runs on the same captures, the cheapest system within one standard error of the most "
         "accurate one. This is the standard error of the paired difference over subjects. If no system fits the "
-        "budgets, it prints the lowest cost for each budget; exit code 1. Runs with failed folds or of an older corpus "
-        "are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
+        "budgets, it prints the lowest cost for each budget; exit code 1. Runs with failed folds, and older runs on "
+        "other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
         "for runs of bench chip, which also count instructions. over= runs systems instead: each fold chooses the "
         "smallest value on left-out training subjects. The values are those of model.X=, or an eighth, a quarter, a "
         "half and all of the default. max_false_alarms= and max_latency= compare runs of bench watch instead, by the "

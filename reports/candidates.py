@@ -21,7 +21,7 @@ from reports.speed import front
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
 MOST = 40  # candidates that the chart draws, besides those of a front
 WORDS = {
-    "flash": "kB of flash (learned numbers; for C, the linked program)",
+    "flash": "kB of flash (learnt and stored numbers; in C, linked code)",
     "ram": "kB of RAM during one decision",
     "predict": "ms to compute a label (p50, one thread)",
     "decision": "ms of touch before the label",

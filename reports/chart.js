@@ -91,11 +91,11 @@
   function hint(points, budget, left) {
     const has = kind => points.some(p => p.kind === kind);
     const said = [has("published") && "filled circles: published systems run here", has("changed") && "hollow circles: published systems with other settings",
-      has("other") && "squares: other systems", has("chip") && "triangles: measured in C", "line and bold names: Pareto front",
+      has("other") && "squares: unpublished systems", has("chip") && "triangles: measured in C", "line and bold names: Pareto front",
       points.some(p => p.chosen) && "ring: the choice", budget && "shaded: over the budget", points.some(p => p.out) && "pale: ruled out by a budget"];
     const words = said.filter(Boolean).join("; ");
     return words[0].toUpperCase() + words.slice(1) + ". Bars are 95 % intervals over subjects. " +
-      (left ? `${left} less accurate systems are not drawn. ` : "") + "To read its numbers, point at a mark, or move to it with the tab and arrow keys.";
+      (left ? `${left} less accurate systems are not drawn. ` : "") + "To read the numbers of a mark, point at it, or move to it with the tab and arrow keys.";
   }
 
   function axes(x0, x1, y0, y1, X, Y, left, right, top, bottom) {

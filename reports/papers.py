@@ -52,7 +52,8 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
         }
     )
     elsewhere = [NAMES.get(name, name) for name in sorted(set(beside.loc[beside["away"], "data"]))]
-    switch = f"Also show the {int(beside['away'].sum())} published numbers on {{}}, which has no runs here"
+    have = "have" if len(elsewhere) > 1 else "has"
+    switch = f"Also show the {int(beside['away'].sum())} published numbers on {{}}, which {have} no runs here"
     return {
         "table": Table(
             frame,

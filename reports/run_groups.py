@@ -59,7 +59,7 @@ class Group:
     @property
     def least_p(self) -> float:
         """The smallest corrected p that a pair can have."""
-        return min(1, 2.0 ** (1 - self.subjects.shape[1]) * len(self.pairs))
+        return statistics.least_p(self.subjects.shape[1], len(self.pairs))
 
 
 def largest_groups(runs: pd.DataFrame) -> tuple[dict[str, pd.DataFrame], list[str]]:

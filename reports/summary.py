@@ -115,6 +115,7 @@ def told_apart(group: Group) -> str:
     parts = [f"{best} is significantly more accurate than {listed(behind)}"] if behind else []
     parts += [f"{best} does not differ significantly from {listed(level)}"] if level else []
     test = f"(paired Wilcoxon tests against the best system, Holm's correction, {n} subjects, 5 % level)"
+    few = " With so few subjects, no difference can be significant." * (statistics.least_p(n, systems - 1) > 0.05)
     mixed = " Training and test captures come from the same subjects: expect lower accuracy for a new person."
     mixed *= group.mixed
-    return f"{'; '.join(parts)} {test}.{mixed}"
+    return f"{'; '.join(parts)} {test}.{few}{mixed}"

@@ -75,9 +75,7 @@ def caption(row: Row) -> str:
 
 
 def watching_figure(rows: list[dict[str, Any]]) -> Figure:
-    """The timeline of the first system, and the curve of each.
-
-    Systems differ by marker and dashes, not only by colour.
+    """The timeline of the first system, and the curve of each, in a marker and dashes of its own.
 
     Args:
         rows: tags and metrics of comparable runs with ``predictions`` and ``curve``, as `watch_of` gives them.
@@ -91,8 +89,9 @@ def watching_figure(rows: list[dict[str, Any]]) -> Figure:
         line = {"linestyle": DASHES[i % len(DASHES)], "label": plain([method_of(row)])[0], "clip_on": False}
         curve.plot(points["false_alarms_per_hour"], 100 * points["missed"], **look, **line)
         star = look | {"marker": "*", "markersize": 14, "markeredgecolor": "black", "linestyle": "", "zorder": 5}
-        learned = row.get("false_alarms_per_hour", np.nan), 100 * (1 - row["touches_found"])
-        curve.plot(*([value] for value in learned), **star, clip_on=False)
+        curve.plot(
+            [row.get("false_alarms_per_hour", np.nan)], [100 * (1 - row["touches_found"])], **star, clip_on=False
+        )
     curve.set_xscale("symlog", linthresh=1, linscale=0.3)  # there may be no false alarm at all
     curve.set_xticks([0, 1, 2, 5, 10, 20, 50, 100, 200, 500], minor=False)
     curve.xaxis.set_major_formatter("{x:g}")

@@ -77,7 +77,7 @@ def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
         Recordings in the order of the subjects' names, without the corpus's conditions.
 
     Raises:
-        InputError: a subject has no background.
+        InputError: there is no touch, or a subject has no background.
     """
     labels = [c for c in touches.captures if c not in (*BESIDES, *touches.target.split("+"))]
     conditions = _keys(touches, labels)
@@ -86,6 +86,8 @@ def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
     gestures = touches.gestures
     rate, rows, streams = touches.rate_hz, [], []
     names = sorted(set(subjects))
+    if not names:
+        raise InputError(f"{touches.name}: there is no touch beside the background; give another background=")
     for number, subject in enumerate(names):
         rng = seeded(f"recording {seed} of {subject}")
         chosen = np.flatnonzero(subjects == subject)

@@ -276,8 +276,9 @@ def _newest(runs: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
     if not kept.all():
         versions = ", ".join(dict.fromkeys(digest[:8] for digest in runs["corpus_digest"][~kept]))
         notes.append(
-            f"Left out: {several(int((~kept).sum()), 'older run')} on another version of {newest['data']} or of the "
-            f"protocol{', or with another background' * ('watch.background' in same)} (corpus {versions})."
+            f"Left out: {several(int((~kept).sum()), 'older run')} on other captures of {newest['data']} or under "
+            f"another version of the protocol{', or with another background' * ('watch.background' in same)} "
+            f"(corpus {versions})."
         )
     return runs[kept], notes
 
@@ -390,7 +391,7 @@ def decide(
     chosen = next(i for i in ranked if i in near)
     dearer = [i for i in ranked if table[by][i] > table[by][chosen]]
     for i in fits.index:
-        verdict = "as good" if i in near else "below the best"
+        verdict = "the best" if i == best else "near the best" if i in near else "below the best"
         if i in unranked:
             verdict += f", {by} unknown"
         elif i in near:

@@ -207,6 +207,16 @@ def rank_biserial(differences: np.ndarray) -> float:
     return float((ranks * np.sign(moved)).sum() / ranks.sum())
 
 
+def least_p(subjects: int, comparisons: int) -> float:
+    """Smallest p that the two-sided signed rank test can reach after Holm's correction.
+
+    Args:
+        subjects: number of paired subjects.
+        comparisons: number of corrected tests.
+    """
+    return min(1.0, 2.0 ** (1 - subjects) * comparisons)
+
+
 def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
     """Limits of the conclusions, in sentences; empty for none."""
     lines = []
@@ -215,10 +225,10 @@ def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
             f"{subjects} subject{'s are' if subjects != 1 else ' is'} too few for conclusions: below "
             f"{FEW_SUBJECTS} subjects, no signed rank test can reach p < 0.05, and intervals are unreliable."
         )
-    elif (least := 2.0 ** (1 - subjects)) * (systems - 1) > 0.05:
+    elif least_p(subjects, systems - 1) > 0.05:
         lines.append(
-            f"With {subjects} subjects, the smallest possible p is {least:.2g}; corrected for {systems - 1} "
-            "comparisons, no p can reach 0.05."
+            f"With {subjects} subjects, the smallest possible p is {least_p(subjects, 1):.2g}; corrected for "
+            f"{systems - 1} comparisons, no p can reach 0.05."
         )
     if folds < 2:
         lines.append("There is only one split, so the variation between training sets is unknown.")

@@ -41,6 +41,7 @@ REPEATED = 4.0  # windows of one event that the detector sees together, as of `D
 WEIGHT = 4.0  # of a decision's log-odds, for each hop of a detector's window: overlapping windows repeat each other
 BEGIN, END = 0.05, 0.2  # touches that begin, and that end, per second
 ON, OFF = 0.95, 0.1
+STRONG = 12.0  # log-odds from which on a touch too short for a window is reported
 HOLD_S = 0.3  # a touch that begins again so soon goes on
 PRICE = 0.01  # share of touches that one false alarm per hour too many is worth, where none too many is impossible
 NEARLY = 0.005  # share of touches that is given for a lower bias
@@ -272,18 +273,19 @@ class Watcher:
         rows: list[tuple] = []
         for i in range(len(seen)):
             recording = seen[[i]]
-            odds = self.detector.log_odds(*windows_of(recording, self.clock)) + np.float32(self.bias)
-            touch = touched(odds, self.clock, seen.rate_hz)
+            odds = self.detector.log_odds(*windows_of(recording, self.clock))
+            touch = touched(odds + np.float32(self.bias), self.clock, seen.rate_hz)
             times = self.clock.detect + self.clock.hop * np.arange(len(touch))
             dry = Tracker(self)
-            wanted = np.array([dry.step(time, now) for time, now in zip(times.tolist(), touch, strict=True)], bool)
+            series = [*zip(times.tolist(), touch, odds, strict=True)]
+            wanted = np.array([dry.step(*each) for each in series], bool)
             windows = cut(recording, times[wanted], self.clock.name)
             named = iter(self.probabilities(inner, windows) if len(windows) else [])
             tracker = Tracker(self)
-            for time, now in zip(times.tolist(), touch, strict=True):
-                if tracker.step(time, now):
-                    tracker.name(time, next(named))
-                event = tracker.news(time)
+            for each in series:
+                if tracker.step(*each):
+                    tracker.name(each[0], next(named))
+                event = tracker.news(each[0])
                 if event is not None and event.end is not None:
                     rows.append((i, event.reported, event.end, event.first, event.label, event.confidence))
             if (event := tracker.event) is not None and not tracker.over:  # the recording ends before the touch does
@@ -307,19 +309,24 @@ class Watcher:
         return (proba / np.maximum(proba.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
 
 
-def reports_of(touches: np.ndarray, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
+def reports_of(touches: np.ndarray, odds: np.ndarray, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
     """When `Tracker` reports touches, from the detector alone.
 
     Args:
         touches: result of `spans` [touches, 3].
+        odds: log-odds of the windows of the recording, without the bias.
         clock: timing of the windows.
 
     Returns:
-        Frames seen at the report and at the end [touches, 2], and which touches are long enough for one window.
+        Frames seen at the report and at the end [touches, 2], and which touches are reported: those with a complete
+        window, and short ones whose log-odds reach `STRONG`.
     """
     complete = np.maximum(clock.up(touches[:, 0] + clock.name), touches[:, 1])
-    reported = np.minimum(complete + clock.wait, touches[:, 2] + clock.hold + clock.hop)
-    return np.column_stack([reported, touches[:, 2]]), complete <= touches[:, 2]
+    first, last = ((touches[:, column] - clock.detect) // clock.hop for column in (0, 2))
+    strong = np.array([odds[a : b + 1].max() >= STRONG for a, b in zip(first, last, strict=True)], bool)
+    reported = np.minimum(np.minimum(complete, touches[:, 2]) + clock.wait, touches[:, 2] + clock.hold + clock.hop)
+    strong &= touches[:, 2] >= clock.name
+    return np.column_stack([reported, touches[:, 2]]), (complete <= touches[:, 2]) | strong
 
 
 @dataclass
@@ -352,28 +359,41 @@ class Tracker:
         self.watcher = watcher
         self.before = np.float32(0)
         self.rise = self.crossed = self.begun = self.low = self.limit = 0
-        self.over = False
+        self.over = self.named = False
+        self.peak = np.float32(0)
         self.event: Event | None = None
         self.ends: list[int] = []
         self.proba: list[np.ndarray] = []
 
-    def step(self, seen: int, touch: np.float32) -> bool:
-        """Take the probability of touch after so many frames; True if the recogniser's window is wanted (`name`)."""
+    def step(self, seen: int, touch: np.float32, log_odds: np.float32) -> bool:
+        """Take what the detector says after so many frames; True if the recogniser's window is wanted (`name`).
+
+        Args:
+            seen: frames so far.
+            touch: probability of touch (`touched`).
+            log_odds: result of the detector, without the bias.
+        """
         clock = self.watcher.clock
         if self.over:
             self.begun, self.over, self.event, self.ends, self.proba = 0, False, None, [], []
         if touch > 0.5 >= self.before:
-            self.rise = seen
+            self.rise, self.peak = seen, log_odds
+        self.peak = max(self.peak, log_odds)
         self.before = touch
         if not self.begun:
             if touch > ON:
-                self.crossed, self.begun, self.low = self.rise, seen, 0
+                self.crossed, self.begun, self.low, self.named = self.rise, seen, 0, False
         elif touch < OFF:
             self.low = self.low or seen
         elif touch > ON:
             self.low = 0
         self.over = bool(self.begun and self.low and seen > self.low + clock.hold)
-        return bool(self.begun and not self.over and seen >= max(clock.up(self.crossed + clock.name), self.begun))
+        if not self.begun or self.over:
+            return False
+        complete = bool(seen >= max(clock.up(self.crossed + clock.name), self.begun))
+        short = bool(self.low == seen >= clock.name and not self.named and self.peak >= STRONG)
+        self.named = self.named or complete or short
+        return complete or short
 
     def name(self, seen: int, proba: np.ndarray) -> None:
         """Take the probabilities of the gestures in the recogniser's window."""
@@ -434,9 +454,9 @@ class LiveStream:
             return None
         recording = self._recent()
         ends = recording.lengths
-        odds = self.watcher.detector.log_odds(*seen_windows(recording, ends, clock.detect))
-        self.touch = updated(self.touch, odds[0] + np.float32(self.watcher.bias), clock, self.rate_hz)
-        if self.tracker.step(self.seen, np.float32(self.touch)):
+        odds = self.watcher.detector.log_odds(*seen_windows(recording, ends, clock.detect))[0]
+        self.touch = updated(self.touch, odds + np.float32(self.watcher.bias), clock, self.rate_hz)
+        if self.tracker.step(self.seen, np.float32(self.touch), odds):
             inner = behind(self.watcher.system)[1]
             self.tracker.name(self.seen, self.watcher.probabilities(inner, cut(recording, ends, clock.name))[0])
         return self.tracker.news(self.seen)
@@ -526,7 +546,7 @@ def bias_table(
     times: list[list[np.ndarray]] = [[] for _ in biases]
     for i, series in enumerate(odds):
         for k, column in enumerate(touched(series[:, None] + biases, clock, rate_hz).T):
-            reported, kept = reports_of(spans(column, clock), clock)
+            reported, kept = reports_of(spans(column, clock), series, clock)
             times[k].append(np.insert(reported[kept], 0, i, axis=1))
     rows = []
     for bias, each in zip(biases, times, strict=True):

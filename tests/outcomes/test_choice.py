@@ -25,12 +25,12 @@ def words(choice, margin=None, subjects=4, **how):
 
 def test_the_cheapest_within_one_standard_error_is_chosen():
     # s1 loses 1, 3, 0, 0 points: mean 1, SD sqrt(2), SE 0.707: worse.
-    # s2 loses 3, -1, 2, -2: mean 0.5, SE 1.19: as good.
+    # s2 loses 3, -1, 2, -2: mean 0.5, SE 1.19: near the best.
     rows, subjects = table([[80, 70, 60, 90], [79, 67, 60, 90], [77, 71, 58, 92]], flash=[50.0, 1.0, 9.0])
     choice = decide(rows, subjects, "flash", {}, None)
     assert (choice.chosen, choice.best, choice.costlier) == (2, 0, 0)
     assert list(choice.table.index) == [1, 2, 0]  # cheapest first
-    assert list(choice.table["verdict"]) == ["below the best", "chosen", "as good, costlier"]
+    assert list(choice.table["verdict"]) == ["below the best", "chosen", "the best, costlier"]
     assert choice.table.loc[1, ["loss", "error"]].tolist() == pytest.approx([1, np.sqrt(2) / 2])
     assert choice.table.loc[2, ["loss", "error"]].tolist() == pytest.approx([0.5, np.sqrt(17 / 3) / 2])
     for fact in ("s2: 74.5 %", "9 kB", "(s0, 75.0 %)", "0.5 ± 1.2", "gains 0.5 points", "50 kB", "Only 4 subjects"):
@@ -85,7 +85,7 @@ def test_what_has_no_known_cost_is_compared_and_never_chosen():
     choice = decide(rows, subjects, "flash", {}, None)
     assert (choice.chosen, choice.best, choice.unranked) == (1, 1, [0])
     assert list(choice.table.index) == [2, 1, 0] and choice.table["loss"][0] == -10
-    assert choice.table["verdict"][0] == "as good, flash unknown"
+    assert choice.table["verdict"][0] == "near the best, flash unknown"
     assert "1 system cannot be chosen" in words(choice) and "s0, 90.0 %" in words(choice)
     none, subjects = table([[90] * 4], flash=[np.nan])
     nothing = decide(none, subjects, "flash", {}, None)
@@ -95,7 +95,7 @@ def test_what_has_no_known_cost_is_compared_and_never_chosen():
 def test_ties_and_one_subject():
     rows, subjects = table([[80, 70, 60, 90], [79, 71, 60, 89.9], [60] * 4], flash=[5.0, 5.0, 5.0])
     verdicts = decide(rows, subjects, "flash", {}, None).table["verdict"].to_dict()
-    assert verdicts == {0: "chosen", 1: "as good, equally cheap", 2: "below the best"}
+    assert verdicts == {0: "chosen", 1: "near the best, equally cheap", 2: "below the best"}
     tied, subjects = table([[0.1, 0.2, 0.3, 0.0], [0.3, 0.2, 0.1, 0.0]], flash=[9.0, 1.0])  # sums differ by 1e-17
     choice = decide(tied, subjects, "flash", {}, None)
     assert (choice.chosen, choice.best, choice.costlier) == (1, 1, None)

@@ -41,6 +41,9 @@ def group(rows, mixed=False):
             ["a is significantly more accurate than b"],
             ["not differ"],
         ),  # ten of one sign: p = 2 / 2 ** 10
+        # Six subjects: p is at least 2 / 2 ** 6 = 0.031, and 0.062 with Holm's correction for two comparisons.
+        ({"a": [60] * 6, "b": [50] * 6, "c": [40] * 6}, ["not differ", "no difference can be significant"], []),
+        ({"a": [60] * 6, "b": range(50, 56)}, ["a is significantly more accurate than b"], ["can be"]),
         ({"a": [1, 2]}, ["no comparison"], ["more accurate"]),
         ({"a": [1, 2, 3], "b": [3, 2, 1]}, ["3 subjects are too few", "2 systems"], ["more accurate"]),
     ],
