@@ -286,11 +286,12 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
     Args:
         values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, to choose among;
             ``by`` (the cost to keep low, default ``flash``); budgets ``max_flash``, ``max_ram``, ``max_predict``,
-            ``max_decision``, ``max_cycles``; ``clock`` of the target, such as ``64MHz``, at which measured cycles count
-            for ``max_decision``; ``margin`` (tolerated loss of accuracy in points); ``unit`` (``capture`` or
-            ``window``); ``batch`` (``yes`` to include systems whose labels depend on the batch); ``shots`` (labelled
-            captures of a new person); ``over`` (a parameter, or ``features``) with ``inner`` and the other keys of
-            `run`.
+            ``max_decision``, ``max_cycles``; ``max_false_alarms`` (per hour of background) and ``max_latency``
+            (median, such as ``"1s"``), which compare runs of `watch` alone; ``clock`` of the target, such as
+            ``64MHz``, at which measured cycles count for ``max_decision``; ``margin`` (tolerated loss of accuracy in
+            points); ``unit`` (``capture`` or ``window``); ``batch`` (``yes`` to include systems whose labels depend on
+            the batch); ``shots`` (labelled captures of a new person); ``over`` (a parameter, or ``features``) with
+            ``inner`` and the other keys of `run`.
 
     Raises:
         InputError: something in the values cannot be used, or nothing is tracked for them.

@@ -6,6 +6,8 @@ from bench.errors import InputError
 
 COSTS = {"flash": "kB", "ram": "kB", "predict": "ms", "decision": "ms", "cycles": "k"}  # of a system, and the unit
 BUDGETS = {f"max_{name}": name for name in COSTS}
+WATCHED = {"false_alarms": "per hour", "latency": "ms"}  # of a system that watched recordings, and the unit
+WATCH_BUDGETS = {f"max_{name}": name for name in WATCHED}
 UNITS = {  # of a unit of a cost, and of the clock, what a typed unit is
     "k": {"k": 1, "M": 1e3},
     "kB": {"B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576},
@@ -18,7 +20,7 @@ def quantity(key: str, given: object, prefix: str = "") -> float:
     """A number with a unit, in milliseconds, kilobytes (1000 bytes; KiB are 1024), thousands or MHz, or in points.
 
     Args:
-        key: one of `BUDGETS`, ``clock``, or another name, for a number without unit.
+        key: one of `BUDGETS`, ``max_latency``, ``clock``, or another name, for a number without unit.
         given: typed value.
         prefix: prefix of the key, if it was typed with one.
 
@@ -28,8 +30,9 @@ def quantity(key: str, given: object, prefix: str = "") -> float:
     text = str(given)
     number = text.rstrip("BkKiMmsGHz ")
     units = {"": 1.0}
-    if key in BUDGETS or key == "clock":
-        units = UNITS["MHz" if key == "clock" else COSTS[BUDGETS[key]]]
+    kinds = {"clock": "MHz", "max_latency": "ms"} | {name: COSTS[cost] for name, cost in BUDGETS.items()}
+    if key in kinds:
+        units = UNITS[kinds[key]]
     try:
         value = float(number) * units[text[len(number) :].strip()]
         if not 0 < value < float("inf"):

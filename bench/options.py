@@ -91,6 +91,14 @@ OPTIONS = (
     Option("max_predict", CHOICE, "amount", None, "longest computing time per label on this machine, such as 2ms"),
     Option("max_decision", CHOICE, "amount", None, "longest touch before the decision, such as 1s"),
     Option("max_cycles", CHOICE, "amount", None, "most instructions for the costliest frame, such as 600k"),
+    Option(
+        "max_false_alarms",
+        "choose",
+        "number",
+        None,
+        "false alarms per hour of background; compares runs of bench watch",
+    ),
+    Option("max_latency", "choose", "amount", None, "median latency, such as 1s; compares runs of bench watch"),
     Option("clock", "choose", "text", "", "clock rate of the chip, such as 64MHz; adds its cycles to decision times"),
     Option(
         "margin",
@@ -179,8 +187,10 @@ COMMANDS = {
         "other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
         "for runs of bench chip, which also count instructions. over= runs systems instead: each fold chooses the "
         "smallest value on left-out training subjects. The values are those of model.X=, or an eighth, a quarter, a "
-        "half and all of the default.",
+        "half and all of the default. max_false_alarms= and max_latency= compare runs of bench watch instead, by the "
+        "share of touches whose label is correct at the end.",
         "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB\n"
+        "bench choose data=haart protocol=loso max_false_alarms=5 max_latency=1s\n"
         "bench choose data=haart protocol=loso model=cnn85 over=frames",
     ),
     "report": Command(
@@ -423,5 +433,5 @@ def _row(option: Option) -> str:
     if option.type != "yes" and option.default not in (None, "", 0):
         text += f"; default {option.default}"
     return textwrap.fill(
-        text, WIDTH, break_on_hyphens=False, initial_indent=f"  {option.key + '=':16}", subsequent_indent=" " * 18
+        text, WIDTH, break_on_hyphens=False, initial_indent=f"  {option.key + '= ':16}", subsequent_indent=" " * 18
     )

@@ -79,6 +79,7 @@ def context_words(run: Row) -> str:
     parts = [*context_of(run)]
     parts += ["from the middle of the capture"] if run.get("stream.start") == "middle" else []
     parts += [f"a decision every {hop} ms"] if (hop := run.get("stream.hop_ms", "None")) != "None" else []
+    parts += [f"background: {background}"] if (background := run.get("watch.background")) else []
     return ", ".join(parts)
 
 

@@ -34,6 +34,7 @@ from reports.run_groups import GROUPS, group_of, largest_groups, slug
 from reports.speed import speed_chart
 from reports.spreadsheet import write_sheet
 from reports.summary import briefs
+from reports.watching import watch_sections
 
 ROWS = 300  # of a table on the page; the CSV files hold all
 
@@ -94,7 +95,7 @@ def assemble(
         folder: destination folder of figures.
         budgets: the most of each cost.
     """
-    papers, others = published(), of_kinds(store, ("stress", "stream", "chip"))
+    papers, others = published(), of_kinds(store, ("stress", "stream", "chip", "watch"))
     kinds = {kind: independent(each) for kind, each in (others | {"cell": runs}).items()}
     runs = with_groups(runs)
     by_group = {str(group): systems_by_subject(store, part) for group, part in runs.groupby("group", sort=False)}
@@ -134,6 +135,7 @@ def assemble(
         "briefs": briefs(streams, stresses, groups, curves),
         "published": published_section(tables["published"]),
         "streams": fault_curves.stream_sections(store, streams, folder),
+        "watched": watch_sections(store, others.get("watch"), folder),
         "stresses": fault_curves.stress_sections(stresses, folder),
         "people": new_person_sections(curves, folder),
         "groups": groups,

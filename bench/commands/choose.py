@@ -13,10 +13,21 @@ import numpy as np
 
 from bench.arguments import BACKEND, Values, convert, items, parse, typed
 from bench.commands.printing import grid, one_label, output, say, show, then
-from bench.costs import BUDGETS, COSTS, quantity
+from bench.costs import BUDGETS, COSTS, WATCH_BUDGETS, WATCHED, quantity
 from bench.errors import InputError, nearest
 from bench.options import SMALL, keys
-from bench.outcomes.choice import KINDS, Candidates, Choice, amount, candidates, decide, points, sentences, several
+from bench.outcomes.choice import (
+    KINDS,
+    WATCH,
+    Candidates,
+    Choice,
+    amount,
+    candidates,
+    decide,
+    points,
+    sentences,
+    several,
+)
 from bench.outcomes.comparable import MARK, MARKED
 from bench.outcomes.runs import of_kinds, without_runs
 from bench.outcomes.store import connect
@@ -25,6 +36,7 @@ from bench.progress import warn
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = keys("choose")
 RUNNING = {*BACKEND, "inner", "seed"}  # keys that are of use with over= alone
+UNWATCHED = ("decision", "cycles")  # costs that a run of bench watch does not have
 FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
 
 
@@ -54,6 +66,11 @@ class Chosen:
         chosen = self.choice.chosen
         return None if chosen is None else str(self.choice.table.loc[chosen, "system"])
 
+    @property
+    def watched(self) -> bool:
+        """True for a choice among runs of ``bench watch``."""
+        return {*WATCHED} <= {*self.among.table}
+
     def __str__(self) -> str:
         return "\n".join([f"{self.among.context}:", *self.lines()])
 
@@ -61,14 +78,23 @@ class Chosen:
         """The choice and its reason, or the binding budget and a remedy."""
         subjects, table = self.among.subjects.shape[1], self.among.table
         lines = sentences(self.choice, self.by, self.margin, subjects, self.among.mixed)
+        if self.watched and self.choice.chosen is not None:
+            values = table[[*WATCHED]].to_numpy(float)[table.index.get_loc(self.choice.chosen)]
+            alarms, latency = (
+                amount(k, v).replace(" per", " false alarms per") for k, v in zip(WATCHED, values, strict=True)
+            )
+            lines.insert(1, f"It raises {alarms} of background; its median latency is {latency}.")
         if self.clock is not None:
             timed = f"for {table['cycles'].notna().sum()} of {several(len(table), 'system')}"
             lines.append(f"Decision time is touch before the decision, plus cycles at {self.clock:g} MHz {timed}.")
         elif "decision" in {self.by, *self.budgets}:
             lines.append("Decision time is touch before the decision, without computing time on this machine.")
+        if self.watched:
+            lines.append("Accuracy is the share of touches in recordings whose label is correct at the end.")
         lines += self.among.notes
         if self.choice.chosen is None:
-            lines.append(f"Try a small system that is accurate on real touch: bench run {SMALL}")
+            command = "watch" if self.watched else "run"
+            lines.append(f"Try a small system that is accurate on real touch: bench {command} {SMALL}")
         return lines
 
     __repr__ = __str__
@@ -104,7 +130,11 @@ def chosen(values: Values) -> Chosen:
         raise InputError(f"{running[0]}= needs over=, which runs systems; leave {running[0]}= out or add over=")
     by, unit = _one_of("by", values, COSTS), _one_of("unit", values, ("capture", "window"))
     batch = _one_of("batch", values, ("no", "yes")) == "yes"
-    budgets = {BUDGETS[k]: quantity(k, values[k]) for k in BUDGETS if k in values}
+    every = BUDGETS | WATCH_BUDGETS
+    budgets = {every[k]: quantity(k, values[k]) for k in every if k in values}
+    watched = bool({*WATCHED} & {*budgets})
+    if watched:
+        _check_watched(values, by, unit, budgets)
     margin, clock = (quantity(k, values[k]) if k in values else None for k in ("margin", "clock"))
     asked = {k: items(k, v) for k, v in values.items() if k in AMONG or k.startswith("protocol.")}
     if "shots" in values:
@@ -113,15 +143,30 @@ def chosen(values: Values) -> Chosen:
             raise InputError(f"shots={shots}: give 0 or more")
         asked = {"protocol": ["personal"], **asked, "shots": [str(shots)]}
     store = connect()
-    runs_of = of_kinds(store, KINDS)
+    runs_of = of_kinds(store, [WATCH] if watched else KINDS)
     for lacking in without_runs(list(runs_of.values()), asked):
         warn(f"warning: {lacking}: no run is stored")
     most = budgets.get("decision", np.inf if by == "decision" else None)
-    among = candidates(store, asked, most, windows=unit == "window", clock=clock, batch=batch, runs_of=runs_of)
+    among = candidates(
+        store, asked, most, windows=unit == "window", clock=clock, batch=batch, watched=watched, runs_of=runs_of
+    )
     processors = sorted(set(among.table["cpu"]))
     if "predict" in {by, *budgets} and len(processors) > 1:
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
     return Chosen(decide(among.table, among.subjects, by, budgets, margin), among, by, budgets, margin, clock)
+
+
+def _check_watched(values: Values, by: str, unit: str, budgets: dict[str, float]) -> None:
+    """Refuse keys that runs of ``bench watch`` cannot be compared by.
+
+    Raises:
+        InputError: there is one.
+    """
+    given = next(k for k in WATCH_BUDGETS if k in values)
+    wrong = [f"by={by}"] * (by in UNWATCHED) + [f"max_{k}=" for k in UNWATCHED if k in budgets]
+    wrong += [f"unit={unit}"] * (unit == "window") + ["clock="] * ("clock" in values)
+    if wrong:
+        raise InputError(f"{wrong[0]}: runs of bench watch, which {given}= compares, have no such value; leave it out")
 
 
 def _one_of(key: str, values: Values, names: Collection[str]) -> str:
@@ -136,12 +181,16 @@ def _one_of(key: str, values: Values, names: Collection[str]) -> str:
 
 def _print(result: Chosen) -> None:
     table, by = result.choice.table, result.by
-    within = ", ".join(f"{k} at most {amount(k, v)}" for k, v in result.budgets.items()) or "no budget"
+    limits = [f"{k.replace('_', ' ')} at most {amount(k, v)}" for k, v in result.budgets.items()]
+    within = ", ".join(limits) or "no budget"
     rows = []
     for row in table.to_dict("records"):
         loss = "-" if np.isnan(row["loss"]) else points(row["loss"], row["error"])
         cells = {"system": row["system"], "input": row["unit"], "accuracy %": f"{row['accuracy']:.1f}"}
-        costs = {k: amount(k, row[k]) + "*" * (row["linked"] and k in ("flash", "ram")) for k in COSTS}
+        known = [k for k in (*WATCHED, *COSTS) if k in table and not (result.watched and k in UNWATCHED)]
+        costs = {
+            k.replace("_", " "): amount(k, row[k]) + "*" * (row["linked"] and k in ("flash", "ram")) for k in known
+        }
         rows.append(cells | {"below best": loss} | costs | {"verdict": row["verdict"]})
     spare = [k for k in ("cycles", "predict", "ram", "decision", "flash") if k != by and k not in result.budgets]
     bold = np.flatnonzero(table.index == result.choice.chosen).tolist()
@@ -154,5 +203,5 @@ def _print(result: Chosen) -> None:
         one = table.loc[result.choice.chosen]
         trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in FIT}
         # a search is not trained again, and a system that needs conditions is not saved
-        once = trained and one["command"] in ("run", "stream", "chip") and not one["conditions"]
+        once = trained and one["command"] in ("run", "stream", "chip", "watch") and not one["conditions"]
         then(typed("fit", trained | {"out": "chosen"}) if once else "bench report")

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bench.arguments import quoted
-from bench.costs import COSTS
+from bench.costs import COSTS, WATCHED
 from bench.errors import InputError
 from bench.outcomes import scores
 from bench.outcomes.comparable import BATCH, COMPARABLE, CONDITIONS, Row, context_of, facts_of, system_of
@@ -30,6 +30,9 @@ from bench.paired import FEW_SUBJECTS, TOLERANCE, mean_and_error, within_one_sta
 
 Amount = TypeVar("Amount", float, pd.Series)
 KINDS = ("cell", "chip", "stream")  # of runs whose systems are candidates
+WATCH = "watch"  # kind of run whose systems are candidates for budgets of `WATCHED`
+IN_RECORDINGS = "touches in recordings"  # unit of their accuracy
+USUAL_AIM = 5.0  # false alarms per hour that bench watch learns for by default
 TAGS = {  # columns of a candidate that repeat a tag of its last run
     "kind": "touchbench.kind",
     "command": "touchbench.command",
@@ -44,14 +47,17 @@ WORDS = {  # an amount of a cost
     "cycles": "instructions",
 }
 NOUNS = {"flash": "flash", "ram": "RAM", "predict": "computing time", "decision": "decision time"}
-NOUNS |= {"cycles": "instruction count"}
+NOUNS |= {"cycles": "instruction count", "false_alarms": "false-alarm rate", "latency": "latency"}
 UNKNOWN = {  # why a cost is not known
     "flash": "their size cannot be counted",
     "ram": "their memory cannot be counted",
     "predict": "no timing is available for exported C",
     "decision": "it was not measured",
     "cycles": "only bench chip counts them",
+    "false_alarms": "the recordings have no background",
+    "latency": "no touch was found",
 }
+ALL_COSTS = COSTS | WATCHED
 
 
 @dataclass(frozen=True)
@@ -132,6 +138,7 @@ def candidates(
     windows: bool = False,
     clock: float | None = None,
     batch: bool = False,
+    watched: bool = False,
     runs_of: Mapping[str, pd.DataFrame] | None = None,
 ) -> Candidates:
     """Every way in which a tracked system labels captures, or windows of them; the seeds of a system are averaged.
@@ -147,6 +154,9 @@ def candidates(
         windows: label single windows, in percent of windows, of the systems that decide on such.
         clock: clock of the target in MHz: the measured cycles at this clock are part of the decision time.
         batch: True to include batch systems, as in `eligible`.
+        watched: True for runs of ``bench watch`` alone, which no other choice has. Accuracy is then the share of
+            touches whose label is correct at the end; the table also has ``false_alarms`` per hour of background and
+            ``latency``, the median in ms.
         runs_of: `bench.outcomes.runs.tracked` by kind, if already read.
 
     Raises:
@@ -154,13 +164,14 @@ def candidates(
         InputError: runs on several corpora or protocols are, or a table of one is gone.
     """
     kinds = ["cell"] if windows else [kind for kind in KINDS if kind != "stream" or most is not None]
+    kinds, costs_of = ([WATCH], ALL_COSTS) if watched else (kinds, COSTS)
     tables = of_kinds(store, kinds) if runs_of is None else {kind: runs_of[kind] for kind in kinds if kind in runs_of}
     if not tables:
-        tracked(store)  # which says so
-    runs, notes = eligible([*tables.values()], asked, windows, batch)
+        tracked(store, kinds[0])  # which says so
+    runs, notes = eligible([*tables.values()], asked, windows, batch, "watch" if watched else "run")
     linked = _linked(runs)
-    options = runs.reindex(columns=["stream.hop_ms", "chip.bits"]).fillna("")
-    same = [runs["system"], runs["touchbench.kind"], options["stream.hop_ms"], options["chip.bits"]]
+    options = runs.reindex(columns=["stream.hop_ms", "chip.bits", "watch.false_alarms"]).fillna("")
+    same = [runs["system"], runs["touchbench.kind"], *(options[name] for name in options)]
     rows, accuracies = [], []
     for (system, kind, *_), group in runs.groupby(same, sort=True):
         seeds = [{**run, **linked.get(str(system), {})} for run in rows_of(group)]
@@ -168,7 +179,7 @@ def candidates(
         tags = {column: tag if isinstance(tag := seeds[-1].get(name), str) else "" for column, name in TAGS.items()}
         last = {**tags, "linked": kind == "chip" or system in linked, "cpu": ", ".join(sorted(set(group["cpu"])))}
         for unit in ways[0]:
-            costs = pd.DataFrame([way[unit][0] for way in ways]).mean().reindex([*COSTS])
+            costs = pd.DataFrame([way[unit][0] for way in ways]).mean().reindex([*costs_of])
             rows.append({"system": system_of(seeds[-1]), "unit": unit, **costs, **last})
             accuracies.append(pd.concat([way[unit][1] for way in ways], axis=1).mean(axis=1))
     subjects = pd.DataFrame(accuracies).reset_index(drop=True)
@@ -180,7 +191,11 @@ def candidates(
 
 
 def eligible(
-    tables: list[pd.DataFrame], asked: Mapping[str, list[str]], windows: bool = False, batch: bool = False
+    tables: list[pd.DataFrame],
+    asked: Mapping[str, list[str]],
+    windows: bool = False,
+    batch: bool = False,
+    command: str = "run",
 ) -> tuple[pd.DataFrame, list[str]]:
     """The complete runs among which can be chosen, and which others are left out, in sentences.
 
@@ -190,6 +205,7 @@ def eligible(
             number of ``shots``; parameters of the protocol by their dotted names; or values of `COMPARABLE`.
         windows: True for runs that decide on windows only.
         batch: True to include systems whose predictions depend on the other captures of the batch.
+        command: command that makes such runs.
 
     Raises:
         NothingTracked: there is none.
@@ -217,7 +233,9 @@ def eligible(
             )
     if not len(complete):
         why = "".join(f". {note.removesuffix('.')}" for note in notes)
-        raise NothingTracked(f"no complete run is stored for these values; make one with bench run, then choose{why}")
+        raise NothingTracked(
+            f"no complete run is stored for these values; make one with bench {command}, then choose{why}"
+        )
     return complete, notes
 
 
@@ -251,7 +269,7 @@ def _newest(runs: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
         raise InputError(
             f"runs on different captures or protocols cannot be compared; name one of: {'; '.join(arguments[:4])}"
         )
-    same = [*COMPARABLE, "protocol"]
+    same = [*COMPARABLE, "protocol", *(["watch.background"] if "watch.background" in runs else [])]
     newest = runs.sort_values("started").iloc[-1]
     kept = (runs[same] == newest[same]).all(axis=1)
     notes = []
@@ -259,7 +277,8 @@ def _newest(runs: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
         versions = ", ".join(dict.fromkeys(digest[:8] for digest in runs["corpus_digest"][~kept]))
         notes.append(
             f"Left out: {several(int((~kept).sum()), 'older run')} on other captures of {newest['data']} or under "
-            f"another version of the protocol (corpus {versions})."
+            f"another version of the protocol{', or with another background' * ('watch.background' in same)} "
+            f"(corpus {versions})."
         )
     return runs[kept], notes
 
@@ -297,6 +316,16 @@ def _ways(store: Store, run: Row, most: float | None, windows: bool) -> dict[str
     """
     path, kind = needed(store, run, "predictions.parquet"), run["touchbench.kind"]
     costs = {name: run.get(f"{name}_bytes", np.nan) / 1000 for name in ("flash", "ram")}
+    if kind == WATCH:
+        costs |= {
+            "predict": run.get("predict_ms_p50", np.nan),
+            "false_alarms": run.get("false_alarms_per_hour", np.nan),
+        }
+        costs |= {"latency": 1000 * run.get("latency_s_p50", np.nan)}
+        shares = pd.read_csv(needed(store, run, "per_subject.csv"), dtype={"subject": str}).set_index("subject")
+        aim = float(run["watch.false_alarms"])
+        unit = IN_RECORDINGS + ("" if aim == USUAL_AIM else f", false_alarms={aim:g}")
+        return {unit: (costs, 100 * shares["end_correct"].dropna())}
     if kind == "cell" and not windows:
         costs |= {"predict": run["predict_ms_p50"], "decision": run["capture_ms"]}
         accuracy = pd.Series(subject_accuracy(store, run))  # reading the predictions of 1000 runs takes a minute
@@ -375,7 +404,9 @@ def decide(
 def _excess(row: Row, budgets: Mapping[str, float]) -> str:
     """By which budgets a candidate is ruled out; empty for none."""
     over = [
-        f"{cost} {' > '.join(apart(cost, row[cost], most))}" if np.isfinite(row[cost]) else f"{cost} unknown"
+        f"{cost.replace('_', ' ')} {' > '.join(apart(cost, row[cost], most))}"
+        if np.isfinite(row[cost])
+        else f"{cost.replace('_', ' ')} unknown"
         for cost, most in budgets.items()
         if not _within(row[cost], most)
     ]
@@ -426,7 +457,7 @@ def amount(cost: str, value: float) -> str:
     """A cost with its unit, as people read it."""
     if not np.isfinite(value):
         return "-"
-    return f"{value:.3g} {COSTS[cost]}" if value < 100 else f"{value:.0f} {COSTS[cost]}"
+    return f"{value:.3g} {ALL_COSTS[cost]}" if value < 100 else f"{value:.0f} {ALL_COSTS[cost]}"
 
 
 def apart(cost: str, one: float, other: float) -> tuple[str, str]:
@@ -434,7 +465,7 @@ def apart(cost: str, one: float, other: float) -> tuple[str, str]:
     texts = amount(cost, one), amount(cost, other)
     digits = 4
     while texts[0] == texts[1] and one != other and digits < 17:
-        texts = f"{one:.{digits}g} {COSTS[cost]}", f"{other:.{digits}g} {COSTS[cost]}"
+        texts = f"{one:.{digits}g} {ALL_COSTS[cost]}", f"{other:.{digits}g} {ALL_COSTS[cost]}"
         digits += 1
     return texts
 

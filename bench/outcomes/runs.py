@@ -18,6 +18,7 @@ from bench.registry import names
 
 COLUMNS = {"where": "subset", "shots": "protocol.shots"}  # of a table of runs, where it is not called as it is asked
 COLUMNS |= {part: f"{part}_name" for part in PARTS}
+SCORES = {"watch": "end_correct"}  # of a kind of run, its main metric where that is not accuracy
 
 
 class NothingTracked(InputError):
@@ -38,10 +39,11 @@ def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
         | {"artifacts": r.info.artifact_uri}
         | {f"{part}_name": r.data.params.get(part, "") for part in PARTS}
         for r in store.of_kind(kind)
-        if "accuracy" in r.data.metrics
+        if SCORES.get(kind, "accuracy") in r.data.metrics
     ]
     if not rows:
-        raise NothingTracked("no scored run is stored here; make one first, for example: bench run model=svm")
+        command = "run" if kind == "cell" else kind
+        raise NothingTracked(f"no scored run is stored here; make one first, for example: bench {command} model=svm")
     runs = pd.DataFrame(rows)
     runs = runs.assign(complete=runs["status"] == "FINISHED").sort_values(["complete", "started"])
     options = [c for c in runs.columns if c.startswith(("stream.", f"{kind}.")) or c in ("faults", "train_subjects")]

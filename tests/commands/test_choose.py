@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+import bench
 from bench.arguments import parse
 from bench.cli import main
 from bench.commands.choose import chosen
@@ -14,7 +15,7 @@ from bench.errors import InputError
 from bench.options import SMALL
 from bench.outcomes.comparable import MARKED
 from bench.plan.cells import cells
-from tests.reports.store import made_up, tracked_run
+from tests.reports.store import made_up, tracked_run, watched
 
 FEW = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
 
@@ -56,6 +57,36 @@ def test_a_value_that_cannot_be_used_is_one_line_with_its_key(wrong, store, caps
     assert main(["choose", wrong]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and wrong.partition("=")[0] in error
+
+
+def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(store, capsys):
+    tracked_run(store, "cut", made_up(), data="haart", synthetic="false", subset="all", flash_bytes="1")
+    watched(store, "large", [0.8, 0.9, 0.7], alarms=2.3, latency=0.9, flash=9000.0)
+    watched(store, "small", [0.78, 0.9, 0.7], alarms=4.0, latency=1.0)  # 0.67 points less, standard error 0.67
+    watched(store, "loud", [0.9, 0.9, 0.9], alarms=6.2, latency=0.5, flash=100.0)
+    watched(store, "other", [1.0, 1.0, 1.0], alarms=1.0, latency=0.5, **{"watch.background": "quiet"})
+    watched(store, "small", [0.8, 0.9, 0.7], alarms=1.0, latency=1.2, **{"watch.false_alarms": "2.0"})
+    choice = bench.choose(max_false_alarms=5, max_latency="1s")
+    table = choice.choice.table.set_index(["system", "unit"])
+    assert len(table) == 4 and choice.system == "small"  # other recordings and whole captures are left out
+    cheap = table.loc[("small", "touches in recordings")]
+    assert cheap[["accuracy", "false_alarms", "latency", "flash"]].tolist() == pytest.approx([238 / 3, 4, 1000, 4])
+    assert table.loc[("small", "touches in recordings, false_alarms=2"), "verdict"].endswith(
+        "latency 1200 ms > 1000 ms"
+    )
+    for fact in (
+        "Choose small (touches in recordings): 79.3 % with 4 kB of flash.",
+        "It raises 4 false alarms per hour of background; its median latency is 1000 ms.",
+        "or with another background",
+    ):
+        assert fact in str(choice)
+    assert main(["choose", "max_false_alarms=0.5"]) == 1
+    out = capsys.readouterr().out
+    assert "lowest false-alarm rate is 1 per hour (small" in out and f"bench watch {SMALL}" in out
+    assert main(["choose"]) == 0 and "touches" not in capsys.readouterr().out
+    for wrong in ("by=decision", "max_decision=1s", "unit=window", "clock=64MHz"):
+        assert main(["choose", "max_latency=1s", wrong]) == 2
+        assert wrong.partition("=")[0] in capsys.readouterr().err
 
 
 def test_over_a_parameter_and_over_features(capsys):

@@ -1,5 +1,6 @@
 """The report as a whole: golden tables of one store that holds what real ones hold, and what the page must not do."""
 
+import html
 import os
 import re
 import shutil
@@ -17,9 +18,9 @@ from bench.leaderboard.tasks import HAART
 from bench.outcomes.comparable import BATCH, CONDITIONS, MARK
 from bench.outcomes.runs import independent, tracked, with_groups
 from bench.outcomes.store import connect
-from reports import candidates, page
+from reports import candidates, page, watching
 from reports.comparison import comparison, published
-from tests.reports.store import made_up, streamed, stressed, tracked_run, with_hits
+from tests.reports.store import WATCHED, made_up, streamed, stressed, tracked_run, watched, with_hits
 
 GOLDEN = Path(__file__).parent / "golden"  # TOUCHBENCH_GOLDEN=write writes it anew: read the difference
 HOSTILE = 'svm[x=<script>alert(1)</script>|"&*_] · `a`'
@@ -147,6 +148,30 @@ def test_every_part_of_the_page_is_there(folder):
     warnings = " ".join(re.findall(r'<p class="warning">(.*?)</p>', text, re.DOTALL))
     assert all(fact in warnings for fact in ("(synthetic)", "gaus2015_rf", f"batchy {MARK}"))
     assert MARK not in text[text.index('class="answer"') :].split("</div>")[0]
+
+
+def test_continuous_touch_on_the_page(quick, store):
+    tracked_run(store, "a", made_up(3))
+    watched(store, HOSTILE, [0.5] * 3, alarms=40.0, latency=1.0)
+    page.write_report(store, Path("report"))
+    words = " ".join(html.unescape(Path("report/index.html").read_text()).split())
+    assert 'id="continuous-touch"' in words and Path("report/figures/0-watch-1.png").exists()
+    assert f"LOSO (10 subjects), 2 touches in 2 minutes of background: {HOSTILE} finds 90.0 percent" in words
+    assert "raises 40.0 false alarms per hour" in words and "latency is 1.00 s" in words
+
+
+def test_the_timeline_shows_touches_reports_and_what_was_missed():
+    assert watching.frame_rate(WATCHED, 1.5) == 50  # 90 s of background
+    row = {"system": "$a$", "seed": "0", "data": "d", "synthetic": "false", "subset": "all", "target": "gesture"}
+    row |= {"protocol_label": "LOSO", "predictions": WATCHED, "background_minutes": 1.5, "touches_found": 0.5}
+    curve = pd.DataFrame({"offset": [0.0], "missed": [0.5], "false_alarms_per_hour": [40.0]})
+    figure = watching.watching_figure([row | {"curve": curve, "false_alarms_per_hour": 40.0}])
+    timeline, curves = figure.axes
+    words = {text.get_text() for text in timeline.texts}
+    assert words == {"pat", "rub (missed)", "tap → pat", "rub (false alarm)"}
+    assert [bar.get_x() for bar in timeline.patches] == [10, 20, 11, 38] and timeline.get_xlim() == (0, 60)
+    assert [line.get_xydata().tolist() for line in curves.lines] == [[[40, 50]]] * 2
+    figure.canvas.draw()
 
 
 def test_batch_and_references_in_the_tables(folder):

@@ -1,0 +1,150 @@
+"""Touches in continuous recordings, on the page: a timeline, missed touches against false alarms, and sentences."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from bench.outcomes.comparable import Row, method_of
+from bench.outcomes.events import FALSE_ALARM, matched
+from bench.outcomes.runs import needed
+from bench.outcomes.store import Store
+from reports.fault_curves import context_words, contexts
+from reports.figures import DASHES, LINE, MARKERS, WIDEST, Picture, plain, save
+from reports.numbers import bounded, number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SHORTEST_S, LONGEST_S, TOUCHES = 60.0, 120.0, 6  # of a timeline, which shows so many touches where it can
+TRUTH, REPORTED = 1.3, -0.5  # heights of the bars; the probability has 0 to 1
+HIGH = 0.2  # of a bar
+ALARMS = "false alarms per hour of background"
+Section = tuple[str, Picture, list[str]]  # a context in words, its figure, and a sentence on each system
+
+
+def watch_sections(store: Store, runs: pd.DataFrame | None, folder: Path) -> list[Section]:
+    """A figure for each group of comparable runs of ``bench watch``, and a sentence on each system.
+
+    Args:
+        store: store of the runs.
+        runs: `bench.outcomes.runs.tracked` of the kind ``watch``; None if there is none.
+        folder: destination folder of the figures.
+    """
+    sections = []
+    if runs is not None:  # without background, there is nothing to count false alarms in
+        runs = runs[runs["background_minutes"] > 0].assign(accuracy=runs["end_correct"])
+    for i, (context, members) in enumerate(contexts(runs).items(), 1):
+        rows = [watch_of(store, run) for run in members]
+        picture = save(watching_figure(rows), folder, f"0-watch-{i}", context, f"{context}: {caption(rows[0])}")
+        sections.append((context, picture, [sentence(run) for run in members]))
+    return sections
+
+
+def watch_of(store: Store, run: Row) -> dict[str, Any]:
+    """A run with its tables ``predictions`` and ``curve``."""
+    predictions = pd.read_parquet(needed(store, run, "predictions.parquet"))
+    return {**run, "predictions": predictions, "curve": pd.read_csv(needed(store, run, "curve.csv"))}
+
+
+def sentence(run: Row) -> str:
+    """The scores of a system: data, protocol and unit first."""
+    found, end, alarms = (
+        tuple(scale * run.get(f"{name}{side}", np.nan) for side in ("", "_low", "_high"))
+        for name, scale in (("touches_found", 100), ("end_correct", 100), ("false_alarms_per_hour", 1))
+    )
+    return (
+        f"{context_words(run)}, {run['touches']:.0f} touches in {run['background_minutes']:.0f} minutes of background: "
+        f"{method_of(run)} finds {bounded(*found)} percent of the touches, and {bounded(*end)} percent have the "
+        f"correct label at the end. It raises {bounded(*alarms)} {ALARMS}. Its median latency is "
+        f"{number(run.get('latency_s_p50', np.nan), 2)} s; brackets are 95 % intervals over subjects."
+    )
+
+
+def caption(row: Row) -> str:
+    """The words below a figure whose timeline shows a system."""
+    return (
+        f"Above: one recording of a test subject and the touches that {method_of(row)} reports, with the first and the "
+        "last label. Below: missed touches against false alarms, if the system reported more easily or less easily; "
+        "the star is the point that was learned on training subjects."
+    )
+
+
+def watching_figure(rows: list[dict[str, Any]]) -> Figure:
+    """The timeline of the first system, and the curve of each, in a marker and dashes of its own.
+
+    Args:
+        rows: tags and metrics of comparable runs with ``predictions`` and ``curve``, as `watch_of` gives them.
+    """
+    figure = Figure(figsize=(WIDEST, 5.2 + LINE * len(rows)), layout="constrained")
+    timeline, curve = figure.subplots(2, 1)
+    _timeline(timeline, rows[0])
+    for i, row in enumerate(rows):
+        look: dict[str, Any] = {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "markersize": 4}
+        points = row["curve"].dropna()
+        line = {"linestyle": DASHES[i % len(DASHES)], "label": plain([method_of(row)])[0], "clip_on": False}
+        curve.plot(points["false_alarms_per_hour"], 100 * points["missed"], **look, **line)
+        star = look | {"marker": "*", "markersize": 14, "markeredgecolor": "black", "linestyle": "", "zorder": 5}
+        curve.plot(
+            [row.get("false_alarms_per_hour", np.nan)], [100 * (1 - row["touches_found"])], **star, clip_on=False
+        )
+    curve.set_xscale("symlog", linthresh=1, linscale=0.3)  # there may be no false alarm at all
+    curve.set_xticks([0, 1, 2, 5, 10, 20, 50, 100, 200, 500], minor=False)
+    curve.xaxis.set_major_formatter("{x:g}")
+    ends = [value for row in rows for value in row["curve"]["false_alarms_per_hour"].dropna()]
+    curve.set(xlim=(0, 1.05 * max([10, *ends])), ylim=(0, None), ylabel="missed touches, %", xlabel=ALARMS)
+    curve.grid(alpha=0.25)
+    figure.legend(loc="outside lower left", frameon=False, handlelength=4)
+    return figure
+
+
+def _timeline(ax: Axes, row: dict[str, Any]) -> None:
+    """True touches above, reported ones below, the probability of touch between."""
+    table, rate_hz = row["predictions"], frame_rate(row["predictions"], row["background_minutes"])
+    shown = table[(table["fold"] == table["fold"].iloc[0]) & (table["recording"] == 0)]
+    of = {kind: part.reset_index(drop=True) for kind, part in shown.groupby("kind")}
+    truth, reports = (of.get(kind, shown.iloc[:0]) for kind in ("touch", "report"))
+    touches, reports = matched(truth, reports, rate_hz)
+    last = touches["end"].iloc[:TOUCHES].max() / rate_hz + 3 if len(touches) else 0.0
+    length = min(float(np.clip(last, SHORTEST_S, LONGEST_S)), of["recording"]["end"].iloc[0] / rate_hz)
+    touches, reports = (part[part[at] < length * rate_hz] for part, at in ((touches, "start"), (reports, "reported")))
+    names = dict.fromkeys([*touches["gesture"], *reports["label"]])
+    colours = {name: f"C{i % 10}" for i, name in enumerate(names)}
+    for i, touch in enumerate(touches.itertuples()):
+        words = touch.gesture + ("" if touch.found else " (missed)")
+        _bar(ax, (touch.start / rate_hz, min(touch.end / rate_hz, length)), TRUTH, colours[touch.gesture], words, i % 2)
+    for i, report in enumerate(reports.itertuples()):
+        words = report.label if report.first == report.label else f"{report.first} → {report.label}"
+        words += " (false alarm)" * (report.touch == FALSE_ALARM)
+        span = (report.reported / rate_hz, min(max(report.end, report.reported) / rate_hz, length))
+        _bar(ax, span, REPORTED, colours[report.label], words, -1 - i % 2)
+    probability = of.get("probability", shown.iloc[:0])
+    ax.fill_between(probability["reported"] / rate_hz, 0, probability["confidence"], color="0.8", linewidth=0)
+    ax.plot(probability["reported"] / rate_hz, probability["confidence"], color="0.3", linewidth=0.8)
+    ax.set_yticks([TRUTH, 1, 0, REPORTED], ["true touch", "1", "probability of touch   0", "reported touch"])
+    ax.tick_params(axis="y", length=0)
+    ax.axhline(1, color="0.8", linewidth=0.5, zorder=0)
+    ax.set(xlim=(0, length), ylim=(REPORTED - 0.95, TRUTH + 0.95), xlabel="seconds of the recording")
+    ax.set_title(f"{plain([method_of(row)])[0]}\n{', '.join(plain([context_words(row)]))}")
+    ax.spines[["top", "right", "left"]].set_visible(False)
+
+
+def _bar(ax: Axes, span: tuple[float, float], height: float, colour: str, words: str, line: int) -> None:
+    """A touch, and its words above it (line 0 or 1) or below it (-1 or -2)."""
+    start, end = span
+    ax.barh(height, max(end - start, 0.15), HIGH, start, color=colour, edgecolor="0.2", linewidth=0.5)
+    at = height + (0.2 + 0.3 * line if line >= 0 else -0.2 + 0.3 * (line + 1))
+    side = "bottom" if line >= 0 else "top"
+    ax.text(start, at, plain([words])[0], va=side, ha="left", color="black")
+
+
+def frame_rate(predictions: pd.DataFrame, background_minutes: float) -> float:
+    """Frames per second of the recordings of a run, from its table and the minutes of its background."""
+    kinds = predictions["kind"]
+    touch, recording = predictions[kinds == "touch"], predictions[kinds == "recording"]
+    frames = recording["end"].sum() - (touch["end"] - touch["start"]).sum()
+    return float(frames / (60 * background_minutes))
