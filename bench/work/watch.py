@@ -135,6 +135,7 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
         with computing(1):
             spent = _decision_ms(learned, test)
         metrics |= footprint(estimator, corpus)
+        metrics["flash_bytes"] += 4 * learned.detector.numbers  # in C it is stored beside the system
         chosen: dict[str, object] = {"bias": learned.bias, "tail": learned.tail, "strong": learned.strong}
         chosen["refused"] = learned.detector.limit_
         return FoldResult(

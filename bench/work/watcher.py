@@ -160,6 +160,11 @@ class Detector:
         odds = logsumexp(scores[:, self.quiet_ :], axis=1) - logsumexp(scores[:, : self.quiet_], axis=1)
         return np.where(still | (self.unusual(table) > self.limit_), REFUSED, odds).astype(np.float32)
 
+    @property
+    def numbers(self) -> int:
+        """Count of learned numbers."""
+        return self.classifier_.coef_.size + self.classifier_.intercept_.size + self.mean_.size + self.sd_.size
+
     def unusual(self, table: np.ndarray) -> np.ndarray:
         """Share of the features of each window that lie beyond 3 SDs of training [windows]."""
         return (~(np.abs(table - self.mean_) <= np.float32(UNUSUAL) * self.sd_)).mean(axis=1)

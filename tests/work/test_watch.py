@@ -90,7 +90,7 @@ def test_spans_are_those_of_a_naive_loop(values):
             crossed = i
         before = value
         if begun is None and value > 0.95:
-            if expected and i - expected[-1][2] <= 3:
+            if expected and i - expected[-1][2] <= 4:
                 begun = expected.pop()[:2]
             else:
                 begun = (crossed, i)
