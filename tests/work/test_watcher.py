@@ -45,7 +45,7 @@ def people():
 @pytest.fixture(scope="module")
 def watcher(people):
     captures, recordings = people
-    return learned(make_system().fit(captures, captures.gestures), recordings[:3], false_alarms=5)
+    return learned(make_system().fit(captures, captures.gestures), recordings[:3], false_alarms=5)[0]
 
 
 def nonsense(kind, background):
