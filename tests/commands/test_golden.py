@@ -36,7 +36,6 @@ STEPS = {  # commands that go on from the six runs, each list in a folder of its
     + [["data", "import", "table", "o.csv", "name=mine", "grid=8x8", "rate_hz=135", "full_scale=1023"]]
     + [["data", "show", "mine", "where=subject == '1'", "target=variant"], ["data", "verify", "mine"], ["data"]]
     + [["extract", "data=mine", "features=jung28", "out=f.csv"]],
-    "watch": [["watch", *LDA]],
     "fit": [["fit", *LDA, "stopping=no", "out=rec"], ["export", "rec", "out=rec_c"]]
     + [["data", "export", "synth", "o.csv", "subjects=1", "variants=normal", "repetitions=1"]]
     + [["predict", "rec", "o.csv", "out=p.csv"], ["adapt", "rec", "o.csv", "out=rec_1"]],

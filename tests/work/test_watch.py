@@ -13,6 +13,7 @@ from bench.corpora.composer import captures_in
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth_recordings import generate
 from bench.errors import InputError
+from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import Fold
 from bench.work.watch import Watch
@@ -20,7 +21,7 @@ from bench.work.watcher import Clock, LiveStream, Tracker, learned, spans, touch
 from features.touch import TouchFeatures
 from models.classic.lda import lda
 from models.recipe import Recipe
-from tests.conftest import SMALL
+from tests.conftest import SMALL, runs
 
 CLOCK = Clock(hop=5, detect=25, name=40, wait=10, hold=15)
 
@@ -163,3 +164,22 @@ def test_background_without_touches_is_refused(recordings):
     row = pd.DataFrame({"subject": ["1"], "gesture": ["rub"]})
     with pytest.raises(InputError, match="no touch"):
         Watch(background="rub").recordings(Corpus.from_captures([recordings.corpus[0]], row, 50.0))
+
+
+def test_the_command_stores_what_it_prints_and_goes_on(capsys):
+    words = ["watch", *SMALL, "model=lda", "features=touch", "model.window=0.5"]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert "42" in printed and "3/3" in printed  # 14 gestures of 3 people
+    (run,) = runs("watch")[1]
+    touches = pd.read_csv(connect().fetched(run.info.run_id, "touches.csv"))
+    metrics = run.data.metrics
+    assert len(touches) == metrics["touches"] == 42
+    assert touches["found"].mean() == pytest.approx(metrics["touches_found"])
+    label = pd.read_csv(connect().fetched(run.info.run_id, "reports.csv")).drop_duplicates("touch", keep="last")
+    label = label[label["touch"] >= 0].set_index("touch")["label"]
+    right = sum(touches["gesture"][i] == name for i, name in label.items())
+    assert right <= touches["found"].sum() and metrics["end_correct"] <= metrics["touches_found"]
+    assert main(words) == 0
+    assert "already stored" in capsys.readouterr().err
+    assert len(runs("watch")[1]) == 1
