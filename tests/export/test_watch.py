@@ -116,16 +116,21 @@ def watching(name):
     return recogniser
 
 
+HOP = 15  # frames at 135 Hz, or fewer
+
+
 def check_equal(events, expected, wrong=0.0):
     """The same events, and nearly the same confidences: what is counted of a signal may differ by one in rounding.
 
-    A share of them may have other labels for that reason.
+    A share of them may have other labels, or times that are a hop apart, for that reason.
     """
     expected = expected.reset_index(drop=True)
     times, labels = ["reported", "end"], ["first", "label"]
-    pd.testing.assert_frame_equal(events[times], expected[times], check_dtype=False)
+    assert len(events) == len(expected)
     if not len(expected):
         return
+    late = np.abs(events[times].to_numpy(np.int64) - expected[times].to_numpy(np.int64))
+    assert (late > 0).any(axis=1).mean() <= wrong and late.max() <= HOP * bool(wrong)
     assert (events[labels].astype(str) != expected[labels].astype(str)).any(axis=1).mean() <= wrong
     apart = np.abs(events["confidence"].to_numpy() - expected["confidence"].to_numpy())
     assert np.median(apart) < 1e-3 and (wrong or apart.max() < 0.02)
