@@ -232,8 +232,8 @@ def watch(**values: object) -> Found:
     """Watch continuous recordings, as ``bench watch`` does; tables ``touches``, ``reports``, ``subjects``, ``curve``.
 
     Args:
-        values: keys of `run`; ``false_alarms`` (per hour of background, accepted on training subjects, default 5) and
-            ``background`` (class without touch, or ``quiet``).
+        values: keys of `run`; ``false_alarms`` (per hour of background, accepted on training subjects, default 5),
+            ``background`` (class without touch, or ``quiet``) and ``unknown`` (gesture to leave out of training).
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.

@@ -123,6 +123,7 @@ OPTIONS = (
     Option(
         "background", "watch", "text", "", "class without touch, or quiet: ends of captures; default notouch or quiet"
     ),
+    Option("unknown", "watch", "text", "", "gesture to leave out of training; its touches should be labelled unknown"),
     Option("bits", "chip export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
     Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams"),

@@ -43,7 +43,7 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     Raises:
         InputError: something in the values or the data cannot be used, or they name several systems.
     """
-    from bench.commands.watch import with_recordings
+    from bench.commands.watch import holds_recordings, with_recordings
     from bench.work.fit import fit
     from bench.work.watch import Watch
 
@@ -53,7 +53,7 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     if more:
         raise InputError("bench fit saves one system; give one value of each key")
     out = Path(str(values["out"])) if "out" in values else None
-    if cell.data != "synth":
+    if holds_recordings(cell.data):
         cell = with_recordings(cell)
     return fit(cell, out, stopping, Watch() if watching else None), out
 

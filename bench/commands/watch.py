@@ -36,19 +36,25 @@ def watched(values: Values) -> list[Outcome]:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
     alarms = number("false_alarms", values.get("false_alarms", "5"))
-    experiment = Watch(alarms, str(values.get("background", "")))
+    experiment = Watch(alarms, str(values.get("background", "")), str(values.get("unknown", "")))
     backend = backend_of(values)
-    todo = [with_recordings(cell) for cell in cells({k: v for k, v in values.items() if k not in OWN})]
+    todo = cells({k: v for k, v in values.items() if k not in OWN})
+    recorded = {name: name == "synth" or holds_recordings(name) for name in dict.fromkeys(cell.data for cell in todo)}
+    todo = [with_recordings(cell) if recorded[cell.data] else cell for cell in todo]
     return execute(prepared(todo, [experiment], backend.jobs), backend, illustrate)
 
 
 def with_recordings(cell: Cell) -> Cell:
-    """The cell, marked if its data holds recordings.
+    """The cell, marked: its data holds recordings.
 
     Raises:
         InputError: a condition selects captures of recordings.
     """
-    recorded = cell.data == "synth" or (cell.data in imported() and isinstance(stored_value(cell.data), Recordings))
-    if recorded and cell.where:
+    if cell.where:
         raise InputError(f"where={cell.where}: {cell.data} holds recordings, which are used whole; leave where= out")
-    return replace(cell, recordings=recorded)
+    return replace(cell, recordings=True)
+
+
+def holds_recordings(data: str) -> bool:
+    """Return True for imported recordings."""
+    return data in imported() and isinstance(stored_value(data), Recordings)

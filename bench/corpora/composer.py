@@ -9,12 +9,14 @@ from bench.corpora.corpus import Corpus, storage
 from bench.corpora.faults import seeded
 from bench.corpora.recordings import Recordings, event_table
 from bench.errors import InputError
+from bench.memory import ensure
 
 TOUCH_S = (2.0, 6.0)  # excerpts of captures; a shorter capture is used whole
 GAP_S = (3.0, 10.0)
 QUIET_S = 0.25  # of a piece of background, at least
 QUIET = 0.1  # of the highest summed pressure of a capture: frames below, at its ends, are quiet
 BACKGROUND = "background"  # class of the captures between the events of a recording
+COPIES = 2  # of the readings in memory at once: as they are and repaired, in single precision
 RECORDED = "cut from recordings"  # in the corpus's info
 BESIDES = ("subject", "gesture", "split")  # columns that are no condition of the sensor
 
@@ -77,7 +79,7 @@ def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
         Recordings in the order of the subjects' names, without the corpus's conditions.
 
     Raises:
-        InputError: there is no touch, or a subject has no background.
+        InputError: as of `check_background`.
     """
     labels = [c for c in touches.captures if c not in (*BESIDES, *touches.target.split("+"))]
     conditions = _keys(touches, labels)
@@ -85,20 +87,14 @@ def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
     subjects = touches.subjects.astype(str)
     gestures = touches.gestures
     rate, rows, streams = touches.rate_hz, [], []
+    check_background(touches, quiet)
     names = sorted(set(subjects))
-    if not names:
-        raise InputError(f"{touches.name}: there is no touch beside the background; give another background=")
     for number, subject in enumerate(names):
         rng = seeded(f"recording {seed} of {subject}")
         chosen = np.flatnonzero(subjects == subject)
         blocks = rng.permutation(np.unique(conditions[chosen]))
         order = np.concatenate([rng.permutation(chosen[conditions[chosen] == block]) for block in blocks])
         mine = quiet_subjects == subject
-        if not mine.any():
-            raise InputError(
-                f"subject {subject} of {touches.name} has no background to compose a recording of; leave the subject "
-                f"out with where=\"subject != '{subject}'\", or give another background="
-            )
         parts: list[np.ndarray] = []
         for capture in order:
             parts += _gap(quiet, _fitting(mine, quiet_conditions == conditions[capture]), rng)
@@ -113,6 +109,28 @@ def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
     captures = pd.DataFrame({"subject": names, "gesture": ""})
     fields = {"full_scale": touches.full_scale, "name": touches.name, "info": touches.info}
     return Recordings(Corpus.from_captures(streams, captures, rate, **fields), event_table(rows))
+
+
+def check_background(touches: Corpus, quiet: Corpus) -> None:
+    """Refuse captures of which no recordings can be composed.
+
+    Args:
+        touches: captures of touches.
+        quiet: captures of background.
+
+    Raises:
+        InputError: there is no touch, a subject has no background, or recordings need more memory than there is.
+    """
+    if not len(touches):
+        raise InputError(f"{touches.name}: there is no touch beside the background; give another background=")
+    if lacking := sorted({*touches.subjects.astype(str)} - {*quiet.subjects.astype(str)}):
+        raise InputError(
+            f"subject {lacking[0]} of {touches.name} has no background to compose a recording of; leave the subject "
+            f"out with where=\"subject != '{lacking[0]}'\", or give another background="
+        )
+    seconds = (sum(TOUCH_S) + sum(GAP_S)) / 2 * len(touches)
+    values = seconds * touches.rate_hz * touches.grid[0] * touches.grid[1]
+    ensure(f"recordings of {touches.name}", COPIES * 4.0 * values)
 
 
 def _keys(corpus: Corpus, labels: list[str]) -> np.ndarray:

@@ -11,7 +11,8 @@ from sklearn.pipeline import Pipeline
 from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from bench.export.classifiers import HAVE, Decider, decider, detector, has_c, number
-from bench.work.watcher import BEGIN, END, OFF, ON, REFUSED, UNUSUAL, WEIGHT, Watcher
+from bench.work.detector import BEGIN, END, REFUSED, UNUSUAL, WEIGHT
+from bench.work.watcher import OFF, ON, Watcher
 from features.jung28 import Jung28
 from features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
 from models.recipe import Recipe
@@ -97,7 +98,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         width = deciders["decide"].arrays["hidden"].shape[1]
     defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
     defines |= _stopping(recogniser.stopping) | {"WATCH": 0}
-    if name == "touch" and (watcher := getattr(recogniser, "watcher", None)) is not None:
+    if name == "touch" and (watcher := recogniser.watcher) is not None:
         defines |= _watching(watcher, recogniser, sizes)
         deciders["detect"] = detector(watcher.detector.classifier_, bits)
         arrays["gesture"] = (~np.isin(recogniser.classes, watcher.background)).astype(np.int8)
@@ -216,7 +217,7 @@ def _watching(watcher: Watcher, recogniser: Recogniser, sizes: dict[str, Any]) -
         sizes: result of `_windows`.
     """
     clock, learnt = watcher.clock, watcher.detector
-    features = len(learnt.mean_)
+    features = learnt.classifier_.n_features_in_
     hop_s = np.float32(clock.hop / recogniser.rate_hz)
     begin, end = np.float32(BEGIN) * hop_s, np.float32(END) * hop_s
     ring = max(sizes["WINDOW"], clock.name)

@@ -198,6 +198,19 @@ def _check_subjects(touches: pd.DataFrame, reports: pd.DataFrame, background_s: 
         raise ValueError(f"background_s has no entry for subject {lacking[0]}; add its seconds of background")
 
 
+def last_confidence(truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float) -> pd.Series:
+    """Confidence of the last label of each touch that was found, by the row of the touch, in order of the touches.
+
+    Args:
+        truth: touches, as described above.
+        reports: reports, as described above.
+        rate_hz: frames per second.
+    """
+    reports = reports.assign(touch=touches_of(truth, reports, rate_hz))
+    ordered = reports[reports["touch"] != FALSE_ALARM].sort_values(["touch", "reported", "end"], kind="stable")
+    return ordered.drop_duplicates("touch", keep="last").set_index("touch")["confidence"]
+
+
 def unknown_scores(known_confidence: np.ndarray, unknown_confidence: np.ndarray, threshold: float) -> dict[str, float]:
     """Rejection of gestures that were not in the training set, by the confidence of the label.
 

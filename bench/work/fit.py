@@ -6,7 +6,7 @@ import hashlib
 import tempfile
 import time
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,7 @@ from bench.work.replay import Replay, Stopping, learned, unlearnable
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
 from bench.work.watch import Watch
 from bench.work.watcher import Watcher
-from bench.work.watcher import learned as learned_watcher
+from bench.work.watcher_training import learned as learned_watcher
 from bench.work.workers import fill_cache
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def _watcher(estimator: contract.System, corpus: Corpus, watch: Watch) -> Watche
     try:
         if len(set(corpus.subjects)) < 2:
             raise InputError("only one subject trains")
-        return learned_watcher(estimator, watch.recordings(corpus), watch.false_alarms)[0]
+        return learned_watcher(estimator, watch.recordings(corpus, watch.usual(corpus)), watch.false_alarms)[0]
     except InputError as e:
         warn(f"warning: the model cannot watch an endless stream: {e}")
         return None
@@ -179,6 +179,8 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
     personal = copy(recogniser)
     personal.adapted = True
     personal.estimator = contract.adapted(recogniser.estimator, corpus, y)
+    if recogniser.watcher is not None:
+        personal.watcher = replace(recogniser.watcher, system=personal.estimator)
     seconds = time.perf_counter() - began
     by_value()
     with quiet():

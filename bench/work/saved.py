@@ -64,6 +64,7 @@ class Recogniser(PythonModel):
 
     format = ""  # of a model that another version has saved
     adapted = False  # to a person
+    watcher: Watcher | None = None  # of a model that was saved before there were any
 
     def __init__(
         self, estimator: System, corpus: Corpus, stopping: Stopping | None = None, watcher: Watcher | None = None

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.composer import composed, is_recorded, pieces, recorded
+from bench.corpora.composer import BACKGROUND, check_background, composed, is_recorded, pieces, recorded
 from bench.corpora.recordings import Recordings
 from bench.errors import InputError
-from bench.outcomes.events import intervals, matched, per_subject, summary
+from bench.outcomes.events import REPORT, intervals, last_confidence, matched, per_subject, summary, unknown_scores
 from bench.outcomes.results import Findings, FoldResult, costs, table_of
-from bench.work import watcher
+from bench.work.detector import behind, cut, touched
 from bench.work.experiment import Experiment
 from bench.work.fold import SOME, TIMED_CAPTURES, batch_effects, computing, fitted, footprint, milliseconds
+from bench.work.watcher import UNKNOWN
+from bench.work.watcher_training import bias_table, learn_reject, learned
+from features.touch import TouchFeatures
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
+    from bench.work.watcher import Watcher
 
 SEED = 0  # of the composed recordings
 QUIET = "quiet"  # background from the ends of captures
@@ -37,12 +41,13 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
     The recordings are those of the corpus, or composed of its captures (`bench.corpora.composer`). The stored table of
     a fold has rows of several kinds (``kind``): a ``recording`` (``end`` is its number of frames), a ``touch``
     (``start``, ``end``, ``gesture``), a ``report`` (columns of `bench.outcomes.events.REPORT`), a point of the
-    ``curve`` (``confidence`` is the offset of the bias, ``start`` the touches found, ``end`` the false alarms) and the
+    ``curve`` (``offset`` of the bias, ``hits`` and ``alarms``: touches found and false alarms) and the
     ``probability`` of touch after ``reported`` frames of the first two minutes.
 
     Attributes:
         false_alarms: false alarms per hour of background that are accepted on training subjects.
         background: class of background, ``quiet`` for the ends of captures, or empty for ``notouch`` where it exists.
+        unknown: gesture that is left out of training, whose touches should be labelled ``unknown``; empty for none.
     """
 
     kind: ClassVar[str] = "watch"
@@ -50,36 +55,36 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
     heading: ClassVar[str] = (
         "Percent of touches found, correct when first reported and at the end; false alarms per hour of background"
     )
-    columns: ClassVar[frozenset[str]] = frozenset({"kind", "end", "reported", "first", "label", "confidence"})
 
     false_alarms: float = 5.0
     background: str = ""
+    unknown: str = ""
 
     def arguments(self) -> dict[str, str]:
         """The options that differ from their defaults."""
         alarms = {} if self.false_alarms == Watch.false_alarms else {"false_alarms": f"{self.false_alarms:g}"}
-        return alarms | ({"background": self.background} if self.background else {})
+        texts = {"background": self.background, "unknown": self.unknown}
+        return alarms | {name: text for name, text in texts.items() if text}
 
-    def depends(self) -> list:
-        """The modules whose code its numbers depend on."""
-        from bench.corpora import composer
-        from bench.outcomes import events
-
-        return [type(self), watcher, composer, events]
-
-    def _background(self, corpus: Corpus) -> str:
-        """The background of a corpus of captures."""
+    def usual(self, corpus: Corpus) -> str:
+        """The background of a whole corpus of captures."""
+        if is_recorded(corpus):
+            return BACKGROUND
         return self.background or (USUAL if USUAL in corpus.gestures else QUIET)
 
-    def recordings(self, corpus: Corpus) -> Recordings:
+    def recordings(self, captures: Corpus, background: str) -> Recordings:
         """Recordings of the subjects of some captures: their own, or composed ones.
+
+        Args:
+            captures: captures, those of recordings complete.
+            background: result of `usual` for the whole corpus.
 
         Raises:
             InputError: there is no background to compose them with.
         """
-        if is_recorded(corpus):
-            return recorded(corpus)
-        return composed(*pieces(corpus, self._background(corpus)), SEED)
+        if is_recorded(captures):
+            return recorded(captures)
+        return composed(*pieces(captures, background), SEED)
 
     def refuse(self, plan: Plan) -> None:
         """Refuse folds that mix subjects or train on one, and a background that does not exist.
@@ -96,6 +101,8 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
             raise InputError(
                 f"background={self.background}: {plan.cell.data} holds recordings with their own background"
             )
+        if self.unknown and self.unknown not in {*corpus.gestures} - {self.usual(corpus)}:
+            raise InputError(f"unknown={self.unknown}: {plan.cell.data} has no such gesture beside the background")
         if plan.cell.target != "gesture":
             raise InputError(f"target={plan.cell.target}: bench watch names gestures; leave it out")
         for fold in plan.folds:
@@ -104,18 +111,33 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
                     f"protocol={name}: fold {fold.name} trains on one subject; bench watch learns its post-processing "
                     "by leaving training subjects out and needs two"
                 )
-        self.recordings(corpus)
+        if conditions := contract.conditions(plan.cell.untrained):
+            raise InputError(
+                f"model={plan.cell.model}: it predicts with {', '.join(conditions)}, which a recording does not have; "
+                "remove its conditions, or evaluate it with bench run"
+            )
+        if not is_recorded(corpus):
+            check_background(*pieces(corpus, self.usual(corpus)))
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""
-        estimator, train = cell.estimator(), corpus[fold.train]
+        estimator, background = cell.estimator(), self.usual(corpus)
+        train = corpus[fold.train]
+        if self.unknown:  # nor do training recordings have it, so that those of a corpus are composed anew
+            train = train[train.gestures != self.unknown]
+        composing = bool(self.unknown) and is_recorded(train)
+        recordings = composed(*pieces(train, background), SEED) if composing else self.recordings(train, background)
         with computing(threads):
             metrics = fitted(estimator, train)
-            learned, settings = watcher.learned(estimator, self.recordings(train), self.false_alarms)
-            test = self.recordings(corpus[fold.test])
-            reports = learned.reports(test.corpus)
+            watcher, settings = learned(estimator, recordings, self.false_alarms)
+            if self.unknown:
+                watcher.reject = learn_reject(cell.estimator, train, recordings, watcher)
+            test = self.recordings(corpus[fold.test], background)
+            if self.unknown:
+                test = replace(test, events=test.events.replace({"gesture": {self.unknown: UNKNOWN}}))
+            odds = watcher.log_odds(test.corpus)
+            reports = watcher.reports(test.corpus, odds)
             effects = batch_effects(estimator, corpus, fold.test, most=SOME)
-            curve, shown = _curve(learned, test)
         subjects = test.subjects.astype(str)
         frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths})
         table = pd.concat(
@@ -125,22 +147,21 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
                     ("recording", frames),
                     ("touch", test.events),
                     ("report", reports),
-                    ("curve", curve),
-                    ("probability", shown),
+                    ("curve", _curve(watcher, test, odds)),
+                    ("probability", _probability(watcher, test.corpus.rate_hz, odds[0])),
                 )
             ],
             ignore_index=True,
         )
-        numbers = {name: float for name in ("start", "end", "reported", "confidence")}
         with computing(1):
-            spent = _decision_ms(learned, test)
+            spent = _decision_ms(watcher, test)
         metrics |= footprint(estimator, corpus)
-        metrics["flash_bytes"] += 4 * learned.detector.numbers  # in C it is stored beside the system
-        chosen: dict[str, object] = {"bias": learned.bias, "tail": learned.tail, "strong": learned.strong}
-        chosen["refused"] = learned.detector.limit_
+        metrics["flash_bytes"] += 4 * watcher.detector.numbers  # in C it is stored beside the system
+        chosen: dict[str, object] = {"bias": watcher.bias, "tail": watcher.tail, "strong": watcher.strong}
+        chosen |= {"refused": watcher.detector.limit_, "reject": watcher.reject}
         return FoldResult(
             fold.name,
-            table.assign(fold=fold.name).astype(numbers),
+            table.assign(fold=fold.name),
             metrics,
             spent,
             spent,
@@ -152,7 +173,7 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Scores and costs of one fold."""
         touches, reports, background_s = scored(result.table, rate_hz)
-        return costs([result]) | _known(summary(touches, reports, sum(background_s.values())))
+        return costs([result]) | _defined(summary(touches, reports, sum(background_s.values())))
 
     def findings(
         self, plan: Plan, tags: dict[str, str], results: list[FoldResult]
@@ -162,14 +183,9 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
         touches, reports, background_s = scored(table, rate_hz)
         numbers = summary(touches, reports, sum(background_s.values())) | intervals(touches, reports, background_s)
         hours = sum(background_s.values()) / 3600
-        curve = table[table["kind"] == "curve"].groupby("confidence")[["start", "end"]].sum().reset_index()
-        curve = pd.DataFrame(
-            {
-                "offset": curve["confidence"],
-                "missed": 1 - curve["start"] / max(len(touches), 1),
-                "false_alarms_per_hour": curve["end"] / hours if hours else np.nan,
-            }
-        )
+        counts = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms"]].sum()
+        missed, alarms = 1 - counts["hits"] / max(len(touches), 1), counts["alarms"] / (hours or np.nan)
+        curve = pd.DataFrame({"missed": missed, "false_alarms_per_hour": alarms}).reset_index()
         tables = {
             "predictions.parquet": table,
             "touches.csv": touches,
@@ -177,7 +193,9 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
             "per_subject.csv": per_subject(touches, reports, background_s),
             "curve.csv": curve,
         }
-        metrics = _known(numbers | {"background_minutes": 60 * hours}) | costs(results)
+        if self.unknown:
+            numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in results}, rate_hz)
+        metrics = _defined(numbers | {"background_minutes": 60 * hours}) | costs(results)
         return Findings(metrics, tables, analysis=tables)
 
     def row(self, metrics: dict[str, float]) -> dict[str, str]:
@@ -193,7 +211,9 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
             low, high = (number(f"{name}_{side}", digits, scale) for side in ("low", "high"))
             return "" if "-" in (low, high) else f" [{low}, {high}]"
 
-        return {
+        rejection = {"AUROC": number("auroc")}
+        rejection |= {f"rejected {kind}": percent(f"rejected_{kind}") for kind in ("unknown", "known")}
+        return (rejection if self.unknown else {}) | {
             "touches": number("touches", 0),
             "found": percent("touches_found"),
             "first": percent("first_correct"),
@@ -214,49 +234,72 @@ def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFr
     """
     background: dict[str, float] = {}
     touches, reports = [], []
-    kinds = {"recording": np.int64, "start": np.int64, "end": np.int64}
     for _, part in table.groupby("fold", sort=False):
-        of = {kind: part[part["kind"] == kind] for kind in ("recording", "touch", "report")}
-        truth = of["touch"][["recording", "start", "end", "gesture", "subject", "fold"]].astype(kinds)
-        said = of["report"][["recording", "reported", "end", "first", "label", "confidence", "subject", "fold"]]
-        said = said.astype({"recording": np.int64, "reported": np.int64, "end": np.int64})
-        matches = matched(truth, said, rate_hz)
+        truth, reported = _touches_and_reports(part)
+        matches = matched(truth, reported, rate_hz)
         touches.append(matches[0])
         reports.append(matches[1])
         touched = (truth["end"] - truth["start"]).groupby(truth["subject"]).sum()
-        for subject, frames in of["recording"].groupby("subject")["end"].sum().items():
+        for subject, frames in part[part["kind"] == "recording"].groupby("subject")["end"].sum().items():
             background[str(subject)] = background.get(str(subject), 0.0) + (frames - touched.get(subject, 0)) / rate_hz
     return pd.concat(touches, ignore_index=True), pd.concat(reports, ignore_index=True), background
 
 
-def _known(numbers: dict[str, float]) -> dict[str, float]:
+def _touches_and_reports(part: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The touches and the reports in the table of a fold."""
+    kinds = {"recording": np.int64, "start": np.int64, "end": np.int64}
+    truth = part.loc[part["kind"] == "touch", [*kinds, "gesture", "subject", "fold"]].astype(kinds)
+    reported = part.loc[part["kind"] == "report", [*REPORT, "subject", "fold"]].astype(REPORT)
+    return truth.reset_index(drop=True), reported
+
+
+def _rejection(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float) -> dict[str, float]:
+    """How well unknown gestures are rejected: `unknown_scores` of the touches found, relative to each fold's threshold.
+
+    Args:
+        table: tables of the folds of a run.
+        thresholds: learned threshold of each fold.
+        rate_hz: frames per second.
+    """
+    known, unknown = [np.zeros(0)], [np.zeros(0)]
+    for name, part in table.groupby("fold", sort=False):
+        truth, reported = _touches_and_reports(part)
+        above = last_confidence(truth, reported, rate_hz) - thresholds[str(name)]
+        strange = (truth["gesture"] == UNKNOWN).loc[above.index]
+        known.append(above[~strange].to_numpy())
+        unknown.append(above[strange].to_numpy())
+    return unknown_scores(np.concatenate(known), np.concatenate(unknown), 0.0)
+
+
+def _defined(numbers: dict[str, float]) -> dict[str, float]:
     """The numbers that are defined."""
     return {name: float(value) for name, value in numbers.items() if value == value}
 
 
-def _curve(learned: watcher.Watcher, test: Recordings) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Touches found and false alarms by offset of the bias, and the probability of touch in the first two minutes."""
-    clock, rate_hz = learned.clock, test.corpus.rate_hz
-    odds = learned.log_odds(test.corpus)
-    biases = (OFFSETS + learned.bias).astype(np.float32)
-    settings = watcher.bias_table(test, odds, clock, biases, (learned.strong,))
-    found = (settings["found"] * len(test.events)).round()
-    curve = pd.DataFrame({"recording": 0, "confidence": OFFSETS, "start": found, "end": settings["alarms"]})
-    probability = watcher.touched(odds[0] + np.float32(learned.bias), clock, rate_hz)
-    times = clock.detect + clock.hop * np.arange(len(probability))
+def _curve(watcher: Watcher, test: Recordings, odds: list[np.ndarray]) -> pd.DataFrame:
+    """Touches found and false alarms by offset of the bias."""
+    biases = (OFFSETS + watcher.bias).astype(np.float32)
+    settings = bias_table(test, odds, watcher.clock, biases, (watcher.strong,))
+    hits = (settings["found"] * len(test.events)).round()
+    return pd.DataFrame({"recording": 0, "offset": OFFSETS, "hits": hits, "alarms": settings["alarms"]})
+
+
+def _probability(watcher: Watcher, rate_hz: float, odds: np.ndarray) -> pd.DataFrame:
+    """The probability of touch in the first two minutes of the first recording."""
+    probability = touched(odds + np.float32(watcher.bias), watcher.clock, rate_hz)
+    times = watcher.clock.detect + watcher.clock.hop * np.arange(len(probability))
     shown = pd.DataFrame({"recording": 0, "reported": times, "confidence": probability})
-    return curve, shown[shown["reported"] <= SHOWN_S * rate_hz]
+    return shown[shown["reported"] <= SHOWN_S * rate_hz]
 
 
-def _decision_ms(learned: watcher.Watcher, test: Recordings) -> list[float]:
+def _decision_ms(watcher: Watcher, test: Recordings) -> list[float]:
     """Milliseconds of some decisions on one thread: the detector's window, and the recogniser's."""
-    clock, recording = learned.clock, test.corpus[[0]].detached()
-    inner = watcher.behind(learned.system)[1]
+    clock, recording = watcher.clock, contract.blinded(watcher.system, test.corpus[[0]].detached())
+    inner = behind(watcher.system)[1]
     ends = np.linspace(max(clock.name, clock.detect), recording.lengths[0], TIMED_CAPTURES + 3).astype(int)
     spent = []
     for end in ends:
-        window = contract.blinded(learned.system, watcher.cut(recording, np.array([end]), clock.detect))
-        detect = milliseconds(watcher.TouchFeatures().transform, window)[0]
-        name = watcher.cut(recording, np.array([end]), clock.name)
-        spent.append(detect + milliseconds(contract.probabilities, inner, name)[0])
+        detect = milliseconds(TouchFeatures().transform, cut(recording, np.array([end]), clock.detect))[0]
+        name = milliseconds(contract.probabilities, inner, cut(recording, np.array([end]), clock.name))[0]
+        spent.append(detect + name)
     return spent[3:]

@@ -18,7 +18,8 @@ from bench.corpora.composer import composed
 from bench.corpora.corpus import Corpus, storage
 from bench.export import measure
 from bench.work import live
-from bench.work.watcher import UNKNOWN, learned
+from bench.work.watcher import UNKNOWN
+from bench.work.watcher_training import learned
 from features.touch import TouchFeatures
 from models.classic.lda import lda
 from models.recipe import Recipe

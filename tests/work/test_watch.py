@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import mlflow
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,8 +17,12 @@ from bench.errors import InputError
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import Fold
-from bench.work.watch import Watch
-from bench.work.watcher import Clock, LiveStream, Tracker, learned, spans, touched
+from bench.work.detector import Clock, touched
+from bench.work.fit import save_adapted
+from bench.work.saved import Recogniser, load
+from bench.work.watch import Watch, _rejection
+from bench.work.watcher import LiveStream, Rules, Tracker, events_of
+from bench.work.watcher_training import learned
 from features.touch import TouchFeatures
 from models.classic.lda import lda
 from models.recipe import Recipe
@@ -46,8 +51,8 @@ def followed(probabilities, windows, tail=10, reject=0.0, peak=0.0):
     news = []
     for i, probability in enumerate(probabilities):
         seen = CLOCK.detect + i * CLOCK.hop
-        if tracker.step(seen, np.float32(probability), np.float32(peak)):
-            tracker.name(seen, np.array(windows(seen), np.float32))
+        if tracker.step(seen, probability, peak):
+            tracker.name(seen, np.array(windows(seen)))
         if event := tracker.news(seen):
             news.append((seen, event.reported, event.end, event.first, event.label))
     return news
@@ -82,27 +87,42 @@ def test_short_touches_and_touches_that_begin_again():
     assert [each[:3] for each in again] == [(100, 100, None), (165, 100, 145)]
 
 
-@settings(max_examples=100, deadline=None)
-@given(st.lists(st.sampled_from([0.0, 0.05, 0.2, 0.6, 0.96, 1.0]), max_size=60))
-def test_spans_are_those_of_a_naive_loop(values):
-    expected, crossed, begun, before, last = [], 0, None, 0.0, None
-    for i, value in enumerate(values):
-        if value > 0.5 >= before:
-            crossed = i
-        before = value
-        if begun is None and value > 0.95:
-            if expected and i - expected[-1][2] <= 4:
-                begun = expected.pop()[:2]
-            else:
-                begun = (crossed, i)
-        elif begun is not None and value < 0.1:
-            expected.append((*begun, i))
-            begun = None
-        last = i
-    if begun is not None:
-        expected.append((*begun, last))
-    found = (spans(np.array(values, np.float32), CLOCK) - 25) // 5
-    assert found.tolist() == [list(row) for row in expected]
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.sampled_from([0.0, 0.05, 0.2, 0.6, 0.96, 1.0]), max_size=60), st.sampled_from([0.0, 20.0]))
+def test_events_are_those_of_a_naive_reading_of_the_rules(values, odds):
+    """Touches as runs of decisions, and what is reported of each run, without state."""
+    times = [25 + 5 * i for i in range(len(values))]
+    rises = [i for i, v in enumerate(values) if v > 0.5 and (i == 0 or values[i - 1] <= 0.5)]
+    expected, i = [], 0
+    while i < len(values):
+        if values[i] <= 0.95:
+            i += 1
+            continue
+        crossed, begun, low, report, first = max(r for r in rises if r <= i), i, None, None, None
+        for i in range(begun, len(values)):
+            low = None if values[i] > 0.95 else i if low is None and values[i] < 0.1 and i > begun else low
+            over = low is not None and i - low > 3  # 15 frames
+            whole = times[i] >= max(times[crossed] + 40, times[begun]) and not over
+            sure = odds >= 12 and low == i and times[i] >= 40 and first is None
+            first = i if first is None and (whole or sure) else first
+            late = first is not None and first <= (i if low is None else low) and (over or i - first >= 2)  # 10 frames
+            report = i if report is None and late else report
+            if over:
+                break
+        if report is not None:
+            expected.append([times[report], times[i if low is None else low]])
+        i += 1
+    found, _ = events_of(Rules(CLOCK, 12.0), np.array(times), np.array(values), np.full(len(values), odds))
+    assert found.tolist() == expected
+
+
+def test_memory_does_not_grow_in_a_touch_that_never_ends(watcher):
+    tracker = Tracker(watcher)
+    for i in range(20_000):
+        if tracker.step(25 + 5 * i, 1.0, 5.0):
+            tracker.name(25 + 5 * i, np.full(len(watcher.names), 1 / len(watcher.names)))
+        tracker.news(25 + 5 * i)
+    assert len(tracker.waiting) <= watcher.tail // watcher.clock.hop + 1 and tracker.count > 19_000
 
 
 def test_the_filter_is_bayes_rule_for_two_states():
@@ -127,7 +147,8 @@ def test_frames_one_by_one_give_the_events_of_whole_recordings(recordings, watch
     assert [e.confidence for e in news] == pytest.approx(reports["confidence"][: len(rows)].tolist(), abs=1e-5)
 
 
-def test_nothing_of_a_test_subject_is_learned(recordings):
+@pytest.mark.parametrize("unknown", ["", "pat"])
+def test_nothing_of_a_test_subject_is_learned(unknown, recordings):
     (cell,) = cells({"data": "synth", "model": "lda", "features": "touch", "model.window": "0.75"})
     corpus = captures_in(recordings)
     fold = Fold("4", *(np.flatnonzero((corpus.subjects == "4") == tested) for tested in (False, True)))
@@ -138,10 +159,12 @@ def test_nothing_of_a_test_subject_is_learned(recordings):
     tested = np.repeat(corpus.subjects == "4", corpus.lengths)
     frames[tested] = frames[tested][::-1]
     other = corpus.changed(captures=table, frames=frames)
-    results = [Watch().fold(cell, each, fold, 1) for each in (corpus, other)]
-    assert results[0].chosen == results[1].chosen
+    results = [Watch(unknown=unknown).fold(cell, each, fold, 1) for each in (corpus, other)]
+    assert results[0].chosen == results[1].chosen and (float(str(results[0].chosen["reject"])) > 0) == bool(unknown)
     pd.testing.assert_frame_equal(results[0].trials, results[1].trials)
     assert not results[0].table.equals(results[1].table)  # the test subject was another one
+    touches = results[0].table[results[0].table["kind"] == "touch"]["gesture"].tolist()
+    assert touches.count("unknown") == bool(unknown) and touches.count("pat") != bool(unknown)
 
 
 @pytest.mark.parametrize(
@@ -149,6 +172,7 @@ def test_nothing_of_a_test_subject_is_learned(recordings):
     [
         (["where=variant == 'normal'"], "where="),
         (["background=quiet"], "background=quiet"),
+        (["unknown=hug"], "unknown=hug"),
         (["protocol=kfold", "protocol.folds=2"], "protocol=kfold"),
         (["target=variant"], "target="),
         (["false_alarms=0"], "false_alarms="),
@@ -163,7 +187,7 @@ def test_what_cannot_be_watched_is_one_line(words, fact, capsys):
 def test_background_without_touches_is_refused(recordings):
     row = pd.DataFrame({"subject": ["1"], "gesture": ["rub"]})
     with pytest.raises(InputError, match="no touch"):
-        Watch(background="rub").recordings(Corpus.from_captures([recordings.corpus[0]], row, 50.0))
+        Watch().recordings(Corpus.from_captures([recordings.corpus[0]], row, 50.0), "rub")
 
 
 def test_the_command_stores_what_it_prints_and_goes_on(capsys):
@@ -183,3 +207,27 @@ def test_the_command_stores_what_it_prints_and_goes_on(capsys):
     assert main(words) == 0
     assert "already stored" in capsys.readouterr().err
     assert len(runs("watch")[1]) == 1
+
+
+def test_rejection_is_counted_by_each_fold_s_threshold():
+    """Touches of 1 s, one every 2 s; thresholds 0.5 and 0.2: of the known 0.6, 0.4 and 0.3 one lies below."""
+    rows = [("a", "pat", 0.6), ("a", "pat", 0.4), ("a", "unknown", 0.55), ("b", "pat", 0.3), ("b", "unknown", 0.05)]
+    tables = []
+    for i, (fold, gesture, confidence) in enumerate(rows):
+        common = {"fold": fold, "subject": fold, "recording": 0}
+        tables.append(common | {"kind": "touch", "start": 200 * i, "end": 200 * i + 100, "gesture": gesture})
+        said = {"reported": 200 * i + 50, "end": 200 * i + 90, "first": "pat", "label": "pat", "confidence": confidence}
+        tables.append(common | {"kind": "report"} | said)
+    scores = _rejection(pd.DataFrame(tables), {"a": 0.5, "b": 0.2}, 100.0)
+    # above the thresholds: known 0.1, -0.1, 0.1, unknown 0.05, -0.15; of 6 pairs 5 are in order
+    assert scores == pytest.approx({"auroc": 5 / 6, "rejected_unknown": 1 / 2, "rejected_known": 1 / 3})
+
+
+def test_a_model_that_is_adapted_watches_with_the_adapted_system(recordings, watcher, tmp_path):
+    captures = captures_in(recordings[np.arange(3)])
+    recogniser = Recogniser(watcher.system, captures, watcher=watcher)
+    path = str(tmp_path / "rec")
+    mlflow.pyfunc.save_model(path, **recogniser.model([], captures[0][:3]))
+    save_adapted(path, recogniser, captures[:4], captures[:4].gestures, tmp_path / "one")
+    one = load(str(tmp_path / "one"))
+    assert one.watcher.system is one.estimator and one.watcher.bias == watcher.bias

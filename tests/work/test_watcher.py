@@ -10,18 +10,11 @@ from bench.corpora import synth, synth_recordings
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings, event_table
 from bench.errors import InputError
-from bench.outcomes.events import matched, report_table
+from bench.outcomes.events import last_confidence, matched, report_table
 from bench.work.broken import KINDS, broken, tared
-from bench.work.watcher import (
-    UNKNOWN,
-    Clock,
-    broken_windows,
-    joined,
-    known_confidence,
-    learn_reject,
-    learned,
-    reject_threshold,
-)
+from bench.work.detector import Clock
+from bench.work.watcher import UNKNOWN
+from bench.work.watcher_training import broken_windows, joined, learn_reject, learned, reject_threshold
 from features.touch import TouchFeatures
 from models.classic.lda import lda
 from models.recipe import Recipe
@@ -162,7 +155,7 @@ def test_the_confidence_of_a_touch_is_that_of_its_last_label():
             (0, 400, 450, "pat", "pat", 0.2),  # no touch
         ]
     )
-    assert known_confidence(touches, reports, 100.0).tolist() == [0.4, 0.3]
+    assert last_confidence(touches, reports, 100.0).to_dict() == {0: 0.4, 1: 0.3}
 
 
 @pytest.mark.parametrize(
@@ -200,14 +193,13 @@ class Fitted:
         return self
 
 
-@pytest.mark.parametrize("groups", ["3", "loso"])
-def test_the_threshold_is_learned_on_subjects_whom_the_system_has_not_seen(groups):
+def test_the_threshold_is_learned_on_subjects_whom_the_system_has_not_seen():
     names = [str(i + 1) for i in range(6)]
     frames = [np.zeros((10, 1, 1), np.uint16)] * 6
     captures = Corpus.from_captures(frames * 2, pd.DataFrame({"subject": names * 2, "gesture": "pat"}), 54.0)
     whole = Corpus.from_captures(frames, pd.DataFrame({"subject": names, "gesture": ""}), 54.0)
     recordings = Recordings(whole, event_table([(i, 0, 9, "pat") for i in range(6)]))
-    assert learn_reject(Fitted, captures, recordings, Told(None), groups) == 0.1  # of 0.1, 0.2, ... 0.6
+    assert learn_reject(Fitted, captures, recordings, Told(None)) == 0.1  # of 0.1, 0.2, ... 0.6
 
 
 def test_a_watcher_rejects_below_its_threshold(people, watcher):
