@@ -378,7 +378,7 @@ def shown(part: object) -> str:
 
 
 def classes(part: object) -> list[Callable]:
-    """Classes of an object and of its parts, and functions, except those of installed libraries."""
+    """Classes and functions of an object and its parts, without installed libraries."""
     mine = (c for c in _kinds(part) if not _library(c) and c.__module__.split(".")[0] not in sys.stdlib_module_names)
     return sorted(mine, key=lambda c: (c.__module__, c.__qualname__))
 

@@ -187,7 +187,7 @@ COMMANDS = {
         "budgets, it prints the lowest cost for each budget; exit code 1. Runs with failed folds, and older runs on "
         "other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
         "for runs of bench chip, which also count instructions. over= runs systems instead: each fold chooses the "
-        "smallest value on left-out training subjects. The values are those of model.X=, or an eighth, a quarter, a "
+        "smallest value on left-out training subjects. It tries the values of model.X=, or an eighth, a quarter, a "
         "half and all of the default. max_false_alarms= and max_latency= compare runs of bench watch instead, by the "
         "share of touches whose label is correct at the end.",
         "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB\n"
@@ -348,7 +348,7 @@ COMMANDS = {
         "publish",
         "write a stored run as a submission to a frozen task",
         "Writes predictions.parquet (one row per capture, no frames) and submission.json (origin of the labels). Runs "
-        "nothing: it uses the stored run with these values. Data, subset, protocol and unit must be those of the task. "
+        "nothing: it uses the stored run with these values. Data, subset, protocol and unit must equal the task's. "
         "Tasks of bench run are haart-loso-v1, haart-challenge-v1, haart-personal-v1 and cost-loso-v1. haart-early-v1 "
         "is a task of bench stream, haart-faults-v1 of bench stress.",
         "bench run data=haart protocol=loso model=svm features=jung54\n"

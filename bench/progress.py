@@ -110,9 +110,9 @@ def seconds_left(
 ) -> float | None:
     """Seconds until all folds are done, None before the first one is done.
 
-    A fold takes as long as the mean of those that are done, or as it says itself. A running fold that exceeds this mean
-    counts in it with the seconds so far, and is taken to need a tenth of the mean still: so the estimate grows while
-    the fold runs and does not jump at its end. Folds that wait go to the first free worker.
+    A fold takes the mean time of finished folds, or the time that it reports itself. A running fold that exceeds the
+    mean counts in it with the seconds so far, and is taken to need a tenth of the mean still: so the estimate grows
+    while the fold runs and does not jump at its end. Folds that wait go to the first free worker.
 
     Args:
         spent: seconds of folds that are done.

@@ -58,7 +58,7 @@ class Origin:
         digest: content hash of the stored corpus, ``""`` for one in memory.
         path: folder of the corpus, None for one in memory.
         index: int64 [captures], position of each capture in it.
-        piece: int64 [captures], number of the capture among those of one ``index``.
+        piece: int64 [captures], number of the capture among all with its ``index``.
         steps: changes to the captures since they were stored.
     """
 
@@ -94,7 +94,7 @@ class Corpus:
         target: the columns of ``captures`` that make up the class, joined by ``+``.
         steps: changes to the captures since they were stored (`bench.corpora.steps`), in order. Several captures may
             then come from one stored capture and have its ``index``.
-        piece: int64 [captures], number of the capture among those of one ``index``; 0 before any step.
+        piece: int64 [captures], number of the capture among all with its ``index``; 0 before any step.
     """
 
     name: Hidden[str] = Hidden("The name under which the corpus was imported.")

@@ -35,11 +35,11 @@ def generate(
 ) -> Recordings:
     """Generate one recording per subject, with every gesture in random order.
 
-    The subjects are those of `bench.corpora.synth.generate` with the same seed; their touches are others. The same
+    `bench.corpora.synth.generate` has the same subjects for the same seed, but other touches. The same
     arguments give the same bytes, and more subjects leave the earlier ones as they were. With three variants a
     recording lasts about six minutes.
 
-    Args: those of `bench.corpora.synth.generate`; ``repetitions`` are touches of each variant and gesture.
+    Args: as `bench.corpora.synth.generate`; ``repetitions`` counts touches of each variant and gesture.
 
     Returns:
         uint16 frames 0..1023. An event lasts as long as the pressure is above 2 % of its largest value in the touch.

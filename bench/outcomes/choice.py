@@ -240,7 +240,7 @@ def eligible(
 
 
 def _asked(tables: list[pd.DataFrame], asked: Mapping[str, list[str]]) -> pd.DataFrame:
-    """The runs of all kinds that were asked for; replays only from the onset.
+    """The runs of all kinds that were asked for; replays only from the onset, and no gesture left out of training.
 
     Raises:
         InputError: no run of any kind has a parameter that was asked for.
@@ -253,7 +253,8 @@ def _asked(tables: list[pd.DataFrame], asked: Mapping[str, list[str]]) -> pd.Dat
     for runs in (table for table in tables if columns.keys() <= {*table.columns}):
         if "shots" in asked and "protocol.unlabelled" in runs:
             runs = runs[runs["protocol.unlabelled"] != "True"]
-        wanted = {"target": ["gesture"], **asked} | ({"stream.start": ["onset"]} if "stream.start" in runs else {})
+        plain = {"stream.start": ["onset"], "watch.unknown": [""]}
+        wanted = {"target": ["gesture"], **asked} | {name: value for name, value in plain.items() if name in runs}
         parts.append(selected(runs, wanted))
     return pd.concat(parts, ignore_index=True) if parts else tables[0].iloc[:0]
 

@@ -24,7 +24,9 @@ def comparable(run: Row) -> tuple[str, ...]:
 
 
 def _replay(run: Row) -> tuple[str, ...]:
-    return tuple(k for k in ("stream.start", "stream.hop_ms", "watch.background") if run.get(k) is not None)
+    return tuple(
+        k for k in ("stream.start", "stream.hop_ms", "watch.background", "watch.unknown") if run.get(k) is not None
+    )
 
 
 def context_of(tags: Row) -> tuple[str, str, str]:

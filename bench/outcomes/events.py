@@ -115,7 +115,7 @@ def _count(rows: pd.Series, truth: pd.DataFrame) -> np.ndarray:
 def summary(touches: pd.DataFrame, reports: pd.DataFrame, background_s: float) -> dict[str, float]:
     """The scores of all touches and reports together; NaN where there is nothing to divide by.
 
-    Several results of `matched`, such as those of the folds of a run, may be joined: of ``touch`` only the sign counts.
+    Results of `matched` for several folds may be joined, because only the sign of ``touch`` counts.
 
     Args:
         touches: touches, from `matched`.

@@ -130,7 +130,7 @@ class Bar(Progress):
 
 
 def named(fold: str) -> str:
-    """A fold as lines name it; those of some protocols are called fold01."""
+    """Name of a fold in a line; some protocols call their folds fold01."""
     return fold if fold.startswith("fold") else f"fold {fold}"
 
 

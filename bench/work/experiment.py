@@ -28,7 +28,7 @@ class Experiment(Generic[Shown]):
         kind: tag of its parent runs.
         fold_kind: tag of its folds.
         heading: heading of the table of rows.
-        columns: columns of its table besides those of predictions; a corpus cannot have them.
+        columns: further columns of its table of predictions; a corpus cannot have them.
         adapts: True if it passes calibration captures to systems; other kinds refuse protocols that have them.
     """
 

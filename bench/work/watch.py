@@ -38,7 +38,7 @@ SHOWN_S = 120.0  # of a recording in each fold, for the timeline
 class Watch(Experiment[dict[str, pd.DataFrame]]):
     """Events in recordings of the test subjects; detector and post-processing are learned on training subjects.
 
-    The recordings are those of the corpus, or composed of its captures (`bench.corpora.composer`). The stored table of
+    The corpus holds recordings, or they are composed of its captures (`bench.corpora.composer`). The stored table of
     a fold has rows of several kinds (``kind``): a ``recording`` (``end`` is its number of frames), a ``touch``
     (``start``, ``end``, ``gesture``), a ``report`` (columns of `bench.outcomes.events.REPORT`), a point of the
     ``curve`` (``offset`` of the bias, ``hits`` and ``alarms``: touches found and false alarms) and the

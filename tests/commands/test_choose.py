@@ -66,6 +66,7 @@ def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(st
     watched(store, "loud", [0.9, 0.9, 0.9], alarms=6.2, latency=0.5, flash=100.0)
     watched(store, "other", [1.0, 1.0, 1.0], alarms=1.0, latency=0.5, **{"watch.background": "quiet"})
     watched(store, "small", [0.8, 0.9, 0.7], alarms=1.0, latency=1.2, **{"watch.false_alarms": "2.0"})
+    watched(store, "strange", [1.0, 1.0, 1.0], alarms=1.0, latency=0.5, **{"watch.unknown": "pat"})
     choice = bench.choose(max_false_alarms=5, max_latency="1s")
     table = choice.choice.table.set_index(["system", "unit"])
     assert len(table) == 4 and choice.system == "small"  # other recordings and whole captures are left out

@@ -134,7 +134,7 @@ def check_equal(events, expected, wrong=0.0):
     assert (late > 0).any(axis=1).mean() <= wrong and late.max() <= HOP * bool(wrong)
     assert (events[labels].astype(str) != expected[labels].astype(str)).any(axis=1).mean() <= wrong
     apart = np.abs(events["confidence"].to_numpy() - expected["confidence"].to_numpy())
-    assert np.median(apart) < 1e-3 and (wrong or apart.max() < 0.02)
+    assert np.quantile(apart, 0.8) < 1e-3 and (wrong or apart.max() < 0.02)
 
 
 @pytest.mark.parametrize("name", ["lda", "background"])
@@ -180,23 +180,25 @@ def test_interrupted_touches_are_those_of_python(gap_s, tmp_path):
     recogniser, (_, streams) = watching("lda"), recordings()
     detector = recogniser.watcher.detector
     strict = replace(recogniser.watcher, detector=copy(detector))
-    strict.detector.limit_ = detector.limit_ / 3
+    strict.detector.limit_ = detector.limit_ * 0.6
     watchers = recogniser.watcher, strict
     counts = []
     for watcher, place in zip(watchers, ("learned", "strict"), strict=True):
         other = copy(recogniser)
         other.watcher = watcher
-        watched = Watched(other, tmp_path / place)
+        watched, events_c, events_py = Watched(other, tmp_path / place), [], []
         for i in range(len(streams)):
             frames, gap = streams.corpus[i].copy(), round(gap_s * recogniser.rate_hz)
             events = streams.events.query("recording == @i")
             for middle in ((events["start"] + events["end"]) // 2).tolist():
                 frames[middle : middle + gap] = frames[:gap]
             frames = frames[events["start"].min() :]
-            expected = reports(other, frames)
-            check_equal(events_of(watched.start()(frames), recogniser.classes), expected, wrong=0.3)
-            counts.append(len(expected))
-    assert counts[:3] != counts[3:] and min(counts) > 2  # windows were refused
+            events_py.append(reports(other, frames))
+            events_c.append(events_of(watched.start()(frames), recogniser.classes))
+            assert len(events_c[-1]) == len(events_py[-1])
+        check_equal(pd.concat(events_c, ignore_index=True), pd.concat(events_py))
+        counts.append(len(pd.concat(events_py)))
+    assert counts[0] != counts[1] and min(counts) > 18  # windows were refused
 
 
 def check_silence(watched, recogniser, seconds, frames, seen=0):
