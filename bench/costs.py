@@ -5,7 +5,8 @@ from __future__ import annotations
 from bench.errors import InputError
 
 COSTS = {"flash": "kB", "ram": "kB", "predict": "ms", "decision": "ms", "cycles": "k"}  # of a system, and the unit
-BUDGETS = {f"max_{name}": name for name in COSTS}
+ROBUST = {"fault_loss": "points", "worst_fault": "points", "worst_person": "%", "worst_tenth": "%"}  # and the unit
+BUDGETS = {f"max_{name}": name for name in COSTS | ROBUST}
 WATCHED = {"false_alarms": "per hour", "latency": "ms"}  # of a system that watched recordings, and the unit
 WATCH_BUDGETS = {f"max_{name}": name for name in WATCHED}
 UNITS = {  # of a unit of a cost, and of the clock, what a typed unit is
@@ -30,7 +31,7 @@ def quantity(key: str, given: object, prefix: str = "") -> float:
     text = str(given)
     number = text.rstrip("BkKiMmsGHz ")
     units = {"": 1.0}
-    kinds = {"clock": "MHz", "max_latency": "ms"} | {name: COSTS[cost] for name, cost in BUDGETS.items()}
+    kinds = {"clock": "MHz", "max_latency": "ms"} | {f"max_{cost}": unit for cost, unit in COSTS.items()}
     if key in kinds:
         units = UNITS[kinds[key]]
     try:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import textwrap
 from dataclasses import dataclass
 
-from bench.costs import COSTS
+from bench.costs import COSTS, ROBUST
 from bench.registry import names
 
 WIDTH = 100  # columns of help
@@ -85,12 +85,17 @@ OPTIONS = (
     Option("trials", "tune", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
     Option("budget", "tune", "number", None, "seconds after which a fold starts no new combination"),
     Option("inner", "tune choose", "text", "3", "inner folds: number of groups of training subjects, or loso"),
-    Option("by", "choose", "text", "flash", "cost to minimise", tuple(COSTS)),
+    Option("scene", "choose", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
+    Option("by", "choose", "text", "flash", "cost to minimise", (*COSTS, *ROBUST)),
     Option("max_flash", CHOICE, "amount", None, "largest flash, such as 256kB or 256KiB"),
     Option("max_ram", CHOICE, "amount", None, "largest RAM, such as 32kB"),
     Option("max_predict", CHOICE, "amount", None, "longest computing time per label on this machine, such as 2ms"),
     Option("max_decision", CHOICE, "amount", None, "longest touch before the decision, such as 1s"),
     Option("max_cycles", CHOICE, "amount", None, "most instructions for the costliest frame, such as 600k"),
+    Option("max_fault_loss", CHOICE, "number", None, "largest mean loss under faults, in points of bench stress"),
+    Option("max_worst_fault", CHOICE, "number", None, "largest loss under the worst fault and severity, in points"),
+    Option("max_worst_person", CHOICE, "number", None, "largest error of the worst person, in percent"),
+    Option("max_worst_tenth", CHOICE, "number", None, "largest error of the worst tenth of people, in percent"),
     Option(
         "max_false_alarms",
         "choose",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 TOLERANCE = 1e-9  # relative and absolute: accuracies are shares of captures, so that smaller gaps are rounding
@@ -20,15 +18,18 @@ def mean_and_error(differences: np.ndarray) -> tuple[float, float]:
     return float(differences.mean()), float(error)
 
 
-def within_one_standard_error(losses: np.ndarray) -> bool:
-    """Return True if the mean loss is at most its standard error; of one subject, if there is no loss.
+def within_one_standard_error(losses: np.ndarray) -> np.ndarray:
+    """Whether the mean loss is at most its standard error; of one subject, whether there is no loss.
 
     Where two systems differ on one subject alone, the mean loss equals its standard error, whatever the number of
     subjects. Both are rounded, so that they are compared with a tolerance.
 
     Args:
-        losses: accuracy of the best system minus that of another, one per subject.
+        losses: accuracy of the best system minus that of another, float [..., subjects].
+
+    Returns:
+        bool [...]; False where a loss is NaN.
     """
-    mean, error = mean_and_error(losses)
-    error = 0.0 if math.isnan(error) else error
-    return mean <= error or math.isclose(mean, error, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+    mean, people = losses.mean(axis=-1), losses.shape[-1]
+    error = losses.std(axis=-1, ddof=1) / np.sqrt(people) if people > 1 else np.zeros(mean.shape)
+    return mean - error <= TOLERANCE * np.maximum(1, np.maximum(np.abs(mean), error))

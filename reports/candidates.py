@@ -13,7 +13,8 @@ from bench.arguments import typed
 from bench.costs import COSTS
 from bench.errors import InputError
 from bench.outcomes import statistics
-from bench.outcomes.choice import Choice, candidates, decide, named, sentences
+from bench.outcomes.candidates import candidates
+from bench.outcomes.choice import Choice, decide, named, sentences
 from bench.outcomes.comparable import COMPARABLE, Row
 from bench.outcomes.store import Store
 from reports.speed import front

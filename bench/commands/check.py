@@ -15,7 +15,7 @@ from bench.errors import InputError
 from bench.options import keys
 from bench.outcomes import gate
 from bench.outcomes.baseline import Measured, read, text
-from bench.outcomes.choice import several
+from bench.outcomes.comparable import several
 from bench.outcomes.runs import needed, rows_of, tracked
 from bench.outcomes.store import Store, connect
 from bench.plan.cells import Cell, cells

@@ -6,36 +6,40 @@ It reads tracked runs; with ``over=`` it makes runs, see `bench.commands.smalles
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pandas as pd
 
+from bench import pareto
 from bench.arguments import BACKEND, Values, convert, items, parse, typed
 from bench.commands.printing import grid, one_label, output, say, show, then
-from bench.costs import BUDGETS, COSTS, WATCH_BUDGETS, WATCHED, quantity
+from bench.costs import BUDGETS, COSTS, ROBUST, WATCH_BUDGETS, WATCHED, quantity
 from bench.errors import InputError, nearest
 from bench.options import SMALL, keys
-from bench.outcomes.choice import (
+from bench.outcomes.candidates import (
     KINDS,
+    STRESS,
     WATCH,
     Candidates,
-    Choice,
-    amount,
+    Faults,
     candidates,
-    decide,
-    points,
-    sentences,
-    several,
+    elsewhere,
+    missing,
 )
-from bench.outcomes.comparable import MARK, MARKED
-from bench.outcomes.runs import of_kinds, without_runs
-from bench.outcomes.store import connect
+from bench.outcomes.choice import NOUNS, Choice, amount, decide, named, points, sentences
+from bench.outcomes.comparable import COMPARABLE, MARK, MARKED, several, system_of
+from bench.outcomes.expected import DRAWS, Expected, expected, more_people
+from bench.outcomes.runs import needed, of_kinds, rows_of, without_runs
+from bench.outcomes.store import Store, connect
 from bench.progress import warn
+from bench.scene import EVERY, Scene, read_scene
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = keys("choose")
 RUNNING = {*BACKEND, "inner", "seed"}  # keys that are of use with over= alone
+SHOWN = 3  # of systems and commands that a sentence names
 UNWATCHED = ("decision", "cycles")  # costs that a run of bench watch does not have
 FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
 
@@ -51,6 +55,10 @@ class Chosen:
         budgets: the most of each cost.
         margin: points that do not matter, or None.
         clock: clock of the target in MHz, or None.
+        scene: reactions, faults and notes of the scene.
+        expected: what to expect for new people; None if nothing fits or there are too few people.
+        lacking: commands that measure what is not stored, by what they measure, in words.
+        growth: sentence on more training people, empty if no learning curve is stored.
     """
 
     choice: Choice
@@ -59,6 +67,10 @@ class Chosen:
     budgets: dict[str, float]
     margin: float | None
     clock: float | None = None
+    scene: Scene = Scene()
+    expected: Expected | None = None
+    lacking: Mapping[str, list[str]] = field(default_factory=dict)
+    growth: str = ""
 
     @property
     def system(self) -> str | None:
@@ -78,6 +90,7 @@ class Chosen:
         """The choice and its reason, or the binding budget and a remedy."""
         subjects, table = self.among.subjects.shape[1], self.among.table
         lines = sentences(self.choice, self.by, self.margin, subjects, self.among.mixed)
+        lines += [*self.expectation(), *([self.growth] if self.growth else [])]
         if self.watched and self.choice.chosen is not None:
             values = table[[*WATCHED]].to_numpy(float)[table.index.get_loc(self.choice.chosen)]
             alarms, latency = (
@@ -89,15 +102,95 @@ class Chosen:
             lines.append(f"Decision time is touch before the decision, plus cycles at {self.clock:g} MHz {timed}.")
         elif "decision" in {self.by, *self.budgets}:
             lines.append("Decision time is touch before the decision, without computing time on this machine.")
-        if self.watched:
-            lines.append("Accuracy is the share of touches in recordings whose label is correct at the end.")
-        lines += self.among.notes
+        lines += [*self._dominated(), *self.scene.notes, *self._meaning(), *self.among.notes]
+        for what, commands in self.lacking.items():
+            more = f"; and {len(commands) - SHOWN} more" if len(commands) > SHOWN else ""
+            lines.append(f"{what} is not stored. To measure it: {'; '.join(commands[:SHOWN])}{more}.")
         if self.choice.chosen is None:
             command = "watch" if self.watched else "run"
             lines.append(f"Try a small system that is accurate on real touch: bench {command} {SMALL}")
         return lines
 
     __repr__ = __str__
+
+    def expectation(self) -> list[str]:
+        """What to expect for new people, how stable the choice is, and what would change it."""
+        one, rows, people = self.expected, rows_of(self.among.table), self.among.subjects.shape[1]
+        if one is None or self.choice.chosen is None:
+            return []
+        chosen = self.choice.chosen
+        plain = f"{rows[chosen]['accuracy']:.1f} %"
+        empty = int((one.without < 0).sum())
+        if empty:
+            lines = [f"Without one person, nothing fits for {empty} of {several(people, 'choice')}: expect no score."]
+        else:
+            low, high = one.interval
+            lines = [
+                f"Expect {one.scores.mean():.1f} % [{low:.1f}, {high:.1f}] for new people: each of {people} people was "
+                f"left out of the choice and scored with the system that the others chose (all people: {plain})."
+            ]
+        order = [int(i) for i in np.argsort(-one.shares, kind="stable") if one.shares[i] > 0]
+        often = [f"{named(rows[i])} {100 * one.shares[i]:.0f} %" for i in order[:SHOWN]]
+        often += [f"others {100 * one.shares[order[SHOWN:]].sum():.0f} %"] * (len(order) > SHOWN)
+        nothing = float(1 - one.shares.sum())
+        often += [f"nothing fits {100 * nothing:.0f} %"] * (nothing > 0.5 / DRAWS)
+        lines.append(f"Chosen in {DRAWS} drawings of people with replacement: {', '.join(often)}.")
+        other: dict[str, list[str]] = {}
+        for person, i in zip(self.among.subjects, one.without, strict=True):
+            if i != chosen:
+                other.setdefault("nothing" if i < 0 else named(rows[i]), []).append(str(person))
+        changed = "; ".join(f"{name} (without {', '.join(persons)})" for name, persons in other.items())
+        lines.append(
+            f"Leaving one person out changes the choice to {changed}."
+            if other
+            else "Leaving any one person out does not change the choice."
+        )
+        if one.rival is not None:
+            rival = named(rows[one.rival])
+            needed = f"about {one.people} people would show it" if one.people else "no number of people would show it"
+            if one.people and one.people <= people:
+                needed = f"{one.people} people would show it"
+            lines.append(
+                f"Next comes {rival}, {points(abs(one.difference), np.nan)} points "
+                f"{'better' if one.difference > 0 else 'worse'}. Between these two, {people} people can show a "
+                f"difference of {points(one.smallest, np.nan)} points (80 % power, paired t-test, p < 0.05); {needed}."
+            )
+        return lines
+
+    def _dominated(self) -> list[str]:
+        """The candidates that are no better than another one in anything that was asked for."""
+        asked = list(dict.fromkeys([self.by, *self.budgets]))
+        table = self.among.table
+        by = pareto.dominated_by(table["accuracy"].round(9).to_numpy(float), table[asked].to_numpy(float))
+        rows, worse = rows_of(table), [int(i) for i in np.flatnonzero(by >= 0)]
+        if not worse:
+            return []
+        pairs = [f"{named(rows[i])} (by {named(rows[by[i]])})" for i in worse]
+        more = f"; and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
+        return [
+            f"No better than another system in score and {', '.join(NOUNS[name] for name in asked)}: "
+            f"{'; '.join(pairs[:SHOWN])}{more}."
+        ]
+
+    def _meaning(self) -> list[str]:
+        """What the score and the losses are of, where that is not the accuracy of gestures in captures."""
+        lines, reactions = [], self.scene.reactions
+        if self.watched:
+            lines.append("The score is of touches in recordings, with the label at the end.")
+        if reactions.weighted:
+            lines.append("The score is 100 less 100 times the mean cost of a mistake; with costs of 1 it is accuracy.")
+        if not reactions.plain:
+            groups = [f"{name} ({', '.join(members)})" for name, members in reactions.groups.items()]
+            rest = f"unlisted gestures are {'ignored' if reactions.ignored else 'their own reaction'}"
+            lines.append(f"Reactions: {'; '.join([*groups, rest])}.")
+        faults = self.scene.faults
+        if faults is not None:
+            names = "all faults" if {*faults.names} == {*EVERY} else ", ".join(faults.names)
+            lines.append(
+                f"Losses are of whole captures under {names}, severities 1 to {faults.severity}, without labels of a "
+                "new person; the reaction is that to the most probable gesture."
+            )
+        return lines
 
 
 def choose(arguments: list[str]) -> int:
@@ -128,9 +221,13 @@ def chosen(values: Values) -> Chosen:
     """
     if running := [k for k in values if k in RUNNING or ("." in k and not k.startswith("protocol."))]:
         raise InputError(f"{running[0]}= needs over=, which runs systems; leave {running[0]}= out or add over=")
-    by, unit = _one_of("by", values, COSTS), _one_of("unit", values, ("capture", "window"))
+    scene = read_scene(str(values["scene"])) if "scene" in values else Scene()
+    values = {**scene.values, **values}
+    by, unit = _one_of("by", values, COSTS | ROBUST), _one_of("unit", values, ("capture", "window"))
     batch = _one_of("batch", values, ("no", "yes")) == "yes"
     every = BUDGETS | WATCH_BUDGETS
+    if scene.faults is None and any("fault" in cost for cost in (by, *(every[k] for k in every if k in values))):
+        scene = replace(scene, faults=Faults(EVERY))
     budgets = {every[k]: quantity(k, values[k]) for k in every if k in values}
     watched = bool({*WATCHED} & {*budgets})
     if watched:
@@ -143,17 +240,64 @@ def chosen(values: Values) -> Chosen:
             raise InputError(f"shots={shots}: give 0 or more")
         asked = {"protocol": ["personal"], **asked, "shots": [str(shots)]}
     store = connect()
-    runs_of = of_kinds(store, [WATCH] if watched else KINDS)
-    for lacking in without_runs(list(runs_of.values()), asked):
-        warn(f"warning: {lacking}: no run is stored")
+    shots_or_watch = watched or "shots" in values
+    runs_of = of_kinds(store, [*([WATCH, "cell"] if watched else KINDS), STRESS])
+    for part in without_runs([runs_of[kind] for kind in runs_of if kind != STRESS], asked):
+        warn(f"warning: {part}: no run is stored")
     most = budgets.get("decision", np.inf if by == "decision" else None)
     among = candidates(
-        store, asked, most, windows=unit == "window", clock=clock, batch=batch, watched=watched, runs_of=runs_of
+        store,
+        asked,
+        most,
+        windows=unit == "window",
+        clock=clock,
+        batch=batch,
+        watched=watched,
+        reactions=scene.reactions,
+        faults=scene.faults,
+        runs_of=runs_of,
     )
     processors = sorted(set(among.table["cpu"]))
     if "predict" in {by, *budgets} and len(processors) > 1:
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
-    return Chosen(decide(among.table, among.subjects, by, budgets, margin), among, by, budgets, margin, clock)
+    choice = decide(among.table, among.subjects, by, budgets, margin)
+    one = None if choice.chosen is None else expected(among.people, choice.chosen, by, budgets, margin)
+    lacking = {
+        f"The {NOUNS[cost]} of {several(len(commands), 'system')}": commands
+        for cost, commands in missing(among.table, {by, *budgets}, scene.faults).items()
+    }
+    if shots_or_watch and "cell" in runs_of and not {"model", "features"} & {*asked}:
+        more = {} if watched else {"protocol": "personal", "protocol.shots": asked["shots"][0]}
+        if commands := elsewhere(runs_of["cell"], among.first, among.table, "watch" if watched else "run", more):
+            what = "in recordings" if watched else "with labels of a new person"
+            lacking[f"The score of {several(len(commands), 'other system')} {what}"] = commands
+    growth = ""
+    if choice.chosen is not None:
+        growth = _growth(store, runs_of.get(STRESS), among, choice.chosen, scene)
+        trained = json.loads(among.table["arguments"][choice.chosen] or "{}")
+        if not growth and "scene" in values and trained:
+            trained = {k: v for k, v in trained.items() if k.split(".")[0] in FIT} | {"faults": "none"}
+            lacking["The gain of more people"] = [typed("stress", trained | {"train_subjects": "2,4,6"})]
+    return Chosen(choice, among, by, budgets, margin, clock, scene, one, lacking, growth)
+
+
+def _growth(store: Store, runs: pd.DataFrame | None, among: Candidates, chosen: int, scene: Scene) -> str:
+    """The gain of more training people in a sentence, empty if no learning curve of the chosen system is stored."""
+    if runs is None or "train_subjects" not in runs:
+        return ""
+    same = [name for name in COMPARABLE if name in among.first]
+    kept = (runs[same] == [among.first[name] for name in same]).all(axis=1) & (runs["status"] == "FINISHED")
+    kept &= np.array([system_of(run) == among.table["system"][chosen] for run in rows_of(runs)])
+    for run in rows_of(runs[kept & (runs["train_subjects"] != "all")])[::-1]:
+        result = more_people(pd.read_parquet(needed(store, run, "stress.parquet")), scene.reactions)
+        if result is not None:
+            most, gains = result
+            words = [f"{r.more} more add {r.gain:.1f} [{r.low:.1f}, {r.high:.1f}]" for r in gains.itertuples()]
+            return (
+                f"By its learning curve on captures, {', '.join(words)} points to a training set of {most} people "
+                "(fit of a - b / people; 95 % intervals over people)."
+            )
+    return ""
 
 
 def _check_watched(values: Values, by: str, unit: str, budgets: dict[str, float]) -> None:
@@ -186,8 +330,11 @@ def _print(result: Chosen) -> None:
     rows = []
     for row in table.to_dict("records"):
         loss = "-" if np.isnan(row["loss"]) else points(row["loss"], row["error"])
-        cells = {"system": row["system"], "input": row["unit"], "accuracy %": f"{row['accuracy']:.1f}"}
+        score = "score %" if result.scene.reactions.weighted else "accuracy %"
+        cells = {"system": row["system"], "input": row["unit"], score: f"{row['accuracy']:.1f}"}
+        asked = {result.by, *result.budgets, *(("fault_loss", "worst_fault") if result.scene.faults else ())}
         known = [k for k in (*WATCHED, *COSTS) if k in table and not (result.watched and k in UNWATCHED)]
+        known += [k for k in ROBUST if k in asked]
         costs = {
             k.replace("_", " "): amount(k, row[k]) + "*" * (row["linked"] and k in ("flash", "ram")) for k in known
         }

@@ -68,7 +68,7 @@ def _steps() -> Iterator[tuple[str, ...]]:
 
 def _best() -> list[list[str]]:
     """Arguments of the most accurate systems of this folder's store."""
-    from bench.outcomes.choice import candidates
+    from bench.outcomes.candidates import candidates
     from bench.outcomes.store import connect
 
     table = candidates(connect(), {}).table.sort_values("accuracy", ascending=False, kind="stable")

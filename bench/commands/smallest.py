@@ -26,7 +26,7 @@ def smallest(values: Values) -> list[Outcome]:
     Raises:
         InputError: a key is for choosing among tracked runs, or a value cannot be used.
     """
-    if wrong := {"by", "margin", "shots", "unit", "clock", "batch", *BUDGETS, *WATCH_BUDGETS} & set(values):
+    if wrong := {"by", "margin", "shots", "unit", "clock", "batch", "scene", *BUDGETS, *WATCH_BUDGETS} & set(values):
         raise InputError(f"{wrong.pop()}= chooses among stored runs and over= makes runs; leave one of them out")
     over, inner = str(values["over"]), str(values.get("inner", "3"))
     rest = {k: v for k, v in values.items() if k not in ("over", "inner", f"model.{over}")}

@@ -82,3 +82,8 @@ def facts_of(run: Row) -> Facts:
     ratio = run["test_over_train"]
     official = {"true": True, "false": False}.get(run["official_split"])
     return Facts(run["mixes_subjects"] == "true", float(ratio) if ratio else None, official)
+
+
+def several(number: int, noun: str) -> str:
+    """A number with its noun, in the plural unless it is 1."""
+    return f"{number} {noun}{'s' if number != 1 else ''}"

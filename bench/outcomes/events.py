@@ -65,6 +65,7 @@ def matched(
         - ``latency_s``: seconds from its start to its first report;
         - ``first_correct``, ``end_correct`` (bool): ``first`` of its first report, ``label`` of its last report is
           its gesture; False for a missed touch;
+        - ``label``: ``label`` of its last report; empty for a missed touch;
         - ``fragments`` (int64): number of its reports;
         - ``insertions`` (int64): reports after the first whose ``label`` is not its gesture;
 
@@ -86,6 +87,7 @@ def matched(
         latency_s=(first["reported"] - truth["start"]) / rate_hz,
         first_correct=first["first"].to_numpy(object) == truth["gesture"].to_numpy(object),
         end_correct=last["label"].to_numpy(object) == truth["gesture"].to_numpy(object),
+        label=last["label"].fillna("").astype(str),
         fragments=fragments,
         insertions=_count(of_touches["touch"][again & wrong], truth),
     )
@@ -147,7 +149,7 @@ def summary(touches: pd.DataFrame, reports: pd.DataFrame, background_s: float) -
 
 
 def per_subject(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> pd.DataFrame:
-    """The `summary` of each subject, sorted by ``subject``.
+    """The `summary` of each subject, sorted by ``subject``, and ``background_s``.
 
     Args:
         touches: touches, from `matched`, with ``subject``.
@@ -164,7 +166,9 @@ def per_subject(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapp
     ]
     table = pd.DataFrame(rows, columns=[*summary(touches, reports, 0)], dtype=np.float64)
     table.insert(0, "subject", pd.Series(sorted(background_s), dtype=str))
-    return table.astype({"touches": np.int64})
+    return table.assign(background_s=[float(background_s[s]) for s in sorted(background_s)]).astype(
+        {"touches": np.int64}
+    )
 
 
 def intervals(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> dict[str, float]:

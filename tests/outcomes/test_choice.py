@@ -7,7 +7,8 @@ from scipy.stats import ttest_rel
 
 from bench.costs import quantity
 from bench.errors import InputError
-from bench.outcomes.choice import candidates, decide, eligible, sentences
+from bench.outcomes.candidates import candidates, eligible
+from bench.outcomes.choice import decide, sentences
 from bench.outcomes.runs import NothingTracked, selected, without_runs
 from tests.reports.store import made_up
 

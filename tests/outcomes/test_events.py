@@ -168,7 +168,7 @@ def test_subjects_and_intervals():
     assert list(table.index) == list("abcd") and list(table["touches"]) == [3, 2, 0, 1]
     np.testing.assert_allclose(table["touches_found"], [1, 0.5, np.nan, 0])
     np.testing.assert_allclose(table["false_alarms_per_hour"], [1, 2, 4, np.nan])
-    assert table.loc["a"].to_dict() == summary(touches[:3], reports[:6], 3600)
+    assert table.loc["a"].to_dict() == summary(touches[:3], reports[:6], 3600) | {"background_s": 3600}
 
     bounds = intervals(touches, reports, background)
     hits = touches.assign(true="yes", predicted=np.where(touches["end_correct"], "yes", "no"))

@@ -140,7 +140,8 @@ def watched(store, system, end_correct, alarms, latency, flash=4000.0, **params)
     params = {"watch.false_alarms": "5.0", "watch.background": "", "watch.unknown": "", "cpu": "one"} | params
     facts = {"mixes_subjects": "false", "test_over_train": "", "official_split": ""}
     run = other_run(store, "watch", system, metrics, params, **facts)
-    table = pd.DataFrame({"subject": range(1, len(end_correct) + 1), "end_correct": end_correct})
+    hours = {"false_alarms_per_hour": alarms, "background_s": 90.0 / len(end_correct)}
+    table = pd.DataFrame({"subject": range(1, len(end_correct) + 1), "end_correct": end_correct, **hours})
     with tempfile.TemporaryDirectory() as folder:
         table.to_csv(Path(folder) / "per_subject.csv", index=False)
         WATCHED.to_parquet(Path(folder) / "predictions.parquet")

@@ -1,0 +1,176 @@
+"""What to expect from a choice: for new people, with other people, with more people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from bench.outcomes.pick import People, fitting, pick
+from bench.outcomes.reactions import Reactions
+from bench.outcomes.stability import CLEAN
+
+DRAWS = 1000  # of people with replacement
+FEWEST = 3  # people, so that two are left to choose with
+POWER, LEVEL = 0.8, 0.05  # of the paired t-test, two-sided
+MOST_PEOPLE = 100_000  # that are looked for
+MORE = (5, 10, 20)  # training people
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What to expect from a choice.
+
+    Attributes:
+        scores: score of each person, with the system that is chosen without this person, in percent; NaN where none is.
+        without: number of the candidate chosen without each person, -1 for none [people].
+        shares: share of the drawings of people in which each candidate is chosen [candidates].
+        rival: number of the candidate that is chosen most often beside the chosen one, or the most accurate other one
+            that fits; None without one.
+        difference: its score less that of the chosen one, in points; NaN without one.
+        smallest: difference of these two that so many people can show.
+        people: number of people that could show their difference; None if it is 0, or more than `MOST_PEOPLE`.
+    """
+
+    scores: np.ndarray
+    without: np.ndarray
+    shares: np.ndarray
+    rival: int | None = None
+    difference: float = np.nan
+    smallest: float = np.nan
+    people: int | None = None
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % t-interval of the mean of `scores`."""
+        from scipy.special import stdtrit  # not scipy.stats, which takes half a second
+
+        n = len(self.scores)
+        half = stdtrit(n - 1, 0.975) * self.scores.std(ddof=1) / np.sqrt(n)
+        return float(self.scores.mean() - half), float(self.scores.mean() + half)
+
+
+def expected(
+    people: People, chosen: int, by: str, budgets: Mapping[str, float], margin: float | None
+) -> Expected | None:
+    """Repeat a choice without each person, and with people drawn with replacement.
+
+    Everything that depends on people (scores, losses under faults, worst people, false alarms) is computed again from
+    those that are left, so the person who is left out has no part in the choice.
+
+    Args:
+        people: what each person contributes, from `bench.outcomes.candidates`.
+        chosen: number of the candidate that all people choose.
+        by: the cost that is to be low.
+        budgets: the most of each cost.
+        margin: points that do not matter, or None.
+
+    Returns:
+        None for fewer than `FEWEST` people.
+    """
+    candidates, count = people.scores.shape
+    if count < FEWEST:
+        return None
+
+    def choices(drawn: np.ndarray) -> np.ndarray:
+        costs = {name: people.cost(name, drawn) for name in budgets}
+        fits = np.broadcast_to(fitting(costs, budgets, candidates), (len(drawn), candidates))
+        return pick(people.scores, drawn, fits, people.cost(by, drawn), margin)[0]
+
+    others = np.array([[k for k in range(count) if k != person] for person in range(count)])
+    without = choices(others)
+    scores = np.where(without < 0, np.nan, people.scores[without, np.arange(count)])
+    drawn = choices(np.random.default_rng(0).integers(0, count, (DRAWS, count)))
+    shares = np.bincount(drawn[drawn >= 0], minlength=candidates) / DRAWS
+    everyone = np.arange(count)[None]
+    fits = fitting({name: people.cost(name, everyone)[0] for name in budgets}, budgets, candidates)
+    rank = np.where(fits, people.scores.mean(axis=1), -np.inf) + 1e6 * shares
+    rank[chosen] = -np.inf
+    rival = int(rank.argmax())
+    if not np.isfinite(rank[rival]):
+        return Expected(scores, without, shares)
+    differences = people.scores[rival] - people.scores[chosen]
+    difference, spread = float(differences.mean()), float(differences.std(ddof=1))
+    needed = people_for(difference, spread)
+    return Expected(scores, without, shares, rival, difference, detectable(spread, count), needed)
+
+
+def power(difference: float, spread: float, people: int) -> float:
+    """Power of a two-sided paired t-test at `LEVEL`.
+
+    Args:
+        difference: true mean difference.
+        spread: its SD over people, above 0.
+        people: number of people, 2 or more.
+    """
+    from scipy.special import nctdtr, stdtrit
+
+    limit, shift = stdtrit(people - 1, 1 - LEVEL / 2), abs(difference) / spread * np.sqrt(people)
+    share = 1 - nctdtr(people - 1, shift, limit) + nctdtr(people - 1, shift, -limit)
+    return 1.0 if np.isnan(share) else float(share)  # SciPy gives NaN for very large shifts
+
+
+def detectable(spread: float, people: int) -> float:
+    """The smallest difference that so many people show with `POWER`; arguments as of `power`."""
+    if not spread:
+        return 0.0
+    low, high = 0.0, spread / 100
+    while power(high, spread, people) < POWER:
+        low, high = high, 2 * high
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (low, middle) if power(middle, spread, people) >= POWER else (middle, high)
+    return high
+
+
+def people_for(difference: float, spread: float) -> int | None:
+    """The smallest number of people that show a difference with `POWER`; None if there is none up to `MOST_PEOPLE`."""
+    if not abs(difference) > 1e-9:
+        return None
+    if not spread:
+        return 2
+    low, high = 1, 2
+    while power(difference, spread, high) < POWER:
+        low, high = high, 2 * high
+        if high > MOST_PEOPLE:
+            return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if power(difference, spread, middle) >= POWER else (middle, high)
+    return high
+
+
+def more_people(table: pd.DataFrame, reactions: Reactions) -> tuple[int, pd.DataFrame] | None:
+    """The gain of more training people, from a learning curve.
+
+    The score is taken as a - b / n for n training people, fitted by least squares to the means over subjects.
+
+    Args:
+        table: table of a run of ``bench stress`` with ``train_subjects=`` (`bench.work.stress`).
+        reactions: reactions that are scored.
+
+    Returns:
+        The largest number of training people, and a row per number of `MORE`: ``more``, ``gain`` in points, ``low`` and
+        ``high`` (95 % bootstrap interval over subjects). None for fewer than three numbers of training people, or
+        fewer than `FEWEST` subjects.
+    """
+    clean = table[table["fault"] == CLEAN]
+    numbered = clean["train_subjects"].astype(float)
+    parts = {n: reactions.scores(clean[numbered == n], {*clean["true"]}) for n in sorted({*numbered})}
+    curve = pd.DataFrame(parts).dropna()  # [subjects, numbers]
+    if curve.shape[1] < 3 or len(curve) < FEWEST:
+        return None
+    numbers = curve.columns.to_numpy()
+    solve = np.linalg.pinv(np.column_stack([np.ones(len(numbers)), -1 / numbers]))
+    drawn = np.random.default_rng(0).integers(0, len(curve), (DRAWS, len(curve)))
+    scores = curve.to_numpy()
+    slope, slopes = solve[1] @ scores.mean(axis=0), scores[drawn].mean(axis=1) @ solve[1]
+    most = int(numbers.max())
+    rows = []
+    for more in MORE:
+        share = 1 / most - 1 / (most + more)
+        low, high = np.quantile(slopes * share, [0.025, 0.975])
+        rows.append((more, slope * share, low, high))
+    return most, pd.DataFrame(rows, columns=["more", "gain", "low", "high"])

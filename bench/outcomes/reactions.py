@@ -1,0 +1,129 @@
+"""Reactions of a robot to gestures, and what it costs to take one reaction for another."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from bench.errors import InputError, nearest
+from bench.outcomes.scores import PREFIX, classes_of
+
+NOTHING = "nothing"  # the reaction of a robot that does nothing
+
+
+@dataclass(frozen=True)
+class Reactions:
+    """Groups of gestures to which a robot reacts alike; by default every gesture is a reaction of its own.
+
+    The robot takes the reaction with the lowest expected cost. The probability of a reaction is the sum over its
+    gestures. With the default costs, it therefore takes the most probable reaction.
+
+    Attributes:
+        groups: gestures of each reaction; those of ``nothing`` are gestures to which the robot does not react.
+        ignored: True if gestures of no group belong to ``nothing``, and not each to a reaction of its own.
+        costs: cost of taking the reaction of the first key for that of the second, where it is not 1.
+        silence: cost of doing nothing where a reaction was meant.
+    """
+
+    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    ignored: bool = False
+    costs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    silence: float = 1.0
+
+    @property
+    def plain(self) -> bool:
+        """True if the score is the accuracy of gestures."""
+        return not (self.groups or self.ignored or self.costs) and self.silence == 1
+
+    @property
+    def weighted(self) -> bool:
+        """True if some mistakes cost more or less than others."""
+        return bool(self.costs) or self.silence != 1
+
+    def of(self, gestures: Collection[str]) -> dict[str, str]:
+        """The reaction to each gesture.
+
+        Raises:
+            InputError: a group or a cost names what does not exist.
+        """
+        gestures = {*gestures}
+        meant = {gesture: name for name, members in self.groups.items() for gesture in members}
+        for gesture, name in meant.items():
+            if gesture not in gestures:
+                raise InputError(f"[reactions] {name}: there is no gesture {gesture}; {nearest(gesture, gestures)}")
+        reactions = {g: meant.get(g, NOTHING if self.ignored else g) for g in sorted(gestures)}
+        known = {*reactions.values(), NOTHING}
+        for true, row in self.costs.items():
+            for name in (true, *row):
+                if name not in known:
+                    raise InputError(f"[costs] {true}: there is no reaction {name}; {nearest(name, known)}")
+        return reactions
+
+    def cost_table(self, gestures: Collection[str]) -> pd.DataFrame:
+        """Cost of each reaction that is taken (column) for each that was meant (row); ``nothing`` is the last.
+
+        Raises:
+            InputError: as `of`.
+        """
+        names = [*dict.fromkeys(r for r in self.of(gestures).values() if r != NOTHING), NOTHING]
+        table = pd.DataFrame(1.0, index=names, columns=names)
+        table[NOTHING] = self.silence
+        for true, row in self.costs.items():
+            for taken, cost in row.items():
+                table.loc[true, taken] = cost
+        np.fill_diagonal(values := table.to_numpy(copy=True), 0)
+        return pd.DataFrame(values, index=names, columns=names)
+
+    def decided(self, probabilities: pd.DataFrame) -> np.ndarray:
+        """The reactions with the lowest expected cost; equal ones go to the first.
+
+        Args:
+            probabilities: a column for each gesture, a row for each decision.
+
+        Returns:
+            Names of reactions [decisions].
+        """
+        table, reactions = self.cost_table(probabilities.columns), self.of(probabilities.columns)
+        member = np.array([[reactions[str(g)] == name for name in table.index] for g in probabilities], dtype=float)
+        expected = (probabilities.to_numpy(dtype=float) @ member) @ table.to_numpy()
+        return table.columns.to_numpy(object)[expected.round(12).argmin(axis=1)]  # equal sums differ by rounding
+
+    def scores(self, labelled: pd.DataFrame, gestures: Collection[str] = ()) -> pd.Series:
+        """The score of each subject: 100 less 100 times the mean cost of a capture; with default costs its accuracy.
+
+        Args:
+            labelled: columns ``subject`` and ``true`` (gesture), and ``taken`` (reaction), or ``predicted`` (gesture).
+                A predicted name that is no gesture counts as ``nothing``.
+            gestures: all gestures of the corpus, if a few rows may lack some.
+        """
+        every = {*labelled["true"], *gestures}
+        table, reactions = self.cost_table(every), self.of(every)
+        taken = labelled["taken"] if "taken" in labelled else labelled["predicted"].map(reactions).fillna(NOTHING)
+        rows = table.index.get_indexer(pd.Index(labelled["true"].map(reactions)))
+        columns = table.columns.get_indexer(pd.Index(taken))
+        costs = pd.Series(table.to_numpy()[rows, columns], labelled.index)
+        return (100 * (1 - costs.groupby(labelled["subject"].astype(str)).mean())).rename_axis("subject")
+
+
+def by_capture(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
+    """``subject``, ``true`` and the reaction ``taken`` for each tested capture, by mean probability.
+
+    Args:
+        predictions: table of predictions (`bench.outcomes.scores`).
+        reactions: reactions of the robot.
+    """
+    groups = predictions.groupby(["fold", "capture"], sort=False)
+    classes = classes_of(predictions)
+    mean = groups[[PREFIX + c for c in classes]].mean().set_axis(classes, axis=1)
+    rows = groups[["subject", "true"]].first()
+    return rows.assign(taken=reactions.decided(mean)).reset_index()
+
+
+def by_decision(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
+    """The same for each row of the table: each window, or each capture at an instant."""
+    classes = classes_of(predictions)
+    proba = predictions[[PREFIX + c for c in classes]].set_axis(classes, axis=1)
+    return predictions[["subject", "true"]].assign(taken=reactions.decided(proba))

@@ -1,0 +1,219 @@
+"""Scene files: what a robot needs of a recogniser, in TOML; `docs/scenes.md` describes them."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+
+from bench.errors import InputError, nearest
+from bench.options import FAULTS
+from bench.outcomes.candidates import SEVERITIES, Faults
+from bench.outcomes.reactions import Reactions
+
+KEYS = {"by": "by", "margin": "margin", "unit": "unit"}  # of a scene, and of `bench choose`
+LINES = {  # of each section: a key, and that of `bench choose`, empty for those read here
+    "budget": {n: f"max_{n}" for n in ("flash", "ram", "cycles", "predict", "decision")}
+    | {"clock": "clock", "board": "", "share": ""},
+    "faults": {"names": "", "severity": "", "loss": "max_fault_loss", "worst": "max_worst_fault"},
+    "people": {"shots": "shots", "worst": "", "worst_tenth": ""},
+    "stream": {"false_alarms": "max_false_alarms", "latency": "max_latency"},
+}
+EVERY = tuple(FAULTS.split())
+
+
+@dataclass(frozen=True)
+class Board:
+    """A microcontroller board.
+
+    Attributes:
+        name: name in scene files.
+        title: board and chip.
+        flash_kb: flash in kB.
+        ram_kb: RAM in kB.
+        clock_mhz: clock rate.
+        fpu: True if it computes with floats in hardware.
+        source: address of the maker's page.
+    """
+
+    name: str
+    title: str
+    flash_kb: float
+    ram_kb: float
+    clock_mhz: float
+    fpu: bool
+    source: str
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The needs of a robot.
+
+    Attributes:
+        values: its lines as keys of ``bench choose``.
+        reactions: reactions to gestures and costs of mistakes.
+        faults: circumstances over which losses are taken; None if the scene names none.
+        notes: sentences on what its lines imply.
+    """
+
+    values: Mapping[str, str] = field(default_factory=dict)
+    reactions: Reactions = field(default_factory=Reactions)
+    faults: Faults | None = None
+    notes: tuple[str, ...] = ()
+
+
+def boards() -> dict[str, Board]:
+    """The boards of ``bench/boards.csv`` by name; KiB of their makers are turned into kB."""
+    with files("bench").joinpath("boards.csv").open(encoding="utf-8") as f:
+        rows = [*csv.DictReader(f)]
+    return {
+        row["name"]: Board(
+            row["name"],
+            row["title"],
+            1.024 * float(row["flash_kib"]),
+            1.024 * float(row["ram_kib"]),
+            float(row["clock_mhz"]),
+            row["fpu"] == "yes",
+            row["source"],
+        )
+        for row in rows
+    }
+
+
+def read_scene(name: str) -> Scene:
+    """Read a scene file.
+
+    Args:
+        name: path of the file, or the name of a scene in ``bench/scenes``.
+
+    Raises:
+        InputError: the file cannot be read, is no TOML, or has a line that means nothing.
+    """
+    shipped = {Path(f.name).stem: f for f in files("bench").joinpath("scenes").iterdir()}
+    try:
+        file = shipped[name] if name in shipped else Path(name)
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeError) as e:
+        why = getattr(e, "strerror", None) or "not UTF-8 text"
+        raise InputError(f"scene={name}: {why}; give a TOML file, or {', '.join(sorted(shipped))}") from e
+    except tomllib.TOMLDecodeError as e:
+        raise InputError(f"scene={name} is not TOML: {e}") from e
+    try:
+        return scene_of(table)
+    except InputError as e:
+        raise InputError(f"scene={name}: {e}") from e
+
+
+def scene_of(table: Mapping[str, object]) -> Scene:
+    """A scene from the content of its file.
+
+    Raises:
+        InputError: a line means nothing.
+    """
+    _check("", table, {*KEYS, *LINES, "unlisted", "reactions", "costs"})
+    sections = {name: _section(table, name) for name in LINES}
+    for name, lines in sections.items():
+        _check(f"[{name}] ", lines, LINES[name])
+    values = {KEYS[k]: _text(k, table[k]) for k in KEYS if k in table}
+    for name, lines in sections.items():
+        values |= {key: _text(f"[{name}] {k}", lines[k]) for k, key in LINES[name].items() if key and k in lines}
+    people = sections["people"]
+    if "shots" in people and sections["stream"]:
+        raise InputError("[people] shots: bench watch has no captures of a new person; leave shots or [stream] out")
+    for k, key in (("worst", "max_worst_person"), ("worst_tenth", "max_worst_tenth")):
+        if k in people:
+            values[key] = f"{100 - _number(f'[people] {k}', people[k], 0, 99.9):g}"  # of an error
+    more, notes = _of_board(sections["budget"], "[stream]" if sections["stream"] else "")
+    return Scene(more | values, _reactions(table), _faults(sections["faults"]), tuple(notes))
+
+
+def _of_board(budget: Mapping[str, object], stream: str) -> tuple[dict[str, str], list[str]]:
+    """Budgets of a board, which other lines of the scene override, and sentences on them."""
+    if "board" not in budget:
+        if "share" in budget:
+            raise InputError("[budget] share: it is a share of a board; add board, or leave it out")
+        return {}, []
+    known, name = boards(), _text("[budget] board", budget["board"])
+    if name not in known:
+        raise InputError(f"[budget] board: no board is called {name}; {nearest(name, known)}")
+    board, share = known[name], _number("[budget] share", budget.get("share", 1.0), 0, 1)
+    values = {"max_flash": f"{share * board.flash_kb:.6g}kB", "max_ram": f"{share * board.ram_kb:.6g}kB"}
+    part = "" if share == 1 else f" {100 * share:g} % of"
+    notes = [f"Budgets of flash and RAM are{part} those of {board.title} ({board.source})."]
+    if "decision" in budget and not stream and board.fpu:
+        values["clock"] = f"{board.clock_mhz:g}MHz"
+    if not board.fpu:
+        notes.append("This board has no floating-point unit; instructions are counted for a Cortex-M4F, which has one.")
+    return values, notes
+
+
+def _reactions(table: Mapping[str, object]) -> Reactions:
+    groups: dict[str, list[str]] = {}
+    for name, members in _section(table, "reactions").items():
+        if not isinstance(members, list) or not members or not all(isinstance(g, str) for g in members):
+            raise InputError(f'[reactions] {name}: give a list of gestures, such as ["stroke", "rub"]')
+        groups[name] = members
+    every = [g for members in groups.values() for g in members]
+    for gesture in every:
+        if every.count(gesture) > 1:
+            raise InputError(f"[reactions] the gesture {gesture} is listed twice; list it once")
+    unlisted = table.get("unlisted", "own")
+    if unlisted not in ("own", "ignored"):
+        raise InputError(f"unlisted = {unlisted}: give own or ignored")
+    costs: dict[str, dict[str, float]] = {}
+    silence = 1.0
+    for name, row in _section(table, "costs").items():
+        if name == "silence":
+            silence = _number("[costs] silence", row, 0)
+        elif isinstance(row, dict):
+            costs[name] = {k: _number(f"[costs] {name}: {k}", v, 0) for k, v in row.items()}
+            if name in row:
+                raise InputError(f"[costs] {name}: {name} taken for itself is no mistake; leave it out")
+        else:
+            raise InputError(f"[costs] {name}: give the reactions that it is taken for, such as {{ calm = 3 }}")
+    return Reactions(groups, unlisted == "ignored", costs, silence)
+
+
+def _faults(lines: Mapping[str, object]) -> Faults | None:
+    if not lines:
+        return None
+    names = lines.get("names", [*EVERY])
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
+        raise InputError('[faults] names: give a list of faults, such as ["dead_taxels"]')
+    for name in names:
+        if name not in EVERY:
+            raise InputError(f"[faults] names: no fault is called {name}; {nearest(name, EVERY)}")
+    severity = lines.get("severity", SEVERITIES)
+    if not isinstance(severity, int) or not 1 <= severity <= SEVERITIES:
+        raise InputError(f"[faults] severity = {severity}: give a whole number from 1 to {SEVERITIES}")
+    return Faults(tuple(dict.fromkeys(names)), severity)
+
+
+def _section(table: Mapping[str, object], name: str) -> Mapping[str, object]:
+    section = table.get(name, {})
+    if not isinstance(section, dict):
+        raise InputError(f"{name} = {section}: this is a section; write [{name}] and its lines below")
+    return section
+
+
+def _check(where: str, given: Mapping[str, object], known: object) -> None:
+    names = {*known}  # type: ignore[misc]
+    for key in given:
+        if key not in names:
+            raise InputError(f"{where}{key}: there is no such line; {nearest(key, names)}")
+
+
+def _number(where: str, value: object, above: float, most: float = float("inf")) -> float:
+    good = isinstance(value, int | float) and not isinstance(value, bool)
+    if not good or not above <= float(value) <= most or float(value) == float("inf"):  # type: ignore[arg-type]
+        raise InputError(f"{where} = {value}: give a number from {above:g}" + f" to {most:g}" * (most < float("inf")))
+    return float(value)  # type: ignore[arg-type]
+
+
+def _text(where: str, value: object) -> str:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise InputError(f"{where}: give one value, not {value}")
+    return str(value)
