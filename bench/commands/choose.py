@@ -25,11 +25,12 @@ from bench.outcomes.candidates import (
     Candidates,
     Faults,
     candidates,
+    complete_on,
     elsewhere,
     missing,
 )
 from bench.outcomes.choice import NOUNS, Choice, amount, decide, named, points, sentences
-from bench.outcomes.comparable import COMPARABLE, MARK, MARKED, several, system_of
+from bench.outcomes.comparable import MARK, MARKED, several, system_of
 from bench.outcomes.expected import DRAWS, Expected, expected, more_people
 from bench.outcomes.runs import needed, of_kinds, rows_of, without_runs
 from bench.outcomes.store import Store, connect
@@ -285,8 +286,7 @@ def _growth(store: Store, runs: pd.DataFrame | None, among: Candidates, chosen: 
     """The gain of more training people in a sentence, empty if no learning curve of the chosen system is stored."""
     if runs is None or "train_subjects" not in runs:
         return ""
-    same = [name for name in COMPARABLE if name in among.first]
-    kept = (runs[same] == [among.first[name] for name in same]).all(axis=1) & (runs["status"] == "FINISHED")
+    kept = complete_on(runs, among.first) & (runs["protocol_label"] == among.first["protocol_label"])
     kept &= np.array([system_of(run) == among.table["system"][chosen] for run in rows_of(runs)])
     for run in rows_of(runs[kept & (runs["train_subjects"] != "all")])[::-1]:
         result = more_people(pd.read_parquet(needed(store, run, "stress.parquet")), scene.reactions)

@@ -199,9 +199,7 @@ def _losses(
     tested = runs["protocol_label"] == context["protocol_label"]
     if str(context["protocol"]).startswith("personal"):
         tested = runs["protocol_name"] == "loso"
-    same = [name for name in COMPARABLE if name != "protocol_label"]
-    tested &= (runs["status"] == "FINISHED") & (runs[same] == [context[name] for name in same]).all(axis=1)
-    runs = runs[tested]
+    runs = runs[tested & complete_on(runs, context)]
     for system, group in runs.groupby([system_of(run) for run in rows_of(runs)]):
         rows = (table["system"] == system) & table["unit"].str.match("capture$|in C|" + IN_RECORDINGS)
         parts = [_lost(store, seeds, faults, reactions) for _, seeds in group.groupby("seed")] if rows.any() else []
@@ -229,6 +227,12 @@ def _lost(store: Store, runs: pd.DataFrame, faults: Faults, reactions: Reactions
     if not {*faults.circumstances} <= {*lost}:
         return None
     return pd.DataFrame({key: lost[key] for key in faults.circumstances}).T
+
+
+def complete_on(runs: pd.DataFrame, context: Row) -> pd.Series:
+    """Which runs are complete and on the captures of another run, bool [runs]."""
+    same = {name: context[name] for name in COMPARABLE if name != "protocol_label"}
+    return (runs["status"] == "FINISHED") & (runs[[*same]] == pd.Series(same)).all(axis=1)
 
 
 def missing(table: pd.DataFrame, costs: Collection[str], faults: Faults | None) -> dict[str, list[str]]:
@@ -269,9 +273,7 @@ def elsewhere(runs: pd.DataFrame, context: Row, table: pd.DataFrame, command: st
         command: command that makes candidates.
         more: its further arguments.
     """
-    same = [name for name in COMPARABLE if name != "protocol_label"]
-    kept = (runs["status"] == "FINISHED") & (runs["protocol_name"] == "loso")
-    kept &= (runs[same] == [context[name] for name in same]).all(axis=1)
+    kept = complete_on(runs, context) & (runs["protocol_name"] == "loso")
     others = [run for run in rows_of(runs[kept]) if system_of(run) not in {*table["system"]}]
     given = [json.loads(str(run.get("touchbench.arguments") or "{}")) for run in others]
     given = [{k: v for k, v in each.items() if k.split(".")[0] in TAKEN} for each in given if each]

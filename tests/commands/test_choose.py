@@ -3,7 +3,10 @@
 import json
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import bench
@@ -15,7 +18,7 @@ from bench.errors import InputError
 from bench.options import SMALL
 from bench.outcomes.comparable import MARKED
 from bench.plan.cells import cells
-from tests.reports.store import made_up, tracked_run, watched
+from tests.reports.store import made_up, stressed, tracked_run, watched
 
 FEW = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
 
@@ -88,6 +91,110 @@ def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(st
     for wrong in ("by=decision", "max_decision=1s", "unit=window", "clock=64MHz"):
         assert main(["choose", "max_latency=1s", wrong]) == 2
         assert wrong.partition("=")[0] in capsys.readouterr().err
+
+
+def kept(store, run, **tables):
+    """Store tables with a run: parquet for stress, CSV else."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, table in tables.items():
+            if name == "stress":
+                table.to_parquet(Path(folder) / "stress.parquet")
+            else:
+                table.to_csv(Path(folder) / f"{name}.csv", index=False)
+        store.keep(run, Path(folder))
+
+
+SCENE = """
+[reactions]
+calm = ["pat", "rub"]
+[costs]
+tap = { calm = 3 }
+[faults]
+names = ["noise"]
+severity = 2
+loss = 30
+[people]
+worst = 10
+"""
+
+
+def test_a_scene_scores_reactions_and_asks_for_losses_and_the_worst_person(store, tmp_path, capsys):
+    """Captures of three people; those of svm are scored by a loop, its losses are worked out by hand."""
+    (tmp_path / "robot.toml").write_text(SCENE)
+    tables = {"svm": made_up(subjects=3, seed=1, skill=0.9), "lda": made_up(subjects=3, seed=2, skill=0.2)}
+    for system, table in tables.items():
+        arguments = json.dumps({"data": "haart", "protocol": "loso", "model": system})
+        about = {"data": "haart", "synthetic": "false", "subset": "all", "corpus_digest": "d"}
+        tags = {"touchbench.command": "run", "touchbench.arguments": arguments, "protocol_label": "LOSO (10 subjects)"}
+        tracked_run(store, system, table, **about, **tags)
+    # Clean: all right. Under noise 1 nothing changes; under noise 2 subject 1 takes a tap for a pat once in two.
+    rows = [(s, k, "tap", "tap", "none", 0) for s in "123" for k in (0, 1)]
+    rows += [
+        (s, k, "tap", "rub" if (v, s, k) == (2, "1", 0) else "tap", "noise", v)
+        for v in (1, 2)
+        for s in "123"
+        for k in (0, 1)
+    ]
+    table = pd.DataFrame(rows, columns=["subject", "capture", "true", "predicted", "fault", "severity"])
+    table = pd.concat([table, table.assign(fault="noise", severity=3, predicted="pat")])
+    stressed_run = stressed(store, "svm", 1.0, {"noise": 0.0})
+    kept(store, stressed_run, stress=table.assign(fold=table["subject"], train_subjects=2))
+    result = bench.choose(data="haart", scene=str(tmp_path / "robot.toml"))
+    rows = result.choice.table.set_index("system")
+    costs = {}
+    for row in tables["svm"].to_dict("records"):
+        calm = row["p_pat"] + row["p_rub"]
+        said = min((3 * row["p_tap"], "calm"), (calm, "tap"))[1]
+        meant = "tap" if row["true"] == "tap" else "calm"
+        costs.setdefault(row["subject"], []).append(0 if said == meant else 3 if meant == "tap" else 1)
+    scores = {subject: 100 * (1 - sum(each) / len(each)) for subject, each in costs.items()}
+    assert rows.loc["svm", "accuracy"] == pytest.approx(sum(scores.values()) / 3)
+    assert rows.loc["svm", "worst_person"] == pytest.approx(100 - min(scores.values()))
+    assert rows.loc["svm", "fault_loss"] == pytest.approx(
+        100 * 3 / 2 / 3 / 2
+    )  # of one subject in three, severity in two
+    assert rows.loc["svm", "worst_fault"] == pytest.approx(100 * 3 / 2 / 3)
+    assert result.system == "svm" and "fault loss" in rows.loc["lda", "verdict"]
+    for fact in (
+        "To measure it: bench stress data=haart protocol=loso model=lda faults=noise.",
+        "left out of the choice and scored",
+        "Reactions: calm (pat, rub); unlisted gestures are their own reaction.",
+        "faults=none train_subjects=2,4,6",
+    ):
+        assert fact in str(result)
+    overridden = bench.choose(data="haart", scene=str(tmp_path / "robot.toml"), max_fault_loss=20)
+    assert overridden.system is None and overridden.budgets["fault_loss"] == 20
+    assert main(["choose", "data=haart", f"scene={tmp_path / 'other.toml'}"]) == 2
+    (tmp_path / "wrong.toml").write_text('[reactions]\ncalm = ["path"]')
+    assert main(["choose", "data=haart", f"scene={tmp_path / 'wrong.toml'}"]) == 2
+    assert "did you mean pat" in capsys.readouterr().err
+
+
+def test_a_scene_of_an_endless_stream_scores_the_last_label(store, tmp_path):
+    (tmp_path / "robot.toml").write_text('[reactions]\ncalm = ["pat", "rub"]\n[stream]\nfalse_alarms = 5')
+    run = watched(store, "small", [0.5, 0.5, 0.5], alarms=2.0, latency=1.0)
+    rows = [
+        (s, g, said) for s in (1, 2, 3) for g, said in (("pat", "rub"), ("rub", ""), ("tap", "tap"), ("tap", "pat"))
+    ]
+    kept(store, run, touches=pd.DataFrame(rows, columns=["subject", "gesture", "label"]))
+    result = bench.choose(scene=str(tmp_path / "robot.toml"))
+    assert result.choice.table["accuracy"].tolist() == [50] and result.system == "small"  # a missed touch is a mistake
+    tracked_run(
+        store,
+        "lda",
+        made_up(),
+        data="haart",
+        synthetic="false",
+        subset="all",
+        corpus_digest="d",
+        **{
+            "touchbench.arguments": json.dumps({"data": "haart", "model": "lda"}),
+            "protocol_label": "LOSO (10 subjects)",
+        },
+    )
+    assert "in recordings is not stored. To measure it: bench watch data=haart model=lda." in str(
+        bench.choose(scene=str(tmp_path / "robot.toml"))
+    )
 
 
 def test_over_a_parameter_and_over_features(capsys):

@@ -1,0 +1,104 @@
+"""Scene files: what their lines mean, and what is refused in one line."""
+
+import pytest
+
+from bench.errors import InputError
+from bench.options import keys
+from bench.outcomes.candidates import Faults
+from bench.scene import boards, read_scene
+
+SCENE = """
+by = "ram"
+unlisted = "ignored"
+[reactions]
+calm = ["stroke", "rub"]
+[costs]
+silence = 0.5
+scratch = { calm = 3 }
+[budget]
+board = "pico2"
+share = 0.25
+ram = "20kB"
+decision = "1s"
+[faults]
+names = ["noise"]
+severity = 2
+loss = 7
+[people]
+worst = 60
+worst_tenth = 70.5
+"""
+
+
+def test_lines_are_keys_of_choose(tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text(SCENE)
+    scene = read_scene(str(path))
+    assert scene.values == {
+        "by": "ram",
+        "max_flash": "1048.58kB",  # a quarter of 4096 KiB
+        "max_ram": "20kB",  # instead of a quarter of 520 KiB
+        "clock": "150MHz",
+        "max_decision": "1s",
+        "max_fault_loss": "7",
+        "max_worst_person": "40",
+        "max_worst_tenth": "29.5",
+    }
+    assert {*scene.values} <= keys("choose") and scene.faults == Faults(("noise",), 2)
+    assert scene.faults.circumstances == [("noise", 1), ("noise", 2)]
+    robot = scene.reactions
+    assert (robot.groups, robot.costs, robot.silence, robot.ignored) == (
+        {"calm": ["stroke", "rub"]},
+        {"scratch": {"calm": 3.0}},
+        0.5,
+        True,
+    )
+    assert "25 % of" in scene.notes[0] and "https://" in scene.notes[0]
+
+
+def test_shipped_scenes_and_boards_can_be_read():
+    for name in ("companion", "toy", "handle"):
+        assert read_scene(name).reactions.groups
+    every = boards()
+    assert len(every) >= 10 and all(b.source.startswith("https://") and b.ram_kb < b.flash_kb for b in every.values())
+    assert (every["nano33ble"].flash_kb, every["nano33ble"].fpu, every["pico"].fpu) == (1048.576, True, False)
+
+
+@pytest.mark.parametrize(
+    ("text", "fact"),
+    [
+        ("[reactions", "not TOML"),
+        ("[budgets]\nflash = '1kB'", "budgets: there is no such line; did you mean budget"),
+        ("[budget]\nflsh = '1kB'", r"\[budget\] flsh: there is no such line; did you mean flash"),
+        ("[budget]\nboard = 'picco'", "no board is called picco; did you mean pico"),
+        ("[budget]\nshare = 0.5", "add board"),
+        ("[budget]\nboard = 'pico'\nshare = 2", "share = 2: give a number from 0 to 1"),
+        ("budget = 3", r"write \[budget\]"),
+        ("unlisted = 'none'", "give own or ignored"),
+        ("[reactions]\ncalm = 'stroke'", "give a list"),
+        ("[reactions]\na = ['stroke']\nb = ['stroke']", "stroke is listed twice"),
+        ("[costs]\nscratch = 3", "give the reactions"),
+        ("[costs]\nscratch = { scratch = 3 }", "no mistake"),
+        ("[costs]\nsilence = -1", "give a number from 0"),
+        ("[costs]\nscratch = { calm = true }", "give a number from 0"),
+        ("[faults]\nnames = ['nose']", "did you mean noise"),
+        ("[faults]\nseverity = 6", "from 1 to 5"),
+        ("[people]\nworst = 101", "from 0 to 99.9"),
+        ("[people]\nshots = 3\n[stream]\nlatency = '1s'", "shots"),
+        ("by = ['flash']", "by: give one value"),
+    ],
+)
+def test_a_line_that_means_nothing_is_refused_in_one_line(text, fact, tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=fact) as error:
+        read_scene(str(path))
+    assert str(error.value).count("\n") == 0 and str(error.value).startswith(f"scene={path}")
+
+
+def test_a_file_that_is_not_there_names_the_shipped_scenes(tmp_path):
+    with pytest.raises(InputError, match="companion, handle, toy"):
+        read_scene(str(tmp_path / "none.toml"))
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="not UTF-8"):
+        read_scene(str(tmp_path / "binary.toml"))
