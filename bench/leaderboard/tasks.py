@@ -124,7 +124,7 @@ _TASKS = (
         "loso",
         f"{LOSO}; one recording of each, composed of captures, with at most {FALSE_ALARMS:g} false alarms per hour of "
         "background",
-        "touch: the last label that is reported for it",
+        "a touch in a recording, one label each (the last reported)",
         "710 touches, by their last label",
         command="watch",
     ),
