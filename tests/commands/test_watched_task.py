@@ -158,4 +158,4 @@ def test_reference_results_have_the_scores_of_their_runs():
         assert [round(rows.loc[name, n], 2 if n.startswith("lat") else 1) for n in names] == list(figures)
     for one in reference_of(NAME):
         assert (one.table["end_correct"] == (one.table["predicted"] == one.table["true"])).all()
-        assert set(one.table["predicted"]) - {""} == set(one.table["true"])
+        assert set(one.table["predicted"]) - {""} <= set(one.table["true"])
