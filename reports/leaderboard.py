@@ -17,6 +17,9 @@ from reports.numbers import bounded, number, whole, with_sd
 
 OWN = "reference"  # name of the results that come with touchbench
 WORST = "worst fault: "
+NO_SHARES = {"false_alarms_per_hour", "latency_s_p50"}
+WATCHED = {"touches_found": ("found %", 1), "first_correct": ("first %", 1)}
+WATCHED |= {"false_alarms_per_hour": ("alarms/h", 1), "latency_s_p50": ("latency s", 2)}  # headings, decimal places
 BEHIND = ("behind", "behind_low", "behind_high")
 OURS = "reference, shipped with touchbench"  # a submission cannot write into this column
 NOT_VERIFIED = "not verified"
@@ -47,7 +50,7 @@ def note(one: Submission) -> str:
 
 
 def scores_of(submissions: Sequence[Submission]) -> pd.DataFrame:
-    """Scores of the submissions, best first within each task; accuracies in percent.
+    """Scores of the submissions, best first within each task, those with too many false alarms last; in percent.
 
     ``behind``, ``behind_low`` and ``behind_high`` are the difference to the best of the task, as
     `bench.leaderboard.submissions.behind` gives it, in points; NaN for the best itself.
@@ -55,7 +58,7 @@ def scores_of(submissions: Sequence[Submission]) -> pd.DataFrame:
     rows = []
     for one in submissions:
         task, metadata = one.task, one.metadata
-        best = max((other for other in submissions if other.task == task), key=lambda other: other.scores["accuracy"])
+        best = max((other for other in submissions if other.task == task), key=_rank)
         less = (np.nan,) * 3 if one is best else behind(one, best)
         scores = one.scores | dict(zip(BEHIND, less, strict=True))
         rows.append(
@@ -66,9 +69,9 @@ def scores_of(submissions: Sequence[Submission]) -> pd.DataFrame:
                 "subset": "all",
                 "protocol": task.protocol_text,
                 "unit": task.unit,
-                "captures": one.table["capture"].nunique(),
+                "captures": len(one.table) if task.watched else one.table["capture"].nunique(),
                 "subjects": one.table["subject"].nunique(),
-                **{k: 100 * v for k, v in scores.items()},
+                **{k: v if k in NO_SHARES else 100 * v for k, v in scores.items()},
                 **{k: metadata.get(k, np.nan) for k in NUMBERS},
                 **{k: metadata.get(k, "") for k in ("who", "date", "revision", "command")},
                 "origin": OURS if one.reference else "submitted",
@@ -80,8 +83,13 @@ def scores_of(submissions: Sequence[Submission]) -> pd.DataFrame:
         )
     table = pd.DataFrame(rows)
     order = [list(TASKS).index(name) for name in table["task"]]
-    ranked = table.assign(order=order).sort_values(["order", "accuracy"], ascending=[True, False], kind="stable")
-    return ranked.drop(columns="order").reset_index(drop=True)
+    ranked = table.assign(order=order, last=[one.alarming for one in submissions])
+    ranked = ranked.sort_values(["order", "last", "accuracy"], ascending=[True, True, False], kind="stable")
+    return ranked.drop(columns=["order", "last"]).reset_index(drop=True)
+
+
+def _rank(one: Submission) -> tuple[bool, float]:
+    return not one.alarming, one.scores["accuracy"]
 
 
 def board(submissions: Sequence[Submission], left_out: list[str]) -> str:
@@ -106,6 +114,7 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for row in rows_of(table):
         parts = {f"{k} %": number(v) for k, v in row.items() if k.startswith(("at ", "clean")) and v == v}
+        parts |= {heading: number(row[k], digits) for k, (heading, digits) in WATCHED.items() if k in row}
         for fault, v in [(k.removeprefix(WORST), v) for k, v in row.items() if k.startswith(WORST) and v == v][:1]:
             parts["worst fault %"] = f"{fault.replace('_', ' ')} {number(v)}"
         behind_best = bounded(row["behind"], row["behind_low"], row["behind_high"], sign=True)

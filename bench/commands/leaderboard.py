@@ -155,10 +155,11 @@ def _rerun(name: str, folders: list[Path]) -> int:
         if code:
             return code
         again = rerun.answer(connect(), one, Path("again"))
-    total = len(one.table)
-    equal = int((one.table["predicted"].to_numpy() == again.table["predicted"].to_numpy()).sum())
+    total = max(len(one.answers), len(again.answers))  # not equal where events were reported
+    equal = len(one.answers.merge(again.answers))
     percent = int(10_000 * equal / total) / 100  # not rounded up to 100
-    say(f"{one.task.name}/{one.name}: {equal} of {total} labels are equal ({percent:.2f} %), {total - equal} differ")
+    what = "events" if one.task.watched else "labels"
+    say(f"{one.task.name}/{one.name}: {equal} of {total} {what} are equal ({percent:.2f} %), {total - equal} differ")
     if equal < total:
         warn(f"{one.name} is not verified, because labels differ; nothing was written")
         return 1

@@ -11,15 +11,21 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.leaderboard import tasks
-from bench.leaderboard.submissions import NUMBERS, TEXTS
-from bench.leaderboard.tasks import RATE_HZ, Task
+from bench.leaderboard.submissions import EVENT, NUMBERS, TEXTS
+from bench.leaderboard.tasks import FALSE_ALARMS, RATE_HZ, Task
 from bench.outcomes import scores
 from bench.outcomes.comparable import CONDITIONS, Row, depends_on_batch, seed_number
+from bench.outcomes.events import REPORT
 from bench.outcomes.runs import NothingTracked, needed, rows_of, tracked
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
 
 FILE = re.compile(r"(?<==)(?:.*[/\\])?([^/\\]+\.py)(:\w+)$")  # of a word of a command that names a part of a file
+USUAL = "notouch"  # background of recordings, if none is given
+OPTIONS = {  # of a kind of run, with the values that answer its task
+    "stream": {"stream.start": "onset"},
+    "watch": {"watch.false_alarms": f"{FALSE_ALARMS}", "watch.background": USUAL, "watch.unknown": ""},
+}
 SHARED = {"subset": "all", "target": "gesture", "status": "FINISHED"}  # by the runs of all tasks
 
 
@@ -50,25 +56,29 @@ def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
 
 def differs(task: Task, run: Row) -> str:
     """Tags of a run that differ from the task, with their values; empty if none does."""
-    fixed = {"corpus_digest": tasks.digest_of(task), "protocol": task.protocol, **SHARED}
-    if "ms" in task.keys:
-        fixed["stream.start"] = "onset"
+    fixed = {"corpus_digest": tasks.digest_of(task), "protocol": task.protocol, **SHARED, **OPTIONS.get(task.kind, {})}
+    run = dict(run) | {"watch.background": run.get("watch.background") or USUAL}
     for name, value in fixed.items():
         here = str(run.get(name, ""))
         if here != value:
             short = here[:16] if name == "corpus_digest" else here
-            return f"{name.replace('corpus_', 'data ').replace('stream.', '')} {short or 'unknown'}"
+            return f"{name.replace('corpus_', 'data ').removeprefix(f'{task.kind}.')} {short or 'unknown'}"
     return ""
 
 
 def table(store: Store, task: Task, run: Row) -> pd.DataFrame:
     """The rows of a task with ``predicted``, and of a task with one row per capture the mean probabilities.
 
+    Of a watched task the reported events.
+
     Raises:
-        InputError: the run lacks rows of the task, its captures have other labels, or its table is gone.
+        InputError: the run lacks rows of the task, its captures have other labels, its recordings are composed
+            otherwise, or its table is gone.
     """
     name = "stress.parquet" if task.kind == "stress" else "predictions.parquet"
     stored = pd.read_parquet(needed(store, run, name))
+    if task.watched:
+        return _reported(task, stored, run)
     rows = {"cell": _labelled, "stream": _standing, "stress": _damaged}[task.kind](task, stored)
     rows = rows.assign(capture=rows["capture"].astype(str)).rename(columns={"true": "tracked"})
     joined = tasks.rows_of(task).merge(rows, on=["capture", *task.keys], how="left", validate="one_to_one")
@@ -114,6 +124,21 @@ def _damaged(task: Task, stored: pd.DataFrame) -> pd.DataFrame:
         if amounts.get((fault, severity)) != amount:
             raise InputError(f"{fault} at severity {severity} is {amount} in the run, not so in {task.name}")
     return rows[["capture", "fault", "severity", "true", "predicted"]]
+
+
+def _reported(task: Task, stored: pd.DataFrame, run: Row) -> pd.DataFrame:
+    """Of continuous touch: the reported events.
+
+    Raises:
+        InputError: the recordings or their touches are not those of the task.
+    """
+    rows = stored[stored["kind"].isin(["recording", "touch"])]
+    rows = rows.assign(start=rows["start"].fillna(0), gesture=rows["gesture"].fillna(""))
+    recordings = tasks.recordings_of(task)
+    if sorted(rows[[*recordings]].itertuples(index=False)) != sorted(recordings.itertuples(index=False)):
+        raise InputError(f"run {run['run_id']} has other recordings than {task.name}; submit a run of the task")
+    kinds = {name: REPORT.get(name, str) for name in EVENT}
+    return stored.loc[stored["kind"] == "report", [*EVENT]].astype(kinds).round({"confidence": 3})
 
 
 def metadata(task: Task, run: Row, who: str, command: str) -> dict[str, Any]:

@@ -24,6 +24,7 @@ KEYS = {  # that a stored command can have; none of them says where to compute o
     "choose": ALWAYS | {"over", "inner"},
     "stream": ALWAYS | {"hop_ms", "start"},
     "stress": ALWAYS | {"faults", "train_subjects"},
+    "watch": ALWAYS | {"false_alarms", "background"},
 }
 
 

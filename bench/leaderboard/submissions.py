@@ -11,6 +11,7 @@ import json
 import re
 import stat
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from functools import cached_property
@@ -26,11 +27,14 @@ from bench.corpora.read.csv_text import FrameFile
 from bench.corpora.read.limits import called, check_labels, plain, quoted, short
 from bench.corpora.read.parquet import ParquetFile
 from bench.errors import InputError
-from bench.leaderboard.tasks import CLEAN, Task, digest_of, rows_of, task_of
+from bench.leaderboard.tasks import CLEAN, FALSE_ALARMS, RATE_HZ, Task, digest_of, recordings_of, rows_of, task_of
 from bench.outcomes import scores
+from bench.outcomes.events import FALSE_ALARM, REPORT, matched, summary
 
 METADATA = "submission.json"
 TABLES = ("predictions.parquet", "predictions.csv")
+EVENT = ("subject", *(column for column in REPORT if column != "recording"))  # columns of a watched task
+EVENTS = 20_000  # that a submission may report
 LARGEST = {METADATA: 64 << 10} | dict.fromkeys(TABLES, 8 << 20)  # bytes
 
 
@@ -52,6 +56,8 @@ NAME = re.compile(rf"(?=.*[A-Za-z0-9]){_WORD}(?: {_WORD})*")
 DOT = " · "  # between model and features in the name of a system
 RESERVED = "touchbench"  # in the name of a team: of the results that come with touchbench
 REFERENCE = Path(str(files("reports"))) / "reference"  # folder of these results
+FRAME = re.compile("[0-9]{1,9}")
+EVENT_PARTS = ("touches_found", "first_correct", "false_alarms_per_hour", "latency_s_p50")
 SUM = 0.02  # that probabilities, which may be rounded, may differ from 1
 
 
@@ -63,9 +69,11 @@ class Submission:
         name: name of the folder.
         task: task that it answers.
         metadata: the content of its ``submission.json``, by the names in `TEXTS` and `NUMBERS`.
-        table: predictions, a row for each of `rows_of` the task, with ``predicted`` and optionally ``p_<class>``.
+        table: a row for each of `rows_of` the task, with ``predicted`` and optionally ``p_<class>``; of a watched task
+            with the columns of `bench.outcomes.events.matched`, and ``predicted`` empty for a missed touch.
         sha256: SHA-256 of the names and the content of its two files.
         verified: date and revision of a maintainer's rerun, in words; empty without a rerun.
+        events: of a watched task the reported events, with ``touch`` as of `matched`.
     """
 
     name: str
@@ -74,6 +82,7 @@ class Submission:
     table: pd.DataFrame
     sha256: str
     verified: str = ""
+    events: pd.DataFrame | None = None
 
     @property
     def reference(self) -> bool:
@@ -82,10 +91,23 @@ class Submission:
 
     @property
     def remarks(self) -> str:
-        """Inputs of its labels besides single captures, as the run recorded them; empty for none."""
+        """Inputs of its labels besides single captures, as the run recorded them, too many false alarms, or nothing."""
         batch = "labels depend on other test captures" if "batch" in self.metadata else ""
         conditions = self.metadata.get("conditions", "")
-        return "; ".join(filter(None, [batch, conditions and f"uses {conditions.replace(',', ', ')}"]))
+        alarms = f"more than {FALSE_ALARMS:g} false alarms per hour" if self.alarming else ""
+        return "; ".join(filter(None, [alarms, batch, conditions and f"uses {conditions.replace(',', ', ')}"]))
+
+    @property
+    def alarming(self) -> bool:
+        """True where there are more false alarms than the task allows; such a submission ranks below the others."""
+        return self.scores.get("false_alarms_per_hour", 0) > FALSE_ALARMS
+
+    @property
+    def answers(self) -> pd.DataFrame:
+        """The labels that a rerun must repeat, and where they belong; no two rows are equal."""
+        if self.events is None:
+            return self.table[[*self.task.names, "predicted"]]
+        return self.events[[name for name in EVENT if name != "confidence"]]
 
     @property
     def counted(self) -> pd.DataFrame:
@@ -96,7 +118,8 @@ class Submission:
     def scores(self) -> dict[str, float]:
         """Accuracy, its 95 % interval over subjects, macro-F1, mean and SD of the subjects' accuracies, and parts.
 
-        Parts are accuracies at an instant (``at 500 ms``) or of clean captures and under the worst fault.
+        Parts are accuracies at an instant (``at 500 ms``), or of clean captures and under the worst fault, or
+        `EVENT_PARTS` of `bench.outcomes.events.summary`.
         """
         hit = self.table["true"] == self.table["predicted"]
         parts: dict[str, float] = {}
@@ -106,6 +129,11 @@ class Submission:
         if "fault" in self.task.keys:
             by_fault = hit.groupby(self.table["fault"], sort=False).mean()
             parts = {"clean": float(by_fault.pop(CLEAN)), f"worst fault: {by_fault.idxmin()}": float(by_fault.min())}
+        if self.events is not None:
+            recordings = recordings_of(self.task).query("gesture == ''")
+            frames = (recordings["end"] - recordings["start"]).sum() - (self.table["end"] - self.table["start"]).sum()
+            numbers = summary(self.table, self.events, frames / RATE_HZ)
+            parts = {name: numbers[name] for name in EVENT_PARTS}
         table = self.counted
         low, high = scores.subject_interval(table)
         subjects = scores.per_subject(table)["accuracy"]
@@ -139,13 +167,13 @@ def read(folder: Path) -> Submission:
         tables = [path for path in (folder / table for table in TABLES) if path.exists() or path.is_symlink()]
         if len(tables) != 1:
             raise InputError(f"holds {len(tables)} of {' and '.join(TABLES)}; give one")
-        table = _table(tables[0], task)
+        table, events = _watched(tables[0], task) if task.watched else (_table(tables[0], task), None)
         sha256 = _sha256(folder / METADATA, tables[0])
     except InputError as e:
         raise InputError(f"{name}: {e}") from e
     except OSError as e:
         raise InputError(f"{name}: cannot be read ({e.strerror})") from e
-    return Submission(name, task, metadata, table, sha256)
+    return Submission(name, task, metadata, table, sha256, events=events)
 
 
 def behind(one: Submission, best: Submission, draws: int = 2000, seed: int = 0) -> tuple[float, float, float]:
@@ -171,7 +199,7 @@ def write(folder: Path, metadata: dict[str, Any], table: pd.DataFrame) -> Submis
     """
     folder.mkdir()
     (folder / METADATA).write_text(json.dumps(metadata, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    table = table.drop(columns=["subject", "true"])
+    table = table.drop(columns={"subject", "true"} - {*task_of(metadata["task"]).names}, errors="ignore")
     if columns := [scores.PREFIX + c for c in scores.classes_of(table)]:
         exact = table[columns].to_numpy(np.float32)
         rounded = exact.round(3)
@@ -258,17 +286,11 @@ def _table(path: Path, task: Task) -> pd.DataFrame:
     Raises:
         InputError: the file is no table, or its columns, rows or values are not those of the task.
     """
-    expected, keys = rows_of(task), ["capture", *task.keys]
+    expected, keys = rows_of(task), [*task.names]
     classes = sorted(set(expected["true"]))
     probabilities = [scores.PREFIX + c for c in classes]
-    content = _plain_file(path)
-    # Columns are checked before anything is unpacked.
-    columns = FrameFile(content, path.name).columns if path.suffix == ".csv" else ParquetFile(path).columns
     allowed = [*keys, "predicted", *probabilities, "true"]
-    if unknown := sorted({*columns} - {*allowed}):
-        raise InputError(f"column {quoted(unknown[0])} is not one of {', '.join(allowed)}")
-    if missing := [key for key in keys if key not in columns]:
-        raise InputError(f"column {missing[0]} is missing")
+    columns = _columns(path, allowed, keys)
     answers = [c for c in allowed if c in columns and c not in (*keys, "true")]
     if answers not in (["predicted"], probabilities):
         raise InputError(f"give a column predicted, or one for every class: {', '.join(probabilities)}")
@@ -294,27 +316,79 @@ def _table(path: Path, task: Task) -> pd.DataFrame:
     return pd.concat([labelled, pd.DataFrame(proba.astype(np.float32), columns=probabilities)], axis=1)
 
 
-def _cells(path: Path, columns: list[str], rows: int) -> pd.DataFrame:
+def _watched(path: Path, task: Task) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The touches of a watched task with the labels of a file, and its events.
+
+    Raises:
+        InputError: the file is no table, its columns or values are not those of the task, an event is there twice or
+            outside of its recording, or a recording has none.
+    """
+    truth, recordings = rows_of(task), recordings_of(task).query("gesture == ''")
+    classes, lengths = sorted(set(truth["true"])), recordings.set_index("subject")["end"]
+    cells = _cells(path, _columns(path, [*EVENT], EVENT), EVENTS)
+    if len(cells) > EVENTS:
+        raise InputError(f"{path.name}: more than {EVENTS} rows")
+    texts = cells[[*EVENT]].astype(object).map(str)
+    last = texts["subject"].map(lengths)  # NaN for a strange subject, which is refused first
+    frames = texts[["reported", "end"]].where(lambda table: table.map(FRAME.fullmatch).notna()).astype(float)
+    confidence = pd.to_numeric(texts["confidence"], errors="coerce")
+    inside = "a whole number of frames from 1 to the length of its recording"
+    for name, good, wanted in (
+        ("subject", last.notna(), f"one of {', '.join(lengths.index)}"),
+        *((name, frames[name].between(1, last), inside) for name in frames),
+        *((name, texts[name].isin(classes), f"one of {', '.join(classes)}") for name in ("first", "label")),
+        ("confidence", confidence.between(0, 1), "a number from 0 to 1"),
+    ):
+        check_labels(texts[name], good, wanted, f"{path.name}, row", first=1)
+    events = texts.assign(**frames, confidence=confidence, recording=0).astype(REPORT)
+    events["recording"] = events["subject"].map(dict(zip(truth["subject"], truth["recording"], strict=True)))
+    events = events.sort_values(["recording", "reported"], ignore_index=True)
+    if (twice := events.duplicated([*task.names])).any():
+        raise InputError(f"{_row(events[twice], [*task.names])} is there twice")
+    if missing := [subject for subject in lengths.index if subject not in set(events["subject"])]:
+        raise InputError(f"no event of subject {missing[0]}; give the events of all {len(lengths)} recordings")
+    touches, events = matched(truth.rename(columns={"true": "gesture"}), events, RATE_HZ)
+    labels = events[events["touch"] != FALSE_ALARM].drop_duplicates("touch", keep="last").set_index("touch")["label"]
+    touches = touches.rename(columns={"gesture": "true"})
+    return touches.assign(predicted=labels.reindex(touches.index, fill_value="")), events
+
+
+def _columns(path: Path, allowed: Sequence[str], needed: Sequence[str]) -> list[str]:
+    """Columns of a plain file, checked before anything is unpacked.
+
+    Raises:
+        InputError: the file is no table, a column is not allowed, or one that is needed is missing.
+    """
+    content = _plain_file(path)
+    columns = FrameFile(content, path.name).columns if path.suffix == ".csv" else ParquetFile(path).columns
+    if unknown := sorted({*columns} - {*allowed}):
+        raise InputError(f"column {quoted(unknown[0])} is not one of {', '.join(allowed)}")
+    if missing := [name for name in needed if name not in columns]:
+        raise InputError(f"column {missing[0]} is missing")
+    return columns
+
+
+def _cells(path: Path, columns: list[str], most: int) -> pd.DataFrame:
     """The rows of either format, as they are; text as text or categories.
 
     Args:
         path: the file.
         columns: their names.
-        rows: that it must have; of a longer CSV file one more is read.
+        most: number of rows that it may have; of a longer CSV file one more is read.
 
     Raises:
-        InputError: the file cannot be read, or a parquet file has more or fewer rows.
+        InputError: the file cannot be read, or a parquet file has more rows.
     """
     try:
         if path.suffix == ".csv":
             with warnings.catch_warnings():
                 warnings.simplefilter("error", pd.errors.ParserWarning)  # a row with more cells than the header
                 return pd.read_csv(
-                    path, header=0, names=columns, nrows=rows + 1, dtype=str, keep_default_na=False, index_col=False
+                    path, header=0, names=columns, nrows=most + 1, dtype=str, keep_default_na=False, index_col=False
                 )
         file = pq.read_metadata(path)
-        if file.num_rows != rows:
-            raise InputError(f"{path.name}: {file.num_rows} rows, not {rows}")
+        if file.num_rows > most:
+            raise InputError(f"{path.name}: {file.num_rows} rows, more than {most}")
         # Of text each word once, so that a long one that is repeated is not multiplied.
         text = [f.name for f in file.schema.to_arrow_schema() if str(f.type) in ("string", "large_string")]
         table = pq.ParquetFile(path, read_dictionary=text).read(columns)

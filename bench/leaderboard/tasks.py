@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 
+import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
@@ -21,6 +22,7 @@ HAART = "d086fb847e3caddb00adea342d9b33818a69d2866419d9caf8ce84b50bd34a8f"
 RATE_HZ = 54.0  # of HAART
 INSTANTS_MS = (500, 1000, 2000, 4000, 8000)
 DRAWS = 5
+FALSE_ALARMS = 5.0  # per hour of background, at most, where touches are found in recordings
 CLEAN = "none"
 
 
@@ -56,6 +58,16 @@ class Task:
     def kind(self) -> str:
         """Kind of the runs that answer the task, as tracked."""
         return "cell" if self.command == "run" else self.command
+
+    @property
+    def watched(self) -> bool:
+        """True for a task whose predictions are events reported in recordings."""
+        return self.kind == "watch"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Columns that name a row of predictions."""
+        return ("subject", "reported") if self.watched else ("capture", *self.keys)
 
     def circumstances(self) -> list[tuple[str, ...]]:
         """Values of `keys` that every capture is tested under, as text."""
@@ -106,6 +118,15 @@ _TASKS = (
         "a capture in a draw, one label each",
         "829 captures in 5 draws",
         keys=("draw",),
+    ),
+    Task(
+        "haart-watch-v1",
+        "loso",
+        f"{LOSO}; one recording of each, composed of captures, with at most {FALSE_ALARMS:g} false alarms per hour of "
+        "background",
+        "a touch in a recording, one label each (the last reported)",
+        "710 touches, by their last label",
+        command="watch",
     ),
     Task(
         "cost-loso-v1",
@@ -161,13 +182,28 @@ def captures_of(task: Task) -> pd.DataFrame:
 def rows_of(task: Task) -> pd.DataFrame:
     """Every row that predictions must have, once: ``capture`` and `Task.keys` as text, ``subject``, ``true``.
 
+    Of a watched task the touches instead: ``subject``, ``recording`` (position), ``start``, ``end`` and ``true``.
+
     Raises:
         InputError: CoST is not here as it was published.
     """
+    if task.watched:
+        touches = recordings_of(task).query("gesture != ''").reset_index(drop=True)
+        return touches.assign(recording=pd.factorize(touches["subject"])[0]).rename(columns={"gesture": "true"})
     captures = captures_of(task).rename(columns={"gesture": "true"})
     values = task.circumstances()
     circumstances = pd.DataFrame(values, columns=list(task.keys), index=range(len(values)))
     return captures.merge(circumstances, how="cross")[["capture", *task.keys, "subject", "true"]]
+
+
+def recordings_of(task: Task) -> pd.DataFrame:
+    """Composed recordings of a watched task: ``subject``, ``start`` and ``end`` (frames), ``gesture``.
+
+    A row for each touch, by subject and start, and before those of a subject one for the whole recording, without
+    gesture. `bench.work.watch.Watch.recordings` composed them; they are stored, so that later versions of touchbench or
+    NumPy cannot change them.
+    """
+    return _table(f"{task.data}-watch.csv").astype({"start": np.int64, "end": np.int64})
 
 
 def published_cost() -> Corpus:

@@ -40,6 +40,8 @@ RUN = {  # as a run of svm on the first task is tracked
     },
 }
 
+WATCHED = {"watch.false_alarms": "5.0", "watch.background": "", "watch.unknown": ""}
+
 
 def other(labels):
     """A wrong label for each label."""
@@ -65,7 +67,7 @@ def test_what_a_name_means_never_changes():
         "haart-personal-v1": (HAART, "personal[shots=3]", 829 * 5),
     }
     assert HAART == "d086fb847e3caddb00adea342d9b33818a69d2866419d9caf8ce84b50bd34a8f"
-    assert set(TASKS) == {*frozen, "cost-loso-v1"}
+    assert set(TASKS) == {*frozen, "haart-watch-v1", "cost-loso-v1"}
     for name, fixed in frozen.items():
         rows = tasks.rows_of(TASKS[name])
         assert (TASKS[name].digest, TASKS[name].protocol, len(rows)) == fixed
@@ -161,6 +163,11 @@ def test_a_row_keeps_its_digits_where_rounding_would_change_its_label():
         ("haart-personal-v1", {"protocol": "personal[shots=3, seed=1]"}, "protocol personal[shots=3, seed=1]"),
         ("haart-early-v1", {"stream.start": "onset"}, ""),
         ("haart-early-v1", {"stream.start": "middle"}, "start middle"),
+        ("haart-watch-v1", WATCHED, ""),
+        ("haart-watch-v1", WATCHED | {"watch.background": "notouch"}, ""),
+        ("haart-watch-v1", WATCHED | {"watch.background": "quiet"}, "background quiet"),
+        ("haart-watch-v1", WATCHED | {"watch.unknown": "pat"}, "unknown pat"),
+        ("haart-watch-v1", WATCHED | {"watch.false_alarms": "8.0"}, "false_alarms 8.0"),
     ],
 )
 def test_a_run_answers_a_task_or_differs_in_a_value(name, tags, flaw):
