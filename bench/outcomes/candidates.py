@@ -200,7 +200,7 @@ def _losses(
     if str(context["protocol"]).startswith("personal"):
         tested = runs["protocol_name"] == "loso"
     runs = runs[tested & complete_on(runs, context)]
-    for system, group in runs.groupby([system_of(run) for run in rows_of(runs)]):
+    for system, group in runs.groupby(pd.Series([system_of(run) for run in rows_of(runs)], runs.index, dtype=object)):
         rows = (table["system"] == system) & table["unit"].str.match("capture$|in C|" + IN_RECORDINGS)
         parts = [_lost(store, seeds, faults, reactions) for _, seeds in group.groupby("seed")] if rows.any() else []
         if known := [part.reindex(columns=subjects).to_numpy() for part in parts if part is not None]:
