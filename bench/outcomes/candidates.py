@@ -220,7 +220,7 @@ def _lost(store: Store, runs: pd.DataFrame, faults: Faults, reactions: Reactions
             continue
         columns = ["fold", "capture", "subject", "true", "predicted", "train_subjects", "fault", "severity"]
         rows = pd.read_parquet(needed(store, run, "stress.parquet"), columns=columns)
-        gestures = [*rows["true"].unique()]
+        gestures = {*rows["true"], *rows["predicted"]}
         clean = reactions.scores(unharmed(rows), gestures)
         for (fault, severity), part in rows[rows["fault"] != CLEAN].groupby(["fault", "severity"]):
             lost[str(fault), int(str(severity))] = clean - reactions.scores(part, gestures)
