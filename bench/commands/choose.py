@@ -123,7 +123,7 @@ class Chosen:
         plain = f"{rows[chosen]['accuracy']:.1f} %"
         empty = int((one.without < 0).sum())
         if empty:
-            lines = [f"Without one person, nothing fits for {empty} of {several(people, 'choice')}: expect no score."]
+            lines = [f"When one person is left out of the choice, nothing fits in {empty} of {people} cases."]
         else:
             low, high = one.interval
             lines = [

@@ -112,7 +112,7 @@ tap = { calm = 3 }
 [faults]
 names = ["noise"]
 severity = 2
-loss = 30
+loss = 40
 [people]
 worst = 10
 """
