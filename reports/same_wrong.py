@@ -12,6 +12,7 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import imported, open_corpus
 from bench.errors import InputError
+from bench.outcomes.choice import several
 from bench.outcomes.same_wrong import COLUMNS, PROBABILITY, Agreement
 from reports.corpus_page import FILMED, ROOT, place
 from reports.layout import Table
@@ -19,6 +20,7 @@ from reports.layout import Table
 SHOWN, ROOM = 60, 375_000  # captures of a group, and bytes of their images before they are encoded
 POINTS, HIGH = 120, 30  # of a curve: points, and height of its drawing
 COLOURS = 128  # besides that of the gaps between frames
+NO_CONDITIONS = {*COLUMNS, "right", "split"}
 Film = tuple[str, str, str]  # words, the PNG in base64, the points of the curve
 
 
@@ -32,7 +34,7 @@ def same_wrong_section(found: Agreement) -> dict[str, Any]:
     for (true, predicted), part in shown.groupby(["true", "predicted"], sort=False):
         people = rows.loc[(rows["true"] == true) & (rows["predicted"] == predicted), "subject"].value_counts()
         counts = ", ".join(f"{n} of subject {name}" for name, n in people.items())
-        pairs[f"{true}, predicted as {predicted}: {counts}"] = [
+        pairs[f"{true}, predicted as {predicted}: {several(people.sum(), 'capture')} ({counts})"] = [
             (_words(row), list(_films(corpus, found, row))) for row in part.to_dict("records") if corpus is not None
         ]
     table = Table(shown.round({PROBABILITY: 2}).rename(columns={"true": "label"}).astype(str))
@@ -54,7 +56,7 @@ def _opened(found: Agreement) -> tuple[Corpus | None, str]:
 
 
 def _words(row: dict) -> str:
-    about = {"subject": row["subject"]} | {k: v for k, v in row.items() if k not in COLUMNS}
+    about = {"subject": row["subject"]} | {k: v for k, v in row.items() if k not in NO_CONDITIONS}
     words = ", ".join(f"{k} {v}" for k, v in about.items())
     return f"{words}; mean probability of {row['predicted']}: {row[PROBABILITY]:.2f}"
 
@@ -65,7 +67,7 @@ def _films(corpus: Corpus, found: Agreement, row: dict) -> Iterator[Film]:
     Most systems label these correctly, and they have as many conditions of the capture as possible. Where most systems
     label none correctly, the one with most correct labels is taken.
     """
-    k, conditions = len(found.systems), [name for name in row if name not in COLUMNS]
+    k, conditions = len(found.systems), [name for name in row if name not in NO_CONDITIONS]
     films = {row["capture"]: f"capture {row['capture']}: labelled {row['true']}, all predict {row['predicted']}"}
     others = found.table[(found.table["subject"] == row["subject"]) & (found.table["right"] > 0)]
     for name in (row["true"], row["predicted"]):
@@ -97,7 +99,8 @@ def strip(frames: np.ndarray, most: float) -> str:
     level = np.round((shown / max(most, 1e-9)).clip(0, 1) ** ROOT * (COLOURS - 1)).astype(np.uint8)
     tiles = np.pad(level, ((0, 0), (0, 0), (0, 1)), constant_values=COLOURS)
     image = Image.fromarray(np.concatenate(tiles, axis=1)[:, :-1])
-    image.putpalette(np.round(colormaps["magma"](np.linspace(0, 1, COLOURS))[:, :3] * 255).astype(np.uint8).tobytes())
+    colours = np.round(colormaps["magma"](np.linspace(0, 1, COLOURS))[:, :3] * 255).astype(np.uint8)
+    image.putpalette(colours.tobytes() + bytes(3))
     buffer = io.BytesIO()
     image.save(buffer, "PNG", transparency=COLOURS)
     return base64.b64encode(buffer.getvalue()).decode()
