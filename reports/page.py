@@ -15,6 +15,7 @@ from bench.errors import InputError
 from bench.outcomes import statistics
 from bench.outcomes.comparable import MARKED, depends_on_batch
 from bench.outcomes.runs import independent, of_kinds, rows_of, tracked, with_groups
+from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
 from bench.scratch import owner, sweep
 from reports import fault_curves
@@ -31,6 +32,7 @@ from reports.published_tables import recomputed
 from reports.reference_rows import systems_by_subject
 from reports.reproduction import against
 from reports.run_groups import GROUPS, group_of, largest_groups, slug
+from reports.same_wrong import same_wrong_section
 from reports.speed import speed_chart
 from reports.spreadsheet import write_sheet
 from reports.summary import briefs
@@ -104,16 +106,20 @@ def assemble(
     groups = {name: group_of(store, part, by_group[name], folder, files[name]) for name, part in largest.items()}
     answers = [considered(store, name, runs, budgets, kinds) for name in largest]
     candidates = [answer for answer in answers if isinstance(answer, Considered)]
-    chart = chart_data(candidates, dict(zip(runs["system"], runs["model_name"], strict=True)), papers)
+    every = pd.concat([runs, *map(with_groups, others.values())], ignore_index=True)
+    chart = chart_data(candidates, dict(zip(every["system"], every["model_name"], strict=True)), papers)
     stresses, streams = (fault_curves.contexts(others.get(kind)) for kind in ("stress", "stream"))
     curves = curves_of(store, runs)
+    agreed = agreements(store, largest)
+    same_wrong = [pd.DataFrame(columns=["group", *COLUMNS]), *(a.same_wrong.assign(group=a.group) for a in agreed)]
     tables = {
         "comparison": comparison(store, runs, papers, by_group=by_group),
         "published": against(papers, runs, store),
         "recomputed": recomputed(papers),
         "statistics": pd.concat([g.rows.assign(group=name) for name, g in groups.items()], ignore_index=True),
         "pairs": pd.concat([g.pairs.assign(group=name) for name, g in groups.items()], ignore_index=True),
-        "provenance": provenance(pd.concat([runs, *map(with_groups, others.values())], ignore_index=True)),
+        "same_wrong_label": pd.concat(same_wrong, ignore_index=True),
+        "provenance": provenance(every),
     }
     values = {
         "title": f"Which system to choose: {_corpora(runs)}",
@@ -139,6 +145,7 @@ def assemble(
         "stresses": fault_curves.stress_sections(stresses, folder),
         "people": new_person_sections(curves, folder),
         "groups": groups,
+        "same_wrong": [same_wrong_section(a) for a in agreed],
         "few": statistics.FEW_SUBJECTS,
         "recomputed": recomputed_section(tables["recomputed"]),
         "provenance": provenance_section(runs, tables["provenance"]),

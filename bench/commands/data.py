@@ -19,6 +19,10 @@ from bench.corpora.recordings import Recordings
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
 from bench.options import SMALL, keys
+from bench.outcomes.choice import several
+from bench.outcomes.runs import of_kinds, with_groups
+from bench.outcomes.same_wrong import agreements
+from bench.outcomes.store import connect, exists
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.scratch import home
@@ -85,9 +89,26 @@ def show(name: str, values: dict[str, str]) -> int:
     print(looked(name, where, target, Path(out), values.get("capture"), parameters))
     if warnings := [] if name == "synth" else open_corpus(name, {}).info["warnings"]:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
+    same_wrong(captures_of(name, one_variant(name, parameters), where, target))
     print(f"\nfigures, an animation and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}")
     then(f"bench run data={name} protocol=loso {SMALL}")
     return 0
+
+
+def same_wrong(corpus: Corpus) -> None:
+    """Print which captures get the same wrong label from all systems, if there is a store with enough runs of them."""
+    from reports.run_groups import largest_groups
+
+    store = connect() if exists() else None
+    runs = of_kinds(store, ["cell"]).get("cell") if store else None
+    if store and runs is not None:
+        runs = runs[(runs["corpus_digest"] == corpus.digest) & (runs["target"] == corpus.target)]
+        for found in agreements(store, largest_groups(with_groups(runs))[0]) if len(runs) else ():
+            rows = found.same_wrong[found.same_wrong["capture"].isin(corpus.index)]
+            print(f"\nSame wrong label from all {len(found.systems)} systems: {several(len(rows), 'capture')}")
+            print(f"  {found.group}; the most accurate system of each model; bench report shows film strips")
+            for (true, predicted), part in rows.groupby(["true", "predicted"], sort=False):
+                print(f"  {true}, predicted as {predicted}: {', '.join(map(str, part['capture']))}")
 
 
 def show_recordings(recordings: Recordings) -> int:

@@ -285,6 +285,16 @@ def _local(address: str) -> Path | None:
     return Path(address) if len(uri.scheme) <= 1 else None  # a drive letter is no scheme
 
 
+def _file(uri: str) -> Path | None:
+    return Path(urlparse(uri).path.removeprefix("/")) if uri.startswith("sqlite:///") else None
+
+
+def exists() -> bool:
+    """Return True if there is a store, or its server may have one; creates none."""
+    path = _file(store_uri()) or _local(store_uri())
+    return path is None or path.exists()
+
+
 def connect() -> Store:
     """The store, which is created if it is not there.
 
@@ -296,7 +306,7 @@ def connect() -> Store:
     os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
     retries = os.environ.get("MLFLOW_HTTP_REQUEST_MAX_RETRIES")
     os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or "2"  # a wrong address is no reason to wait long
-    path = Path(urlparse(uri).path.removeprefix("/")) if uri.startswith("sqlite:///") else None
+    path = _file(uri)
     if path is not None:
         _check_writable(path)
     import mlflow

@@ -1,0 +1,86 @@
+"""Captures with the same wrong label from all systems, on tables made by hand."""
+
+import pandas as pd
+import pytest
+
+from bench.outcomes.runs import tracked, with_groups
+from bench.outcomes.same_wrong import agreement, agreements
+from bench.outcomes.store import connect, exists
+from tests.reports.store import tracked_run
+
+TRUE = {7: "pat", 3: "pat", 5: "rub", 9: "rub"}
+
+
+def table(pats, folds=("a",), captures=TRUE):
+    """Predictions of one system: ``pats`` has the probabilities of pat of each capture's windows."""
+    rows = [
+        {"fold": fold, "capture": c, "start": w, "frames": 2, "true": TRUE[c], "subject": f"s{c}", "cover": f"c{c}"}
+        | {"p_pat": p, "p_rub": 1 - p}
+        for fold in folds
+        for c, each in zip(captures, pats, strict=True)
+        for w, p in enumerate(each)
+    ]
+    return pd.DataFrame(rows)
+
+
+# Captures 7 and 3 are pats, 5 and 9 are rubs. The first system has two windows: their mean decides.
+FIVE = [
+    table([[0.4, 0.2], [0.9, 0.3], [0.1, 0.3], [0.9, 0.7]]),
+    *(table([[0.1], [0.6], [0.2], [0.6]]) for _ in range(3)),
+    table([[0.4], [0.2], [0.2], [0.9]], folds=("a", "b")),
+]
+
+
+def test_agreement_by_hand():
+    found = agreement(FIVE)
+    assert found["capture"].tolist() == [3, 5, 7, 9] and found["subject"].tolist() == ["s3", "s5", "s7", "s9"]
+    assert found["cover"].tolist() == ["c3", "c5", "c7", "c9"]
+    assert found["predicted"].fillna("differ").tolist() == ["differ", "rub", "rub", "pat"]
+    assert found["right"].tolist() == [4, 5, 0, 0]
+    mean = [(0.6 + 3 * 0.6 + 0.8) / 5, (0.8 * 5) / 5, (0.7 + 3 * 0.9 + 0.6) / 5, (0.8 + 3 * 0.6 + 0.9) / 5]
+    assert found["mean probability"].tolist() == pytest.approx(mean)
+    assert agreement([*FIVE, table([[0.9], [0.9], [0.2]], captures=[7, 3, 5])])["capture"].tolist() == [3, 5, 7]
+
+
+def kept(store, tables):
+    """Store a run of each table, of models m0, m1, ..."""
+    for i, each in enumerate(tables):
+        tracked_run(store, f"m{i}", each)
+
+
+def listed(store):
+    found = agreements(store, {"all": with_groups(tracked(store))})
+    return [(each.systems, each.same_wrong["capture"].tolist()) for each in found]
+
+
+def test_five_models_list_and_one_that_differs_removes(store):
+    kept(store, FIVE[:4])
+    tracked_run(store, "m0[x=1]", FIVE[4])  # another system, but no other model
+    assert listed(store) == []
+    tracked_run(store, "m4", FIVE[4])
+    ((systems, captures),) = listed(store)
+    assert captures == [7, 9] and sorted(systems) == ["m0", "m1", "m2", "m3", "m4"]
+    for seed, pats in ((1, [[0.1]] * 4), (0, [[0.9], [0.9], [0.1], [0.9]])):  # the first seed counts
+        tracked_run(store, "m5", table(pats), seed=seed)
+    ((systems, captures),) = listed(store)
+    assert captures == [9] and systems[0] == "m5"
+
+
+def test_a_more_accurate_system_of_a_model_and_incomplete_or_batch_runs(store):
+    kept(store, FIVE)
+    right = table([[0.9], [0.9], [0.1], [0.1]])
+    tracked_run(store, "cut", right, failed=1)
+    tracked_run(store, "batch", right, **{"touchbench.depends_on_batch": "true"})
+    assert [captures for _, captures in listed(store)] == [[7, 9]]
+    tracked_run(store, "m0[x=1]", right)
+    assert [captures for _, captures in listed(store)] == [[]]
+
+
+def test_a_store_is_found_and_not_made(tmp_path, monkeypatch):
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    monkeypatch.chdir(tmp_path)
+    assert not exists() and not [*tmp_path.iterdir()]
+    connect()
+    assert exists()
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
+    assert exists()
