@@ -19,7 +19,7 @@ from bench.corpora.recordings import Recordings
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
 from bench.options import SMALL, keys
-from bench.outcomes.choice import several
+from bench.outcomes.comparable import several
 from bench.outcomes.runs import of_kinds, with_groups
 from bench.outcomes.same_wrong import agreements
 from bench.outcomes.store import connect, exists
