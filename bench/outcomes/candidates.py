@@ -33,6 +33,7 @@ KINDS = ("cell", "chip", "stream")  # of runs whose systems are candidates
 WATCH = "watch"  # kind of run whose systems are candidates for budgets of `WATCHED`
 STRESS = "stress"  # kind of run that knows losses under faults
 IN_RECORDINGS = "touches in recordings"  # unit of their accuracy
+BACKGROUND = "notouch"  # of recordings, if no other is named
 USUAL_AIM = 5.0  # false alarms per hour that bench watch learns for by default
 TAGS = {  # columns of a candidate that repeat a tag of its last run
     "kind": "touchbench.kind",
@@ -220,10 +221,11 @@ def _lost(store: Store, runs: pd.DataFrame, faults: Faults, reactions: Reactions
             continue
         columns = ["fold", "capture", "subject", "true", "predicted", "train_subjects", "fault", "severity"]
         rows = pd.read_parquet(needed(store, run, "stress.parquet"), columns=columns)
-        gestures = {*rows["true"], *rows["predicted"]}
-        clean = reactions.scores(unharmed(rows), gestures)
-        for (fault, severity), part in rows[rows["fault"] != CLEAN].groupby(["fault", "severity"]):
-            lost[str(fault), int(str(severity))] = clean - reactions.scores(part, gestures)
+        rows = pd.concat([unharmed(rows), rows[rows["fault"].isin(faults.names)]], ignore_index=True)
+        keys = [rows["fault"], rows["severity"], rows["subject"].astype(str)]
+        costs = 100 * pd.Series(reactions.mistakes(rows)).groupby(keys).mean().unstack()
+        for fault, severity in {*costs.index} & {*faults.circumstances}:
+            lost[fault, severity] = costs.loc[(fault, severity)] - costs.loc[(CLEAN, 0)]
     if not {*faults.circumstances} <= {*lost}:
         return None
     return pd.DataFrame({key: lost[key] for key in faults.circumstances}).T
@@ -420,6 +422,7 @@ def _ways(
         score, hours = 100 * shares["end_correct"].dropna(), shares["background_s"] / 3600
         if not reactions.plain:
             touches = pd.read_csv(needed(store, run, "touches.csv"), dtype={"subject": str}, keep_default_na=False)
+            reactions.of({*touches["gesture"], str(run["watch.background"]) or BACKGROUND})  # refuses other names
             score = reactions.scores(touches.rename(columns={"gesture": "true", "label": "predicted"}))
         aim = float(run["watch.false_alarms"])
         unit = IN_RECORDINGS + ("" if aim == USUAL_AIM else f", false_alarms={aim:g}")

@@ -158,7 +158,7 @@ def more_people(table: pd.DataFrame, reactions: Reactions) -> tuple[int, pd.Data
     """
     clean = table[table["fault"] == CLEAN]
     numbered = clean["train_subjects"].astype(float)
-    parts = {n: reactions.scores(clean[numbered == n], {*clean["true"]}) for n in sorted({*numbered})}
+    parts = {n: reactions.scores(clean[numbered == n]) for n in sorted({*numbered})}
     curve = pd.DataFrame(parts).dropna()  # [subjects, numbers]
     if curve.shape[1] < 3 or len(curve) < FEWEST:
         return None

@@ -91,20 +91,26 @@ class Reactions:
         expected = (probabilities.to_numpy(dtype=float) @ member) @ table.to_numpy()
         return table.columns.to_numpy(object)[expected.round(12).argmin(axis=1)]  # equal sums differ by rounding
 
-    def scores(self, labelled: pd.DataFrame, gestures: Collection[str] = ()) -> pd.Series:
-        """The score of each subject: 100 less 100 times the mean cost of a capture; with default costs its accuracy.
+    def mistakes(self, labelled: pd.DataFrame) -> np.ndarray:
+        """The cost of each label, 0 for the right reaction, float [rows].
 
         Args:
-            labelled: columns ``subject`` and ``true`` (gesture), and ``taken`` (reaction), or ``predicted`` (gesture).
-                A predicted name that is no gesture counts as ``nothing``.
-            gestures: all gestures of the corpus, if a few rows may lack some.
+            labelled: columns ``true`` (gesture), and ``taken`` (reaction) or ``predicted`` (gesture). A predicted name
+                that is no true one of any row counts as ``nothing``, unless it is in a group.
         """
-        every = {*labelled["true"], *gestures}
+        every = {*labelled["true"], *(g for members in self.groups.values() for g in members)}
         table, reactions = self.cost_table(every), self.of(every)
         taken = labelled["taken"] if "taken" in labelled else labelled["predicted"].map(reactions).fillna(NOTHING)
         rows = table.index.get_indexer(pd.Index(labelled["true"].map(reactions)))
-        columns = table.columns.get_indexer(pd.Index(taken))
-        costs = pd.Series(table.to_numpy()[rows, columns], labelled.index)
+        return table.to_numpy()[rows, table.columns.get_indexer(pd.Index(taken))]
+
+    def scores(self, labelled: pd.DataFrame) -> pd.Series:
+        """The score of each subject: 100 less 100 times the mean cost of a label; with default costs its accuracy.
+
+        Args:
+            labelled: as for `mistakes`, with ``subject``.
+        """
+        costs = pd.Series(self.mistakes(labelled), labelled.index)
         return (100 * (1 - costs.groupby(labelled["subject"].astype(str)).mean())).rename_axis("subject")
 
 

@@ -177,6 +177,9 @@ def test_a_scene_of_an_endless_stream_scores_the_last_label(store, tmp_path):
         (s, g, said) for s in (1, 2, 3) for g, said in (("pat", "rub"), ("rub", ""), ("tap", "tap"), ("tap", "pat"))
     ]
     kept(store, run, touches=pd.DataFrame(rows, columns=["subject", "gesture", "label"]))
+    (tmp_path / "wrong.toml").write_text('[reactions]\ncalm = ["pet"]\n[stream]\nlatency = "2s"')
+    with pytest.raises(InputError, match="did you mean pat"):
+        bench.choose(scene=str(tmp_path / "wrong.toml"))
     result = bench.choose(scene=str(tmp_path / "robot.toml"))
     assert result.choice.table["accuracy"].tolist() == [50] and result.system == "small"  # a missed touch is a mistake
     tracked_run(
