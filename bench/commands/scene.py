@@ -11,7 +11,7 @@ from bench.commands.choose import AMONG
 from bench.commands.printing import grid, output, say, then, unwritable, writable
 from bench.errors import InputError
 from bench.options import keys
-from bench.outcomes.choice import eligible
+from bench.outcomes.candidates import eligible
 from bench.outcomes.comparable import MIXED, Row, context_of, facts_of, system_of
 from bench.outcomes.groups import LEVELS, Grouping, enough, groupings, reactions
 from bench.outcomes.runs import needed, rows_of, tracked, without_runs

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 import bench
 from bench.errors import InputError
 from bench.outcomes.groups import enough, groupings, reactions
+from bench.outcomes.reactions import by_capture
+from bench.scene_file import scene_of
 from reports.dendrogram import _order
 from tests.conftest import done
 from tests.reports.store import made_up, tracked_run, with_hits
@@ -84,6 +86,14 @@ def test_reactions_are_toml_whatever_the_gestures_are_called():
     grouping = (("rub", "tap"), ("pat",), ('a "b"', "é\n|c"))
     names = {"rub_tap": ["rub", "tap"], 'a "b"_é\n|c': ['a "b"', "é\n|c"]}
     assert tomllib.loads(reactions(grouping)) == {"reactions": names}
+
+
+def test_a_scene_with_the_pasted_groups_has_the_accuracy_of_the_table():
+    predictions = table(["ab ba ac bc cd", "ab ba ca dc", "ab ac dc"])
+    for row in groupings(predictions).to_dict("records"):  # all people have the same groups
+        scene = scene_of(tomllib.loads(reactions(row["grouping"])))
+        scores = scene.reactions.scores(by_capture(predictions, scene.reactions))
+        assert scores.mean() == pytest.approx(row["accuracy"])
 
 
 def test_groups_lie_side_by_side_in_the_figure():
