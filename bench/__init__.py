@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import importlib
 
-API = ("audit", "choose", "compare", "corpus", "fit", "latex", "look", "plans", "results", "run", "stream", "stress")
-API += ("tune", "watch")
+API = ("audit", "choose", "compare", "corpus", "fit", "latex", "look", "plans", "results", "run", "scene")
+API += ("stream", "stress", "tune", "watch")
 VALUES = {"Corpus": "bench.corpora.corpus", "InputError": "bench.errors", "fault": "bench.corpora.faults"}
 __all__ = [*API, *VALUES]
 

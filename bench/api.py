@@ -15,6 +15,7 @@ from bench.commands import choose as _choose
 from bench.commands import data as _data
 from bench.commands import fit as _fit
 from bench.commands import run as _run
+from bench.commands import scene as _scene
 from bench.commands import stream as _stream
 from bench.commands import stress as _stress
 from bench.commands import tune as _tune
@@ -298,6 +299,23 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
     """
     typed = _values(values, keys("choose"))
     return _short(table_of(smallest(typed))) if "over" in typed else _choose.chosen(typed)
+
+
+def scene(**values: object) -> pd.DataFrame:
+    """Groups of gestures that a stored system can tell apart, as ``bench scene`` finds them.
+
+    Args:
+        values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, among whose runs the
+            most accurate system is used; ``batch`` (``yes`` to include systems whose labels depend on the batch);
+            ``out`` (folder, which only the command writes).
+
+    Returns:
+        One row per number of groups, from one per gesture down to 2: `bench.outcomes.groups.groupings`.
+
+    Raises:
+        InputError: something in the values cannot be used, or no run is stored for them.
+    """
+    return _scene.grouped(_values(values, keys("scene")))[0]
 
 
 def results(of: str = "", full: bool = False, **values: object) -> pd.DataFrame | Found:

@@ -66,12 +66,16 @@ class Command:
 FOLDS = "run tune stress stream watch chip choose check"
 CHOICE = "choose report"
 OPTIONS = (
-    Option("data", f"{FOLDS} fit extract", "text", "synth", "synth (generated captures) or an imported corpus"),
-    Option("where", f"{FOLDS} fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
-    Option("target", f"{FOLDS} fit", "text", "gesture", "columns that define the class, such as gesture+variant"),
-    Option("protocol", FOLDS, "text", "loso", "{protocols}"),
-    Option("model", f"{FOLDS} fit audit submit", "text", "svm", "{models}; names with a year are published systems"),
-    Option("features", f"{FOLDS} fit audit submit extract", "text", "jung54", "{features}; not used by all models"),
+    Option("data", f"{FOLDS} scene fit extract", "text", "synth", "synth (generated captures) or an imported corpus"),
+    Option("where", f"{FOLDS} scene fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
+    Option("target", f"{FOLDS} scene fit", "text", "gesture", "columns that define the class, such as gesture+variant"),
+    Option("protocol", f"{FOLDS} scene", "text", "loso", "{protocols}"),
+    Option(
+        "model", f"{FOLDS} scene fit audit submit", "text", "svm", "{models}; names with a year are published systems"
+    ),
+    Option(
+        "features", f"{FOLDS} scene fit audit submit extract", "text", "jung54", "{features}; not used by all models"
+    ),
     Option("model.window", "run", "number", None, "seconds per window; a model of whole captures then uses windows"),
     Option("model.repair", "run", "text", "", "sensor damage to correct", ("stuck", "dead", "offset"), "+"),
     Option("model.scale", "run", "text", "", "divide by the largest reading so far, or take logs", ("peak", "log")),
@@ -113,9 +117,12 @@ OPTIONS = (
         "accepted loss in points; a one-sided paired t-test replaces the standard error",
     ),
     Option("unit", "choose", "text", "capture", "unit of accuracy", ("capture", "window")),
-    Option("batch", "choose submit", "yes", False, "yes: also systems whose labels depend on other test captures"),
+    Option(
+        "batch", "choose scene submit", "yes", False, "yes: also systems whose labels depend on other test captures"
+    ),
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
     Option("over", "choose", "text", "", "parameter of model= to make as small as possible, or features"),
+    Option("out", "scene", "text", "scene", "folder for groups.csv and the figure"),
     Option("faults", "stress", "text", "all", "faults to apply", (*FAULTS.split(), "none")),
     Option("train_subjects", "stress", "count", None, "numbers of training subjects for a learning curve"),
     Option("out", "stress", "text", "stress", "folder for tables and figures"),
@@ -302,6 +309,15 @@ COMMANDS = {
         "gcc make gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm).",
         "bench chip data=haart protocol=loso model=reflex bits=32,8\n"
         "bench choose data=haart protocol=loso max_flash=64kB max_ram=32kB max_cycles=1M",
+    ),
+    "scene": Command(
+        "compare",
+        "find groups of gestures that can be told apart",
+        "Merges gestures into fewer and fewer groups, the most confused groups first, and prints the accuracy with "
+        "each number of groups. It uses stored predictions: of model= and features=, or else of the most accurate "
+        "system. The groups of each subject are chosen on the other subjects. Prints the table [reactions] of a scene "
+        "file for 90, 95 and 99 % accuracy. Writes groups.csv and a dendrogram as PNG and SVG.",
+        "bench scene data=haart protocol=loso\nbench scene data=haart protocol=loso model=svm features=jung54",
     ),
     "ui": Command(
         "compare",

@@ -5,7 +5,7 @@ import pytest
 from bench.errors import InputError
 from bench.options import keys
 from bench.outcomes.candidates import Faults
-from bench.scene import boards, read_scene
+from bench.scene_file import boards, read_scene
 
 SCENE = """
 by = "ram"

@@ -17,7 +17,7 @@ FORBIDDEN = re.compile(
 )
 ALLOWED = re.compile(  # MLflow's tags and addresses, cells of CSV files, names of files, methods of classes
     r"touchbench\.cell|#/experiments/|(correct|fill) the cell|within a cell|instants\.csv|bench\.api\.plans"
-    r"|optional[ -]methods|attributes and methods|the method and the precision"
+    r"|told apart|optional[ -]methods|attributes and methods|the method and the precision"
 )
 REPLACED = {*HEADINGS, "single slices", "single slices under faults"}  # stored names that are printed as others
 TERMS = (

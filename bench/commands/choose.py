@@ -35,7 +35,7 @@ from bench.outcomes.expected import DRAWS, Expected, expected, more_people
 from bench.outcomes.runs import needed, of_kinds, rows_of, without_runs
 from bench.outcomes.store import Store, connect
 from bench.progress import warn
-from bench.scene import EVERY, Scene, read_scene
+from bench.scene_file import EVERY, Scene, read_scene
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 KEYS = keys("choose")

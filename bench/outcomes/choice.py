@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bench.costs import COSTS, ROBUST, WATCHED
-from bench.outcomes.comparable import Row, several
+from bench.outcomes.comparable import MIXED, Row, several
 from bench.outcomes.pick import fitting, pick, within
 from bench.outcomes.runs import rows_of
 from bench.paired import FEW_SUBJECTS, mean_and_error
@@ -261,7 +261,7 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
         alone = ", so there is no standard error" if subjects == 1 else ""
         lines.append(f"Only {several(subjects, 'subject')}{alone}: the order may differ for other people.")
     if mixed:
-        lines.append("Training and test captures come from the same subjects: expect lower accuracy for a new person.")
+        lines.append(MIXED)
     return lines
 
 

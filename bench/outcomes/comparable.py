@@ -9,6 +9,7 @@ from typing import Any
 BATCH, CONDITIONS = "touchbench.depends_on_batch", "touchbench.conditions"  # tags of a run
 MARK = "\N{DAGGER}"  # behind the name of a system whose predictions depend on the batch
 MARKED = f"{MARK} predictions depend on other test captures; not compared with other systems"
+MIXED = "Training and test captures come from the same subjects: expect lower accuracy for a new person."
 Row = Mapping[str, Any]  # of a run: tags and parameters, which are text, and metrics; nan for what it has not
 COMPARABLE = ("data", "corpus_digest", "subset", "target", "protocol_label")  # tags, with the digest of the parameters
 SAME_SYSTEM = ("protocol", "system", "seed")  # besides, what makes two runs repetitions of one

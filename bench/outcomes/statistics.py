@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy import special, stats
 
+from bench.outcomes.comparable import MIXED
 from bench.paired import FEW_SUBJECTS as FEW_SUBJECTS
 
 RANKED = 30  # systems that are compared in one table and diagram
@@ -233,7 +234,7 @@ def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
     if folds < 2:
         lines.append("There is only one split, so the variation between training sets is unknown.")
     if mixed:
-        lines.append("Training and test captures come from the same subjects: expect lower accuracy for a new person.")
+        lines.append(MIXED)
     if systems > 1:
         lines.append("The best system was selected by these results, so its advantage may be overestimated.")
     return lines

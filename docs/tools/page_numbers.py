@@ -145,15 +145,22 @@ def captures(found: list[Any]) -> list[float]:
     return [float(found[0].counts["captures"].sum())]
 
 
+def groups(found: list[Any], number: str) -> list[float]:
+    """A row of ``bench scene``: accuracy, its interval, that of the largest group, subjects with the same groups."""
+    row = found[-1].set_index("groups").loc[int(number)]
+    return values(row, ("accuracy", "low", "high", "largest", "same"))
+
+
 COMMANDS: dict[str, Callable[..., Any]] = {
     "run": bench.run,
     "choose": bench.choose,
+    "scene": bench.scene,
     "chip": chip,
     "leaderboard": leaderboard,
     "data": bench.look,
 }
 READ: dict[str, Callable[..., list[float]]] = {
-    f.__name__: f for f in (accuracy, sizes, difference, reference, choice, in_c, captures)
+    f.__name__: f for f in (accuracy, sizes, difference, reference, choice, groups, in_c, captures)
 }
 
 

@@ -26,6 +26,7 @@ STEPS = {  # commands that go on from the six runs, each list in a folder of its
     "help": [["--help"], *([name, "--help"] for name in COMMANDS)],
     "choose": [["choose"], ["choose", "max_flash=1B", "by=ram"], ["choose", "protocol=loso", "model=tree", "margin=5"]],
     "report": [["report", "max_flash=64kB"]],
+    "scene": [["scene", "data=synth"]],
     "systems": [["systems"]],
     "audit": [["audit", "model=tree", "features=jung28"]],
     "check": [["check", "update=true", *SMALL, "model=tree", "features=jung28", "baseline=b.json"]]

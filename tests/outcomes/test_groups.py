@@ -1,0 +1,128 @@
+"""Groups of gestures against groupings and accuracies computed by hand, and against naive loops."""
+
+import tomllib
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import bench
+from bench.errors import InputError
+from bench.outcomes.groups import enough, groupings, reactions
+from bench.outcomes.reactions import by_capture
+from bench.scene_file import scene_of
+from reports.dendrogram import _order
+from tests.conftest import done
+from tests.reports.store import made_up, tracked_run, with_hits
+
+
+def table(mistakes, of=4, gestures="abcd"):
+    """``of`` captures of each gesture by each person; ``mistakes``: for each person, ``ab`` is an a labelled b."""
+    rows = []
+    for person, wrong in enumerate(mistakes, 1):
+        for true in gestures:
+            labels = [pair[1] for pair in wrong.split() if pair[0] == true]
+            for label in labels + [true] * (of - len(labels)):
+                rows.append((str(person), len(rows), str(person), true, *(float(label == g) for g in gestures)))
+    return pd.DataFrame(rows, columns=["fold", "capture", "subject", "true", *(f"p_{g}" for g in gestures)])
+
+
+def test_the_pair_with_the_most_confusions_per_pair_of_captures_is_merged():
+    # 12 captures of each. a and b: 5 mutual confusions / (12 * 12). Then ab and c: 4 / (24 * 12), c and d: 3 / (12 *
+    # 12), so c and d are merged although ab and c have more confusions. The order is the same without any one person.
+    found = groupings(table(["ab ba ac bc cd", "ab ba ca dc", "ab ac dc"]))
+    assert found["grouping"].tolist() == [
+        (("a",), ("b",), ("c",), ("d",)),
+        (("a", "b"), ("c",), ("d",)),
+        (("a", "b"), ("c", "d")),
+    ]
+    assert found["groups"].tolist() == [4, 3, 2] and (found["same"] == 3).all() and (found["subjects"] == 3).all()
+    # Of 16 captures of each person correct: 11, 12, 13; with a and b merged 13, 14, 14; with both merged 14, 15, 15.
+    assert found["accuracy"].tolist() == pytest.approx([100 * n / 48 for n in (36, 41, 44)])
+    assert found["largest"].tolist() == pytest.approx([25, 50, 50])
+    # A draw of three people is three times the same with probability 1/27, more than 2.5 %.
+    assert found.loc[0, ["low", "high"]].tolist() == pytest.approx([100 * 11 / 16, 100 * 13 / 16])
+
+
+def test_each_person_is_scored_with_the_groups_of_the_others():
+    # All: a and b have 4 mutual confusions, b and c 5. Without the third person, who has all 5: a and b.
+    found = groupings(table(["ab ba", "ab ba", "bc bc bc cb cb"], of=6, gestures="abc")).iloc[1]
+    assert found["grouping"] == (("a",), ("b", "c")) and found["same"] == 2
+    assert found["accuracy"] == pytest.approx(100 * (16 + 16 + 13) / 54)  # 18 of 18 with b and c merged
+    assert found["largest"] == pytest.approx(100 * 2 / 3)
+
+
+def by_hand(tested, grouping):
+    """Share of the captures whose group has the highest sum of mean probabilities."""
+    hits = []
+    for _, capture in tested.groupby("capture"):
+        sums = [sum(capture[f"p_{gesture}"].mean() for gesture in group) for group in grouping]
+        hits.append(capture["true"].iloc[0] in grouping[int(np.argmax(sums))])
+    return 100 * np.mean(hits)
+
+
+@given(seed=st.integers(0, 10**6), counts=st.lists(st.integers(1, 3), min_size=3, max_size=4))
+def test_nothing_of_a_person_decides_on_the_groups_of_that_person(seed, counts):
+    people = [
+        made_up(1, count, 0.6, seed + i, windows=2, gestures="abcd").assign(subject=str(i), fold=str(i))
+        for i, count in enumerate(counts)
+    ]
+    found = groupings(pd.concat(people))
+    expected = []
+    for i, person in enumerate(people):  # the grouping comes from a table without the person
+        chosen = groupings(pd.concat([p for k, p in enumerate(people) if k != i]))["grouping"]
+        expected.append([by_hand(person, grouping) for grouping in chosen])
+    assert found["accuracy"].tolist() == pytest.approx(np.mean(expected, axis=0).tolist())
+
+
+def test_the_most_groups_that_reach_a_level_count():
+    shares = pd.DataFrame({"accuracy": [80, 90 - 1e-12, 89, 97.0]})
+    assert [enough(shares, level) for level in (80, 90, 95, 99)] == [0, 1, 3, None]
+
+
+def test_reactions_are_toml_whatever_the_gestures_are_called():
+    grouping = (("rub", "tap"), ("pat",), ('a "b"', "é\n|c"))
+    names = {"rub_tap": ["rub", "tap"], 'a "b"_é\n|c': ['a "b"', "é\n|c"]}
+    assert tomllib.loads(reactions(grouping)) == {"reactions": names}
+
+
+def test_a_scene_with_the_pasted_groups_has_the_accuracy_of_the_table():
+    predictions = table(["ab ba ac bc cd", "ab ba ca dc", "ab ac dc"])
+    for row in groupings(predictions).to_dict("records"):  # all people have the same groups
+        scene = scene_of(tomllib.loads(reactions(row["grouping"])))
+        scores = scene.reactions.scores(by_capture(predictions, scene.reactions))
+        assert scores.mean() == pytest.approx(row["accuracy"])
+
+
+def test_groups_lie_side_by_side_in_the_figure():
+    found = groupings(made_up(4, 6, 0.3, gestures="abcdefgh"))
+    order = _order([*found["grouping"], (tuple("abcdefgh"),)])
+    assert sorted(order) == list("abcdefgh")
+    for group in (group for grouping in found["grouping"] for group in grouping):
+        at = sorted(order.index(gesture) for gesture in group)
+        assert at == list(range(at[0], at[0] + len(group)))
+
+
+def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, tmp_path):
+    tracked_run(store, "lda", with_hits([12, 13, 14]))
+    for seed, hits in enumerate(([16, 17, 18], [18, 17, 16])):
+        tracked_run(store, "rf", with_hits(hits), seed=str(seed))
+    code, text = done(["scene", "data=synth"])
+    assert code == 0 and "LOSO (3 subjects); rf" in text
+    assert {p.name for p in (tmp_path / "scene").iterdir()} == {"groups.csv", "groups.png", "groups.svg"}
+    found = bench.scene(data="synth")
+    assert found["accuracy"][0] == pytest.approx(85) and found["low"][0] == pytest.approx(85)
+    assert bench.scene(model="lda")["accuracy"][0] == pytest.approx(65)
+    merged = found["grouping"][1]  # of three gestures, two are merged
+    shown = text.partition("[reactions]\n")[2].partition("\n")[0]
+    assert tomllib.loads(shown) == {"_".join(g): list(g) for g in merged if len(g) > 1}
+
+
+def test_what_is_not_stored_is_refused_in_one_line(store):
+    for arguments in ((), ("model.window=1",), ("by=ram",)):
+        code, text = done(["scene", *arguments])
+        assert code == 2 and text.startswith("bench: ") and text.count("\n") == 1
+    with pytest.raises(InputError, match="only one subject"):
+        groupings(table(["ab"]))
