@@ -57,7 +57,7 @@ class Chosen:
         margin: points that do not matter, or None.
         clock: clock of the target in MHz, or None.
         scene: reactions, faults and notes of the scene.
-        expected: what to expect for new people; None if nothing fits or there are too few people.
+        expected: expectations for new people; None if nothing fits or there are too few people.
         lacking: commands that measure what is not stored, by what they measure, in words.
         growth: sentence on more training people, empty if no learning curve is stored.
     """

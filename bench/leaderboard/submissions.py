@@ -73,7 +73,7 @@ class Submission:
             with the columns of `bench.outcomes.events.matched`, and ``predicted`` empty for a missed touch.
         sha256: SHA-256 of the names and the content of its two files.
         verified: date and revision of a maintainer's rerun, in words; empty without a rerun.
-        events: of a watched task the reported events, with ``touch`` as of `matched`.
+        events: reported events of a watched task, with ``touch`` as of `matched`.
     """
 
     name: str

@@ -76,7 +76,7 @@ class Candidates:
             costs).
         context: captures and protocol, in words.
         subjects: scores in percent [candidates, subjects].
-        people: what each subject contributes to scores and costs, in the order of these two.
+        people: contribution of each subject to scores and costs, in the order of these two.
         first: a run of the candidates.
         mixed: True if training and test captures share subjects.
         notes: excluded runs with reasons, in sentences.

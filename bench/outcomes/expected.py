@@ -44,12 +44,12 @@ class Expected:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % t-interval of the mean of `scores`."""
+        """95 % t-interval of the mean of `scores`, up to 100."""
         from scipy.special import stdtrit  # not scipy.stats, which takes half a second
 
         n = len(self.scores)
         half = stdtrit(n - 1, 0.975) * self.scores.std(ddof=1) / np.sqrt(n)
-        return float(self.scores.mean() - half), float(self.scores.mean() + half)
+        return float(self.scores.mean() - half), min(float(self.scores.mean() + half), 100.0)
 
 
 def expected(
@@ -61,7 +61,7 @@ def expected(
     those that are left, so the person who is left out has no part in the choice.
 
     Args:
-        people: what each person contributes, from `bench.outcomes.candidates`.
+        people: contribution of each person to scores and costs, from `bench.outcomes.candidates`.
         chosen: number of the candidate that all people choose.
         by: the cost that is to be low.
         budgets: the most of each cost.

@@ -87,7 +87,7 @@ def pick(
     Args:
         scores: in percent, float [candidates, subjects].
         drawn: numbers of the subjects in each drawing, int [drawings, people]; a subject may come several times.
-        fits: whether each candidate fits the budgets, bool [drawings, candidates].
+        fits: True for candidates that fit the budgets, bool [drawings, candidates].
         by: cost that is to be low, float [drawings, candidates]; NaN if not known, which is never chosen.
         margin: points that do not matter, or None.
 

@@ -95,7 +95,7 @@ class Reactions:
         """The cost of each label, 0 for the right reaction, float [rows].
 
         Args:
-            labelled: columns ``true`` (gesture), and ``taken`` (reaction) or ``predicted`` (gesture). A predicted name
+            labelled: table with ``true`` (gesture), and ``taken`` (reaction) or ``predicted`` (gesture). A predicted name
                 that is no true one of any row counts as ``nothing``, unless it is in a group.
         """
         every = {*labelled["true"], *(g for members in self.groups.values() for g in members)}
@@ -108,7 +108,7 @@ class Reactions:
         """The score of each subject: 100 less 100 times the mean cost of a label; with default costs its accuracy.
 
         Args:
-            labelled: as for `mistakes`, with ``subject``.
+            labelled: columns of `mistakes`, with ``subject``.
         """
         costs = pd.Series(self.mistakes(labelled), labelled.index)
         return (100 * (1 - costs.groupby(labelled["subject"].astype(str)).mean())).rename_axis("subject")
