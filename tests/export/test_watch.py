@@ -279,11 +279,16 @@ def test_what_is_no_frame_changes_nothing(tmp_path):
 @pytest.mark.skipif(bool(measure.lacking()), reason=", ".join(measure.lacking()))
 @pytest.mark.parametrize("name", ["lda", "reflex"])
 def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
-    counted = measure.measured(written(watching(name), tmp_path, 8))
-    assert 0 < counted["chip_watch_ram_bytes"] - counted["chip_ram_bytes"] < 8192
-    assert abs(counted["chip_watch_flash_bytes"] - counted["chip_flash_bytes"]) < 16384
+    folder = written(watching(name), tmp_path, 8)
+    captures, counted = measure.measured(folder), measure.measured_watching(folder)
+    assert 0 < counted["chip_watch_ram_bytes"] - captures["chip_ram_bytes"] < 8192
+    assert abs(counted["chip_watch_flash_bytes"] - captures["chip_flash_bytes"]) < 16384
+    assert 50 < counted["chip_watch_stack_bytes"] < 2000 and 50 < captures["chip_stack_bytes"] < 2000
     idle, mean, most = (counted[f"chip_watch_{of}_instructions"] for of in ("idle", "frame", "most"))
     assert 1e4 < idle < mean < most < 1e7
+    detector, hop = watching(name).watcher.detector.classifier_, watching(name).watcher.clock.hop
+    weights = detector.coef_.size  # of 8 bits; each is multiplied and added once in a window
+    assert weights < counted["chip_watch_flash_bytes"] and most > weights and mean < most < hop * mean
 
 
 @pytest.mark.live
