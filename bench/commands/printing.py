@@ -55,9 +55,6 @@ SPARE = (  # columns that a narrow terminal does not get, the first to go first
     "250 ms",
     "other labels",
     "instructions a frame",
-    "watching: RAM kB",
-    "watching: flash kB",
-    "watching: at most",
     "trained on",
     "subset",
 )

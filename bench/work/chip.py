@@ -167,9 +167,6 @@ class OnChip(Experiment[None]):
             "stack B": text("chip_stack_bytes", 1, 0),
             "instructions a frame": text("chip_frame_instructions", 1, 0),
             "at most": text("chip_most_instructions", 1, 0),
-            "watching: flash kB": text("chip_watch_flash_bytes", 1e-3),
-            "watching: RAM kB": text("chip_watch_ram_bytes", 1e-3),
-            "watching: at most": text("chip_watch_most_instructions", 1, 0),
         }
 
 

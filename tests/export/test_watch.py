@@ -24,6 +24,7 @@ from features.touch import TouchFeatures
 from models.classic.lda import lda
 from models.recipe import Recipe
 from models.reflex import Reflex
+from studies import watch_in_c
 from tests.export.compiled import STRICT, fitted, lacking, written
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
@@ -154,6 +155,17 @@ def test_events_are_those_of_python(name, tmp_path):
         labels += len(changes)
     assert len(expected) > 30 and labels > 0
     assert (UNKNOWN in set(expected["label"])) is (name == "background")
+
+
+def test_the_study_counts_equal_events():
+    recogniser, (_, streams) = watching("lda"), recordings()
+    expected = recogniser.watcher.reports(streams.corpus)
+    counted = watch_in_c.counted(watch_in_c.in_c(recogniser, 32, streams.corpus), expected)
+    counts = [value for value in counted.values() if isinstance(value, int)]
+    assert counts == [len(expected)] * 6
+    fewer = expected[1:].assign(end=expected["end"] + 1)
+    counts = [value for value in watch_in_c.counted(fewer, expected).values() if isinstance(value, int)]
+    assert counts == [len(fewer), len(expected), len(fewer), 0, len(fewer), len(fewer)]
 
 
 def silences(frames):
