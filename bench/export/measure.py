@@ -21,6 +21,7 @@ PROGRAMS = ("cc", "make", "arm-none-eabi-gcc", "qemu-system-arm")
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC")
 REASON = re.compile(r"too small|error:|undefined reference")  # among the lines of a linker, what is not what follows
 LIMIT_S = 300  # of one program; QEMU takes seconds
+ROOMY = ("FLASH=1M", "RAM=1M")  # of a chip on which everything is counted, whether or not yours has as much
 PRINTED = (  # by make flash count chip
     r"flash: (?P<code>\d+) bytes of code, (?P<tables>\d+) of tables",
     r"RAM of the library: (?P<ram>\d+) bytes of state",
@@ -29,11 +30,12 @@ PRINTED = (  # by make flash count chip
     r"program: \d+ bytes of flash and (?P<program>\d+) of RAM, and (?P<reserve>\d+) more",
     r"instructions: (?P<mean>\d+) a frame on average.*; a frame and its label at most (?P<most>\d+)",
 )
-WATCHING = (  # besides, of a system that watches a stream
+WATCHING = (  # besides, by make flash count of a system that watches a stream
     r"watching: (?P<watch_ram_bytes>\d+) bytes of state",
     r"watching, linked .*: (?P<watch_flash_bytes>\d+) bytes of flash",
     r"watching: (?P<watch_idle_instructions>\d+) instructions a frame on average without touch and "
     r"(?P<watch_frame_instructions>\d+) with, at most \d+ and (?P<watch_most_instructions>\d+)",
+    r"watching: stack of (?P<watch_stack_bytes>\d+) bytes",
 )
 
 
@@ -75,22 +77,13 @@ def measured(folder: Path) -> dict[str, float]:
         with the C library and what the linker script reserves for heap and stack.
         ``chip_frame_instructions``: of a frame, mean; ``chip_most_instructions``: of the frame that costs most together
         with its label, as QEMU counts them (a generated capture of 8 s, a label every eighth frame and where a window
-        ends). Of a system that watches an endless stream, too: ``chip_watch_ram_bytes`` (with that of a capture),
-        ``chip_watch_flash_bytes``, ``chip_watch_idle_instructions`` and ``chip_watch_frame_instructions``: means of a
-        frame without and with touch, and ``chip_watch_most_instructions``: of the frame that costs most.
+        ends).
 
     Raises:
         ValueError: they do not compile, or the program does not fit into 256 KiB and 32 KiB, or QEMU does not end.
     """
-    text = _output(["make", "-s", "flash", "count", "chip"], folder)
-    numbers: dict[str, float] = {}
-    for pattern in PRINTED:
-        if not (match := re.search(pattern, text)):
-            raise ValueError(f"make flash count chip printed nothing about {pattern.partition(':')[0]}: {text[-300:]}")
-        numbers |= {name: float(value) for name, value in match.groupdict().items()}
-    matches = [match for pattern in WATCHING if (match := re.search(pattern, text))]
-    watching = {f"chip_{name}": float(value) for match in matches for name, value in match.groupdict().items()}
-    return watching | {
+    numbers = _numbers(["flash", "count", "chip"], PRINTED, folder)
+    return {
         "chip_flash_bytes": numbers["flash"],
         "chip_code_bytes": numbers["code"],
         "chip_table_bytes": numbers["tables"],
@@ -100,6 +93,39 @@ def measured(folder: Path) -> dict[str, float]:
         "chip_frame_instructions": numbers["mean"],
         "chip_most_instructions": numbers["most"],
     }
+
+
+def measured_watching(folder: Path) -> dict[str, float]:
+    """Bytes and instructions of `touch_watch` on a Cortex-M4F, of the C files of a system that watches a stream.
+
+    Returns:
+        ``chip_watch_flash_bytes``: as ``chip_flash_bytes`` of `measured`, of a program that only watches;
+        ``chip_watch_ram_bytes`` (with that of a capture); ``chip_watch_stack_bytes``;
+        ``chip_watch_idle_instructions`` and ``chip_watch_frame_instructions``: of a frame without and with touch,
+        means; ``chip_watch_most_instructions``: of the costliest frame, in which both windows end.
+
+    Raises:
+        ValueError: they do not compile or do not watch, or QEMU does not end.
+    """
+    numbers = _numbers(["flash", "count", *ROOMY], WATCHING, folder)
+    return {f"chip_{name}": value for name, value in numbers.items()}
+
+
+def _numbers(targets: list[str], patterns: tuple[str, ...], folder: Path) -> dict[str, float]:
+    """Numbers that make prints, by the names of the groups of their patterns.
+
+    Raises:
+        ValueError: it fails or does not print all of them.
+    """
+    text = _output(["make", "-s", *targets], folder)
+    numbers: dict[str, float] = {}
+    for pattern in patterns:
+        if not (match := re.search(pattern, text)):
+            raise ValueError(
+                f"make {' '.join(targets)} printed nothing about {pattern.partition(':')[0]}: {text[-300:]}"
+            )
+        numbers |= {name: float(value) for name, value in match.groupdict().items()}
+    return numbers
 
 
 def _output(call: list[str], folder: Path) -> str:

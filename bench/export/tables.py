@@ -45,23 +45,24 @@ class Chip:
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def check(estimator: Any) -> None:
-    """Refuse a system that is not fitted and has no C.
+def check(estimator: Any) -> bool:
+    """Refuse a system that is not fitted and has no C; True if its C can watch an endless stream.
 
     Raises:
         InputError: the message says why.
     """
     if isinstance(estimator, Reflex):
-        return
+        return True
     system, steps = _opened(estimator, "system")
     if not isinstance(system, Pipeline):
         from bench.export import network  # PyTorch, which other systems do without
 
         network.check(system)
-        return
-    _features(system, steps)
+        return False
+    name, _ = _features(system, steps)
     if not has_c(system.steps[-1][1]):
         raise InputError(f"{type(system.steps[-1][1]).__name__} has no C; use {HAVE}")
+    return name == "touch"
 
 
 def chip_of(recogniser: Recogniser, bits: int) -> Chip:

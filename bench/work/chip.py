@@ -10,21 +10,26 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from bench.corpora.composer import check_background, pieces
 from bench.errors import InputError
-from bench.export.measure import compiled, lacking, measured, toolchain
+from bench.export.measure import compiled, lacking, measured, measured_watching, toolchain
 from bench.export.tables import check
 from bench.export.write import CODE, files_of
 from bench.outcomes import scores
 from bench.outcomes.results import Findings, FoldResult, costs, table_of
+from bench.progress import warn
 from bench.work.experiment import Experiment
 from bench.work.fold import batch_effects, computing, decisions, fitted, footprint
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
+from bench.work.watch import Watch
+from bench.work.watcher_training import learned
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
     from bench.source import Code
+    from bench.work.saved import Recogniser
 
 # As large as what `bench fit` teaches, which takes three more fits; it changes no probability.
 UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), 1.0)
@@ -68,17 +73,19 @@ class OnChip(Experiment[None]):
         return [type(self), network, saved]
 
     def refuse(self, plan: Plan) -> None:
-        """Refuse a system that has no C, and a machine without the programs.
+        """Refuse a system that has no C, and a machine without the programs; warn where no watcher can be learned.
 
         Raises:
             InputError: either.
         """
-        check(plan.cell.untrained)
+        watches = check(plan.cell.untrained)
         if missing := lacking():
             raise InputError(
                 f"bench chip needs {', '.join(missing)}, which are not installed; on Debian, install gcc make "
                 "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
             )
+        if watches and (why := _unwatched(plan)):
+            warn(f"warning: costs of watching an endless stream are not measured: {why}")
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Labels of the test captures by the C and by Python; bytes and instructions."""
@@ -94,18 +101,43 @@ class OnChip(Experiment[None]):
         table = table.assign(start=0, frames=test.lengths)
         recogniser = Recogniser(estimator, train, UNTAUGHT)
         with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            for file, text in files_of(recogniser, self.bits, "a fold of bench chip").items():
-                (folder / file).write_text(text, encoding="utf-8")
+            folder = self._written(recogniser, Path(name))
             in_c = compiled(folder, len(recogniser.classes))
             proba = np.array([in_c(frames) for frames in test])
             metrics |= measured(folder)
+        if check(cell.untrained):
+            with computing(threads):
+                metrics |= self._watching(recogniser, train)
         table[[f"p_{name}" for name in scores.classes_of(predicted)]] = np.float32(0)
         table[[f"p_{name}" for name in recogniser.classes]] = proba
         sizes = footprint(estimator, corpus)
         if self.bits != 32:  # the size of the Python system
             del sizes["flash_bytes"]
         return FoldResult(fold.name, table, metrics | sizes, batch_effects=effects)
+
+    def _written(self, recogniser: Recogniser, folder: Path) -> Path:
+        """The folder, with the C of a system."""
+        for file, text in files_of(recogniser, self.bits, "a fold of bench chip").items():
+            (folder / file).write_text(text, encoding="utf-8")
+        return folder
+
+    def _watching(self, recogniser: Recogniser, train: Corpus) -> dict[str, float]:
+        """Costs of the system with a watcher; none where the captures cannot teach one.
+
+        Two training subjects with all gestures teach a watcher of the same size in a tenth of the time, except for the
+        learned tail and for gestures that their recordings never have for a whole window.
+        """
+        subjects, watch = train.subjects.astype(str), Watch()
+        names = np.unique(subjects)
+        parts = (train[np.isin(subjects, names[:count])] for count in range(2, len(names) + 1))
+        few = next((part for part in parts if set(part.gestures) == set(train.gestures)), train)
+        try:
+            recordings = watch.recordings(few, watch.usual(train))
+            recogniser.watcher = learned(recogniser.estimator, recordings, watch.false_alarms)[0]
+        except InputError:
+            return {}
+        with tempfile.TemporaryDirectory() as name:
+            return measured_watching(self._written(recogniser, Path(name)))
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy in C and in Python, and costs."""
@@ -136,6 +168,17 @@ class OnChip(Experiment[None]):
             "instructions a frame": text("chip_frame_instructions", 1, 0),
             "at most": text("chip_most_instructions", 1, 0),
         }
+
+
+def _unwatched(plan: Plan) -> str:
+    """The reason why the folds of a plan cannot teach a watcher; empty if they can."""
+    if any(len(set(plan.corpus.subjects[fold.train])) < 2 for fold in plan.folds):
+        return "a fold trains on one subject"
+    try:
+        check_background(*pieces(plan.corpus, Watch().usual(plan.corpus)))
+    except InputError as e:
+        return str(e)
+    return ""
 
 
 def _compared(results: list[FoldResult]) -> dict[str, float]:

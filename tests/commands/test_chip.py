@@ -16,8 +16,10 @@ from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work import chip as onchip
 from bench.work import saved
+from bench.work.broken import KINDS
 from bench.work.chip import OnChip
 from bench.work.tracking import key_of
+from bench.work.watch import Watch
 from tests.conftest import predictions, runs
 from tests.export.compiled import lacking
 
@@ -25,12 +27,22 @@ SMALL = ["features=jung28", "data.subjects=3", "data.repetitions=1", "data.varia
 COSTS = {"flash_bytes": 9e3, "code_bytes": 2e3, "table_bytes": 5e3, "ram_bytes": 3e3, "program_ram_bytes": 11e3}
 COSTS |= {"stack_bytes": 400.0, "frame_instructions": 5e3, "most_instructions": 6e4}
 COSTS = {f"chip_{name}": value for name, value in COSTS.items()}
+WATCHED = {"chip_watch_flash_bytes": 31e3, "chip_watch_ram_bytes": 15e3, "chip_watch_most_instructions": 1.2e6}
+WATCHED |= {"chip_watch_stack_bytes": 420.0}
+WATCHED |= {"chip_watch_idle_instructions": 1.1e5, "chip_watch_frame_instructions": 2.6e5}
+
+
+def defined(folder):
+    """Classes of the detector that is exported, 0 without."""
+    text = (folder / "tables.h").read_text()
+    return int(text.split("#define DETECTED ")[1].split()[0]) if "#define DETECTED " in text else 0
 
 
 @pytest.fixture
 def costs(monkeypatch):
     """No chip, whose compiler and emulator the marked test needs."""
     monkeypatch.setattr(onchip, "measured", lambda folder: COSTS)
+    monkeypatch.setattr(onchip, "measured_watching", lambda folder: WATCHED | {"chip_watch_defined": defined(folder)})
     monkeypatch.setattr(onchip, "lacking", lambda: [])
 
 
@@ -57,6 +69,26 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, capsys)
     drawn = {p["name"]: p["x"] for p in data["groups"][0]["points"]}
     column = next(i for i, words in enumerate(data["costs"]) if words.startswith("thousand instructions"))
     assert drawn["bayes · jung28 (in C, 8 bits)"][column] == 60 and drawn["bayes · jung28"][column] is None
+
+
+@pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
+def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, capsys):
+    words = ["chip", "model=lda", "bits=8", "features=touch", "model.window=1", "data.variants=normal"]
+    assert main([*words, "data.subjects=3", "data.repetitions=1"]) == 0
+    assert "not measured: background=quiet: no capture of synth begins or ends with 0.25 s" in capsys.readouterr().err
+    monkeypatch.setattr(Watch, "usual", lambda self, corpus: "press")
+    assert main([*words, "data.subjects=2", "data.repetitions=1"]) == 0
+    assert "not measured: a fold trains on one subject" in capsys.readouterr().err
+    assert main([*words, "data.subjects=3", "data.repetitions=2"]) == 0
+    printed = capsys.readouterr()
+    assert "not measured" not in printed.err
+    table = printed.out.partition("touch_watch")[2].replace("│", " ")
+    assert " ".join(table.split()).count("8 31.0 15.0 420 110,000 260,000 1,200,000") == 1
+    *unmeasured, measured = runs("chip")[1]
+    assert {name: measured.data.metrics[name] for name in WATCHED} == WATCHED
+    most = 13 + 1 + len(KINDS)  # gestures, background, broken sensors; a gesture may be shorter than a window
+    assert most - 2 <= measured.data.metrics["chip_watch_defined"] <= most
+    assert not any(name in run.data.metrics for run in unmeasured for name in WATCHED)
 
 
 def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):

@@ -24,6 +24,7 @@ from features.touch import TouchFeatures
 from models.classic.lda import lda
 from models.recipe import Recipe
 from models.reflex import Reflex
+from studies import watch_in_c
 from tests.export.compiled import STRICT, fitted, lacking, written
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
@@ -156,6 +157,17 @@ def test_events_are_those_of_python(name, tmp_path):
     assert (UNKNOWN in set(expected["label"])) is (name == "background")
 
 
+def test_the_study_counts_equal_events():
+    recogniser, (_, streams) = watching("lda"), recordings()
+    expected = recogniser.watcher.reports(streams.corpus)
+    counted = watch_in_c.counted(watch_in_c.in_c(recogniser, 32, streams.corpus), expected)
+    counts = [value for value in counted.values() if isinstance(value, int)]
+    assert counts == [len(expected)] * 6
+    fewer = expected[1:].assign(end=expected["end"] + 1)
+    counts = [value for value in watch_in_c.counted(fewer, expected).values() if isinstance(value, int)]
+    assert counts == [len(fewer), len(expected), len(fewer), 0, len(fewer), len(fewer)]
+
+
 def silences(frames):
     """Readings of a quiet, tared, saturated or disconnected sensor, and of one with a stuck taxel."""
     corpus, _ = recordings()
@@ -279,11 +291,16 @@ def test_what_is_no_frame_changes_nothing(tmp_path):
 @pytest.mark.skipif(bool(measure.lacking()), reason=", ".join(measure.lacking()))
 @pytest.mark.parametrize("name", ["lda", "reflex"])
 def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
-    counted = measure.measured(written(watching(name), tmp_path, 8))
-    assert 0 < counted["chip_watch_ram_bytes"] - counted["chip_ram_bytes"] < 8192
-    assert abs(counted["chip_watch_flash_bytes"] - counted["chip_flash_bytes"]) < 16384
+    folder = written(watching(name), tmp_path, 8)
+    captures, counted = measure.measured(folder), measure.measured_watching(folder)
+    assert 0 < counted["chip_watch_ram_bytes"] - captures["chip_ram_bytes"] < 8192
+    assert abs(counted["chip_watch_flash_bytes"] - captures["chip_flash_bytes"]) < 16384
+    assert 50 < counted["chip_watch_stack_bytes"] < 2000 and 50 < captures["chip_stack_bytes"] < 2000
     idle, mean, most = (counted[f"chip_watch_{of}_instructions"] for of in ("idle", "frame", "most"))
     assert 1e4 < idle < mean < most < 1e7
+    detector, hop = watching(name).watcher.detector.classifier_, watching(name).watcher.clock.hop
+    weights = detector.coef_.size  # of 8 bits; each is multiplied and added once in a window
+    assert weights < counted["chip_watch_flash_bytes"] and most > weights and mean < most < hop * mean
 
 
 @pytest.mark.live

@@ -10,6 +10,7 @@
 #define VALUE (*(volatile uint32_t *)0xE000E018)
 #define PER_TICK 40
 #define UNUSED 0x5AFE57ACu /* what stack and heap hold until something is written there */
+#define FORGET(here) for (volatile uint32_t *at = end; at < (here); at++) *at = UNUSED
 
 extern uint32_t end[]; /* of data, where the heap begins, which nothing takes before printf */
 
@@ -22,6 +23,15 @@ static touch_t state;
 #endif
 static float frame[TOUCH_TAXELS], proba[TOUCH_CLASSES];
 static uint32_t seed = 1;
+
+/* Bytes below a place of the stack that were written to. */
+static unsigned long used(volatile uint32_t *here)
+{
+    volatile uint32_t *at = end;
+    while (at < here && *at == UNUSED)
+        at++;
+    return (unsigned long)(here - at) * sizeof *at;
+}
 
 static uint32_t since(uint32_t begin) { return ((begin - VALUE) & 0xFFFFFF) * PER_TICK; }
 
@@ -39,10 +49,9 @@ int main(void)
     uint32_t most = 0, most_idle = 0, label_most = 0, both_most = 0;
     double all = 0;
     int count = (int)(8 * TOUCH_RATE_HZ), taken = 0, deciding = 0;
-    volatile uint32_t *at, *here;
+    volatile uint32_t *here;
     __asm volatile("mov %0, sp" : "=r"(here));
-    for (at = end; at < here; at++)
-        *at = UNUSED;
+    FORGET(here);
     RELOAD = 0xFFFFFF;
     VALUE = 0;
     CONTROL = 5;
@@ -73,7 +82,9 @@ int main(void)
             deciding++;
         }
     }
+    unsigned long stack = used(here);
 #if TOUCH_WATCH
+    FORGET(here);
     uint32_t watch_most = 0, watch_idle = 0;
     double watch_all = 0, idle_all = 0;
     touch_watch_init(&watch);
@@ -91,9 +102,8 @@ int main(void)
         if (n >= count && spent > watch_most)
             watch_most = spent;
     }
+    unsigned long watch_stack = used(here);
 #endif
-    for (at = end; at < here && *at == UNUSED;)
-        at++;
     if (most > both_most)
         both_most = most;
     printf("instructions: %lu a frame on average, at most %lu without and %lu with a window that ends; label at most %lu; "
@@ -104,7 +114,8 @@ int main(void)
     printf("watching: %lu instructions a frame on average without touch and %lu with, at most %lu and %lu\n",
            (unsigned long)(idle_all / count + 0.5), (unsigned long)(watch_all / count + 0.5), (unsigned long)watch_idle,
            (unsigned long)watch_most);
+    printf("watching: stack of %lu bytes at most, below the caller\n", watch_stack);
 #endif
-    printf("stack: %lu bytes at most, below the caller\n", (unsigned long)((here - at) * sizeof *at));
+    printf("stack: %lu bytes at most, below the caller\n", stack);
     return deciding ? 0 : 1;
 }
