@@ -95,8 +95,8 @@ class Reactions:
         """The cost of each label, 0 for the right reaction, float [rows].
 
         Args:
-            labelled: table with ``true`` (gesture), and ``taken`` (reaction) or ``predicted`` (gesture). A predicted name
-                that is no true one of any row counts as ``nothing``, unless it is in a group.
+            labelled: table with ``true`` (gesture), and ``taken`` (reaction) or ``predicted`` (gesture). A prediction
+                that is no true gesture of any row counts as ``nothing``, unless it is in a group.
         """
         every = {*labelled["true"], *(g for members in self.groups.values() for g in members)}
         table, reactions = self.cost_table(every), self.of(every)
