@@ -5,6 +5,7 @@ Nothing is imported before it is used.
 
 PARTS = {
     "cost": "bench.corpora.read.cost:read",
+    "cuddlebot": "bench.corpora.read.cuddlebot:read",
     "haart": "bench.corpora.read.haart:read",
     "recording": "bench.corpora.read.recording:read",
     "table": "bench.corpora.read.table:read",

@@ -18,7 +18,7 @@ from typing import Any, TypeVar, cast
 
 from filelock import FileLock, Timeout
 
-from bench.corpora import duplicates
+from bench.corpora import cuts, duplicates
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import Damaged, content_digest, open_stored, small_file, verified, write_folder
 from bench.corpora.read.limits import plain
@@ -37,15 +37,19 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus | 
     Args:
         kind: name of a reader, such as ``cost``.
         source: file or folder to read.
-        options: parameters of the reader as text; ``name`` is the name to store under.
+        options: parameters of the reader as text; ``name`` is the name to store under, `bench.corpora.cuts.OPTIONS` are
+            changes of captures.
 
     Raises:
         InputError: an unknown format or option, a file that the reader refuses, another import of the same name under
             way, or a data folder that cannot be written. What was stored before stays.
     """
     reader = load("corpora", kind)
-    arguments = _reader_arguments(kind, reader, dict(options), source)
-    name = options.get("name", kind)
+    changes = {key: options[key] for key in cuts.OPTIONS if key in options}
+    rest = {key: text for key, text in options.items() if key not in changes}
+    arguments = _reader_arguments(kind, reader, rest, source)
+    aligned = changes.get("align", "no") not in ("no", "false")
+    name = options.get("name", f"{kind}-aligned" if aligned else kind)
     if not re.fullmatch(NAME, name):
         raise InputError(f"name={name[:60]}: use letters, digits, - and _, at most 100")
     if name == "synth":
@@ -55,6 +59,10 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus | 
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.parent / f".{name}.lock", timeout=0):
             value = _read(reader, source, arguments)
+            if changes and isinstance(value, Recordings):
+                raise InputError(f"{next(iter(changes))}=: recordings are imported whole; leave it out")
+            if not isinstance(value, Recordings):
+                value = cuts.cut(value, kind, changes)
             corpus = value.corpus if isinstance(value, Recordings) else value
             warnings = [*duplicates.warning(corpus), *corpus.info.get("warnings", [])]
             corpus = corpus.changed(name=name, info=corpus.info | {"format": kind, "warnings": warnings})
@@ -234,7 +242,7 @@ def _reader_arguments(kind: str, reader: Callable, options: dict[str, str], sour
         if key == "name":
             continue
         if key not in taken:
-            raise InputError(f"format {kind} has no option {key!r}; {nearest(key, {'name', *taken})}")
+            raise InputError(f"format {kind} has no option {key!r}; {nearest(key, {'name', *cuts.OPTIONS, *taken})}")
         try:
             arguments[key] = float(text) if taken[key].annotation is float else text
         except ValueError as e:

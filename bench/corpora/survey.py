@@ -16,6 +16,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import CHANGES, identical, quiet
+from bench.corpora.seams import Seam, seams
 from bench.errors import InputError
 
 BLOCK = 1 << 20  # values that are computed at a time, unless a single capture has more
@@ -51,6 +52,7 @@ class Survey:
             be equal by chance; such groups come last.
         means: mean pressure of each gesture, each frame counted once, float64 [gestures, rows, cols].
         typical: capture nearest to the middle in duration, mean and highest pressure, by gesture.
+        seams: fit of neighbouring rows and columns (`bench.corpora.seams`).
     """
 
     title: str
@@ -65,6 +67,7 @@ class Survey:
     duplicates: pd.DataFrame
     means: np.ndarray
     typical: dict[str, int]
+    seams: list[Seam]
 
     @property
     def gestures(self) -> list[str]:
@@ -94,6 +97,7 @@ class Survey:
             [f"Pressure: {PRESSURE}", _text(self.pressure)],
             self.gap_lines(),
             self.taxel_lines(),
+            *([self.seam_lines()] if self.seams else []),
             self.duplicate_lines(),
         ]
         return "\n\n".join("\n".join(part) for part in parts)
@@ -130,6 +134,10 @@ class Survey:
         if odd["verdict"].isin([LESS]).any():
             summary += "; a taxel that varies far less may be broken or seldom touched"
         return [summary, *_first(lines, len(lines))]
+
+    def seam_lines(self) -> list[str]:
+        """How rows and columns fit each other, and whether frames look cut."""
+        return [str(seam) for seam in self.seams]
 
     def duplicate_lines(self) -> list[str]:
         """Duplicate captures: a sentence, and the first examples."""
@@ -226,6 +234,7 @@ def survey(corpus: Corpus) -> Survey:
         pressure=pressure,
         taxels=_taxels(readings, corpus),
         duplicates=_duplicates(corpus),
+        seams=seams(corpus),
         means=means,
         typical={str(g): int(corpus.index[i]) for g, i in zip(gestures, typical, strict=True)},
     )

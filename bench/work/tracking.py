@@ -41,7 +41,8 @@ def key_of(plan: Plan, experiment: Experiment) -> str:
 def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
     """Tags that identify a run's data and system in tables."""
     conditions = ",".join(contract.conditions(cell.untrained))
-    return ({"touchbench.conditions": conditions} if conditions else {}) | {
+    given = {"touchbench.conditions": conditions, "touchbench.changes": str(corpus.info.get("changes", ""))}
+    return {name: text for name, text in given.items() if text} | {
         "data": cell.data,
         "synthetic": str(corpus.synthetic).lower(),
         "subset": cell.where or "all",

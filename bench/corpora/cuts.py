@@ -1,0 +1,100 @@
+"""Changes to a corpus when it is imported: a smaller grid, fewer frames, rows put together again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+
+OPTIONS = ("align", "frames", "crop")  # of an import, in the order in which they are done
+KNOWN = {"haart": "2:1"}  # seams of formats, which align=yes means; see bench data show
+
+
+def cut(corpus: Corpus, kind: str, options: Mapping[str, str]) -> Corpus:
+    """A corpus with the changes that were asked for, which its ``info`` lists under ``changes``.
+
+    Args:
+        corpus: corpus as it was read.
+        kind: name of its format.
+        options: texts of some of `OPTIONS`.
+
+    Raises:
+        InputError: an option is no such change, or does not fit the captures.
+    """
+    done = []
+    for name in OPTIONS:
+        text = options.get(name, "no" if name == "align" else "")
+        if text in ("", "no", "false"):
+            continue
+        if name == "align":
+            text = KNOWN.get(kind, text) if text in ("yes", "true") else text
+            corpus = _aligned(corpus, text)
+        else:
+            corpus = _trimmed(corpus, text) if name == "frames" else _cropped(corpus, text)
+        done.append(f"{name}={text}")
+    if not done:
+        return corpus
+    source = f"{corpus.info.get('source', '')}; changed by {', '.join(done)}"
+    return corpus.changed(info=corpus.info | {"source": source, "changes": ", ".join(done)})
+
+
+def aligned(frames: np.ndarray, row: int, lag: int) -> np.ndarray:
+    """Put frames together again whose first rows belong below their last ones.
+
+    Args:
+        frames: [frames, rows, cols].
+        row: number of the row with which a frame of the sensor begins.
+        lag: frames by which the rows before it come later than those after it: 1, 0 or -1.
+
+    Returns:
+        [frames - abs(lag), rows, cols]: rows from ``row`` on, then those before it.
+    """
+    count = len(frames) - abs(lag)
+    after, before = (frames[:count], frames[lag:]) if lag >= 0 else (frames[-lag:], frames[:count])
+    return np.concatenate([after[:, row:], before[:, :row]], axis=1)
+
+
+def _aligned(corpus: Corpus, text: str) -> Corpus:
+    rows = corpus.grid[0]
+    match = re.fullmatch(r"([0-9]{1,4}):(-1|0|1)", text)
+    if not match or not 0 < int(match[1]) < rows:
+        raise InputError(
+            f"align={text}: give ROW:LAG, such as 2:1 (a frame begins with row 2, and rows before it are from the next "
+            f"frame), with a row from 1 to {rows - 1}; bench data show says what fits"
+        )
+    row, lag = int(match[1]), int(match[2])
+    if corpus.lengths.min(initial=2) <= abs(lag):
+        raise InputError(f"align={text}: a capture has one frame only; leave align= out")
+    return _with([aligned(frames, row, lag) for frames in corpus], corpus)
+
+
+def _trimmed(corpus: Corpus, text: str) -> Corpus:
+    match = re.fullmatch("([0-9]{1,9}):([0-9]{1,9})", text)
+    if not match or not int(match[1]) < int(match[2]):
+        raise InputError(f"frames={text}: give FIRST:END, such as 54:486, which keeps the frames 54 to 485")
+    first, end = int(match[1]), int(match[2])
+    if short := int((corpus.lengths < end).sum()):
+        raise InputError(
+            f"frames={text}: {short} captures have fewer than {end} frames (the shortest {corpus.lengths.min()}); give "
+            "an earlier end"
+        )
+    return _with([frames[first:end] for frames in corpus], corpus)
+
+
+def _cropped(corpus: Corpus, text: str) -> Corpus:
+    match = re.fullmatch("([0-9]{1,4})x([0-9]{1,4})", text)
+    size = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not all(0 < a <= b for a, b in zip(size, corpus.grid, strict=True)):
+        whole = "x".join(map(str, corpus.grid))
+        raise InputError(f"crop={text}: give ROWSxCOLS of the centre, at most the whole grid {whole}, such as 8x8")
+    top, left = ((b - a) // 2 for a, b in zip(size, corpus.grid, strict=True))
+    return _with([frames[:, top : top + size[0], left : left + size[1]] for frames in corpus], corpus)
+
+
+def _with(arrays: list[np.ndarray], corpus: Corpus) -> Corpus:
+    lengths = np.array([len(frames) for frames in arrays], dtype=np.int64)
+    return corpus.changed(frames=np.concatenate(arrays), lengths=lengths)

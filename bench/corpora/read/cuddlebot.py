@@ -1,0 +1,128 @@
+"""CuddleBot recordings of 2015 (Cang et al., ICMI 2015), the folder ``Touch Data`` of lauracang/ICMI15 on GitHub."""
+
+from __future__ import annotations
+
+import io
+import re
+import tarfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.read.archive import by_macos, opened
+from bench.corpora.read.haart import GESTURES
+from bench.corpora.read.limits import ALWAYS, called, check_unpacked, deviations, plain, quoted
+from bench.errors import InputError
+
+ROWS, COLS, FRAMES = 10, 10, 540  # a repetition is 10 s at 54 Hz
+RATE_HZ, FULL_SCALE = 54.0, 1023
+NAME = re.compile(rf"[0-9]+-([0-9]{{1,4}})(cover|none)(dynamic|static)({'|'.join(GESTURES)})\.csv")
+PUBLISHED = {"captures": 902, "files": 447, "subjects": 16}
+_BROKEN = "not a readable archive ({}); get it again"
+
+
+def read(path: Path) -> Corpus:
+    """Read the recordings from a folder, or from a tar or zip archive of it.
+
+    Each repetition is a capture. Pressure is 1023 less the stored value.
+
+    Returns:
+        uint16 frames 10 x 10; subject, gesture, cover (``cover``, ``none``), motion (of the robot: ``dynamic``,
+        ``static``), repetition.
+
+    Raises:
+        InputError: there is no such file, or one is broken; the message names it.
+    """
+    rows, arrays = [], []
+    files = sorted(_files(path), key=lambda file: _key(file[0]))
+    if not files:
+        raise InputError(f"{called(path)}: no file like 150505-2coverdynamicpat.csv in it; give the folder Touch Data")
+    seen: set[str] = set()
+    for name, content in files:
+        match = NAME.fullmatch(name.rsplit("/", 1)[-1])
+        assert match is not None  # as `_files` chose
+        if (known := match[0]) in seen:
+            raise InputError(f"{called(path)}: {known} is in it twice; leave only the one that is meant")
+        seen.add(known)
+        frames = _frames(content, name)
+        for repetition in range(len(frames) // FRAMES):
+            arrays.append(frames[repetition * FRAMES : (repetition + 1) * FRAMES])
+            who, cover, motion, gesture = match.groups()
+            rows.append((str(int(who)), gesture, cover, motion, str(repetition + 1)))
+    captures = pd.DataFrame(rows, columns=["subject", "gesture", "cover", "motion", "repetition"])
+    info = {
+        "source": f"{plain(path.name, 200)}; CuddleBot recordings, lauracang/ICMI15. Whether people also took part in "
+        "HAART is not known",
+        "licence": "none stated by its authors",
+        "synthetic": False,
+        "warnings": differences(captures, len(seen)),
+    }
+    return Corpus.from_captures(arrays, captures, RATE_HZ, full_scale=FULL_SCALE, name="cuddlebot", info=info)
+
+
+def differences(captures: pd.DataFrame, files: int) -> list[str]:
+    """Differences from the published recordings, one sentence per figure."""
+    here = {"captures": len(captures), "files": files, "subjects": captures["subject"].nunique()}
+    return deviations([(name, here[name], published) for name, published in PUBLISHED.items()])
+
+
+def _key(name: str) -> tuple[int, str]:
+    match = NAME.fullmatch(name.rsplit("/", 1)[-1])
+    return (int(match[1]) if match else 0), name
+
+
+def _files(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of the recordings in a folder or an archive."""
+    if path.is_dir():
+        for file in path.rglob("*.csv"):
+            if NAME.fullmatch(file.name):
+                yield file.relative_to(path).as_posix(), file.read_bytes()
+    elif not path.is_file():
+        raise InputError(
+            f"{plain(path, 160)}: there is no such file or folder; give the folder Touch Data or an archive"
+        )
+    elif tarfile.is_tarfile(path):
+        try:
+            with tarfile.open(path) as archive:
+                members = [m for m in archive if m.isfile() and NAME.fullmatch(m.name.rsplit("/", 1)[-1])]
+                members = [m for m in members if not by_macos(m.name)]
+                check_unpacked(sum(m.size for m in members), path, "unpack it and give the folder")
+                for member in members:
+                    file = archive.extractfile(member)
+                    yield member.name, file.read() if file else b""
+        except (tarfile.TarError, EOFError, OSError) as e:
+            raise InputError(f"{called(path)}: {_BROKEN.format(plain(e))}") from e
+    else:
+        with opened(path, _BROKEN) as (archive, zipped):
+            for entry in zipped:
+                if NAME.fullmatch(entry.filename.rsplit("/", 1)[-1]):
+                    yield entry.filename, archive.read(entry)
+
+
+def _frames(content: bytes, name: str) -> np.ndarray:
+    """Frames of a file: uint16 [frames, rows, cols], in pressure."""
+    if len(content) > ALWAYS * 4:
+        raise InputError(f"{plain(name)}: larger than {ALWAYS * 4 >> 20} MiB; get it again")
+    try:
+        table = pd.read_csv(io.BytesIO(content), header=None, dtype=str, keep_default_na=False)
+    except (ValueError, UnicodeError) as e:  # pandas' ParserError and EmptyDataError are ValueErrors
+        raise InputError(f"{plain(name)}: not a CSV file ({plain(e)}); get it again") from e
+    if table.shape[1] != COLS:
+        raise InputError(f"{plain(name)}: {table.shape[1]} columns instead of {COLS}; get it again")
+    good = table.apply(lambda column: column.str.fullmatch("[0-9]{1,4}")).to_numpy(dtype=bool)
+    values = np.where(good, table, "9999").astype(np.int64)
+    wrong = np.argwhere(values > FULL_SCALE)
+    if len(wrong):
+        row, column = wrong[0]
+        raise InputError(
+            f"{plain(name)}, line {row + 1}: {quoted(str(table.iat[row, column]))} is no whole number from 0 to "
+            f"{FULL_SCALE}; get the file again"
+        )
+    if not len(values) or len(values) % (ROWS * FRAMES):
+        raise InputError(
+            f"{plain(name)}: {len(values)} lines, but a repetition has {ROWS * FRAMES}: cut off; get it again"
+        )
+    return (FULL_SCALE - values).astype(np.uint16).reshape(-1, ROWS, COLS)
