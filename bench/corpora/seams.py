@@ -54,7 +54,7 @@ class Seam:
         when = {0: "the same frame", 1: "the next frame", -1: "the previous frame"}[self.lag]
         usual, weak = np.median(self.neighbours), self.neighbours[k - 1]
         text = (
-            f"Changes of neighbouring {self.lines} correlate with {usual:.2f} (median), of {self.lines} {k - 1} and {k} "
+            f"Changes of adjacent {self.lines} correlate with {usual:.2f} (median), of {self.lines} {k - 1} and {k} "
             f"with {weak:.2f}, of the last {line} and the first of {when} with {fit:.2f}"
         )
         if not self.found:
