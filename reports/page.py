@@ -13,7 +13,7 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.outcomes import statistics
-from bench.outcomes.comparable import MARKED, depends_on_batch
+from bench.outcomes.comparable import MARKED, depends_on_batch, system_of
 from bench.outcomes.runs import independent, of_kinds, rows_of, tracked, with_groups
 from bench.outcomes.store import Store
 from bench.scratch import owner, sweep
@@ -104,7 +104,8 @@ def assemble(
     groups = {name: group_of(store, part, by_group[name], folder, files[name]) for name, part in largest.items()}
     answers = [considered(store, name, runs, budgets, kinds) for name in largest]
     candidates = [answer for answer in answers if isinstance(answer, Considered)]
-    chart = chart_data(candidates, dict(zip(runs["system"], runs["model_name"], strict=True)), papers)
+    models = {system_of(run): str(run["model_name"]) for each in kinds.values() for run in rows_of(each)}
+    chart = chart_data(candidates, models, papers)
     stresses, streams = (fault_curves.contexts(others.get(kind)) for kind in ("stress", "stream"))
     curves = curves_of(store, runs)
     tables = {
