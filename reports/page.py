@@ -35,6 +35,7 @@ from reports.speed import speed_chart
 from reports.spreadsheet import write_sheet
 from reports.summary import briefs
 from reports.watching import watch_sections
+from reports.what_if import panels
 
 ROWS = 300  # of a table on the page; the CSV files hold all
 
@@ -123,13 +124,14 @@ def assemble(
         "on_batch": sorted({str(run["system"]) for run in rows_of(runs) if depends_on_batch(run)}),
         "marked": MARKED,
         "answers": answers,
+        "what_ifs": panels(store, candidates, kinds),
         "largest": GROUPS,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
         "chart": chart,
         "speed": [
             save(figure, folder, f"{files[g['name']]}-speed", g["name"], caption)
             for g in chart["groups"]
-            for figure, caption in [speed_chart(g, chart["costs"])]
+            for figure, caption in [speed_chart(g, chart["costs"][: chart["linear"].count(False)])]
         ],
         "runs": runs_section(tables["comparison"], [*largest, *left_out]),
         "counts": (len(runs), runs["system"].nunique()),

@@ -95,8 +95,18 @@ class Reactions:
         """The score of each subject: 100 less 100 times the mean cost of a capture; with default costs its accuracy.
 
         Args:
-            labelled: columns ``subject`` and ``true`` (gesture), and ``taken`` (reaction), or ``predicted`` (gesture).
-                A predicted name that is no gesture counts as ``nothing``.
+            labelled: as of `mistakes`, with a column ``subject``.
+            gestures: as of `mistakes`.
+        """
+        costs = self.mistakes(labelled, gestures)
+        return (100 * (1 - costs.groupby(labelled["subject"].astype(str)).mean())).rename_axis("subject")
+
+    def mistakes(self, labelled: pd.DataFrame, gestures: Collection[str] = ()) -> pd.Series:
+        """The cost of each row, 0 for the reaction that was meant.
+
+        Args:
+            labelled: columns ``true`` (gesture), and ``taken`` (reaction), or ``predicted`` (gesture). A predicted name
+                that is no gesture counts as ``nothing``.
             gestures: all gestures of the corpus, if a few rows may lack some.
         """
         every = {*labelled["true"], *gestures}
@@ -104,8 +114,19 @@ class Reactions:
         taken = labelled["taken"] if "taken" in labelled else labelled["predicted"].map(reactions).fillna(NOTHING)
         rows = table.index.get_indexer(pd.Index(labelled["true"].map(reactions)))
         columns = table.columns.get_indexer(pd.Index(taken))
-        costs = pd.Series(table.to_numpy()[rows, columns], labelled.index)
-        return (100 * (1 - costs.groupby(labelled["subject"].astype(str)).mean())).rename_axis("subject")
+        return pd.Series(table.to_numpy()[rows, columns], labelled.index)
+
+
+def mean_probabilities(predictions: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """``subject`` and ``true`` of each tested capture, and its mean probabilities, with a column for each class.
+
+    Args:
+        predictions: table of predictions (`bench.outcomes.scores`).
+    """
+    groups = predictions.groupby(["fold", "capture"], sort=False)
+    classes = classes_of(predictions)
+    mean = groups[[PREFIX + c for c in classes]].mean().set_axis(classes, axis=1)
+    return groups[["subject", "true"]].first(), mean
 
 
 def by_capture(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
@@ -115,10 +136,7 @@ def by_capture(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
         predictions: table of predictions (`bench.outcomes.scores`).
         reactions: reactions of the robot.
     """
-    groups = predictions.groupby(["fold", "capture"], sort=False)
-    classes = classes_of(predictions)
-    mean = groups[[PREFIX + c for c in classes]].mean().set_axis(classes, axis=1)
-    rows = groups[["subject", "true"]].first()
+    rows, mean = mean_probabilities(predictions)
     return rows.assign(taken=reactions.decided(mean)).reset_index()
 
 
