@@ -10,13 +10,14 @@ import numpy as np
 import pandas as pd
 
 from bench.arguments import typed
-from bench.costs import COSTS
+from bench.costs import COSTS, ROBUST
 from bench.errors import InputError
 from bench.outcomes import statistics
-from bench.outcomes.candidates import candidates
+from bench.outcomes.candidates import STRESS, Candidates, Faults, candidates
 from bench.outcomes.choice import Choice, decide, named, sentences
 from bench.outcomes.comparable import COMPARABLE, Row
 from bench.outcomes.store import Store
+from bench.scene import EVERY
 from reports.speed import front
 
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
@@ -27,6 +28,10 @@ WORDS = {
     "predict": "ms to compute a label (p50, one thread)",
     "decision": "ms of touch before the label",
     "cycles": "thousand instructions of the costliest frame in C",
+    "fault_loss": "points lost under faults (mean of all faults and severities)",
+    "worst_fault": "points lost under the worst fault",
+    "worst_person": "% of captures wrong for the worst person",
+    "worst_tenth": "% of captures wrong for the worst tenth of people",
 }
 
 
@@ -45,13 +50,24 @@ class Considered(Answer):
 
     Attributes:
         choice: result of `bench.outcomes.choice.decide`.
-        subjects: accuracies in percent [candidates, subjects].
+        among: candidates.
         budgets: the most of each cost.
+        words: the command without budgets; empty as the command.
     """
 
     choice: Choice = field(kw_only=True)
-    subjects: pd.DataFrame = field(kw_only=True)
+    among: Candidates = field(kw_only=True)
     budgets: Mapping[str, float] = field(kw_only=True)
+    words: str = field(kw_only=True)
+
+    @property
+    def costs(self) -> list[str]:
+        """Costs that are known of a candidate, or have a budget; a tenth of ten people is the worst person."""
+        table = self.choice.table
+        known = {c for c in COSTS if (table[c] > 0).any()} | {c for c in ROBUST if table[c].notna().any()}
+        if table["worst_tenth"].equals(table["worst_person"]):
+            known -= {"worst_tenth"}
+        return [c for c in COSTS | ROBUST if c in known | {*self.budgets}]
 
 
 def considered(
@@ -73,7 +89,9 @@ def considered(
     first = runs[runs["group"] == group].iloc[0].to_dict()
     try:
         asked = {name: [first[name]] for name in COMPARABLE}
-        every = candidates(store, asked, budgets.get("decision"), runs_of=runs_of)
+        stressed = STRESS in (runs_of or {}) or any("fault" in cost for cost in budgets)
+        faults = Faults(EVERY) if stressed else None
+        every = candidates(store, asked, budgets.get("decision"), faults=faults, runs_of=runs_of)
     except InputError as e:
         return Answer(group, [f"Nothing can be chosen here: {e}."])
     choice = decide(every.table, every.subjects, BY, dict(budgets), None)
@@ -81,11 +99,12 @@ def considered(
     systems = every.table["system"].unique()
     if len(systems) == 1:
         lines.insert(0, f"Only {systems[0]} has a run here, so there is no other system to compare.")
-    command = _command(every.table, first, runs, budgets)
-    return Considered(group, lines, command, choice=choice, subjects=every.subjects, budgets=budgets)
+    words = _command(every.table, first, runs)
+    command = " ".join([words, *(f"max_{k}={v:g}{COSTS.get(k, '')}" for k, v in budgets.items())]) if words else ""
+    return Considered(group, lines, command, choice=choice, among=every, budgets=budgets, words=words)
 
 
-def _command(table: pd.DataFrame, first: Row, runs: pd.DataFrame, budgets: Mapping[str, float]) -> str:
+def _command(table: pd.DataFrame, first: Row, runs: pd.DataFrame) -> str:
     """The command that chooses among the candidates of a group; empty where its words mean other runs, too."""
     # Of the first candidate whose run was typed; those made from Python with objects have none.
     arguments = next((json.loads(text) for text in table["arguments"] if text), {})
@@ -94,8 +113,8 @@ def _command(table: pd.DataFrame, first: Row, runs: pd.DataFrame, budgets: Mappi
     same = runs[(runs[named_by] == pd.Series({k: first[k] for k in named_by})).all(axis=1)]
     if not arguments or len(same[[*COMPARABLE, "protocol"]].drop_duplicates()) > 1:
         return ""
-    words = {"data": arguments["data"], "where": first["subset"], "target": first["target"]} | protocol
-    return typed("choose", words | {f"max_{cost}": f"{limit:g}{COSTS[cost]}" for cost, limit in budgets.items()})
+    words = {"data": arguments["data"], "where": first["subset"], "target": first["target"]}
+    return typed("choose", words | protocol)
 
 
 def chart_data(answers: list[Considered], models: Mapping[str, str], papers: pd.DataFrame) -> dict[str, object]:
@@ -107,15 +126,15 @@ def chart_data(answers: list[Considered], models: Mapping[str, str], papers: pd.
         papers: `reports.comparison.published`, to mark published systems.
     """
     published = set(papers["system"]) - {""}
-    costs = [c for c in COSTS if any((each.choice.table[c] > 0).any() for each in answers)]
+    costs = [c for c in COSTS | ROBUST if any(c in each.costs for each in answers)]
     groups = []
     for each in answers:
-        kept = _drawn(each.choice)
+        kept = drawn(each.choice)
         points = []
         for i, row in zip(kept.index, kept.to_dict("records"), strict=True):
             system = row["system"]
             kind = "published" if system in published else "changed" if models[system] in published else "other"
-            low, high = statistics.interval(each.subjects.loc[i].to_numpy(dtype=float))
+            low, high = statistics.interval(each.among.subjects.loc[i].to_numpy(dtype=float))
             points.append(
                 {
                     "name": named(row),
@@ -130,14 +149,14 @@ def chart_data(answers: list[Considered], models: Mapping[str, str], papers: pd.
         budgets = [each.budgets.get(c) for c in costs]
         left = len(each.choice.table) - len(kept)
         groups.append({"name": each.title, "budgets": budgets, "left": left, "points": points})
-    return {"costs": [WORDS[c] for c in costs], "groups": groups}
+    return {"costs": [WORDS[c] for c in costs], "linear": [c in ROBUST for c in costs], "groups": groups}
 
 
-def _drawn(choice: Choice) -> pd.DataFrame:
+def drawn(choice: Choice) -> pd.DataFrame:
     """The most accurate candidates, with all that are on a front or chosen."""
     table = choice.table
     accuracy = table["accuracy"].to_numpy()
-    best = {i for c in COSTS for i in table.index[front(table[c].to_numpy(dtype=float), accuracy)]}
+    best = {i for c in COSTS | ROBUST for i in table.index[front(table[c].to_numpy(dtype=float), accuracy)]}
     best |= {choice.chosen, *table.sort_values("accuracy", ascending=False).index[:MOST]}
     return table[table.index.isin(best)]
 

@@ -1,6 +1,7 @@
 "use strict";
-// Accuracy against a cost on a log axis, drawn anew for every choice and width. Names never lie on each other: on a wide
-// page they stand in a column on the right, on a narrow one only those are written that find a free place.
+// Accuracy against a cost, drawn anew for every choice and width; the axis is a log one, but not for shares of captures.
+// Names never lie on each other: on a wide page they stand in a column on the right, on a narrow one only those are
+// written that find a free place.
 (() => {
   const source = document.getElementById("chart-data");
   const box = document.getElementById("chart");
@@ -42,8 +43,8 @@
   };
 
   function draw() {
-    const about = data.groups[group.value], budget = about.budgets[cost.value];
-    const points = about.points.map(p => ({...p, cost: p.x[cost.value]})).filter(p => p.cost > 0 && p.y[0] !== null);
+    const about = data.groups[group.value], budget = about.budgets[cost.value], linear = data.linear[cost.value];
+    const points = about.points.map(p => ({...p, cost: p.x[cost.value]})).filter(p => p.cost !== null && (linear || p.cost > 0) && p.y[0] !== null);
     const width = Math.max(280, box.clientWidth - 20), wide = width > 640, gap = 16;
     const height = Math.max(wide ? points.length * gap + 70 : 380, 460);
     svg.replaceChildren();
@@ -52,13 +53,14 @@
     told.textContent = points.length ? hint(points, budget, about.left) : "This cost is unknown for all systems here.";
     if (!points.length) return;
     const left = 48, right = wide ? width * 0.64 : width - 10, top = 22, bottom = height - 46;
-    const logs = [...points.map(p => p.cost), ...(budget ? [budget] : [])].map(Math.log10);
+    const scale = linear ? v => v : Math.log10, margin = linear ? 1 : 0.1;
+    const xs = [...points.map(p => p.cost), ...(budget ? [budget] : [])].map(scale);
     const ys = points.flatMap(p => p.y.filter(v => v !== null));  // no interval is cut off
-    const x0 = Math.min(...logs) - 0.1, x1 = Math.max(...logs) + 0.1;
+    const x0 = Math.min(...xs) - margin, x1 = Math.max(...xs) + margin;
     const middle = (Math.max(...ys) + Math.min(...ys)) / 2, reach = Math.max(Math.max(...ys) - Math.min(...ys), 5) * 0.53;
-    const X = v => left + (Math.log10(v) - x0) / (x1 - x0) * (right - left);
+    const X = v => left + (scale(v) - x0) / (x1 - x0) * (right - left);
     const Y = v => bottom - (v - middle + reach) / (2 * reach) * (bottom - top);
-    axes(x0, x1, middle - reach, middle + reach, X, Y, left, right, top, bottom);
+    axes(linear, x0, x1, middle - reach, middle + reach, X, Y, left, right, top, bottom);
     if (budget) {
       element("path", {class: "over", d: `M${X(budget)} ${top}H${right}V${bottom}H${X(budget)}z`}, svg);
       element("path", {class: "budget", d: `M${X(budget)} ${top}V${bottom}`}, svg);
@@ -98,14 +100,17 @@
       (left ? `${left} less accurate systems are not drawn. ` : "") + "To read the numbers of a mark, point at it, or move to it with the tab and arrow keys.";
   }
 
-  function axes(x0, x1, y0, y1, X, Y, left, right, top, bottom) {
-    const ticks = [], steps = x1 - x0 > 2.2 ? [1] : right - left > 400 ? [1, 2, 5] : [1, 3];
-    for (let d = Math.floor(x0); d <= x1; d++) for (const m of steps) ticks.push(m * 10 ** d);
-    for (const v of ticks.filter(t => Math.log10(t) >= x0 && Math.log10(t) <= x1)) {
+  const even = (low, high) => [1, 2, 5, 10, 20].find(s => (high - low) / s <= 8) || 25;
+
+  function axes(linear, x0, x1, y0, y1, X, Y, left, right, top, bottom) {
+    const ticks = [], steps = x1 - x0 > 2.2 ? [1] : right - left > 400 ? [1, 2, 5] : [1, 3], apart = even(x0, x1);
+    if (linear) for (let v = Math.ceil(x0 / apart) * apart; v <= x1; v += apart) ticks.push(v);
+    else for (let d = Math.floor(x0); d <= x1; d++) for (const m of steps) ticks.push(m * 10 ** d);
+    for (const v of ticks.filter(t => X(t) >= left && X(t) <= right)) {
       element("path", {class: "grid", d: `M${X(v)} ${top}V${bottom}`}, svg);
       element("text", {x: X(v), y: bottom + 16, "text-anchor": "middle"}, svg, short(v));
     }
-    const step = [1, 2, 5, 10, 20].find(s => (y1 - y0) / s <= 8) || 25;
+    const step = even(y0, y1);
     for (let v = Math.ceil(y0 / step) * step; v <= y1; v += step) {
       element("path", {class: "grid", d: `M${left} ${Y(v)}H${right}`}, svg);
       element("text", {x: left - 6, y: Y(v) + 4, "text-anchor": "end"}, svg, v + " %");

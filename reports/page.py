@@ -13,7 +13,7 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.outcomes import statistics
-from bench.outcomes.comparable import MARKED, depends_on_batch
+from bench.outcomes.comparable import MARKED, depends_on_batch, system_of
 from bench.outcomes.runs import independent, of_kinds, rows_of, tracked, with_groups
 from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
@@ -37,6 +37,7 @@ from reports.speed import speed_chart
 from reports.spreadsheet import write_sheet
 from reports.summary import briefs
 from reports.watching import watch_sections
+from reports.what_if import panels
 
 ROWS = 300  # of a table on the page; the CSV files hold all
 
@@ -106,8 +107,8 @@ def assemble(
     groups = {name: group_of(store, part, by_group[name], folder, files[name]) for name, part in largest.items()}
     answers = [considered(store, name, runs, budgets, kinds) for name in largest]
     candidates = [answer for answer in answers if isinstance(answer, Considered)]
-    every = pd.concat([runs, *map(with_groups, others.values())], ignore_index=True)
-    chart = chart_data(candidates, dict(zip(every["system"], every["model_name"], strict=True)), papers)
+    models = {system_of(run): str(run["model_name"]) for each in kinds.values() for run in rows_of(each)}
+    chart = chart_data(candidates, models, papers)
     stresses, streams = (fault_curves.contexts(others.get(kind)) for kind in ("stress", "stream"))
     curves = curves_of(store, runs)
     agreed = agreements(store, largest)
@@ -128,13 +129,14 @@ def assemble(
         "on_batch": sorted({str(run["system"]) for run in rows_of(runs) if depends_on_batch(run)}),
         "marked": MARKED,
         "answers": answers,
+        "what_ifs": panels(store, candidates, kinds),
         "largest": GROUPS,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
         "chart": chart,
         "speed": [
             save(figure, folder, f"{files[g['name']]}-speed", g["name"], caption)
             for g in chart["groups"]
-            for figure, caption in [speed_chart(g, chart["costs"])]
+            for figure, caption in [speed_chart(g, chart["costs"][: chart["linear"].count(False)])]
         ],
         "runs": runs_section(tables["comparison"], [*largest, *left_out]),
         "counts": (len(runs), runs["system"].nunique()),

@@ -77,6 +77,7 @@ class Candidates:
         context: captures and protocol, in words.
         subjects: scores in percent [candidates, subjects].
         people: contribution of each subject to scores and costs, in the order of these two.
+        runs: runs of each candidate, in the order of the table: one for each seed.
         first: a run of the candidates.
         mixed: True if training and test captures share subjects.
         notes: excluded runs with reasons, in sentences.
@@ -86,6 +87,7 @@ class Candidates:
     context: str
     subjects: pd.DataFrame
     people: People
+    runs: list[list[Row]]
     first: Row
     mixed: bool
     notes: list[str]
@@ -139,6 +141,7 @@ def candidates(
     options = runs.reindex(columns=["stream.hop_ms", "chip.bits", "watch.false_alarms"]).fillna("")
     same = [runs["system"], runs["touchbench.kind"], *(options[name] for name in options)]
     rows, accuracies, alarms = [], [], []
+    behind: list[list[Row]] = []
     for (system, kind, *_), group in runs.groupby(same, sort=True):
         seeds = [{**run, **linked.get(str(system), {})} for run in rows_of(group)]
         ways = [_ways(store, run, most, windows, reactions) for run in seeds]
@@ -152,6 +155,7 @@ def candidates(
             ]
             accuracies.append(by_subject[0])
             alarms.append(by_subject[1:])
+            behind.append([*seeds])
     subjects = pd.DataFrame(accuracies).reset_index(drop=True)
     table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
     if clock is not None:
@@ -168,7 +172,7 @@ def candidates(
     everyone = np.arange(subjects.shape[1])[None]
     table = table.assign(**{name: people.cost(name, everyone)[0] for name in ROBUST})
     mixed = any(facts_of(run).mixes_subjects for run in rows_of(runs))
-    return Candidates(table, ", ".join(context_of(first)), subjects, people, first, mixed, notes)
+    return Candidates(table, ", ".join(context_of(first)), subjects, people, behind, first, mixed, notes)
 
 
 def _losses(
@@ -214,10 +218,12 @@ def _lost(store: Store, runs: pd.DataFrame, faults: Faults, reactions: Reactions
 
     These runs store labels, so the reaction is that to the most probable gesture, also of clean captures.
     """
+    tested = [(run, {*str(run.get("faults", "")).split(", ")}) for run in rows_of(runs.sort_values("started"))]
+    if not {*faults.names} <= {name for _, names in tested for name in names}:
+        return None  # without reading any table
     lost: dict[tuple[str, int], pd.Series] = {}
-    for run in rows_of(runs.sort_values("started")):
-        held = str(run.get("faults", "")).split(", ")
-        if not {*held} & {*faults.names}:
+    for run, names in tested:
+        if not names & {*faults.names}:
             continue
         columns = ["fold", "capture", "subject", "true", "predicted", "train_subjects", "fault", "severity"]
         rows = pd.read_parquet(needed(store, run, "stress.parquet"), columns=columns)

@@ -114,6 +114,18 @@ class Reactions:
         return (100 * (1 - costs.groupby(labelled["subject"].astype(str)).mean())).rename_axis("subject")
 
 
+def mean_probabilities(predictions: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """``subject`` and ``true`` of each tested capture, and its mean probabilities, with a column for each class.
+
+    Args:
+        predictions: table of predictions (`bench.outcomes.scores`).
+    """
+    groups = predictions.groupby(["fold", "capture"], sort=False)
+    classes = classes_of(predictions)
+    mean = groups[[PREFIX + c for c in classes]].mean().set_axis(classes, axis=1)
+    return groups[["subject", "true"]].first(), mean
+
+
 def by_capture(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
     """``subject``, ``true`` and the reaction ``taken`` for each tested capture, by mean probability.
 
@@ -121,10 +133,7 @@ def by_capture(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
         predictions: table of predictions (`bench.outcomes.scores`).
         reactions: reactions of the robot.
     """
-    groups = predictions.groupby(["fold", "capture"], sort=False)
-    classes = classes_of(predictions)
-    mean = groups[[PREFIX + c for c in classes]].mean().set_axis(classes, axis=1)
-    rows = groups[["subject", "true"]].first()
+    rows, mean = mean_probabilities(predictions)
     return rows.assign(taken=reactions.decided(mean)).reset_index()
 
 

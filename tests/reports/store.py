@@ -120,7 +120,7 @@ def stressed(store, system, accuracy, losses, more=(), **about):
     """A stress run with losses by fault."""
     metrics = {"accuracy": accuracy, "failing_slices": 3, "tested_slices": 40, "worst.subject": accuracy / 2}
     metrics |= {f"loss.{fault}": loss for fault, loss in losses.items()} | dict(more)
-    return other_run(store, "stress", system, metrics, {"faults": ",".join(losses)}, **about)
+    return other_run(store, "stress", system, metrics, {"faults": ", ".join(losses)}, **about)
 
 
 WATCHED = pd.DataFrame(  # 100 s at 50 Hz, 10 s of it touched; one touch is found, one missed, one false alarm raised
