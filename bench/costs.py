@@ -22,7 +22,7 @@ def quantity(key: str, given: object, prefix: str = "") -> float:
 
     Args:
         key: one of `BUDGETS`, ``max_latency``, ``clock``, or another name, for a number without unit.
-        given: typed value.
+        given: typed value; losses and errors may be 0.
         prefix: prefix of the key, if it was typed with one.
 
     Raises:
@@ -36,7 +36,8 @@ def quantity(key: str, given: object, prefix: str = "") -> float:
         units = UNITS[kinds[key]]
     try:
         value = float(number) * units[text[len(number) :].strip()]
-        if not 0 < value < float("inf"):
+        least_is_fine = value == 0 and key.removeprefix("max_") in ROBUST
+        if not (0 < value < float("inf") or least_is_fine):
             raise ValueError(text)
     except (ValueError, KeyError) as e:
         words = f" and {' or '.join(units)}" if "" not in units else ""

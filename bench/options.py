@@ -9,7 +9,7 @@ from __future__ import annotations
 import textwrap
 from dataclasses import dataclass
 
-from bench.costs import COSTS, ROBUST
+from bench.costs import COSTS, ROBUST, WATCHED
 from bench.registry import names
 
 WIDTH = 100  # columns of help
@@ -90,7 +90,7 @@ OPTIONS = (
     Option("budget", "tune", "number", None, "seconds after which a fold starts no new combination"),
     Option("inner", "tune choose", "text", "3", "inner folds: number of groups of training subjects, or loso"),
     Option("scene", "choose", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
-    Option("by", "choose", "text", "flash", "cost to minimise", (*COSTS, *ROBUST)),
+    Option("by", "choose", "text", "flash", "cost to minimise", (*COSTS, *ROBUST, *WATCHED)),
     Option("max_flash", CHOICE, "amount", None, "largest flash, such as 256kB or 256KiB"),
     Option("max_ram", CHOICE, "amount", None, "largest RAM, such as 32kB"),
     Option("max_predict", CHOICE, "amount", None, "longest computing time per label on this machine, such as 2ms"),

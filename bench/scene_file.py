@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import csv
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 
+from bench.costs import quantity
 from bench.errors import InputError, nearest
 from bench.options import FAULTS
 from bench.outcomes.candidates import SEVERITIES, Faults
 from bench.outcomes.reactions import Reactions
 
-KEYS = {"by": "by", "margin": "margin", "unit": "unit"}  # of a scene, and of `bench choose`
+KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`
 LINES = {  # of each section: a key, and that of `bench choose`, empty for those read here
     "budget": {n: f"max_{n}" for n in ("flash", "ram", "cycles", "predict", "decision")}
     | {"clock": "clock", "board": "", "share": ""},
@@ -37,6 +38,7 @@ class Board:
         clock_mhz: clock rate.
         fpu: True if it computes with floats in hardware.
         source: address of the maker's page.
+        share: share of flash and RAM that touch may use.
     """
 
     name: str
@@ -46,6 +48,22 @@ class Board:
     clock_mhz: float
     fpu: bool
     source: str
+    share: float = 1.0
+
+    def budgets(self, timed: bool) -> dict[str, str]:
+        """Budgets as keys of ``bench choose``; with the clock, if there is a budget of time and an FPU."""
+        values = {"max_flash": f"{self.share * self.flash_kb:.6g}kB", "max_ram": f"{self.share * self.ram_kb:.6g}kB"}
+        return values | ({"clock": f"{self.clock_mhz:g}MHz"} if timed and self.fpu else {})
+
+    def sentences(self, values: Mapping[str, object]) -> list[str]:
+        """What its budgets are, as far as no other line sets them, and how far counted instructions hold for it."""
+        own = self.budgets(timed=False)
+        names = [name for name in ("flash", "RAM") if values.get(f"max_{name.lower()}") == own[f"max_{name.lower()}"]]
+        share = "that" if self.share == 1 else f"{100 * self.share:g} % of that"
+        lines = [f"The budget of {' and of '.join(names)} is {share} of {self.title} ({self.source})."] if names else []
+        if not self.fpu and {"max_cycles", "max_decision"} & {*values}:
+            lines.append("It has no floating-point unit; instructions are counted for a Cortex-M4F, which has one.")
+        return lines
 
 
 @dataclass(frozen=True)
@@ -56,13 +74,13 @@ class Scene:
         values: its lines as keys of ``bench choose``.
         reactions: reactions to gestures and costs of mistakes.
         faults: circumstances over which losses are taken; None if the scene names none.
-        notes: sentences on what its lines imply.
+        board: board of the robot, with the share of it that touch may use; None if the scene names none.
     """
 
     values: Mapping[str, str] = field(default_factory=dict)
     reactions: Reactions = field(default_factory=Reactions)
     faults: Faults | None = None
-    notes: tuple[str, ...] = ()
+    board: Board | None = None
 
 
 def boards() -> dict[str, Board]:
@@ -117,37 +135,47 @@ def scene_of(table: Mapping[str, object]) -> Scene:
     sections = {name: _section(table, name) for name in LINES}
     for name, lines in sections.items():
         _check(f"[{name}] ", lines, LINES[name])
-    values = {KEYS[k]: _text(k, table[k]) for k in KEYS if k in table}
+    values = {k: _text(k, table[k]) for k in KEYS if k in table}
     for name, lines in sections.items():
         values |= {key: _text(f"[{name}] {k}", lines[k]) for k, key in LINES[name].items() if key and k in lines}
+    for name, lines in sections.items():
+        for k in lines:
+            _check_amount(f"[{name}] {k} = {lines[k]}", LINES[name][k], values)
     people = sections["people"]
+    if unwatched := [k for k in ("decision", "cycles", "clock") if k in sections["budget"] and sections["stream"]]:
+        raise InputError(f"[budget] {unwatched[0]}: bench watch does not measure it; leave it or [stream] out")
     if "shots" in people and sections["stream"]:
         raise InputError("[people] shots: bench watch has no captures of a new person; leave shots or [stream] out")
     for k, key in (("worst", "max_worst_person"), ("worst_tenth", "max_worst_tenth")):
         if k in people:
-            values[key] = f"{100 - _number(f'[people] {k}', people[k], 0, 99.9):g}"  # of an error
-    more, notes = _of_board(sections["budget"], "[stream]" if sections["stream"] else "")
-    return Scene(more | values, _reactions(table), _faults(sections["faults"]), tuple(notes))
+            values[key] = f"{100 - _number(f'[people] {k}', people[k], 0, 100):g}"  # of an error
+    board = _of_board(sections["budget"])
+    more = {} if board is None else board.budgets("decision" in sections["budget"])
+    return Scene(more | values, _reactions(table), _faults(sections["faults"]), board)
 
 
-def _of_board(budget: Mapping[str, object], stream: str) -> tuple[dict[str, str], list[str]]:
-    """Budgets of a board, which other lines of the scene override, and sentences on them."""
+def _of_board(budget: Mapping[str, object]) -> Board | None:
     if "board" not in budget:
         if "share" in budget:
             raise InputError("[budget] share: it is a share of a board; add board, or leave it out")
-        return {}, []
+        return None
     known, name = boards(), _text("[budget] board", budget["board"])
     if name not in known:
         raise InputError(f"[budget] board: no board is called {name}; {nearest(name, known)}")
-    board, share = known[name], _number("[budget] share", budget.get("share", 1.0), 0, 1)
-    values = {"max_flash": f"{share * board.flash_kb:.6g}kB", "max_ram": f"{share * board.ram_kb:.6g}kB"}
-    part = "" if share == 1 else f" {100 * share:g} % of"
-    notes = [f"Budgets of flash and RAM are{part} those of {board.title} ({board.source})."]
-    if "decision" in budget and not stream and board.fpu:
-        values["clock"] = f"{board.clock_mhz:g}MHz"
-    if not board.fpu:
-        notes.append("This board has no floating-point unit; instructions are counted for a Cortex-M4F, which has one.")
-    return values, notes
+    share = _number("[budget] share", budget.get("share", 1.0), 0, 1)
+    if not share:
+        raise InputError("[budget] share = 0: give a share above 0")
+    return replace(known[name], share=share)
+
+
+def _check_amount(line: str, key: str, values: Mapping[str, str]) -> None:
+    """Refuse a number or a unit that `bench choose` would refuse, by the name of its line."""
+    if not key.startswith("max_") and key not in ("clock", "margin"):
+        return
+    try:
+        quantity(key, values[key])
+    except InputError as e:
+        raise InputError(f"{line}:{str(e).partition(':')[2]}") from e
 
 
 def _reactions(table: Mapping[str, object]) -> Reactions:
@@ -187,7 +215,7 @@ def _faults(lines: Mapping[str, object]) -> Faults | None:
         if name not in EVERY:
             raise InputError(f"[faults] names: no fault is called {name}; {nearest(name, EVERY)}")
     severity = lines.get("severity", SEVERITIES)
-    if not isinstance(severity, int) or not 1 <= severity <= SEVERITIES:
+    if isinstance(severity, bool) or not isinstance(severity, int) or not 1 <= severity <= SEVERITIES:
         raise InputError(f"[faults] severity = {severity}: give a whole number from 1 to {SEVERITIES}")
     return Faults(tuple(dict.fromkeys(names)), severity)
 
@@ -199,11 +227,10 @@ def _section(table: Mapping[str, object], name: str) -> Mapping[str, object]:
     return section
 
 
-def _check(where: str, given: Mapping[str, object], known: object) -> None:
-    names = {*known}  # type: ignore[misc]
+def _check(where: str, given: Mapping[str, object], known: Collection[str]) -> None:
     for key in given:
-        if key not in names:
-            raise InputError(f"{where}{key}: there is no such line; {nearest(key, names)}")
+        if key not in known:
+            raise InputError(f"{where}{key}: there is no such line; {nearest(key, known)}")
 
 
 def _number(where: str, value: object, above: float, most: float = float("inf")) -> float:

@@ -17,7 +17,7 @@ from bench.outcomes.candidates import STRESS, Candidates, Faults, candidates
 from bench.outcomes.choice import Choice, decide, named, sentences
 from bench.outcomes.comparable import COMPARABLE, Row
 from bench.outcomes.store import Store
-from bench.scene import EVERY
+from bench.scene_file import EVERY
 from reports.speed import front
 
 BY = "flash"  # the cost that is to be low, unless bench choose is told another

@@ -107,6 +107,7 @@ def assemble(
     groups = {name: group_of(store, part, by_group[name], folder, files[name]) for name, part in largest.items()}
     answers = [considered(store, name, runs, budgets, kinds) for name in largest]
     candidates = [answer for answer in answers if isinstance(answer, Considered)]
+    every = pd.concat([runs, *map(with_groups, others.values())], ignore_index=True)
     models = {system_of(run): str(run["model_name"]) for each in kinds.values() for run in rows_of(each)}
     chart = chart_data(candidates, models, papers)
     stresses, streams = (fault_curves.contexts(others.get(kind)) for kind in ("stress", "stream"))

@@ -53,7 +53,8 @@ def test_lines_are_keys_of_choose(tmp_path):
         0.5,
         True,
     )
-    assert "25 % of" in scene.notes[0] and "https://" in scene.notes[0]
+    (line,) = scene.board.sentences(scene.values)  # of flash alone: RAM has its own line
+    assert line.startswith("The budget of flash is 25 % of that of Raspberry Pi Pico 2") and "https://" in line
 
 
 def test_shipped_scenes_and_boards_can_be_read():
@@ -83,7 +84,11 @@ def test_shipped_scenes_and_boards_can_be_read():
         ("[costs]\nscratch = { calm = true }", "give a number from 0"),
         ("[faults]\nnames = ['nose']", "did you mean noise"),
         ("[faults]\nseverity = 6", "from 1 to 5"),
-        ("[people]\nworst = 101", "from 0 to 99.9"),
+        ("[people]\nworst = 101", "from 0 to 100"),
+        ("[budget]\nflash = 256", r"\[budget\] flash = 256: give a number above 0"),
+        ("[budget]\nboard = 'pico'\nshare = 0", "share above 0"),
+        ("[budget]\ndecision = '1s'\n[stream]\nlatency = '1s'", r"\[budget\] decision: bench watch"),
+        ("[faults]\nseverity = true", "from 1 to 5"),
         ("[people]\nshots = 3\n[stream]\nlatency = '1s'", "shots"),
         ("by = ['flash']", "by: give one value"),
     ],

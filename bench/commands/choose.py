@@ -60,6 +60,7 @@ class Chosen:
         expected: expectations for new people; None if nothing fits or there are too few people.
         lacking: commands that measure what is not stored, by what they measure, in words.
         growth: sentence on more training people, empty if no learning curve is stored.
+        notes: sentences on the board of the scene.
     """
 
     choice: Choice
@@ -72,6 +73,7 @@ class Chosen:
     expected: Expected | None = None
     lacking: Mapping[str, list[str]] = field(default_factory=dict)
     growth: str = ""
+    notes: list[str] = field(default_factory=list)
 
     @property
     def system(self) -> str | None:
@@ -103,7 +105,7 @@ class Chosen:
             lines.append(f"Decision time is touch before the decision, plus cycles at {self.clock:g} MHz {timed}.")
         elif "decision" in {self.by, *self.budgets}:
             lines.append("Decision time is touch before the decision, without computing time on this machine.")
-        lines += [*self._dominated(), *self.scene.notes, *self._meaning(), *self.among.notes]
+        lines += [*self._dominated(), *self.notes, *self._meaning(), *self.among.notes]
         for what, commands in self.lacking.items():
             more = f"; and {len(commands) - SHOWN} more" if len(commands) > SHOWN else ""
             lines.append(f"{what} is not stored. To measure it: {'; '.join(commands[:SHOWN])}{more}.")
@@ -121,13 +123,16 @@ class Chosen:
             return []
         chosen = self.choice.chosen
         plain = f"{rows[chosen]['accuracy']:.1f} %"
-        empty = int((one.without < 0).sum())
+        empty = int(np.isnan(one.scores).sum())
+        who = "other people whose captures are in the training set" if self.among.mixed else "new people"
         if empty:
-            lines = [f"When one person is left out of the choice, nothing fits in {empty} of {people} cases."]
+            lines = [
+                f"When one person is left out of the choice, nothing fits or is scored in {empty} of {people} cases."
+            ]
         else:
             low, high = one.interval
             lines = [
-                f"Expect {one.scores.mean():.1f} % [{low:.1f}, {high:.1f}] for new people: each of {people} people was "
+                f"Expect {one.scores.mean():.1f} % [{low:.1f}, {high:.1f}] for {who}: each of {people} people was "
                 f"left out of the choice and scored with the system that the others chose (all people: {plain})."
             ]
         order = [int(i) for i in np.argsort(-one.shares, kind="stable") if one.shares[i] > 0]
@@ -148,14 +153,7 @@ class Chosen:
         )
         if one.rival is not None:
             rival = named(rows[one.rival])
-            needed = f"about {one.people} people would show it" if one.people else "no number of people would show it"
-            if one.people and one.people <= people:
-                needed = f"{one.people} people would show it"
-            lines.append(
-                f"Next comes {rival}, {points(abs(one.difference), np.nan)} points "
-                f"{'better' if one.difference > 0 else 'worse'}. Between these two, {people} people can show a "
-                f"difference of {points(one.smallest, np.nan)} points (80 % power, paired t-test, p < 0.05); {needed}."
-            )
+            lines.append(f"Next comes {rival}, {_compared(one, people)}.")
         return lines
 
     def _dominated(self) -> list[str]:
@@ -179,11 +177,16 @@ class Chosen:
         if self.watched:
             lines.append("The score is of touches in recordings, with the label at the end.")
         if reactions.weighted:
-            lines.append("The score is 100 less 100 times the mean cost of a mistake; with costs of 1 it is accuracy.")
+            costs = [f"{true} taken for {k} {v:g}" for true, row in reactions.costs.items() for k, v in row.items()]
+            costs += [f"doing nothing {reactions.silence:g}", "any other mistake 1"]
+            lines.append(f"The score is 100 less 100 times the mean cost: {', '.join(costs)}; the right reaction 0.")
+            if not reactions.silence:
+                lines.append("Doing nothing costs nothing here, so a robot that never reacts scores 100 %.")
         if not reactions.plain:
             groups = [f"{name} ({', '.join(members)})" for name, members in reactions.groups.items()]
-            rest = f"unlisted gestures are {'ignored' if reactions.ignored else 'their own reaction'}"
-            lines.append(f"Reactions: {'; '.join([*groups, rest])}.")
+            if {*self.among.gestures} - {g for members in reactions.groups.values() for g in members}:
+                groups.append(f"unlisted gestures are {'ignored' if reactions.ignored else 'their own reaction'}")
+            lines.append(f"Reactions: {'; '.join(groups)}.")
         faults = self.scene.faults
         if faults is not None:
             names = "all faults" if {*faults.names} == {*EVERY} else ", ".join(faults.names)
@@ -192,6 +195,20 @@ class Chosen:
                 "new person; the reaction is that to the most probable gesture."
             )
         return lines
+
+
+def _compared(one: Expected, people: int) -> str:
+    """The difference of the next system to the chosen one, and how many people would show it."""
+    if abs(one.difference) < 1e-9:
+        return "which scores the same"
+    enough = (
+        "more than 100000" if one.people is None else str(one.people) if one.people <= people else f"about {one.people}"
+    )
+    return (
+        f"{points(abs(one.difference), np.nan)} points {'better' if one.difference > 0 else 'worse'}. Between these "
+        f"two, {people} people can show a difference of {points(one.smallest, np.nan)} points (80 % power, paired "
+        f"t-test, p < 0.05); {enough} people would show this one"
+    )
 
 
 def choose(arguments: list[str]) -> int:
@@ -224,15 +241,17 @@ def chosen(values: Values) -> Chosen:
         raise InputError(f"{running[0]}= needs over=, which runs systems; leave {running[0]}= out or add over=")
     scene = read_scene(str(values["scene"])) if "scene" in values else Scene()
     values = {**scene.values, **values}
-    by, unit = _one_of("by", values, COSTS | ROBUST), _one_of("unit", values, ("capture", "window"))
+    by, unit = _one_of("by", values, COSTS | ROBUST | WATCHED), _one_of("unit", values, ("capture", "window"))
     batch = _one_of("batch", values, ("no", "yes")) == "yes"
     every = BUDGETS | WATCH_BUDGETS
     if scene.faults is None and any("fault" in cost for cost in (by, *(every[k] for k in every if k in values))):
         scene = replace(scene, faults=Faults(EVERY))
     budgets = {every[k]: quantity(k, values[k]) for k in every if k in values}
-    watched = bool({*WATCHED} & {*budgets})
+    watched = bool({*WATCHED} & {by, *budgets})
     if watched:
         _check_watched(values, by, unit, budgets)
+    if scene.faults is not None and unit == "window":
+        raise InputError("unit=window: losses under faults are of whole captures; leave it or the faults out")
     margin, clock = (quantity(k, values[k]) if k in values else None for k in ("margin", "clock"))
     asked = {k: items(k, v) for k, v in values.items() if k in AMONG or k.startswith("protocol.")}
     if "shots" in values:
@@ -240,6 +259,10 @@ def chosen(values: Values) -> Chosen:
         if shots < 0:
             raise InputError(f"shots={shots}: give 0 or more")
         asked = {"protocol": ["personal"], **asked, "shots": [str(shots)]}
+        if wrong := {*asked["protocol"]} - {"personal", "transfer"}:
+            raise InputError(f"protocol={min(wrong)}: it has no shots; leave protocol= or shots out")
+        if watched:
+            raise InputError(f"shots={shots}: bench watch has no captures of a new person; leave shots out")
     store = connect()
     shots_or_watch = watched or "shots" in values
     runs_of = of_kinds(store, [*([WATCH, "cell"] if watched else KINDS), STRESS])
@@ -263,9 +286,11 @@ def chosen(values: Values) -> Chosen:
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
     choice = decide(among.table, among.subjects, by, budgets, margin)
     one = None if choice.chosen is None else expected(among.people, choice.chosen, by, budgets, margin)
+    wanted = [*dict.fromkeys([by, *budgets, *["fault_loss"] * (scene.faults is not None)])]
+    wanted = [cost for cost in wanted if cost != "worst_fault" or "fault_loss" not in wanted]  # by the same command
     lacking = {
         f"The {NOUNS[cost]} of {several(len(commands), 'system')}": commands
-        for cost, commands in missing(among.table, {by, *budgets}, scene.faults).items()
+        for cost, commands in missing(among.table, wanted, scene.faults).items()
     }
     if shots_or_watch and "cell" in runs_of and not {"model", "features"} & {*asked}:
         more = {} if watched else {"protocol": "personal", "protocol.shots": asked["shots"][0]}
@@ -276,17 +301,25 @@ def chosen(values: Values) -> Chosen:
     if choice.chosen is not None:
         growth = _growth(store, runs_of.get(STRESS), among, choice.chosen, scene)
         trained = json.loads(among.table["arguments"][choice.chosen] or "{}")
-        if not growth and "scene" in values and trained:
-            trained = {k: v for k, v in trained.items() if k.split(".")[0] in FIT} | {"faults": "none"}
-            lacking["The gain of more people"] = [typed("stress", trained | {"train_subjects": "2,4,6"})]
-    return Chosen(choice, among, by, budgets, margin, clock, scene, one, lacking, growth)
+        others = among.subjects.shape[1] - 1
+        numbers = sorted({n for n in (2, max(3, others // 2), max(3, 2 * others // 3)) if n < others})
+        if not growth and "scene" in values and trained and len(numbers) > 1 and not among.mixed:
+            trained = {k: v for k, v in trained.items() if k.split(".")[0] in FIT} | {
+                "protocol": "loso",
+                "faults": "none",
+            }
+            trained |= {"train_subjects": ",".join(map(str, numbers))}
+            lacking["The gain of more people"] = [typed("stress", trained)]
+    notes = scene.board.sentences(values) if scene.board else []
+    return Chosen(choice, among, by, budgets, margin, clock, scene, one, lacking, growth, notes)
 
 
 def _growth(store: Store, runs: pd.DataFrame | None, among: Candidates, chosen: int, scene: Scene) -> str:
     """The gain of more training people in a sentence, empty if no learning curve of the chosen system is stored."""
     if runs is None or "train_subjects" not in runs:
         return ""
-    kept = complete_on(runs, among.first) & (runs["protocol_label"] == among.first["protocol_label"])
+    same = runs["protocol_label"] == among.first["protocol_label"]
+    kept = complete_on(runs, among.first) & (same | (runs["protocol_name"] == "loso"))
     kept &= np.array([system_of(run) == among.table["system"][chosen] for run in rows_of(runs)])
     for run in rows_of(runs[kept & (runs["train_subjects"] != "all")])[::-1]:
         result = more_people(pd.read_parquet(needed(store, run, "stress.parquet")), scene.reactions)
@@ -294,8 +327,8 @@ def _growth(store: Store, runs: pd.DataFrame | None, among: Candidates, chosen: 
             most, gains = result
             words = [f"{r.more} more add {r.gain:.1f} [{r.low:.1f}, {r.high:.1f}]" for r in gains.itertuples()]
             return (
-                f"By its learning curve on captures, {', '.join(words)} points to a training set of {most} people "
-                "(fit of a - b / people; 95 % intervals over people)."
+                f"By its learning curve on captures (LOSO), {', '.join(words)} points to a training set of {most} "
+                "people (fit of a - b / people; 95 % intervals over people)."
             )
     return ""
 
@@ -306,7 +339,7 @@ def _check_watched(values: Values, by: str, unit: str, budgets: dict[str, float]
     Raises:
         InputError: there is one.
     """
-    given = next(k for k in WATCH_BUDGETS if k in values)
+    given = next((k for k in WATCH_BUDGETS if k in values), "by")
     wrong = [f"by={by}"] * (by in UNWATCHED) + [f"max_{k}=" for k in UNWATCHED if k in budgets]
     wrong += [f"unit={unit}"] * (unit == "window") + ["clock="] * ("clock" in values)
     if wrong:
@@ -330,7 +363,7 @@ def _print(result: Chosen) -> None:
     rows = []
     for row in table.to_dict("records"):
         loss = "-" if np.isnan(row["loss"]) else points(row["loss"], row["error"])
-        score = "score %" if result.scene.reactions.weighted else "accuracy %"
+        score = f"{'score' if result.scene.reactions.weighted else 'accuracy'} %"
         cells = {"system": row["system"], "input": row["unit"], score: f"{row['accuracy']:.1f}"}
         asked = {result.by, *result.budgets, *(("fault_loss", "worst_fault") if result.scene.faults else ())}
         known = [k for k in (*WATCHED, *COSTS) if k in table and not (result.watched and k in UNWATCHED)]
@@ -341,7 +374,8 @@ def _print(result: Chosen) -> None:
         rows.append(cells | {"below best": loss} | costs | {"verdict": row["verdict"]})
     spare = [k for k in ("cycles", "predict", "ram", "decision", "flash") if k != by and k not in result.budgets]
     bold = np.flatnonzero(table.index == result.choice.chosen).tolist()
-    title = f"{result.among.context}; {within}; lowest {by} first; accuracy is the mean over subjects"
+    kind = "score" if result.scene.reactions.weighted else "accuracy"
+    title = f"{result.among.context}; {within}; lowest {by.replace('_', ' ')} first; {kind} is the mean over subjects"
     grid(output(), title, rows, ("system", "input", "verdict"), spare, bold)
     if 0 < table["linked"].sum() < len(rows):
         output().print("* as linked in C, with code; other sizes exclude code", style="dim")

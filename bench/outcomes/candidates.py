@@ -25,6 +25,7 @@ from bench.outcomes.runs import (
     subject_accuracy,
     tracked,
 )
+from bench.outcomes.scores import classes_of
 from bench.outcomes.stability import CLEAN, unharmed
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
@@ -78,6 +79,7 @@ class Candidates:
         subjects: scores in percent [candidates, subjects].
         people: contribution of each subject to scores and costs, in the order of these two.
         runs: runs of each candidate, in the order of the table: one for each seed.
+        gestures: all gestures; empty if each is its own reaction and all mistakes cost the same.
         first: a run of the candidates.
         mixed: True if training and test captures share subjects.
         notes: excluded runs with reasons, in sentences.
@@ -88,6 +90,7 @@ class Candidates:
     subjects: pd.DataFrame
     people: People
     runs: list[list[Row]]
+    gestures: tuple[str, ...]
     first: Row
     mixed: bool
     notes: list[str]
@@ -136,7 +139,8 @@ def candidates(
     tables = of_kinds(store, kinds) if runs_of is None else {kind: runs_of[kind] for kind in kinds if kind in runs_of}
     if not tables:
         tracked(store, kinds[0])  # which says so
-    runs, notes = eligible([*tables.values()], asked, windows, batch, "watch" if watched else "run")
+    shots = "".join(f" protocol=personal protocol.shots={number}" for number in asked.get("shots", []))
+    runs, notes = eligible([*tables.values()], asked, windows, batch, "watch" if watched else f"run{shots}")
     linked = _linked(runs)
     options = runs.reindex(columns=["stream.hop_ms", "chip.bits", "watch.false_alarms"]).fillna("")
     same = [runs["system"], runs["touchbench.kind"], *(options[name] for name in options)]
@@ -171,8 +175,19 @@ def candidates(
     people = People(subjects.to_numpy(float), losses, np.reshape(counts, shape).transpose(1, 0, 2), fixed)
     everyone = np.arange(subjects.shape[1])[None]
     table = table.assign(**{name: people.cost(name, everyone)[0] for name in ROBUST})
+    if watched:
+        table["false_alarms"] = people.cost("false_alarms", everyone)[0]
     mixed = any(facts_of(run).mixes_subjects for run in rows_of(runs))
-    return Candidates(table, ", ".join(context_of(first)), subjects, people, behind, first, mixed, notes)
+    gestures = () if reactions.plain else _gestures(store, first)
+    return Candidates(table, ", ".join(context_of(first)), subjects, people, behind, gestures, first, mixed, notes)
+
+
+def _gestures(store: Store, run: Row) -> tuple[str, ...]:
+    """All gestures of the captures or recordings of a run."""
+    if run["touchbench.kind"] != WATCH:
+        return tuple(classes_of(pd.read_parquet(needed(store, run, "predictions.parquet"))))
+    touches = pd.read_csv(needed(store, run, "touches.csv"), usecols=["gesture"])
+    return tuple(sorted({*touches["gesture"].astype(str), str(run["watch.background"]) or BACKGROUND}))
 
 
 def _losses(
@@ -206,7 +221,7 @@ def _losses(
         tested = runs["protocol_name"] == "loso"
     runs = runs[tested & complete_on(runs, context)]
     for system, group in runs.groupby(pd.Series([system_of(run) for run in rows_of(runs)], runs.index, dtype=object)):
-        rows = (table["system"] == system) & table["unit"].str.match("capture$|in C|" + IN_RECORDINGS)
+        rows = (table["system"] == system) & table["unit"].str.match("capture$|in C, 32 bits$|" + IN_RECORDINGS)
         parts = [_lost(store, seeds, faults, reactions) for _, seeds in group.groupby("seed")] if rows.any() else []
         if known := [part.reindex(columns=subjects).to_numpy() for part in parts if part is not None]:
             losses[rows.to_numpy()] = np.mean(known, axis=0)
@@ -226,7 +241,8 @@ def _lost(store: Store, runs: pd.DataFrame, faults: Faults, reactions: Reactions
         if not names & {*faults.names}:
             continue
         columns = ["fold", "capture", "subject", "true", "predicted", "train_subjects", "fault", "severity"]
-        rows = pd.read_parquet(needed(store, run, "stress.parquet"), columns=columns)
+        asked = [("fault", "in", [CLEAN, *faults.names]), ("severity", "<=", faults.severity)]
+        rows = pd.read_parquet(needed(store, run, "stress.parquet"), columns=columns, filters=asked)
         rows = pd.concat([unharmed(rows), rows[rows["fault"].isin(faults.names)]], ignore_index=True)
         keys = [rows["fault"], rows["severity"], rows["subject"].astype(str)]
         costs = 100 * pd.Series(reactions.mistakes(rows)).groupby(keys).mean().unstack()
@@ -425,10 +441,12 @@ def _ways(
         }
         costs |= {"latency": 1000 * run.get("latency_s_p50", np.nan)}
         shares = pd.read_csv(needed(store, run, "per_subject.csv"), dtype={"subject": str}).set_index("subject")
+        if "background_s" not in shares:
+            raise InputError(f"{run['system']}: an older version stored this run of bench watch; run it again")
         score, hours = 100 * shares["end_correct"].dropna(), shares["background_s"] / 3600
         if not reactions.plain:
             touches = pd.read_csv(needed(store, run, "touches.csv"), dtype={"subject": str}, keep_default_na=False)
-            reactions.of({*touches["gesture"], str(run["watch.background"]) or BACKGROUND})  # refuses other names
+            reactions.of(_gestures(store, run))  # refuses other names
             score = reactions.scores(touches.rename(columns={"gesture": "true", "label": "predicted"}))
         aim = float(run["watch.false_alarms"])
         unit = IN_RECORDINGS + ("" if aim == USUAL_AIM else f", false_alarms={aim:g}")

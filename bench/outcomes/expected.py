@@ -31,7 +31,8 @@ class Expected:
             that fits; None without one.
         difference: its score less that of the chosen one, in points; NaN without one.
         smallest: difference of these two that so many people can show.
-        people: number of people that could show their difference; None if it is 0, or more than `MOST_PEOPLE`.
+        people: number of people that could show their difference; None if it is 0, or if it is more than
+            `MOST_PEOPLE`.
     """
 
     scores: np.ndarray
@@ -57,8 +58,8 @@ def expected(
 ) -> Expected | None:
     """Repeat a choice without each person, and with people drawn with replacement.
 
-    Everything that depends on people (scores, losses under faults, worst people, false alarms) is computed again from
-    those that are left, so the person who is left out has no part in the choice.
+    Scores, losses under faults, worst people and false alarms are computed again from the people that are left. Latency
+    and decision time, medians over touches or captures, stay those of all people.
 
     Args:
         people: contribution of each person to scores and costs, from `bench.outcomes.candidates`.
@@ -86,7 +87,8 @@ def expected(
     shares = np.bincount(drawn[drawn >= 0], minlength=candidates) / DRAWS
     everyone = np.arange(count)[None]
     fits = fitting({name: people.cost(name, everyone)[0] for name in budgets}, budgets, candidates)
-    rank = np.where(fits, people.scores.mean(axis=1), -np.inf) + 1e6 * shares
+    means = people.scores.mean(axis=1)
+    rank = np.where(fits & np.isfinite(means), means, -np.inf) + 1e6 * shares
     rank[chosen] = -np.inf
     rival = int(rank.argmax())
     if not np.isfinite(rank[rival]):
@@ -148,7 +150,8 @@ def more_people(table: pd.DataFrame, reactions: Reactions) -> tuple[int, pd.Data
     The score is taken as a - b / n for n training people, fitted by least squares to the means over subjects.
 
     Args:
-        table: table of a run of ``bench stress`` with ``train_subjects=`` (`bench.work.stress`).
+        table: table of a run of ``bench stress`` with ``train_subjects=`` (`bench.work.stress`). Whole training sets of
+            different size count as their mean.
         reactions: reactions that are scored.
 
     Returns:
@@ -157,7 +160,12 @@ def more_people(table: pd.DataFrame, reactions: Reactions) -> tuple[int, pd.Data
         fewer than `FEWEST` subjects.
     """
     clean = table[table["fault"] == CLEAN]
-    numbered = clean["train_subjects"].astype(float)
+    numbered, most_of_fold = (
+        each.astype(float)
+        for each in (clean["train_subjects"], clean.groupby("fold")["train_subjects"].transform("max"))
+    )
+    whole = numbered == most_of_fold
+    numbered = numbered.where(~whole, most_of_fold[whole].mean())
     parts = {n: reactions.scores(clean[numbered == n]) for n in sorted({*numbered})}
     curve = pd.DataFrame(parts).dropna()  # [subjects, numbers]
     if curve.shape[1] < 3 or len(curve) < FEWEST:
@@ -167,7 +175,7 @@ def more_people(table: pd.DataFrame, reactions: Reactions) -> tuple[int, pd.Data
     drawn = np.random.default_rng(0).integers(0, len(curve), (DRAWS, len(curve)))
     scores = curve.to_numpy()
     slope, slopes = solve[1] @ scores.mean(axis=0), scores[drawn].mean(axis=1) @ solve[1]
-    most = int(numbers.max())
+    most = round(float(numbers.max()))
     rows = []
     for more in MORE:
         share = 1 / most - 1 / (most + more)

@@ -41,7 +41,7 @@ class People:
         if name in ("worst_person", "worst_tenth"):
             lowest = np.sort(self.scores[:, drawn], axis=2)  # NaN comes last
             count = 1 if name == "worst_person" else -(-drawn.shape[1] // 10)
-            return 100 - lowest[:, :, :count].mean(axis=2).T
+            return np.where(np.isnan(lowest[:, :, -1]), np.nan, 100 - lowest[:, :, :count].mean(axis=2)).T
         weights = counted(drawn, self.scores.shape[1])
         if name == "false_alarms":
             alarms, hours = weights @ self.alarms[0].T, weights @ self.alarms[1].T

@@ -54,6 +54,11 @@ class Reactions:
         for gesture, name in meant.items():
             if gesture not in gestures:
                 raise InputError(f"[reactions] {name}: there is no gesture {gesture}; {nearest(gesture, gestures)}")
+        for name in self.groups:
+            if name in gestures and name not in meant and not self.ignored:
+                raise InputError(
+                    f"[reactions] {name}: this is also a gesture that is not listed; list it or rename {name}"
+                )
         reactions = {g: meant.get(g, NOTHING if self.ignored else g) for g in sorted(gestures)}
         known = {*reactions.values(), NOTHING}
         for true, row in self.costs.items():

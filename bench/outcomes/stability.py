@@ -13,7 +13,6 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binom, false_discovery_control, kendalltau
 
 from bench.outcomes import scores
 from bench.outcomes.comparable import context_of, method_of
@@ -252,6 +251,8 @@ def _tested(
     tests: pd.DataFrame, counts: np.ndarray, right: np.ndarray, units: np.ndarray, clean: np.ndarray
 ) -> pd.DataFrame:
     """Accuracies and p-values; ``counts`` and ``right`` [slices, subjects], ``units`` and ``clean`` [subjects]."""
+    from scipy.stats import binom, false_discovery_control  # heavy, and bench choose needs none of it
+
     total, sums = counts.sum(axis=1), right.sum(axis=1)
     overall, usual = clean.sum() / units.sum(), clean / units
     there = counts > 0
@@ -332,6 +333,8 @@ def ranks(analyses: list[Analysis]) -> pd.DataFrame:
     Seeds of a system are averaged. ``kendall_tau`` compares the order with the clean one: 1 is the same, -1 the
     reverse, NaN for a single system or where all are equal.
     """
+    from scipy.stats import kendalltau  # heavy
+
     rows = []
     for a in analyses:
         rows.append((a.system, CLEAN, a.clean))

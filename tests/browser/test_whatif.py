@@ -15,7 +15,7 @@ from bench.arguments import parse
 from bench.commands.choose import KEYS, chosen
 from bench.outcomes.stability import CLEAN
 from bench.outcomes.store import connect
-from bench.scene import EVERY
+from bench.scene_file import EVERY
 from reports.page import write_report
 from tests.browser.test_page import CHROMIUM, LACKING, PACKAGES
 from tests.reports.store import made_up, other_run, stressed, tracked_run

@@ -84,6 +84,7 @@ def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(st
         "or with another background",
     ):
         assert fact in str(choice)
+    assert bench.choose(by="latency").system == "loud" and "500 ms of latency" in str(bench.choose(by="latency"))
     assert main(["choose", "max_false_alarms=0.5"]) == 1
     out = capsys.readouterr().out
     assert "lowest false-alarm rate is 1 per hour (small" in out and f"bench watch {SMALL}" in out
@@ -159,7 +160,7 @@ def test_a_scene_scores_reactions_and_asks_for_losses_and_the_worst_person(store
         "To measure it: bench stress data=haart protocol=loso model=lda faults=noise.",
         "left out of the choice and scored",
         "Reactions: calm (pat, rub); unlisted gestures are their own reaction.",
-        "faults=none train_subjects=2,4,6",
+        "tap taken for calm 3, doing nothing 1, any other mistake 1",
     ):
         assert fact in str(result)
     overridden = bench.choose(data="haart", scene=str(tmp_path / "robot.toml"), max_fault_loss=20)

@@ -56,6 +56,7 @@ def test_decisions_equal_a_loop_over_all_reactions(seed, robot):
         (Reactions({"calm": ("path",)}), "calm: there is no gesture path; did you mean pat"),
         (Reactions({"calm": ("pat",)}, costs={"calmer": {"tap": 2.0}}), "no reaction calmer; did you mean calm"),
         (Reactions(costs={"tap": {"petting": 2.0}}), "no reaction petting"),
+        (Reactions({"tap": ("pat", "rub")}), "tap: this is also a gesture that is not listed"),
     ],
 )
 def test_names_that_do_not_exist_are_refused(robot, fact):
