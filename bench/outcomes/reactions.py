@@ -95,8 +95,8 @@ class Reactions:
         """The score of each subject: 100 less 100 times the mean cost of a capture; with default costs its accuracy.
 
         Args:
-            labelled: as of `mistakes`, with a column ``subject``.
-            gestures: as of `mistakes`.
+            labelled: table for `mistakes`, with a column ``subject``.
+            gestures: names for `mistakes`.
         """
         costs = self.mistakes(labelled, gestures)
         return (100 * (1 - costs.groupby(labelled["subject"].astype(str)).mean())).rename_axis("subject")
@@ -107,7 +107,7 @@ class Reactions:
         Args:
             labelled: columns ``true`` (gesture), and ``taken`` (reaction), or ``predicted`` (gesture). A predicted name
                 that is no gesture counts as ``nothing``.
-            gestures: all gestures of the corpus, if a few rows may lack some.
+            gestures: names of all gestures of the corpus, if a few rows may lack some.
         """
         every = {*labelled["true"], *gestures}
         table, reactions = self.cost_table(every), self.of(every)
