@@ -45,7 +45,7 @@ def predicted(seed, skill, quarters=False, dtype="float32", **how):
 
 
 def fill(store):
-    """Windows, seeds, ties, one-hot labels, C, two replays, two systems under faults, and one without a size."""
+    """Windows, seeds, ties, one-hot labels, C alone, a replay, two systems under faults, and one without a size."""
 
     def typed(system):
         line = json.dumps({"data": "haart", "protocol": "loso", "model": system})
@@ -68,7 +68,7 @@ def fill(store):
         "chip_most_instructions": 7e4,
         "capture_ms": 200.0,
     }
-    run = other_run(store, "chip", "svm", sizes, about | {"chip.bits": "8"}, **label)
+    run = other_run(store, "chip", "bayes", sizes, about | {"chip.bits": "8"}, **label)
     kept(store, run, predictions=predicted(7, 0.72))
     replayed = pd.concat([predicted(10 + n, 0.3 + 0.06 * n).assign(instant=n) for n in (2, 5, 8)])
     costs = {"accuracy": 0.7, "adaptive_accuracy": 0.65, "adaptive_ms": 812.0, "mean_ms": 900.0, "decide_ms_p50": 1.0}

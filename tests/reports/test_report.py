@@ -18,7 +18,7 @@ from bench.leaderboard.tasks import HAART
 from bench.outcomes.comparable import BATCH, CONDITIONS, MARK
 from bench.outcomes.runs import independent, tracked, with_groups
 from bench.outcomes.store import connect
-from reports import candidates, page, watching
+from reports import candidates, page, watching, what_if
 from reports.comparison import comparison, published
 from tests.reports.store import WATCHED, made_up, streamed, stressed, tracked_run, watched, with_hits
 
@@ -122,7 +122,7 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(folder):
     text = (folder / "index.html").read_text(encoding="utf-8")
     parsed = Parsed(text)
     assert not parsed.open and not parsed.loaded and len(set(parsed.ids)) == len(parsed.ids)
-    assert "<script>alert" not in text and parsed.scripts == 2  # the data of the chart and the chart
+    assert "<script>alert" not in text and parsed.scripts == 4  # the chart, its data and those of two panels
     assert {link for link in re.findall(r'href="#([^"]+)"', text)} <= set(parsed.ids)
     assert "default-src 'none'" in text and "http" not in "".join(
         re.findall(r"(?:src|href)\s*=\s*[\"']?([^\"'>]*)", text)
@@ -286,10 +286,12 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
             "touchbench.arguments": f'{{"data": "synth", "protocol": "loso", "model": "{system}"}}',
         }
         tracked_run(store, system, made_up(8, skill=0.3 + 0.25 * i, seed=i), cost=10.0**i, **about)
-    for budget, system in (({}, "ta2015_rf[trees=9]"), ({"flash": 100.0}, "rf"), ({"flash": 10.0}, "svm")):
+    worst = {"flash": 100.0, "worst_person": 100.0}
+    cases = (({}, "ta2015_rf[trees=9]"), ({"flash": 100.0}, "rf"), ({"flash": 10.0}, "svm"), (worst, "rf"))
+    for budget, system in cases:
         answer, runs = verdicts(store, budget)
         assert answer.choice.table["system"][answer.choice.chosen] == system in answer.lines[0]
-        words = [f"max_flash={v:g}kB" for v in budget.values()]
+        words = [f"max_{k}={v:g}" + "kB" * (k == "flash") for k, v in budget.items()]
         assert answer.command == " ".join(["bench choose data=synth where=all target=gesture protocol=loso", *words])
         assert main(answer.command.split()[1:]) == 0
         printed = capsys.readouterr().out
@@ -299,11 +301,17 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
     (group,) = data["groups"]
     flash = [c.startswith("kB of flash") for c in data["costs"]].index(True)
     assert [b for b in group["budgets"] if b] == [group["budgets"][flash]] == [100]
+    least = 100 - min(answer.among.subjects.loc[answer.choice.chosen])
+    assert data["linear"][-1] and [p["x"][-1] for p in group["points"] if p["chosen"]] == [pytest.approx(least, 1e-4)]
     marks = {p["name"]: (p["chosen"], p["out"], p["kind"], p["x"][flash]) for p in group["points"]}
     assert marks == {
         "svm": (False, False, "other", 4.0),
         "rf": (True, False, "other", 40.0),
         "ta2015_rf[trees=9]": (False, True, "changed", 400.0),
     }
+    (panel,) = what_if.panels(store, [answer], {}).values()
+    assert [len(row["tables"]) for row in panel["rows"]] == [1, 1, 1] and not panel["note"]
+    (panel,) = what_if.panels(store, [answer], {}, most=1000).values()  # as if the page were full
+    assert not any(row["tables"] for row in panel["rows"]) and not panel["classes"] and "0.001 MB" in panel["note"]
     tracked_run(store, "svm", made_up(8), corpus_digest="e" * 64)
     assert verdicts(store, {})[0].command == ""  # its words would mean runs on another version of the corpus, too
