@@ -16,6 +16,7 @@ from bench.outcomes import statistics
 from bench.outcomes.candidates import STRESS, Candidates, Faults, candidates
 from bench.outcomes.choice import Choice, decide, named, sentences
 from bench.outcomes.comparable import COMPARABLE, Row
+from bench.outcomes.expected import expectation, expected
 from bench.outcomes.store import Store
 from bench.scene_file import EVERY
 from reports.speed import front
@@ -95,7 +96,9 @@ def considered(
     except InputError as e:
         return Answer(group, [f"Nothing can be chosen here: {e}."])
     choice = decide(every.table, every.subjects, BY, dict(budgets), None)
-    lines = [*sentences(choice, BY, None, every.subjects.shape[1], every.mixed), *every.notes]
+    one = None if choice.chosen is None else expected(every.people, choice.chosen, BY, dict(budgets), None)
+    lines = sentences(choice, BY, None, every.subjects.shape[1], every.mixed)
+    lines += [*expectation(one, every, choice.chosen), *every.notes]
     systems = every.table["system"].unique()
     if len(systems) == 1:
         lines.insert(0, f"Only {systems[0]} has a run here, so there is no other system to compare.")

@@ -31,7 +31,7 @@ from bench.outcomes.candidates import (
 )
 from bench.outcomes.choice import NOUNS, Choice, amount, decide, named, points, sentences
 from bench.outcomes.comparable import MARK, MARKED, several, system_of
-from bench.outcomes.expected import DRAWS, Expected, expected, more_people
+from bench.outcomes.expected import Expected, expectation, expected, more_people
 from bench.outcomes.runs import needed, of_kinds, rows_of, without_runs
 from bench.outcomes.store import Store, connect
 from bench.progress import warn
@@ -93,7 +93,7 @@ class Chosen:
         """The choice and its reason, or the binding budget and a remedy."""
         subjects, table = self.among.subjects.shape[1], self.among.table
         lines = sentences(self.choice, self.by, self.margin, subjects, self.among.mixed)
-        lines += [*self.expectation(), *([self.growth] if self.growth else [])]
+        lines += [*expectation(self.expected, self.among, self.choice.chosen), *([self.growth] if self.growth else [])]
         if self.watched and self.choice.chosen is not None:
             values = table[[*WATCHED]].to_numpy(float)[table.index.get_loc(self.choice.chosen)]
             alarms, latency = (
@@ -115,46 +115,6 @@ class Chosen:
         return lines
 
     __repr__ = __str__
-
-    def expectation(self) -> list[str]:
-        """What to expect for new people, how stable the choice is, and what would change it."""
-        one, rows, people = self.expected, rows_of(self.among.table), self.among.subjects.shape[1]
-        if one is None or self.choice.chosen is None:
-            return []
-        chosen = self.choice.chosen
-        plain = f"{rows[chosen]['accuracy']:.1f} %"
-        empty = int(np.isnan(one.scores).sum())
-        who = "other people whose captures are in the training set" if self.among.mixed else "new people"
-        if empty:
-            lines = [
-                f"When one person is left out of the choice, nothing fits or is scored in {empty} of {people} cases."
-            ]
-        else:
-            low, high = one.interval
-            lines = [
-                f"Expect {one.scores.mean():.1f} % [{low:.1f}, {high:.1f}] for {who}: each of {people} people was "
-                f"left out of the choice and scored with the system that the others chose (all people: {plain})."
-            ]
-        order = [int(i) for i in np.argsort(-one.shares, kind="stable") if one.shares[i] > 0]
-        often = [f"{named(rows[i])} {100 * one.shares[i]:.0f} %" for i in order[:SHOWN]]
-        often += [f"others {100 * one.shares[order[SHOWN:]].sum():.0f} %"] * (len(order) > SHOWN)
-        nothing = float(1 - one.shares.sum())
-        often += [f"nothing fits {100 * nothing:.0f} %"] * (nothing > 0.5 / DRAWS)
-        lines.append(f"Chosen in {DRAWS} drawings of people with replacement: {', '.join(often)}.")
-        other: dict[str, list[str]] = {}
-        for person, i in zip(self.among.subjects, one.without, strict=True):
-            if i != chosen:
-                other.setdefault("nothing" if i < 0 else named(rows[i]), []).append(str(person))
-        changed = "; ".join(f"{name} (without {', '.join(persons)})" for name, persons in other.items())
-        lines.append(
-            f"Leaving one person out changes the choice to {changed}."
-            if other
-            else "Leaving any one person out does not change the choice."
-        )
-        if one.rival is not None:
-            rival = named(rows[one.rival])
-            lines.append(f"Next comes {rival}, {_compared(one, people)}.")
-        return lines
 
     def _dominated(self) -> list[str]:
         """The candidates that are no better than another one in anything that was asked for."""
@@ -195,20 +155,6 @@ class Chosen:
                 "new person; the reaction is that to the most probable gesture."
             )
         return lines
-
-
-def _compared(one: Expected, people: int) -> str:
-    """The difference of the next system to the chosen one, and how many people would show it."""
-    if abs(one.difference) < 1e-9:
-        return "which scores the same"
-    enough = (
-        "more than 100000" if one.people is None else str(one.people) if one.people <= people else f"about {one.people}"
-    )
-    return (
-        f"{points(abs(one.difference), np.nan)} points {'better' if one.difference > 0 else 'worse'}. Between these "
-        f"two, {people} people can show a difference of {points(one.smallest, np.nan)} points (80 % power, paired "
-        f"t-test, p < 0.05); {enough} people would show this one"
-    )
 
 
 def choose(arguments: list[str]) -> int:

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from bench.outcomes.candidates import Candidates
+from bench.outcomes.choice import named, points
 from bench.outcomes.pick import People, fitting, pick
 from bench.outcomes.reactions import Reactions
+from bench.outcomes.runs import rows_of
 from bench.outcomes.stability import CLEAN
 
 DRAWS = 1000  # of people with replacement
@@ -17,6 +20,7 @@ FEWEST = 3  # people, so that two are left to choose with
 POWER, LEVEL = 0.8, 0.05  # of the paired t-test, two-sided
 MOST_PEOPLE = 100_000  # that are looked for
 MORE = (5, 10, 20)  # training people
+SHOWN = 3  # systems that a sentence names
 
 
 @dataclass(frozen=True)
@@ -97,6 +101,64 @@ def expected(
     difference, spread = float(differences.mean()), float(differences.std(ddof=1))
     needed = people_for(difference, spread)
     return Expected(scores, without, shares, rival, difference, detectable(spread, count), needed)
+
+
+def expectation(one: Expected | None, among: Candidates, chosen: int | None) -> list[str]:
+    """What to expect for new people, how stable the choice is, and what would change it, in sentences.
+
+    Args:
+        one: result of `expected`; None gives no sentence.
+        among: candidates.
+        chosen: number of the chosen one.
+    """
+    if one is None or chosen is None:
+        return []
+    rows, people = rows_of(among.table), among.subjects.shape[1]
+    plain = f"{rows[chosen]['accuracy']:.1f} %"
+    empty = int(np.isnan(one.scores).sum())
+    who = "other people whose captures are in the training set" if among.mixed else "new people"
+    if empty:
+        lines = [f"When one person is left out of the choice, nothing fits or is scored in {empty} of {people} cases."]
+    else:
+        low, high = one.interval
+        lines = [
+            f"Expect {one.scores.mean():.1f} % [{low:.1f}, {high:.1f}] for {who}: each of {people} people was "
+            f"left out of the choice and scored with the system that the others chose (all people: {plain})."
+        ]
+    order = [int(i) for i in np.argsort(-one.shares, kind="stable") if one.shares[i] > 0]
+    often = [f"{named(rows[i])} {100 * one.shares[i]:.0f} %" for i in order[:SHOWN]]
+    often += [f"others {100 * one.shares[order[SHOWN:]].sum():.0f} %"] * (len(order) > SHOWN)
+    nothing = float(1 - one.shares.sum())
+    often += [f"nothing fits {100 * nothing:.0f} %"] * (nothing > 0.5 / DRAWS)
+    lines.append(f"Chosen in {DRAWS} drawings of people with replacement: {', '.join(often)}.")
+    other: dict[str, list[str]] = {}
+    for person, i in zip(among.subjects, one.without, strict=True):
+        if i != chosen:
+            other.setdefault("nothing" if i < 0 else named(rows[i]), []).append(str(person))
+    changed = "; ".join(f"{name} (without {', '.join(persons)})" for name, persons in other.items())
+    lines.append(
+        f"Leaving one person out changes the choice to {changed}."
+        if other
+        else "Leaving any one person out does not change the choice."
+    )
+    if one.rival is not None:
+        rival = named(rows[one.rival])
+        lines.append(f"Next comes {rival}, {_compared(one, people)}.")
+    return lines
+
+
+def _compared(one: Expected, people: int) -> str:
+    """The difference of the next system to the chosen one, and how many people would show it."""
+    if abs(one.difference) < 1e-9:
+        return "which scores the same"
+    enough = (
+        "more than 100000" if one.people is None else str(one.people) if one.people <= people else f"about {one.people}"
+    )
+    return (
+        f"{points(abs(one.difference), np.nan)} points {'better' if one.difference > 0 else 'worse'}. Between these "
+        f"two, {people} people can show a difference of {points(one.smallest, np.nan)} points (80 % power, paired "
+        f"t-test, p < 0.05); {enough} people would show this one"
+    )
 
 
 def power(difference: float, spread: float, people: int) -> float:

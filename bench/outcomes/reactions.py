@@ -105,9 +105,15 @@ class Reactions:
         """
         every = {*labelled["true"], *(g for members in self.groups.values() for g in members)}
         table, reactions = self.cost_table(every), self.of(every)
-        taken = labelled["taken"] if "taken" in labelled else labelled["predicted"].map(reactions).fillna(NOTHING)
-        rows = table.index.get_indexer(pd.Index(labelled["true"].map(reactions)))
-        return table.to_numpy()[rows, table.columns.get_indexer(pd.Index(taken))]
+        said = "taken" if "taken" in labelled else "predicted"
+        of_said = {name: name for name in table.columns} if said == "taken" else reactions
+
+        def places(names: pd.Series, reaction_of: Mapping[str, str]) -> np.ndarray:
+            codes, unique = pd.factorize(names)  # of few names: faster than to look up each row
+            found = pd.Index([reaction_of.get(name, NOTHING) for name in unique])
+            return table.index.get_indexer(found)[codes]
+
+        return table.to_numpy()[places(labelled["true"], reactions), places(labelled[said], of_said)]
 
     def scores(self, labelled: pd.DataFrame) -> pd.Series:
         """The score of each subject: 100 less 100 times the mean cost of a label; with default costs its accuracy.
