@@ -218,18 +218,20 @@ COMMANDS = {
         "your captures",
         "list, import, show, verify and export corpora",
         "Without an action, lists the corpora with counts, digest, source and licence. import reads the Corpus of "
-        "Social Touch, HAART (zip or folder) or a table. A CSV or parquet table has the columns subject, gesture, "
+        "Social Touch, HAART (zip or folder), CuddleBot (folder or archive) or a table. align=, frames= and crop= "
+        "change captures of any format. A CSV or parquet table has the columns subject, gesture, "
         "frame, conditions and channels. A .npz table has frames, offsets, subject and gesture. A column synthetic "
         "marks generated captures. A recording is continuous touch: a CSV or parquet file with one row per frame. It "
         "has channels and a column label (empty or None without touch); columns recording and subject are optional. "
-        "show prints counts, gaps, durations, pressure, broken taxels and equal captures. verify reads every stored "
-        "file again; exit code 1 if one has changed. show and export take parameters of synth, such as subjects=4.",
+        "show prints counts, gaps, durations, pressure, broken taxels, seams and equal captures. verify reads every "
+        "stored file again; exit code 1 if one has changed. show and export take parameters of synth, such as "
+        "subjects=4.",
         "bench data import cost CoST.csv\n"
-        'bench data import haart "HAART DataSet.zip"\n'
+        'bench data import haart "HAART DataSet.zip" align=yes\n'
         "bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023\n"
         "bench data import recording day.csv name=day grid=10x10 rate_hz=54\n"
         "bench data export synth out.csv subjects=31 repetitions=6",
-        "\nimport cost|haart|table|recording FILE [key=value ...]\nshow NAME [key=value ...]\nverify NAME\n"
+        "\nimport cost|cuddlebot|haart|table|recording FILE [key=value ...]\nshow NAME [key=value ...]\nverify NAME\n"
         "export NAME FILE",
     ),
     "extract": Command(
