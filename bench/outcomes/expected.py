@@ -73,10 +73,10 @@ def expected(
         margin: points that do not matter, or None.
 
     Returns:
-        None for fewer than `FEWEST` people.
+        None for fewer than `FEWEST` people, or one candidate.
     """
     candidates, count = people.scores.shape
-    if count < FEWEST:
+    if count < FEWEST or candidates < 2:
         return None
 
     def choices(drawn: np.ndarray) -> np.ndarray:
