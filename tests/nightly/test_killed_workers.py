@@ -66,7 +66,7 @@ def test_a_fold_that_fails_or_kills_its_worker_is_recorded_and_the_others_go_on(
     captured = capsys.readouterr()
     last = captured.err.splitlines()[-1]
     assert sorted(over) == ["1", "2", "3", "4"] and "3/4" in captured.out
-    assert "fold 3" in last and fact in Path(last.split(" is in ")[1]).read_text()
+    assert "fold 3" in last and fact in Path(last.split("traceback of the first: ")[1]).read_text()
     store, (parent,) = runs("cell")
     assert parent.info.status == "FAILED" and parent.data.metrics["accuracy"] == pytest.approx(1 / 14)
     statuses = {f.data.tags["touchbench.fold"]: f.info.status for f in store.folds(parent.info.run_id)}
