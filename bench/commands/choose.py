@@ -210,7 +210,6 @@ def chosen(values: Values) -> Chosen:
         if watched:
             raise InputError(f"shots={shots}: bench watch has no captures of a new person; leave shots out")
     store = connect()
-    shots_or_watch = watched or "shots" in values
     runs_of = of_kinds(store, [*([WATCH, "cell"] if watched else KINDS), STRESS])
     for part in without_runs([runs_of[kind] for kind in runs_of if kind != STRESS], asked):
         warn(f"warning: {part}: no run is stored")
@@ -232,32 +231,39 @@ def chosen(values: Values) -> Chosen:
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
     choice = decide(among.table, among.subjects, by, budgets, margin)
     one = None if choice.chosen is None else expected(among.people, choice.chosen, by, budgets, margin)
-    wanted = [*dict.fromkeys([by, *budgets, *["fault_loss"] * (scene.faults is not None)])]
-    wanted = [cost for cost in wanted if cost != "worst_fault" or "fault_loss" not in wanted]  # by the same command
-    lacking = {
-        f"The {NOUNS[cost]} of {several(len(commands), 'system')}": commands
-        for cost, commands in missing(among.table, wanted, scene.faults).items()
-    }
-    if shots_or_watch and "cell" in runs_of and not {"model", "features"} & {*asked}:
+    growth = "" if choice.chosen is None else _growth(store, runs_of.get(STRESS), among, choice.chosen, scene)
+    lacking = _lacking(among, [by, *budgets], scene)
+    if (watched or "shots" in values) and "cell" in runs_of and not {"model", "features"} & {*asked}:
         more = {} if watched else {"protocol": "personal", "protocol.shots": asked["shots"][0]}
         if commands := elsewhere(runs_of["cell"], among.first, among.table, "watch" if watched else "run", more):
             what = "in recordings" if watched else "with labels of a new person"
             lacking[f"The score of {several(len(commands), 'other system')} {what}"] = commands
-    growth = ""
-    if choice.chosen is not None:
-        growth = _growth(store, runs_of.get(STRESS), among, choice.chosen, scene)
-        trained = json.loads(among.table["arguments"][choice.chosen] or "{}")
-        others = among.subjects.shape[1] - 1
-        numbers = sorted({n for n in (2, max(3, others // 2), max(3, 2 * others // 3)) if n < others})
-        if not growth and "scene" in values and trained and len(numbers) > 1 and not among.mixed:
-            trained = {k: v for k, v in trained.items() if k.split(".")[0] in FIT} | {
-                "protocol": "loso",
-                "faults": "none",
-            }
-            trained |= {"train_subjects": ",".join(map(str, numbers))}
-            lacking["The gain of more people"] = [typed("stress", trained)]
+    if choice.chosen is not None and not growth and "scene" in values and (command := _curve(among, choice.chosen)):
+        lacking["The gain of more people"] = [command]
     notes = scene.board.sentences(values) if scene.board else []
     return Chosen(choice, among, by, budgets, margin, clock, scene, one, lacking, growth, notes)
+
+
+def _lacking(among: Candidates, costs: list[str], scene: Scene) -> dict[str, list[str]]:
+    """Commands that measure costs which are asked for and not stored, by what they measure."""
+    wanted = [*dict.fromkeys([*costs, *["fault_loss"] * (scene.faults is not None)])]
+    wanted = [cost for cost in wanted if cost != "worst_fault" or "fault_loss" not in wanted]  # by the same command
+    return {
+        f"The {NOUNS[cost]} of {several(len(commands), 'system')}": commands
+        for cost, commands in missing(among.table, wanted, scene.faults).items()
+    }
+
+
+def _curve(among: Candidates, chosen: int) -> str:
+    """The command that measures a learning curve of the chosen system, empty where there are too few people for one."""
+    trained = json.loads(among.table["arguments"][chosen] or "{}")
+    others = among.subjects.shape[1] - 1
+    numbers = sorted({n for n in (2, max(3, others // 2), max(3, 2 * others // 3)) if n < others})
+    if not trained or len(numbers) < 2 or among.mixed:
+        return ""
+    kept = {k: v for k, v in trained.items() if k.split(".")[0] in FIT}
+    rest = {"protocol": "loso", "faults": "none", "train_subjects": ",".join(map(str, numbers))}
+    return typed("stress", kept | rest)
 
 
 def _growth(store: Store, runs: pd.DataFrame | None, among: Candidates, chosen: int, scene: Scene) -> str:
@@ -273,8 +279,8 @@ def _growth(store: Store, runs: pd.DataFrame | None, among: Candidates, chosen: 
             most, gains = result
             words = [f"{r.more} more add {r.gain:.1f} [{r.low:.1f}, {r.high:.1f}]" for r in gains.itertuples()]
             return (
-                f"By its learning curve on captures (LOSO), {', '.join(words)} points to a training set of {most} "
-                "people (fit of a - b / people; 95 % intervals over people)."
+                f"By its learning curve on captures, {run['protocol_label']}: {', '.join(words)} points to a training set "
+                f"of {most} people (fit of a - b / people; 95 % intervals over people)."
             )
     return ""
 
