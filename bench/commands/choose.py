@@ -279,8 +279,8 @@ def _growth(store: Store, runs: pd.DataFrame | None, among: Candidates, chosen: 
             most, gains = result
             words = [f"{r.more} more add {r.gain:.1f} [{r.low:.1f}, {r.high:.1f}]" for r in gains.itertuples()]
             return (
-                f"By its learning curve on captures, {run['protocol_label']}: {', '.join(words)} points to a training set "
-                f"of {most} people (fit of a - b / people; 95 % intervals over people)."
+                f"By its learning curve on captures, {run['protocol_label']}: {', '.join(words)} points to a training "
+                f"set of {most} people (fit of a - b / people; 95 % intervals over people)."
             )
     return ""
 
