@@ -28,8 +28,7 @@ from bench.commands.chip import measured
 
 ROOT = Path(__file__).parent.parent.parent
 TABLE = ROOT / "docs" / "notes" / "numbers.md"
-WORDS = {"a quarter": (25.0, 5.0), "one half": (50.0, 5.0)}  # percent, deviation
-WORDS |= {"nearly five": (5.0, 0.5), "about eight": (8.2, 0.5)}  # points, deviation
+WORDS = {"a quarter": (25.0, 5.0), "one half": (50.0, 5.0), "nearly five": (5.0, 0.5)}  # percent or points, deviation
 
 
 @dataclass(frozen=True)
