@@ -33,3 +33,14 @@ def within_one_standard_error(losses: np.ndarray) -> np.ndarray:
     mean, people = losses.mean(axis=-1), losses.shape[-1]
     error = losses.std(axis=-1, ddof=1) / np.sqrt(people) if people > 1 else np.zeros(mean.shape)
     return mean - error <= TOLERANCE * np.maximum(1, np.maximum(np.abs(mean), error))
+
+
+def interval(values: np.ndarray) -> tuple[float, float]:
+    """95 % t-interval of a mean; NaN for fewer than two values."""
+    from scipy.special import stdtrit  # not scipy.stats, which takes half a second
+
+    n = len(values)
+    if n < 2:
+        return np.nan, np.nan
+    half = stdtrit(n - 1, 0.975) * values.std(ddof=1) / np.sqrt(n)
+    return float(values.mean() - half), float(values.mean() + half)

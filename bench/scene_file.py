@@ -12,7 +12,7 @@ from pathlib import Path
 from bench.costs import quantity
 from bench.errors import InputError, nearest
 from bench.options import FAULTS
-from bench.outcomes.candidates import SEVERITIES, Faults
+from bench.outcomes.candidates import Faults
 from bench.outcomes.reactions import Reactions
 
 KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`
@@ -208,12 +208,14 @@ def _reactions(table: Mapping[str, object]) -> Reactions:
 def _faults(lines: Mapping[str, object]) -> Faults | None:
     if not lines:
         return None
+    from bench.corpora.faults import SEVERITIES, all_faults  # loads SciPy
+
     names = lines.get("names", [*EVERY])
     if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
         raise InputError('[faults] names: give a list of faults, such as ["dead_taxels"]')
     for name in names:
-        if name not in EVERY:
-            raise InputError(f"[faults] names: no fault is called {name}; {nearest(name, EVERY)}")
+        if name not in all_faults():
+            raise InputError(f"[faults] names: no fault is called {name}; {nearest(name, all_faults())}")
     severity = lines.get("severity", SEVERITIES)
     if isinstance(severity, bool) or not isinstance(severity, int) or not 1 <= severity <= SEVERITIES:
         raise InputError(f"[faults] severity = {severity}: give a whole number from 1 to {SEVERITIES}")

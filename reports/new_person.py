@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from bench.outcomes.comparable import Row, context_of
 from bench.outcomes.runs import rows_of, subject_accuracy
-from bench.outcomes.statistics import interval
 from bench.outcomes.store import Store
+from bench.paired import interval
 from reports.figures import MARKERS, Picture, bars, new_figure, save
 from reports.layout import Table
 from reports.numbers import bounded

@@ -2,10 +2,11 @@
 
 import pytest
 
+from bench.corpora.faults import SEVERITIES, all_faults
 from bench.errors import InputError
 from bench.options import keys
 from bench.outcomes.candidates import Faults
-from bench.scene_file import boards, read_scene
+from bench.scene_file import EVERY, boards, read_scene
 
 SCENE = """
 by = "ram"
@@ -61,6 +62,7 @@ def test_shipped_scenes_and_boards_can_be_read():
     for name in ("companion", "toy", "handle"):
         assert read_scene(name).reactions.groups
     every = boards()
+    assert (Faults(EVERY).severity, {*EVERY}) == (SEVERITIES, {*all_faults()})
     assert len(every) >= 10 and all(b.source.startswith("https://") and b.ram_kb < b.flash_kb for b in every.values())
     assert (every["nano33ble"].flash_kb, every["nano33ble"].fpu, every["pico"].fpu) == (1048.576, True, False)
 

@@ -28,6 +28,7 @@ from bench.outcomes.candidates import (
     complete_on,
     elsewhere,
     missing,
+    repeated,
 )
 from bench.outcomes.choice import NOUNS, Choice, amount, decide, named, points, sentences
 from bench.outcomes.comparable import MARK, MARKED, several, system_of
@@ -256,14 +257,12 @@ def _lacking(among: Candidates, costs: list[str], scene: Scene) -> dict[str, lis
 
 def _curve(among: Candidates, chosen: int) -> str:
     """The command that measures a learning curve of the chosen system, empty where there are too few people for one."""
-    trained = json.loads(among.table["arguments"][chosen] or "{}")
+    trained = repeated(among.table["arguments"][chosen], impersonal=True)
     others = among.subjects.shape[1] - 1
     numbers = sorted({n for n in (2, max(3, others // 2), max(3, 2 * others // 3)) if n < others})
     if not trained or len(numbers) < 2 or among.mixed:
         return ""
-    kept = {k: v for k, v in trained.items() if k.split(".")[0] in FIT}
-    rest = {"protocol": "loso", "faults": "none", "train_subjects": ",".join(map(str, numbers))}
-    return typed("stress", kept | rest)
+    return typed("stress", trained | {"faults": "none", "train_subjects": ",".join(map(str, numbers))})
 
 
 def _growth(store: Store, runs: pd.DataFrame | None, among: Candidates, chosen: int, scene: Scene) -> str:

@@ -112,7 +112,7 @@ def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
 
 
 def check_background(touches: Corpus, quiet: Corpus) -> None:
-    """Refuse captures of which no recordings can be composed.
+    """Refuse captures that cannot become recordings.
 
     Args:
         touches: captures of touches.

@@ -67,7 +67,7 @@ def seams(corpus: Corpus) -> list[Seam]:
     """How rows and columns fit each other; of a grid with fewer than four of them, nothing.
 
     Args:
-        corpus: corpus, of which up to `MOST` captures are looked at, evenly spread.
+        corpus: corpus; at most `MOST` captures are read, evenly spread.
     """
     result = []
     step = -(-len(corpus) // MOST)

@@ -130,7 +130,7 @@ def _reported(task: Task, stored: pd.DataFrame, run: Row) -> pd.DataFrame:
     """Of continuous touch: the reported events.
 
     Raises:
-        InputError: the recordings or their touches are not those of the task.
+        InputError: the recordings or their touches differ from the task's.
     """
     rows = stored[stored["kind"].isin(["recording", "touch"])]
     rows = rows.assign(start=rows["start"].fillna(0), gesture=rows["gesture"].fillna(""))

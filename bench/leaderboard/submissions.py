@@ -284,7 +284,7 @@ def _table(path: Path, task: Task) -> pd.DataFrame:
     """The rows of a task with the labels of a file.
 
     Raises:
-        InputError: the file is no table, or its columns, rows or values are not those of the task.
+        InputError: the file is no table, or a column, row or value does not fit the task.
     """
     expected, keys = rows_of(task), [*task.names]
     classes = sorted(set(expected["true"]))
@@ -320,8 +320,8 @@ def _watched(path: Path, task: Task) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The touches of a watched task with the labels of a file, and its events.
 
     Raises:
-        InputError: the file is no table, its columns or values are not those of the task, an event is there twice or
-            outside of its recording, or a recording has none.
+        InputError: the file is no table, a column or a value does not fit the task, an event occurs twice or outside
+            of its recording, or a recording has none.
     """
     truth, recordings = rows_of(task), recordings_of(task).query("gesture == ''")
     classes, lengths = sorted(set(truth["true"])), recordings.set_index("subject")["end"]

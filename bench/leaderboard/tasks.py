@@ -199,9 +199,9 @@ def rows_of(task: Task) -> pd.DataFrame:
 def recordings_of(task: Task) -> pd.DataFrame:
     """Composed recordings of a watched task: ``subject``, ``start`` and ``end`` (frames), ``gesture``.
 
-    A row for each touch, by subject and start, and before those of a subject one for the whole recording, without
-    gesture. `bench.work.watch.Watch.recordings` composed them; they are stored, so that later versions of touchbench or
-    NumPy cannot change them.
+    The first row of each subject is the whole recording, without gesture; a row for each touch follows, by start.
+    `bench.work.watch.Watch.recordings` composed them. They are stored, so that later versions of touchbench or NumPy
+    cannot change them.
     """
     return _table(f"{task.data}-watch.csv").astype({"start": np.int64, "end": np.int64})
 

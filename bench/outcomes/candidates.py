@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from pyarrow.parquet import read_schema
 
 from bench.arguments import quoted, typed
 from bench.costs import COSTS, ROBUST, WATCHED
@@ -185,7 +186,8 @@ def candidates(
 def _gestures(store: Store, run: Row) -> tuple[str, ...]:
     """All gestures of the captures or recordings of a run."""
     if run["touchbench.kind"] != WATCH:
-        return tuple(classes_of(pd.read_parquet(needed(store, run, "predictions.parquet"))))
+        path = needed(store, run, "predictions.parquet")
+        return tuple(classes_of(pd.DataFrame(columns=read_schema(path).names)))  # without the rows
     touches = pd.read_csv(needed(store, run, "touches.csv"), usecols=["gesture"])
     return tuple(sorted({*touches["gesture"].astype(str), str(run["watch.background"]) or BACKGROUND}))
 
@@ -201,7 +203,7 @@ def _losses(
 ) -> np.ndarray:
     """Points that each candidate loses under each fault at each severity, float [candidates, circumstances, subjects].
 
-    NaN where no complete stored run tests all of it, and for labels that are not those of whole captures. Seeds are
+    NaN where no complete stored run tests all circumstances, and for windows and early decisions. Seeds are
     averaged. Systems with captures of a new person are tested under faults without these captures.
 
     Args:
@@ -269,22 +271,32 @@ def missing(table: pd.DataFrame, costs: Collection[str], faults: Faults | None) 
     """
     commands: dict[str, list[str]] = {}
     for cost in costs:
-        how, more = ("stress", {"faults": ",".join(faults.names)}) if faults and "fault" in cost else ("", {})
-        how = "chip" if cost == "cycles" else how
         lacking = table[table[cost].isna() & table["unit"].str.match("capture$|" + IN_RECORDINGS)]
-        texts = [text for text in lacking["arguments"] if text] if how else []
-        given = [{k: v for k, v in json.loads(text).items() if k.split(".")[0] in TAKEN} for text in texts]
-        if how == "stress":  # which has no captures of a new person
-            loso = {"protocol": "loso"}
-            given = [
-                {k: loso.get(k, v) for k, v in each.items() if not k.startswith("protocol.")}
-                if each.get("protocol", "").startswith("personal")
-                else each
-                for each in given
+        texts = [text for text in lacking["arguments"] if text]
+        if cost == "cycles":
+            lines = [typed("chip", repeated(text)) for text in texts]
+        elif faults is not None and "fault" in cost:
+            lines = [
+                typed("stress", repeated(text, impersonal=True) | {"faults": ",".join(faults.names)}) for text in texts
             ]
-        if lines := [typed(how, each | more) for each in given]:
+        else:
+            lines = []
+        if lines:
             commands[cost] = list(dict.fromkeys(lines))
     return commands
+
+
+def repeated(text: str, impersonal: bool = False) -> dict[str, str]:
+    """Arguments of a run that another command repeats.
+
+    Args:
+        text: arguments of the run as tracked.
+        impersonal: True for commands that have no captures of a new person; they leave each subject out instead.
+    """
+    given = {k: v for k, v in json.loads(text or "{}").items() if k.split(".")[0] in TAKEN}
+    if impersonal and given.get("protocol", "").startswith("personal"):
+        given = {k: v for k, v in given.items() if not k.startswith("protocol.")} | {"protocol": "loso"}
+    return given
 
 
 def elsewhere(runs: pd.DataFrame, context: Row, table: pd.DataFrame, command: str, more: Row) -> list[str]:
@@ -299,8 +311,7 @@ def elsewhere(runs: pd.DataFrame, context: Row, table: pd.DataFrame, command: st
     """
     kept = complete_on(runs, context) & (runs["protocol_name"] == "loso")
     others = [run for run in rows_of(runs[kept]) if system_of(run) not in {*table["system"]}]
-    given = [json.loads(str(run.get("touchbench.arguments") or "{}")) for run in others]
-    given = [{k: v for k, v in each.items() if k.split(".")[0] in TAKEN} for each in given if each]
+    given = [repeated(text) for run in others if isinstance(text := run.get("touchbench.arguments"), str) and text]
     return list(dict.fromkeys(typed(command, each | dict(more)) for each in given))
 
 

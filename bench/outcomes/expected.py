@@ -14,6 +14,7 @@ from bench.outcomes.pick import People, fitting, pick
 from bench.outcomes.reactions import Reactions
 from bench.outcomes.runs import rows_of
 from bench.outcomes.stability import CLEAN
+from bench.paired import interval
 
 DRAWS = 1000  # of people with replacement
 FEWEST = 3  # people, so that two are left to choose with
@@ -50,11 +51,8 @@ class Expected:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % t-interval of the mean of `scores`, up to 100."""
-        from scipy.special import stdtrit  # not scipy.stats, which takes half a second
-
-        n = len(self.scores)
-        half = stdtrit(n - 1, 0.975) * self.scores.std(ddof=1) / np.sqrt(n)
-        return float(self.scores.mean() - half), min(float(self.scores.mean() + half), 100.0)
+        low, high = interval(self.scores)
+        return low, min(high, 100.0)
 
 
 def expected(
@@ -63,7 +61,7 @@ def expected(
     """Repeat a choice without each person, and with people drawn with replacement.
 
     Scores, losses under faults, worst people and false alarms are computed again from the people that are left. Latency
-    and decision time, medians over touches or captures, stay those of all people.
+    and decision time are medians of all people and do not change.
 
     Args:
         people: contribution of each person to scores and costs, from `bench.outcomes.candidates`.

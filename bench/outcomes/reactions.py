@@ -22,7 +22,7 @@ class Reactions:
     gestures. With the default costs, it therefore takes the most probable reaction.
 
     Attributes:
-        groups: gestures of each reaction; those of ``nothing`` are gestures to which the robot does not react.
+        groups: gestures of each reaction; the robot does not react to gestures of ``nothing``.
         ignored: True if gestures of no group belong to ``nothing``, and not each to a reaction of its own.
         costs: cost of taking the reaction of the first key for that of the second, where it is not 1.
         silence: cost of doing nothing where a reaction was meant.

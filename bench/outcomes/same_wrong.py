@@ -72,7 +72,7 @@ def agreements(store: Store, groups: Mapping[str, pd.DataFrame]) -> list[Agreeme
 
     Args:
         store: store of the runs.
-        groups: runs by group, such as those of `reports.run_groups.largest_groups`.
+        groups: runs by group, for example from `reports.run_groups.largest_groups`.
     """
     found: dict[str, Agreement] = {}
     for group, runs in groups.items():

@@ -20,6 +20,7 @@ from scipy import special, stats
 
 from bench.outcomes.comparable import MIXED
 from bench.paired import FEW_SUBJECTS as FEW_SUBJECTS
+from bench.paired import interval as interval
 
 RANKED = 30  # systems that are compared in one table and diagram
 PAIRED = 12  # systems whose pairs stand in one matrix
@@ -129,15 +130,6 @@ def pairs(subjects: pd.DataFrame) -> pd.DataFrame:
     ]
     table = pd.DataFrame(rows)
     return table.assign(p_holm=holm(table["p"].to_numpy())) if rows else table
-
-
-def interval(values: np.ndarray) -> tuple[float, float]:
-    """95 % t-interval of a mean; NaN for fewer than two values."""
-    n = len(values)
-    if n < 2:
-        return np.nan, np.nan
-    half = stats.t.ppf(0.975, n - 1) * values.std(ddof=1) / np.sqrt(n)
-    return float(values.mean() - half), float(values.mean() + half)
 
 
 def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[float, float, float]:

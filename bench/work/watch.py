@@ -76,7 +76,7 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
         """Recordings of the subjects of some captures: their own, or composed ones.
 
         Args:
-            captures: captures, those of recordings complete.
+            captures: captures; all captures of each recording.
             background: result of `usual` for the whole corpus.
 
         Raises:
@@ -123,7 +123,7 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
         """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""
         estimator, background = cell.estimator(), self.usual(corpus)
         train = corpus[fold.train]
-        if self.unknown:  # nor do training recordings have it, so that those of a corpus are composed anew
+        if self.unknown:  # training recordings must not have it either, so they are composed again
             train = train[train.gestures != self.unknown]
         composing = bool(self.unknown) and is_recorded(train)
         recordings = composed(*pieces(train, background), SEED) if composing else self.recordings(train, background)

@@ -22,8 +22,8 @@ from models.recipe import taken
 from models.search.inner_folds import inner_folds
 
 RARE = 8  # one of so many training windows is also learned as broken sensors show it
-BIASES = np.arange(-10, 4.25, 0.25, dtype=np.float32)  # of which one is learned
-STRONG = (np.inf, 40.0, 30.0, 25.0, 20.0, 16.0, 14.0, 12.0, 10.0)  # log-odds of short touches, of which one is learned
+BIASES = np.arange(-10, 4.25, 0.25, dtype=np.float32)  # one of them is learned
+STRONG = (np.inf, 40.0, 30.0, 25.0, 20.0, 16.0, 14.0, 12.0, 10.0)  # log-odds of short touches, one is learned
 PRICE = 0.01  # share of touches that one false alarm per hour too many is worth, where none too many is impossible
 GROUPS = "3"  # of subjects, each left out once for the threshold of unknown gestures
 REJECTED = 0.05  # share of touches with a known gesture that may be labelled unknown
