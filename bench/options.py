@@ -66,7 +66,13 @@ class Command:
 FOLDS = "run tune stress stream watch chip choose check"
 CHOICE = "choose report"
 OPTIONS = (
-    Option("data", f"{FOLDS} scene fit extract", "text", "synth", "synth (generated captures) or an imported corpus"),
+    Option(
+        "data",
+        f"{FOLDS} scene fit extract",
+        "text",
+        "synth",
+        "synth (generated captures) or an imported corpus, several joined by +",
+    ),
     Option("where", f"{FOLDS} scene fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
     Option("target", f"{FOLDS} scene fit", "text", "gesture", "columns that define the class, such as gesture+variant"),
     Option("protocol", f"{FOLDS} scene", "text", "loso", "{protocols}"),

@@ -98,11 +98,18 @@ def _unwritable(folder: Path, error: OSError) -> InputError:
 
 
 def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
-    """Open an imported corpus, or generate and open the synthetic one.
+    """Open an imported corpus or several as one, or generate and open the synthetic one.
+
+    Args:
+        name: name of a corpus, or several joined by ``+``.
+        parameters: parameters of ``synth``.
 
     Raises:
-        InputError: there is no such corpus, it holds recordings, or it is no longer what was imported.
+        InputError: there is no such corpus, it holds recordings, it is no longer what was imported, or corpora do not
+            go together (`bench.corpora.skins.together`).
     """
+    if "+" in name:
+        return _together(name)
     if name == "synth":
         return _synthetic(parameters)
     value = stored_value(name)
@@ -290,6 +297,19 @@ def open_joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus
     captures = [part for c in (target, source) for part in (c.digest, c.name, c.index.tolist())]
     key = hashlib.sha256(json.dumps([*captures, sorted(names.items())]).encode() + code).hexdigest()[:16]
     return _made(home() / "corpora" / ".transfer" / key, lambda: skins.joined(target, source, names))
+
+
+def _together(name: str) -> Corpus:
+    """Several corpora as one, stored under all that it depends on."""
+    from bench.corpora import skins
+
+    names = name.split("+")
+    if len(set(names)) < len(names) or "synth" in names:
+        raise InputError(f"data={name[:100]}: join the names of imported corpora by +, each once")
+    corpora = [open_corpus(one, {}) for one in names]
+    code = Path(skins.__file__).read_bytes()
+    key = hashlib.sha256(json.dumps([[c.digest, c.name] for c in corpora]).encode() + code).hexdigest()[:16]
+    return _made(home() / "corpora" / ".joined" / key, lambda: skins.together(corpora))
 
 
 def _made(folder: Path, make: Callable[[], Stored]) -> Stored:

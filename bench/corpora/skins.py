@@ -6,14 +6,19 @@ Nothing is learnt, and what becomes of a capture depends on that capture alone. 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import combinations
+
 import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.cuts import CHANGED
 from bench.corpora.duplicates import named, shared
 from bench.errors import InputError
 
 OWN, SOURCE = "own", "source"  # what the column ``skin`` says
+STUDIES = ("cost", "cuddlebot", "haart")  # formats of one study each: two corpora of a format are of the same people
 
 
 def weights(count: int, wanted: int) -> np.ndarray:
@@ -75,22 +80,95 @@ def brought(corpus: Corpus, rate_hz: float, grid: tuple[int, int], full_scale: f
     return [regridded(resampled(values, corpus.rate_hz, rate_hz), *grid) for values in shares]
 
 
-def _refuse_the_same(target: Corpus, source: Corpus) -> None:
+def _refuse_the_same(target: Corpus, source: Corpus, what: str) -> None:
     """Nobody is trained on who is tested.
 
+    Args:
+        target: captures.
+        source: other captures.
+        what: key that names them, for the error.
+
     Raises:
-        InputError: a capture is in both, or both are generated from one seed, and so of the same people.
+        InputError: a capture is in both; both are made from the same recordings, changed at import; or both are
+            generated from one seed, and so of the same people.
     """
     if pairs := shared(target, source):
         first, same = pairs[0]
         raise InputError(
-            f"protocol=transfer: {target.name} and {source.name} have the same captures: {len(pairs)}, such as "
-            f"{named(target, first)} and {named(source, same)}; name another source"
+            f"{what}: {target.name} and {source.name} have the same captures: {len(pairs)}, such as "
+            f"{named(target, first)} and {named(source, same)}; name another corpus"
         )
-    if target.synthetic and target.info.get("source") == source.info.get("source"):
+    one, other = ({"format": "", "source": ""} | c.info for c in (target, source))
+    changed = "changes" in one or "changes" in other
+    alike = one["format"] in STUDIES or one["source"].split(CHANGED)[0] == other["source"].split(CHANGED)[0]
+    if changed and one["format"] == other["format"] and alike:
         raise InputError(
-            "protocol=transfer: generated captures of one seed are of the same people; add +seed=1 to protocol.source="
+            f"{what}: {target.name} and {source.name} are imports of the same recordings; name another corpus"
         )
+    if target.synthetic and one["source"] == other["source"]:
+        raise InputError(
+            f"{what}: generated captures of one seed are of the same people; give another seed, as in "
+            "protocol.source=synth+seed=1"
+        )
+
+
+def together(corpora: Sequence[Corpus]) -> Corpus:
+    """Captures of several corpora as one corpus, of the classes that all have.
+
+    All are brought to the lowest of their rates and, each way, to the fewest of their taxels; the full scale is that of
+    the first.
+
+    Args:
+        corpora: at least two corpora.
+
+    Returns:
+        A corpus in memory, float32, whose column ``corpus`` says where a capture comes from. Subjects are named after
+        their corpus: ``haart 1``. Conditions that only some corpora have are left out.
+
+    Raises:
+        InputError: fewer than two classes are shared, or a capture or the recordings are in two of them.
+    """
+    name = "+".join(corpus.name for corpus in corpora)
+    for one, other in combinations(corpora, 2):
+        _refuse_the_same(one, other, f"data={name}")
+    classes = sorted(set.intersection(*(set(corpus.gestures) for corpus in corpora)))
+    if len(classes) < 2:
+        those = "; ".join(f"{corpus.name}: {_classes_of(corpus)}" for corpus in corpora)
+        raise InputError(f"data={name}: {len(classes)} classes are in all of them; two are needed ({those})")
+    parts = [corpus[np.flatnonzero(np.isin(corpus.gestures, classes))] for corpus in corpora]
+    columns = [c for c in parts[0].captures if all(c in part.captures for part in parts)]
+    tables = [
+        part.captures[columns].assign(subject=part.name + " " + part.captures["subject"].astype(str), corpus=part.name)
+        for part in parts
+    ]
+    frames, fields = _common(parts)
+    info = _info(parts) | {"format": "joined"}
+    return Corpus.from_captures(frames, pd.concat(tables).astype("str"), name=name, info=info, **fields)
+
+
+def _common(parts: Sequence[Corpus]) -> tuple[list[np.ndarray], dict[str, float]]:
+    """Captures brought to what all skins can give, and their rate and full scale."""
+    rate_hz, full_scale = min(part.rate_hz for part in parts), parts[0].full_scale
+    grid = min(part.grid[0] for part in parts), min(part.grid[1] for part in parts)
+    frames = [f for part in parts for f in brought(part, rate_hz, grid, full_scale)]
+    return frames, {"rate_hz": rate_hz, "full_scale": full_scale}
+
+
+def _info(parts: Sequence[Corpus]) -> dict[str, object]:
+    """Origin, licences and warnings of several corpora; those of the first without its name."""
+    names = " and ".join(part.name for part in parts)
+    synthetic = any(part.synthetic for part in parts)
+    first, *others = parts
+    warnings = [*first.info.get("warnings", [])]
+    warnings += [f"{part.name}: {text}" for part in others for text in part.info.get("warnings", [])]
+    if not any(part.synthetic for part in parts):
+        warnings.append(f"it is not known whether a person is in more than one of {names}; each counts as another one")
+    return {
+        "source": f"{names}, brought to one rate and grid",
+        "licence": "; ".join(dict.fromkeys(str(part.info.get("licence", "")) for part in parts)),
+        "synthetic": synthetic,
+        "warnings": warnings,
+    }
 
 
 def joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
@@ -117,7 +195,7 @@ def joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
                 raise InputError(
                     f"protocol.classes={old}:{new}: {corpus.name} has no {name!r}; it has {_classes_of(corpus)}"
                 )
-    _refuse_the_same(target, source)
+    _refuse_the_same(target, source, "protocol=transfer")
     renamed = np.array([names.get(name, name) for name in source.gestures], dtype=object)
     classes = sorted(set(target.gestures) & set(renamed))
     if len(classes) < 2:
@@ -133,27 +211,9 @@ def joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
         subject="other " + source.captures["subject"].astype(str), gesture=renamed[kept], skin=SOURCE
     )
     captures = pd.concat([target.captures.assign(skin=OWN), rows], ignore_index=True)
-    rate_hz = min(target.rate_hz, source.rate_hz)
-    grid = min(target.grid[0], source.grid[0]), min(target.grid[1], source.grid[1])
-    info = {
-        "source": f"{target.name} and {source.name}, brought to one rate and grid",
-        "licence": "; ".join(dict.fromkeys(str(c.info.get("licence", "")) for c in (target, source))),
-        "synthetic": target.synthetic or source.synthetic,
-        "warnings": [
-            *target.info.get("warnings", []),
-            *(f"{source.name}: {text}" for text in source.info.get("warnings", [])),
-        ],
-        "format": "transfer",
-        "source_name": source.name,
-    }
-    return Corpus.from_captures(
-        [frames for part in (target, source) for frames in brought(part, rate_hz, grid, target.full_scale)],
-        captures.astype("str"),
-        rate_hz,
-        full_scale=target.full_scale,
-        name=target.name,
-        info=info,
-    )
+    frames, fields = _common((target, source))
+    info = _info((target, source)) | {"format": "transfer", "source_name": source.name}
+    return Corpus.from_captures(frames, captures.astype("str"), name=target.name, info=info, **fields)
 
 
 def _classes_of(corpus: Corpus) -> str:

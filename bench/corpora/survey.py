@@ -366,7 +366,7 @@ def _factors(captures: pd.DataFrame) -> list[str]:
     """Subject, gesture, and the conditions: columns of text that repeat; numbers count, and a split is no condition."""
     factors = ["subject", "gesture"]
     combinations = captures["subject"].nunique() * captures["gesture"].nunique()
-    for column in captures.columns.drop([*factors, "split", "captures"], errors="ignore"):
+    for column in captures.columns.drop([*factors, "split", "captures", "corpus"], errors="ignore"):
         values = captures[column]
         if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values):
             continue

@@ -11,6 +11,8 @@ from bench.cli import main
 from bench.corpora import library, synth
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
 from bench.errors import InputError
+from bench.plan.cells import cells
+from bench.plan.plan import planned
 from bench.scratch import home
 from tests.conftest import random_corpus
 from tests.corpora.test_folder import flip
@@ -148,3 +150,19 @@ def test_a_damaged_generated_corpus_is_generated_again(tmp_path, monkeypatch):
     open_corpus("synth", SYNTH | {"seed": 1})
     assert main(["data", "verify", "synth"]) == 0
     assert len(list(place.parent.iterdir())) == 2
+
+
+def test_several_corpora_are_opened_as_one_for_any_protocol(arm):
+    for name, seed in (("leg", "1"), ("hip", "2")):
+        arm(name, seed)
+    (plan,) = planned(cells({"data": "arm+leg+hip", "where": "corpus != 'hip'", "model": "lda"}), 1)
+    assert plan.corpus.name == "arm+leg+hip" and len(set(plan.corpus.subjects)) == len(plan.folds) == 8
+    for fold in plan.folds:
+        assert not set(plan.corpus.subjects[fold.train]) & set(plan.corpus.subjects[fold.test])
+    assert open_corpus("arm+leg", {}).digest == open_corpus("arm+leg", {}).digest != open_corpus("leg+arm", {}).digest
+    before = open_corpus("arm+leg", {}).digest
+    arm("leg", "3")
+    assert open_corpus("arm+leg", {}).digest != before
+    for name in ("arm+arm", "arm+synth", "arm+", "arm+toe"):
+        with pytest.raises(InputError, match=r"join the names|not imported"):
+            open_corpus(name, {})

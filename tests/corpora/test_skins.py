@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.skins import OWN, SOURCE, brought, joined, regridded, resampled, scaled, weights
+from bench.corpora.skins import OWN, SOURCE, brought, joined, regridded, resampled, scaled, together, weights
 from bench.errors import InputError
 from tests.conftest import random_corpus
 
@@ -68,7 +68,7 @@ def test_both_are_brought_to_the_coarser_of_each():
     target.info["warnings"], source.info["warnings"] = ["ours"], ["theirs"]
     both = joined(target, source, {"PAT": names[0], "rub": names[1]})
     assert both.rate_hz == 40.0 and both.grid == (4, 5) and both.full_scale == target.full_scale
-    assert both.info["warnings"] == ["ours", "other: theirs"]
+    assert both.info["warnings"][:2] == ["ours", "other: theirs"] and "more than one" in both.info["warnings"][2]
     mine = both.captures["skin"] == OWN
     kept = np.flatnonzero(np.isin(target.gestures, names[:2]))
     assert both.gestures.tolist() == [*target.gestures[kept], *[names[0], names[1]] * 2]
@@ -89,3 +89,39 @@ def test_a_recording_is_found_in_the_other_corpus_in_other_numbers(kind, full_sc
     source = Corpus.from_captures(arrays, target.captures, 50.0, name="other", full_scale=full_scale)
     with pytest.raises(InputError, match="protocol=transfer: .*: 1, .*capture 7 .*subject 1.* capture 5 "):
         joined(target, source, {})
+
+
+def study(name, people=("1", "2"), classes=("pat", "rub"), shape=(4, 5), rate_hz=40.0, **columns):
+    """A corpus of one capture of each class and person, up to 1."""
+    rng = np.random.default_rng([ord(letter) for letter in name])
+    rows = [(who, what) for who in people for what in classes]
+    captures = pd.DataFrame(rows, columns=["subject", "gesture"]).assign(**columns)
+    arrays = [rng.random((8 + i, *shape)).astype(np.float32) for i in range(len(rows))]
+    return Corpus.from_captures(arrays, captures, rate_hz, full_scale=1.0, name=name, info={"format": "table"})
+
+
+def test_several_corpora_as_one_keep_people_apart_and_have_the_classes_and_conditions_of_all():
+    one = study("one", classes=("pat", "rub", "tap"), cover="fur", motion="none")
+    other = study("two", classes=("rub", "pat", "hug"), shape=(6, 3), rate_hz=20.0, cover="none")
+    third = study("three", people=("2",), cover="none").changed(full_scale=4.0)
+    joint = together([one, other, third])
+    assert joint.name == "one+two+three" and joint.grid == (4, 3) and joint.rate_hz == 20.0 and joint.full_scale == 1.0
+    assert list(joint.captures) == ["subject", "gesture", "cover", "corpus"] and len(joint) == 4 + 4 + 2
+    assert sorted(set(joint.subjects)) == ["one 1", "one 2", "three 2", "two 1", "two 2"]
+    assert joint.captures["corpus"].tolist() == ["one"] * 4 + ["two"] * 4 + ["three"] * 2
+    assert joint.gestures.tolist() == ["pat", "rub"] * 2 + ["rub", "pat"] * 2 + ["pat", "rub"]
+    np.testing.assert_allclose(joint[2], brought(one[3:4], 20.0, (4, 3), 1.0)[0])  # "tap" is left out
+    np.testing.assert_allclose(joint[9], brought(third[1:2], 20.0, (4, 3), 4.0)[0] / 4, rtol=1e-6)
+
+
+def test_the_same_people_are_not_joined():
+    one = study("one")
+    changed = study("two").changed(info={"format": "table", "changes": "crop=2x2"})
+    with pytest.raises(InputError, match=r"data=one\+two: one and two are imports of the same recordings"):
+        together([one, changed])
+    with pytest.raises(InputError, match=r"protocol=transfer: one and two are imports of the same recordings"):
+        joined(one, changed, {})
+    with pytest.raises(InputError, match="1 classes are in all"):
+        together([one, study("three", classes=("pat", "hug"))])
+    with pytest.raises(InputError, match="have the same captures: 4"):
+        together([one, one.changed(name="four")])
