@@ -7,8 +7,11 @@ from sklearn.model_selection import GroupKFold
 
 import bench
 from bench import contract
+from bench.arguments import parse
+from bench.options import keys
 from bench.plan.cells import cells
-from studies import ablation, epochs, learning
+from reports.pair import Compared
+from studies import ablation, epochs, learning, reference
 from tests.conftest import with_other_values
 
 SMALL = ["data=synth", "data.variants=normal"]
@@ -95,3 +98,34 @@ def test_every_row_of_the_ablation_is_a_system_that_can_be_made(label):
     contract.check(cell.estimator())
     faults = ("faults" in label or label.startswith("reflex")) and "without faults" not in label
     assert (len(contract.trained_faults(cell.estimator())) == 17) == faults
+
+
+def test_every_reference_command_names_systems_that_are_there():
+    commands = [command.split() for part in reference.PARTS.values() for command in part]
+    assert len({" ".join(words) for words in commands}) == len(commands)
+    for command, *words in commands:
+        assert command in ("run", "stress", "stream", "watch") and cells(parse(words, keys(command)))
+
+
+def test_a_failing_reference_command_is_reported_and_the_others_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    few = "data.subjects=2 data.repetitions=1 data.variants=normal"
+    commands = ["run data=nothing model=bayes", f"run data=synth {few} model=bayes"]
+    monkeypatch.setitem(reference.PARTS, "loso", commands)
+    assert reference.run_parts(["loso"], 1, tmp_path / "out") == commands[:1]
+    times = pd.read_csv(tmp_path / "out" / "times.csv")
+    assert times["status"].tolist() == [2, 0] and "not imported" in (tmp_path / "out" / "loso-001.txt").read_text()
+
+
+def test_systems_stand_side_by_side_with_their_differences(tmp_path, monkeypatch):
+    people = pd.Series([80.0, 60.0, 70.0]), pd.Series([70.0, 60.0, 50.0])
+
+    def compared(system, other, **_):
+        return Compared(system, other, "", pd.DataFrame({system: people[1], other: people[0]}))
+
+    monkeypatch.setattr(bench, "results", lambda **_: pd.DataFrame({"system": ["reflex", "lda"]}))
+    monkeypatch.setattr(bench, "compare", compared)
+    table = reference.side_by_side(("one",))
+    # means 70 and 60; t(0.975, 2) = 4.3027; SD 10 of both, of the differences -10, 0, -20 too: half 24.84
+    assert table.loc["reflex"].tolist() == ["70.0 [45.2, 94.8]", "1", ""]
+    assert table.loc["lda"].tolist() == ["60.0 [35.2, 84.8]", "2", "-10.0 [-34.8, 14.8]"]
