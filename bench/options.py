@@ -380,8 +380,9 @@ COMMANDS = {
         "Writes predictions.parquet (one row per capture or event, no frames) and submission.json (origin of the "
         "labels). Runs nothing: it uses the stored run with these values. Data, subset, protocol and unit must equal "
         "the task's. "
-        "Tasks of bench run are haart-loso-v1, haart-challenge-v1, haart-personal-v1 and cost-loso-v1. haart-early-v1 "
-        "is a task of bench stream, haart-faults-v1 of bench stress, haart-watch-v1 of bench watch.",
+        "Tasks of bench run are haart-loso-v1, haart-challenge-v1, haart-personal-v1, cuddlebot-loso-v1 and "
+        "cost-loso-v1. haart-early-v1 is a task of bench stream, haart-faults-v1 of bench stress, haart-watch-v1 of "
+        "bench watch.",
         "bench run data=haart protocol=loso model=svm features=jung54\n"
         'bench submit task=haart-loso-v1 model=svm features=jung54 who="A. Name, Lab" out=submissions/my-svm',
         "task=NAME who=NAME out=FOLDER model=NAME [key=value ...]",

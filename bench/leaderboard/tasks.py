@@ -19,6 +19,7 @@ from bench.corpora.read.limits import quoted
 from bench.errors import InputError, nearest
 
 HAART = "d086fb847e3caddb00adea342d9b33818a69d2866419d9caf8ce84b50bd34a8f"
+CUDDLEBOT = "3b64981c717155af5277d8945cc9cc94d7f573998c1d5f65c55e5f05c7b9620e"
 RATE_HZ = 54.0  # of HAART
 INSTANTS_MS = (500, 1000, 2000, 4000, 8000)
 DRAWS = 5
@@ -129,6 +130,15 @@ _TASKS = (
         command="watch",
     ),
     Task(
+        "cuddlebot-loso-v1",
+        "loso",
+        "leave one subject out (16 subjects)",
+        CAPTURE,
+        "902 captures",
+        data="cuddlebot",
+        digest=CUDDLEBOT,
+    ),
+    Task(
         "cost-loso-v1",
         "loso",
         "leave one subject out (31 subjects)",
@@ -164,7 +174,7 @@ def digest_of(task: Task) -> str:
 def captures_of(task: Task) -> pd.DataFrame:
     """Position, ``subject`` and ``gesture`` of every capture that a task tests; ``capture`` is the position as text.
 
-    HAART's are known here; those of CoST are read from the imported corpus.
+    HAART's and CuddleBot's are known here; those of CoST are read from the imported corpus.
 
     Raises:
         InputError: CoST is not here as it was published.

@@ -18,7 +18,7 @@ from bench.cli import main
 from bench.corpora.faults import SEVERITIES, all_faults
 from bench.errors import InputError
 from bench.leaderboard import answers, marks, rerun, submissions, tasks
-from bench.leaderboard.tasks import CAPTURE, HAART, LOSO, TASKS, Task
+from bench.leaderboard.tasks import CAPTURE, CUDDLEBOT, HAART, LOSO, TASKS, Task
 from bench.source import git_revision
 from protocols.personal import Personal
 from reports.leaderboard import reference, scores_of
@@ -65,13 +65,14 @@ def test_what_a_name_means_never_changes():
         "haart-early-v1": (HAART, "loso", 829 * 5),
         "haart-faults-v1": (HAART, "loso", 829 * (1 + 17 * 5)),
         "haart-personal-v1": (HAART, "personal[shots=3]", 829 * 5),
+        "cuddlebot-loso-v1": (CUDDLEBOT, "loso", 902),
     }
     assert HAART == "d086fb847e3caddb00adea342d9b33818a69d2866419d9caf8ce84b50bd34a8f"
     assert set(TASKS) == {*frozen, "haart-watch-v1", "cost-loso-v1"}
     for name, fixed in frozen.items():
         rows = tasks.rows_of(TASKS[name])
         assert (TASKS[name].digest, TASKS[name].protocol, len(rows)) == fixed
-        assert not rows.duplicated(["capture", *TASKS[name].keys]).any() and rows["subject"].nunique() in (3, 10)
+        assert not rows.duplicated(["capture", *TASKS[name].keys]).any() and rows["subject"].nunique() in (3, 10, 16)
     counts = tasks.captures_of(TASKS["haart-loso-v1"])["gesture"].value_counts().to_dict()
     assert counts == dict.fromkeys(("notouch", "pat", "scratch", "stroke", "tickle"), 119) | {
         "constant": 117,
