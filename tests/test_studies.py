@@ -1,5 +1,7 @@
 """The studies: each runs on generated captures; laws and curves by hand; no test subject is seen."""
 
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -108,13 +110,14 @@ def test_every_reference_command_names_systems_that_are_there():
 
 
 def test_a_failing_reference_command_is_reported_and_the_others_run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    few = "data.subjects=2 data.repetitions=1 data.variants=normal"
-    commands = ["run data=nothing model=bayes", f"run data=synth {few} model=bayes"]
-    monkeypatch.setitem(reference.PARTS, "loso", commands)
-    assert reference.run_parts(["loso"], 1, tmp_path / "out") == commands[:1]
+    echo = "import sys; print(*sys.argv[1:]); sys.exit('data=nothing' in sys.argv)"
+    monkeypatch.setattr(reference, "BENCH", [sys.executable, "-c", echo])
+    monkeypatch.setitem(reference.PARTS, "loso", ["run data=nothing", "stress data=synth where='a == 1'"])
+    assert reference.run_parts(["loso"], 3, tmp_path / "out") == ["run data=nothing"]
     times = pd.read_csv(tmp_path / "out" / "times.csv")
-    assert times["status"].tolist() == [2, 0] and "not imported" in (tmp_path / "out" / "loso-001.txt").read_text()
+    assert times["status"].tolist() == [1, 0] and times["part"].tolist() == ["loso"] * 2
+    text = (tmp_path / "out" / "loso-002.txt").read_text()
+    assert text.split() == ["stress", "data=synth", "where=a", "==", "1", "jobs=3", f"out={tmp_path}/out/loso"]
 
 
 def test_systems_stand_side_by_side_with_their_differences(tmp_path, monkeypatch):
