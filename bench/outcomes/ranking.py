@@ -17,7 +17,6 @@ from bench.outcomes.runs import rows_of
 
 COLUMNS = "system mean_rank low high accuracy difference difference_low difference_high p_holm".split()
 SAME = ["synthetic", "subset", "target", "protocol"]  # tags that all ranked corpora share
-JOINED = "+"  # between the names of corpora that one run tests together
 
 
 @dataclass(frozen=True)
@@ -61,8 +60,7 @@ def ranking(results: pd.DataFrame) -> Ranking | None:
         str(data): part.pivot(index="system", columns="subject", values="accuracy").dropna().round(9)
         for data, part in results.groupby("data", sort=False)
     }
-    corpora = _most_results(tables)
-    if not corpora:
+    if not (corpora := _most_results(tables)):
         return None
     shared = sorted(_shared([tables[name] for name in corpora]))
     accuracy = {name: tables[name].loc[shared] for name in corpora}
@@ -79,11 +77,10 @@ def ranking(results: pd.DataFrame) -> Ranking | None:
     tests = statistics.against_best(everyone.loc[table["system"]])
     tests = tests.rename(columns={"low": "difference_low", "high": "difference_high"})
     table = table.merge(tests[["system", *COLUMNS[5:]]], on="system")
-    table = table[[*COLUMNS, *table.columns.drop(COLUMNS)]]
     taus = [(a, b, float(kendalltau(means[a], means[b]).statistic)) for a, b in combinations(corpora, 2)]
     systems = dict.fromkeys(str(system) for each in tables.values() for system in each.index if system not in shared)
     return Ranking(
-        table,
+        table[[*COLUMNS, *table.columns.drop(COLUMNS)]],
         {name: each.shape[1] for name, each in accuracy.items()},
         taus,
         {system: [name for name in corpora if system not in tables[name].index] for system in systems},
@@ -144,7 +141,7 @@ def distinct(runs: pd.DataFrame) -> list[tuple[dict[str, str], dict[str, str]]]:
         digests: dict[str, str] = {}  # corpus by digest
         for run in rows_of(first):
             data, changes, same = str(run["data"]), run.get("touchbench.changes"), digests.get(run["corpus_digest"])
-            if JOINED in data:
+            if "+" in data:  # between the names of corpora that one run tests together
                 left_out[data] = "several corpora joined"
             elif isinstance(changes, str) and changes:
                 left_out[data] = f"changed at import: {changes}"
