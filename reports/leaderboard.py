@@ -11,9 +11,12 @@ import pandas as pd
 
 from bench.leaderboard.submissions import METADATA, NUMBERS, REFERENCE, Submission, behind, read
 from bench.leaderboard.tasks import TASKS
+from bench.outcomes.ranking import ranking
 from bench.outcomes.runs import rows_of
+from bench.outcomes.scores import per_subject
 from reports.layout import Table, page
 from reports.numbers import bounded, number, whole, with_sd
+from reports.over_corpora import OverCorpora, section
 
 OWN = "reference"  # name of the results that come with touchbench
 WORST = "worst fault: "
@@ -92,6 +95,40 @@ def _rank(one: Submission) -> tuple[bool, float]:
     return not one.alarming, one.scores["accuracy"]
 
 
+def over_corpora(submissions: Sequence[Submission]) -> OverCorpora | None:
+    """The ranking over the tasks that leave each subject of a corpus out and have a label for each capture.
+
+    Results of one system are those of one author under one name; the newest answer to a task counts. Labels that depend
+    on other test captures are not ranked.
+
+    Returns:
+        None unless two systems answer two of these tasks.
+    """
+    fit = {
+        task.data: task for task in TASKS.values() if task.protocol == "loso" and task.kind == "cell" and not task.keys
+    }
+    newest: dict[tuple[str, str], Submission] = {}
+    left_out: dict[str, str] = {}
+    notes: dict[str, list[str]] = {}
+    for one in sorted(submissions, key=lambda one: str(one.metadata["date"])):
+        if one.task not in fit.values():
+            continue
+        system = str(one.metadata["system"]) + ("" if one.reference else f" by {one.metadata['who']}")
+        if "batch" in one.metadata:
+            left_out[system] = one.remarks
+        else:
+            newest[one.task.data, system] = one
+            notes[system] = [*dict.fromkeys(filter(None, [*notes.get(system, []), note(one)]))]
+    parts = [
+        per_subject(one.table).assign(data=data, system=system, accuracy=lambda rows: 100 * rows["accuracy"])
+        for (data, system), one in newest.items()
+    ]
+    if not parts or not (found := ranking(pd.concat(parts))):
+        return None
+    about = {data: f"{task.name}, {task.protocol_text}" for data, task in fit.items()}
+    return section(found, about, left_out, notes)
+
+
 def board(submissions: Sequence[Submission], left_out: list[str]) -> str:
     """The page.
 
@@ -105,8 +142,8 @@ def board(submissions: Sequence[Submission], left_out: list[str]) -> str:
             rows = scores_of(of_task)
             remarks = [[text] if text else [] for text in rows["note"]]
             tables[task.name] = Table(_shown(rows), remarks, code=("command",))
-    title = "touchbench leaderboard"
-    return page("leaderboard.jinja", title, left_out=left_out, tasks=list(TASKS.values()), tables=tables)
+    title, over = "touchbench leaderboard", over_corpora(submissions)
+    return page("leaderboard.jinja", title, left_out=left_out, tasks=list(TASKS.values()), tables=tables, over=over)
 
 
 def _shown(table: pd.DataFrame) -> pd.DataFrame:

@@ -14,11 +14,12 @@ import pandas as pd
 from bench.errors import InputError
 from bench.outcomes import statistics
 from bench.outcomes.comparable import MARKED, depends_on_batch, system_of
+from bench.outcomes.ranking import COLUMNS as RANKED
 from bench.outcomes.runs import independent, of_kinds, rows_of, tracked, with_groups
 from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
 from bench.scratch import owner, sweep
-from reports import fault_curves
+from reports import fault_curves, over_corpora
 from reports.candidates import Considered, chart_data, considered
 from reports.comparison import comparison, published, shown
 from reports.figures import save
@@ -114,12 +115,16 @@ def assemble(
     curves = curves_of(store, runs)
     agreed = agreements(store, largest)
     same_wrong = [pd.DataFrame(columns=["group", *COLUMNS]), *(a.same_wrong.assign(group=a.group) for a in agreed)]
+    over = over_corpora.of_runs(runs, by_group)
     tables = {
         "comparison": comparison(store, runs, papers, by_group=by_group),
         "published": against(papers, runs, store),
         "recomputed": recomputed(papers),
         "statistics": pd.concat([g.rows.assign(group=name) for name, g in groups.items()], ignore_index=True),
         "pairs": pd.concat([g.pairs.assign(group=name) for name, g in groups.items()], ignore_index=True),
+        "ranking": pd.concat(
+            [pd.DataFrame(columns=[*RANKED, "group"]), *(o.found.table.assign(group=o.title) for o in over)]
+        ),
         "same_wrong_label": pd.concat(same_wrong, ignore_index=True),
         "provenance": provenance(every),
     }
@@ -148,6 +153,11 @@ def assemble(
         "stresses": fault_curves.stress_sections(stresses, folder),
         "people": new_person_sections(curves, folder),
         "groups": groups,
+        "over": [
+            (o, save(figure, folder, f"{i}-over-several-corpora", o.title, caption))
+            for i, o in enumerate(over, len(largest) + 1)
+            for figure, caption in [over_corpora.rank_plot(o)]
+        ],
         "same_wrong": [same_wrong_section(a) for a in agreed],
         "few": statistics.FEW_SUBJECTS,
         "recomputed": recomputed_section(tables["recomputed"]),

@@ -9,19 +9,20 @@ from pathlib import Path
 
 from bench.arguments import labelled, parse, setting, typed
 from bench.commands.demo import inside
-from bench.commands.printing import led, say, then, unwritable
+from bench.commands.printing import grid, led, output, say, then, unwritable
 from bench.corpora.read.limits import called
 from bench.errors import InputError
 from bench.leaderboard import answers, marks, rerun, submissions
 from bench.leaderboard.submissions import Submission
 from bench.leaderboard.tasks import Task, task_of
 from bench.options import keys
+from bench.outcomes.runs import rows_of
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.progress import warn
 from bench.scratch import made_whole, new_folder, replacing
 from bench.source import git_revision, versions
-from reports.leaderboard import NOT_VERIFIED, board, note, reference
+from reports.leaderboard import NOT_VERIFIED, board, note, over_corpora, reference
 from reports.provenance import command as command_of
 
 NEEDED = {"task": "a frozen task", "who": 'the author of the result, such as who="A. Name, Lab"', "out": "a new folder"}
@@ -96,6 +97,10 @@ def leaderboard(arguments: list[str]) -> int:
         warn(f"left out: {line}")
     others = entries[len(ours) :]
     say(*map(_line, others), *dict.fromkeys(filter(None, map(note, others))))
+    if over := over_corpora(entries):
+        rows = [{k: str(v) for k, v in row.items()} for row in rows_of(over.table.frame)]
+        grid(output(), "over several corpora", rows, left=("system",), spare=("p Holm", "accuracy %"))
+        say(*over.sentences)
     print(out)
     then("bench submit --help")
     return 1 if left_out else 0

@@ -340,6 +340,32 @@ def test_submit_rerun_and_verify(monkeypatch, capsys):
     assert main(["leaderboard", "rerun=mine"]) == 2 and "batch" in capsys.readouterr().err
 
 
+def test_systems_are_ranked_over_tasks(monkeypatch, capsys):
+    """The newest answer counts; labels that depend on other captures do not, nor does another author's system."""
+    monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
+    assert main(["leaderboard"]) == 0 and "mean rank" not in capsys.readouterr().out
+    published = random_corpus().changed(info={"format": "cost", "warnings": []}, digest="c" * 64)
+    monkeypatch.setattr(tasks, "open_corpus", lambda *_: published)
+    for task in ("haart-loso-v1", "cost-loso-v1"):
+        rows = tasks.rows_of(TASKS[task])
+        right, wrong = (rows[["capture"]].assign(predicted=labels) for labels in (rows["true"], other(rows["true"])))
+        data = task.split("-")[0]
+        folder_of(f"{data}-good", right, task=task, system="good")
+        folder_of(f"{data}-old", right, task=task, system="bad", date="2025-01-31")
+        folder_of(f"{data}-bad", wrong, task=task, system="bad")
+        folder_of(f"{data}-batch", right, task=task, system="batchy", batch="yes")
+        folder_of(f"{data}-stranger", right, task=task, system="mine", who=f"Author of {data}")
+    assert main(["leaderboard", "all", "out=board.html"]) == 0
+    out = capsys.readouterr().out
+    rows = [line for line in out.splitlines() if "1.00 [1.00, 1.00]" in line or "2.00 [2.00, 2.00]" in line]
+    assert len(rows) == 2 and "good by A. Name" in rows[0] and "bad by A. Name" in rows[1] and "-100.0" in rows[1]
+    people = 10 + len(set(published.subjects))
+    assert f"{people} people" in out and "batchy by A. Name (labels depend on other test captures)" in out
+    assert "on haart: mine by Author of cost" in out
+    text = Path("board.html").read_text()
+    assert 'id="over-several-corpora"' in text and "is not known" in text
+
+
 @pytest.mark.parametrize(
     ("command", "fact"),
     [

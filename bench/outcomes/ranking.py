@@ -1,0 +1,156 @@
+"""One ranking of systems over several corpora, by their ranks within each person (Demsar 2006).
+
+Corpora differ in gestures, sensors and people, so their accuracies are not on one scale. Ranks within a person are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+
+from bench.outcomes import statistics
+from bench.outcomes.runs import rows_of
+
+COLUMNS = "system mean_rank low high accuracy difference difference_low difference_high p_holm".split()
+SAME = ["synthetic", "subset", "target", "protocol"]  # tags that all ranked corpora share
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Systems that have results on all of some corpora.
+
+    Attributes:
+        table: a row per system, best first: ``mean_rank`` over all people with its 95 % interval (``low``, ``high``);
+            ``accuracy``, mean over all people; ``difference`` from the first row, ``difference_low``,
+            ``difference_high`` and ``p_holm`` as of `bench.outcomes.statistics.against_best`, paired over all people;
+            ``<corpus>_accuracy`` and ``<corpus>_place`` of each corpus.
+        people: number of people by corpus.
+        taus: Kendall's tau between the orders of each two corpora by mean accuracy: both names and the number.
+        lacking: ranked corpora without results, by system that is left out.
+        unranked: corpora left out because too few systems have results on them, too.
+    """
+
+    table: pd.DataFrame
+    people: dict[str, int]
+    taus: list[tuple[str, str, float]]
+    lacking: dict[str, list[str]]
+    unranked: list[str]
+
+
+def ranking(results: pd.DataFrame) -> Ranking | None:
+    """Rank the systems within each person of all corpora, 1 for the best; equal ones share their mean rank.
+
+    Ranked are the corpora with the most results, systems that have all of them times people. A system without an
+    accuracy of each person of a corpus has no result on it.
+
+    Args:
+        results: ``data``, ``system``, ``subject`` and ``accuracy`` (percent), a row for each person and system. Each
+            corpus has people of its own.
+
+    Returns:
+        None unless two systems have results on two corpora.
+    """
+    from scipy.stats import kendalltau, rankdata
+
+    tables = {
+        str(data): part.pivot(index="system", columns="subject", values="accuracy").dropna().round(9)
+        for data, part in results.groupby("data", sort=False)
+    }
+    if not (corpora := _most_results(tables)):
+        return None
+    shared = sorted(_shared([tables[name] for name in corpora]))
+    accuracy = {name: tables[name].loc[shared] for name in corpora}
+    ranks = [rankdata(-each, axis=0) for each in accuracy.values()]
+    table = pd.DataFrame({"system": shared, "mean_rank": np.hstack(ranks).mean(axis=1)})
+    table["low"], table["high"] = _intervals(ranks)
+    means = pd.DataFrame({name: each.mean(axis=1).round(9) for name, each in accuracy.items()})
+    for name in corpora:
+        table[f"{name}_accuracy"] = means[name].to_numpy()
+        table[f"{name}_place"] = rankdata(-means[name])
+    everyone = pd.concat(accuracy, axis=1)
+    table["accuracy"] = everyone.mean(axis=1).to_numpy()
+    table = table.sort_values(["mean_rank", "accuracy"], ascending=[True, False], kind="stable", ignore_index=True)
+    tests = statistics.against_best(everyone.loc[table["system"]])
+    tests = tests.rename(columns={"low": "difference_low", "high": "difference_high"})
+    table = table.merge(tests[["system", *COLUMNS[5:]]], on="system")
+    taus = [(a, b, float(kendalltau(means[a], means[b]).statistic)) for a, b in combinations(corpora, 2)]
+    systems = dict.fromkeys(str(system) for each in tables.values() for system in each.index if system not in shared)
+    return Ranking(
+        table[[*COLUMNS, *table.columns.drop(COLUMNS)]],
+        {name: each.shape[1] for name, each in accuracy.items()},
+        taus,
+        {system: [name for name in corpora if system not in tables[name].index] for system in systems},
+        [name for name in tables if name not in corpora],
+    )
+
+
+def _intervals(ranks: Sequence[np.ndarray], draws: int = 2000, seed: int = 0) -> np.ndarray:
+    """95 % percentile intervals of mean ranks [2, systems], people drawn with replacement within each corpus."""
+    people = [each.shape[1] for each in ranks]
+    if min(people) < 2:  # nobody else to draw
+        return np.full((2, len(ranks[0])), np.nan)
+    rng = np.random.default_rng(seed)
+    sums = [each @ rng.multinomial(n, np.full(n, 1 / n), draws).T for each, n in zip(ranks, people, strict=True)]
+    return np.quantile(np.sum(sums, axis=0) / sum(people), [0.025, 0.975], axis=1)
+
+
+def _shared(tables: Iterable[pd.DataFrame]) -> set[str]:
+    return set.intersection(*({*each.index} for each in tables))
+
+
+def _most_results(tables: dict[str, pd.DataFrame]) -> tuple[str, ...]:
+    """The corpora whose shared systems have the most results, in their order; none without two systems on two."""
+
+    def results(names: tuple[str, ...]) -> int:
+        systems = len(_shared(tables[name] for name in names))
+        return systems * sum(tables[name].shape[1] for name in names) if systems > 1 else 0
+
+    corpora: tuple[str, ...] = max(combinations(tables, 2), key=results, default=())
+    if not corpora or not results(corpora):
+        return ()
+    while rest := [name for name in tables if name not in corpora]:
+        more = max(((*corpora, name) for name in rest), key=results)
+        if results(more) < results(corpora):
+            break
+        corpora = more
+    return tuple(name for name in tables if name in corpora)
+
+
+def distinct(runs: pd.DataFrame) -> list[tuple[dict[str, str], dict[str, str]]]:
+    """Groups of runs that test different people, each subject once and left out of training, as they may be ranked.
+
+    Generated corpora do not mix with real ones. Corpora that were changed at import do not count, since their people
+    are those of another corpus.
+
+    Args:
+        runs: runs from `bench.outcomes.runs.with_groups`.
+
+    Returns:
+        For each subset, target and protocol with runs of several corpora: the group of each corpus by its name, and
+        why corpora are left out, by name.
+    """
+    sets = []
+    for _, part in runs[runs["protocol_name"] == "loso"].groupby(SAME, sort=True):
+        first = part.sort_values(["subjects", "started"], ascending=False, kind="stable").drop_duplicates("group")
+        groups: dict[str, str] = {}
+        left_out: dict[str, str] = {}
+        digests: dict[str, str] = {}  # corpus by digest
+        for run in rows_of(first):
+            data, changes, same = str(run["data"]), run.get("touchbench.changes"), digests.get(run["corpus_digest"])
+            if "+" in data:  # between the names of corpora that one run tests together
+                left_out[data] = "several corpora joined"
+            elif isinstance(changes, str) and changes:
+                left_out[data] = f"changed at import: {changes}"
+            elif same:
+                left_out[data] = f"the same captures as {same}"
+            elif data in groups:
+                left_out[f"{data}, corpus {str(run['corpus_digest'])[:8]}"] = f"another version of {data}"
+            else:
+                groups[data], digests[run["corpus_digest"]] = str(run["group"]), data
+        if len(groups) > 1:
+            sets.append((groups, left_out))
+    return sets

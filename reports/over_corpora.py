@@ -1,0 +1,141 @@
+"""The ranking of systems over several corpora as a table, sentences and a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from bench.outcomes import statistics
+from bench.outcomes.ranking import Ranking, distinct, ranking
+from reports.figures import LINE, bars, new_figure, plain, width_of
+from reports.layout import Table
+from reports.numbers import bounded, listed, notes_on, number, p_value
+
+if TYPE_CHECKING:
+    from reports.reference_rows import BySubject
+
+NAMED = 20  # systems that a sentence names
+CAPTION = (
+    "Systems over several corpora, lowest mean rank first, with 95 % bootstrap intervals: people are drawn with "
+    "replacement within each corpus. Accuracy is the mean over all people. Behind the first: difference in points, "
+    "paired over all people, with its 95 % t-interval and the p of Wilcoxon's test after Holm's correction. Place: by "
+    "mean accuracy on the corpus alone; equal systems share the mean place. Kendall's tau is 1 for equal orders."
+)
+
+
+@dataclass(frozen=True)
+class OverCorpora:
+    """A ranking in words.
+
+    Attributes:
+        title: ranked captures and protocols.
+        found: the ranking.
+        sentences: unit, number of people, agreement of the corpora, and everything left out.
+        table: the ranking as text, `statistics.RANKED` systems at most.
+        caption: meaning of the columns.
+    """
+
+    title: str
+    found: Ranking
+    sentences: list[str]
+    table: Table
+    caption: str = CAPTION
+
+
+def of_runs(runs: pd.DataFrame, by_group: Mapping[str, BySubject]) -> list[OverCorpora]:
+    """The rankings of stored runs, with reference results; one for each subset and target.
+
+    Args:
+        runs: runs from `bench.outcomes.runs.with_groups`.
+        by_group: `reports.reference_rows.systems_by_subject` of each group.
+    """
+    sections = []
+    for groups, left_out in distinct(runs):
+        parts, shipped = [], {}
+        for data, group in groups.items():
+            same = by_group[group]
+            bare = {name: str(one.metadata["system"]) for name, one in same.references.items()}
+            rows = same.subjects.rename(index=bare).rename_axis("system").reset_index()
+            parts.append(rows.melt("system", var_name="subject", value_name="accuracy").assign(data=data))
+            shipped[data] = {*bare.values()}
+        if found := ranking(pd.concat(parts)):
+            notes: dict[str, list[str]] = {}
+            for data, system in product(found.people, found.table["system"]):
+                ours = [f"The result on {data} comes with touchbench."] * (system in shipped[data])
+                notes.setdefault(system, []).extend(notes_on(system, data) + ours)
+            sections.append(section(found, groups, left_out, notes))
+    return sections
+
+
+def section(
+    found: Ranking, about: Mapping[str, str], left_out: Mapping[str, str], notes: Mapping[str, list[str]]
+) -> OverCorpora:
+    """A ranking in words.
+
+    Args:
+        found: the ranking.
+        about: captures and protocol of each corpus.
+        left_out: reason by name of a system or corpus that was left out before.
+        notes: footnotes by system.
+    """
+    title, total = "; ".join(about[data] for data in found.people), sum(found.people.values())
+    counts = listed([f"{n} of {data}" for data, n in found.people.items()], len(found.people))
+    sentences = [
+        f"{title}. Unit: whole captures, one label each. Accuracies are those of {total} people: {counts}. "
+        + ("" if "(synthetic)" in title else "Whether any person is in more than one corpus is not known. ")
+        + "Each person gives every system a rank, 1 for the most accurate. Ranks depend on which systems are compared.",
+        *(f"Kendall's tau of the orders on {a} and {b} is {number(tau, 2)}." for a, b, tau in found.taus),
+    ]
+    lacking: dict[str, list[str]] = {}
+    for system, corpora in found.lacking.items():
+        lacking.setdefault(listed(corpora, len(corpora)), []).append(system)
+    for words, systems in lacking.items():
+        sentences.append(f"Not ranked, without a complete result on {words}: {listed(systems, NAMED)}.")
+    reasons = dict(left_out) | dict.fromkeys(found.unranked, "too few systems in common with the ranked corpora")
+    if reasons:
+        sentences.append(f"Left out: {'; '.join(f'{name} ({why})' for name, why in reasons.items())}.")
+    kept = found.table.iloc[: statistics.RANKED]
+    if len(kept) < len(found.table):
+        sentences.append(f"The first {len(kept)} of {len(found.table)} ranked systems are shown.")
+    sentences += statistics.warnings(total, len(found.table), min(found.people.values()), mixed=False)
+    table = Table(_shown(kept, [*found.people]), [notes.get(system, []) for system in kept["system"]])
+    return OverCorpora(title, found, sentences, table)
+
+
+def _shown(table: pd.DataFrame, corpora: list[str]) -> pd.DataFrame:
+    """A ranking as text."""
+    ranks = zip(table["mean_rank"], table["low"], table["high"], strict=True)
+    differences = zip(table["difference"], table["difference_low"], table["difference_high"], strict=True)
+    columns = {
+        "system": table["system"],
+        "mean rank [95 %]": [bounded(*each, digits=2) for each in ranks],
+        "accuracy %": table["accuracy"].map(number),
+        "behind the first [95 %]": [bounded(*each, sign=True) for each in differences],
+        "p Holm": table["p_holm"].map(p_value),
+    }
+    for data in corpora:
+        places = zip(table[f"{data}_accuracy"], table[f"{data}_place"], strict=True)
+        columns[f"{data} % (place)"] = [f"{number(accuracy)} ({place:g})" for accuracy, place in places]
+    return pd.DataFrame(columns)
+
+
+def rank_plot(over: OverCorpora) -> tuple[Figure, str]:
+    """The mean rank of each system with its interval; and the caption."""
+    kept, people = over.found.table.iloc[: statistics.RANKED], sum(over.found.people.values())
+    margins = (width_of(kept["system"]) + 0.25, 0.15, 0.5, 0.35)
+    figure, axes = new_figure((9.5, LINE * 1.5 * len(kept) + 0.85), margins=margins, title=over.title)
+    ax, rows = axes[0, 0], range(len(kept))
+    ends = bars(*(kept[name].to_numpy() for name in ("mean_rank", "low", "high")))
+    ax.errorbar(kept["mean_rank"], rows, xerr=ends, fmt="o", color="tab:blue", markersize=5, capsize=3)
+    ax.set_yticks(rows, plain(kept["system"]))
+    ax.set(ylim=(len(kept) - 0.4, -0.6), xlabel=f"mean rank within {people} people (1: most accurate)")
+    ax.grid(axis="x", alpha=0.25)
+    return figure, (
+        f"Mean rank of each system over {people} people of {len(over.found.people)} corpora, with its 95 % bootstrap "
+        "interval. Overlapping intervals are no test of a difference, since the people are the same for all systems."
+    )
