@@ -5,7 +5,7 @@
 runs every command of `PARTS`, in order, in the current folder's store. ``parts=loso,faults`` runs some of them. A
 command whose runs are stored takes seconds, so an interrupted script continues when it is started again. A command that
 fails is reported at the end, and the others go on. ``out=`` gets ``times.csv``, the output of each command, and
-``systems.md`` (`side_by_side`). Import both corpora first:
+``systems.csv`` (`side_by_side`) and ``tests.csv`` (`other_tests`). Import both corpora first:
 
     bench data import haart "HAART DataSet.zip"
     bench data import haart "HAART DataSet.zip" align=yes
@@ -25,6 +25,8 @@ import bench
 from bench.arguments import convert, parse
 from bench.corpora.library import imported
 from bench.errors import nearest
+from bench.outcomes.runs import NothingTracked, tracked
+from bench.outcomes.store import connect
 from bench.paired import interval
 
 CORPORA = ("haart", "cuddlebot")
@@ -34,10 +36,16 @@ PUBLISHED = (
     "ta2015_rf,ta2015_svm,jung2017_bayes,jung2017_tree,jung2017_svm_linear,jung2017_svm_rbf,jung2017_nn"
 )
 SMALL = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"
-BEST = ("model=reflex", SMALL, "model=xgb features=touch", "model=et features=touch", "model=rocket")
+BEST = ("model=reflex", SMALL, "model=xgb features=touch", "model=softmax features=touch", "model=touchnet")
 WATCH = ("model=reflex", "model=lda features=touch model.window=0.75 model.repair=stuck+dead")
 # fewer epochs than published, which take hours
 NETWORKS = ("model=cnn85 model.epochs=15", "model=hughes2017_cnn model.epochs=6 model.rate=0.001")
+TESTS = {  # metrics of a kind of run, and their headings
+    "stress": {"loss": "lost under faults"},
+    "stream": {f"accuracy_at_{ms}_ms": f"after {ms}" for ms in (500, 1000, 2000)} | {"adaptive_accuracy": "stopped"},
+    "cell": {"accuracy": "with shots"},
+    "watch": {"touches_found": "touches found", "first_correct": "first correct", "end_correct": "end correct"},
+}
 BENCH = [sys.executable, "-c", "import sys; from bench.cli import main; sys.exit(main())"]
 
 
@@ -70,7 +78,7 @@ PARTS: dict[str, list[str]] = {
         f"run data={data} protocol=transfer protocol.source={source} {system}"
         for one, other in (("haart", "cuddlebot"), ("haart", "cuddlebot-8x8"))
         for data, source in ((one, other), (other, one))
-        for system in (*BEST, "model=svm,rf features=touch", "model=touchnet")
+        for system in (*BEST, "model=svm,rf,et features=touch", "model=rocket")
     ],
     "joint": _each("run protocol=loso", ("haart+cuddlebot",), BEST),
     "networks": _each("run protocol=loso", CORPORA, NETWORKS),
@@ -85,7 +93,7 @@ def run_parts(names: list[str], jobs: int, out: Path) -> list[str]:
     for number, (name, command) in enumerate(commands, 1):
         words = [*shlex.split(command), f"jobs={jobs}"]
         print(f"{number}/{len(commands)} {name}: bench {' '.join(words)}", flush=True)
-        if words[0] in ("stress", "stream", "watch"):
+        if words[0] in ("stress", "stream"):
             words.append(f"out={out / name}")
         began = time.perf_counter()
         with (out / f"{name}-{number:03d}.txt").open("w") as output:
@@ -135,6 +143,29 @@ def side_by_side(corpora: tuple[str, ...], rival: str = "reflex") -> pd.DataFram
     )
 
 
+def other_tests() -> pd.DataFrame:
+    """Runs of a store beyond accuracy on whole captures: under faults, early, with shots, on endless streams.
+
+    Returns:
+        A row per corpus, protocol and system, in percent and points: the loss under faults is a mean over severities
+        and faults, ``after`` counts ms of touch, ``stopped`` is with the learned stopping rule.
+    """
+    store, tables = connect(), []
+    for kind, metrics in TESTS.items():
+        try:
+            runs = tracked(store, kind)
+        except NothingTracked:
+            continue
+        runs = runs[runs["status"] == "FINISHED"]
+        if kind == "cell":
+            runs = runs[runs["protocol_name"] == "personal"]
+        if kind == "stress":
+            runs = runs.assign(loss=runs.filter(like="loss.").mean(axis=1))
+        named = runs.set_index(["data", "protocol", "system"]).reindex(columns=list(metrics)).rename(columns=metrics)
+        tables.append(100 * named.astype(float).groupby(level=[0, 1, 2]).first())  # the newest of a system
+    return pd.concat(tables, axis=1).round(1).sort_index() if tables else pd.DataFrame()
+
+
 def main(words: list[str]) -> None:
     """Run what is asked for, and write the table."""
     values = parse(words, {"parts", "jobs", "out"})
@@ -146,7 +177,8 @@ def main(words: list[str]) -> None:
     if missing := [name for name in ("haart", "haart-aligned", "cuddlebot", "cuddlebot-8x8") if name not in imported()]:
         raise bench.InputError(f"import first: {', '.join(missing)}; see the head of studies/reference.py")
     failed = run_parts(names, convert("jobs", values.get("jobs", "2"), 2), out)
-    (out / "systems.md").write_text(side_by_side(CORPORA).to_markdown())
+    side_by_side(CORPORA).to_csv(out / "systems.csv")
+    other_tests().to_csv(out / "tests.csv")
     if failed:
         sys.exit("\n".join([f"{len(failed)} commands failed:", *failed]))
 
