@@ -10,8 +10,8 @@ import pandas as pd
 from bench.outcomes.comparable import MARK, MARKED
 
 DESIGNED = (
-    "The system reflex and the features touch were designed on seven of HAART's ten people, the training subjects of "
-    "its challenge split. LOSO tests on these seven, too."
+    "The systems reflex, touchnet and rocket and the features touch were designed on seven of HAART's ten people, the "
+    "training subjects of its challenge split. LOSO tests on these seven, too."
 )
 
 
@@ -22,7 +22,7 @@ def notes_on(system: str, data: str) -> list[str]:
         system: system name as in tables.
         data: name of the corpus.
     """
-    designed = data == "haart" and re.search(r"(?<![\w.])(reflex|touch)(?![\w.])", system) is not None
+    designed = data == "haart" and re.search(r"(?<![\w.])(reflex|rocket|touch|touchnet)(?![\w.])", system) is not None
     return [DESIGNED] * designed + [MARKED] * system.endswith(MARK)
 
 

@@ -22,7 +22,7 @@ LDA, XGB, ROCKET, REFLEX = ({"model": name} for name in ("lda", "xgb", "rocket",
 JUNG, TOUCH = {"features": "jung54"}, {"features": "touch"}
 WINDOWS, TWO = {"model.window": "1.0"}, {"model.windows": "2"}
 REPAIR, FAULTS, FEW = {"model.repair": "stuck+dead"}, {"model.faults": "all"}, {"model.damaged": "0.1"}
-# cut short, as in docs/notes/haart.md: the epochs of the paper take hours
+# cut short: the epochs of the paper take hours
 HUGHES = {"model": "hughes2017_cnn", "model.epochs": "6", "model.rate": "1e-3"}
 PERCEPTRON = {"model": "perceptron", "model.units": "18", "model.copies": "8"}
 ROWS: dict[str, dict[str, str]] = {

@@ -258,7 +258,7 @@ def test_reference_results_have_their_accuracies():
     results = bench.results("reference")
     table = results.table.set_index(["task", "system"])
     accuracy = table["accuracy"].xs("haart-loso-v1")
-    assert accuracy["svm · jung54"].round(1) == 67.8 and accuracy["xgb · jung54"].round(1) == 74.4  # notes/haart.md
+    assert accuracy["svm · jung54"].round(1) == 67.8 and accuracy["xgb · jung54"].round(1) == 74.4  # notes/two_corpora.md
     assert len(accuracy) >= 8 and table["accuracy"].between(14.3, 100).all()
     one = results["haart-loso-v1/svm-jung54"]
     assert 100 * (one["true"] == one["predicted"]).mean() == pytest.approx(accuracy["svm · jung54"])
