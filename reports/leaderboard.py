@@ -125,6 +125,7 @@ def over_corpora(submissions: Sequence[Submission]) -> OverCorpora | None:
     ]
     if not parts or not (found := ranking(pd.concat(parts))):
         return None
+    left_out = {system: why for system, why in left_out.items() if system not in notes}
     about = {data: f"{task.name}, {task.protocol_text}" for data, task in fit.items()}
     return section(found, about, left_out, notes)
 

@@ -13,6 +13,7 @@ DESIGNED = (
     "The systems reflex, touchnet and rocket and the features touch were designed on seven of HAART's ten people, the "
     "training subjects of its challenge split. LOSO tests on these seven, too."
 )
+MAYBE_TWICE = "Whether a person is in more than one of the joined corpora is unknown; each counts as another."
 
 
 def notes_on(system: str, data: str) -> list[str]:
@@ -22,8 +23,9 @@ def notes_on(system: str, data: str) -> list[str]:
         system: system name as in tables.
         data: name of the corpus.
     """
-    designed = data == "haart" and re.search(r"(?<![\w.])(reflex|rocket|touch|touchnet)(?![\w.])", system) is not None
-    return [DESIGNED] * designed + [MARKED] * system.endswith(MARK)
+    ours = re.search(r"(?<![\w.])(reflex|rocket|touch|touchnet)(?![\w.])", system) is not None
+    designed = ours and "haart" in data.split("+")
+    return [DESIGNED] * designed + [MAYBE_TWICE] * ("+" in data) + [MARKED] * system.endswith(MARK)
 
 
 def listed(names: Sequence[str], most: int = 4) -> str:

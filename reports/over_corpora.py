@@ -87,9 +87,9 @@ def section(
     counts = listed([f"{n} of {data}" for data, n in found.people.items()], len(found.people))
     sentences = [
         f"{title}. Unit: whole captures, one label each. Accuracies are those of {total} people: {counts}. "
-        + ("" if "(synthetic)" in title else "Whether any person is in more than one corpus is not known. ")
+        + ("" if "(synthetic)" in title else "Whether any person is in more than one corpus is unknown. ")
         + "Each person gives every system a rank, 1 for the most accurate. Ranks depend on which systems are compared.",
-        *(f"Kendall's tau of the orders on {a} and {b} is {number(tau, 2)}." for a, b, tau in found.taus),
+        *(f"Kendall's tau of the orders on {a} and {b} is {number(tau, 2)}." for a, b, tau in found.taus if tau == tau),
     ]
     lacking: dict[str, list[str]] = {}
     for system, corpora in found.lacking.items():

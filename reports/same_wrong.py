@@ -45,7 +45,7 @@ def same_wrong_section(found: Agreement) -> dict[str, Any]:
 def _opened(found: Agreement) -> tuple[Corpus | None, str]:
     """The corpus that the runs tested, or the reason why its frames cannot be shown."""
     name = str(found.run["data"])
-    if found.run["synthetic"] == "true" or name not in imported():
+    if found.run["synthetic"] == "true" or not {*name.split("+")} <= {*imported()}:
         return None, "the captures are generated" if found.run["synthetic"] == "true" else f"{name} is not imported"
     try:
         corpus = open_corpus(name, {})

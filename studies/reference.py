@@ -4,8 +4,8 @@
 
 runs every command of `PARTS`, in order, in the current folder's store. ``parts=loso,faults`` runs some of them. A
 command whose runs are stored takes seconds, so an interrupted script continues when it is started again. A command that
-fails is reported at the end, and the others go on. ``out=`` gets ``times.csv``, the output of each command, and
-``systems.csv`` (`side_by_side`) and ``tests.csv`` (`other_tests`). Import both corpora first:
+fails is reported at the end, and the others go on. ``out=`` gets the output of each command, ``times.csv`` (a row each
+time a command runs), ``tests.csv`` (`other_tests`) and ``systems.csv`` (`side_by_side`). Import both corpora first:
 
     bench data import haart "HAART DataSet.zip"
     bench data import haart "HAART DataSet.zip" align=yes
@@ -28,6 +28,7 @@ from bench.errors import nearest
 from bench.outcomes.runs import NothingTracked, tracked
 from bench.outcomes.store import connect
 from bench.paired import interval
+from reports.reference_rows import REFERENCE
 
 CORPORA = ("haart", "cuddlebot")
 CLASSIFIERS = "svm,rf,bayes,lda,tree,xgb,et,softmax"
@@ -56,6 +57,7 @@ TESTS = {  # metrics of a kind of run, and their headings
     "cell": {"accuracy": "with shots"},
     "watch": {"touches_found": "touches found", "first_correct": "first correct", "end_correct": "end correct"},
 }
+NAMED = ["data", "protocol", "system"]
 BENCH = [sys.executable, "-c", "import sys; from bench.cli import main; sys.exit(main())"]
 
 
@@ -109,18 +111,20 @@ PARTS: dict[str, list[str]] = {
 def run_parts(names: list[str], jobs: int, out: Path) -> list[str]:
     """Run the commands of some parts; return those that failed."""
     out.mkdir(parents=True, exist_ok=True)
-    times, failed = [], []
-    commands = [(name, command) for name in names for command in PARTS[name]]
-    for number, (name, command) in enumerate(commands, 1):
+    times = out / "times.csv"
+    done = pd.read_csv(times).to_dict("records") if times.exists() else []
+    failed = []
+    commands = [(name, number, command) for name in names for number, command in enumerate(PARTS[name], 1)]
+    for count, (name, number, command) in enumerate(commands, 1):
         words = [*shlex.split(command), f"jobs={jobs}"]
-        print(f"{number}/{len(commands)} {name}: bench {' '.join(words)}", flush=True)
+        print(f"{count}/{len(commands)} {name}: bench {' '.join(words)}", flush=True)
         if words[0] in ("stress", "stream"):
             words.append(f"out={out / name}")
         began = time.perf_counter()
         with (out / f"{name}-{number:03d}.txt").open("w") as output:
             status = subprocess.run([*BENCH, *words], stdout=output, stderr=output).returncode
-        times.append({"part": name, "command": command, "seconds": time.perf_counter() - began, "status": status})
-        pd.DataFrame(times).to_csv(out / "times.csv", index=False)
+        done.append({"part": name, "command": command, "seconds": time.perf_counter() - began, "status": status})
+        pd.DataFrame(done).to_csv(times, index=False)
         if status:
             failed.append(command)
     return failed
@@ -138,7 +142,10 @@ def side_by_side(corpora: tuple[str, ...], rival: str = "reflex") -> pd.DataFram
         and paired difference to ``rival`` with its 95 % t-interval, in percent and points.
     """
     tables = [bench.results(data=data, protocol="loso") for data in corpora]
-    systems = sorted(set.intersection(*(set(table["system"]) for table in tables)))
+    shared = set.intersection(*(set(table["system"]) for table in tables))
+    systems = sorted(system for system in shared if not system.endswith(REFERENCE))
+    if rival not in systems:
+        raise bench.InputError(f"{rival} has no complete run on each of {', '.join(corpora)}")
     columns = {}
     for data in corpora:
         means = {}
@@ -182,8 +189,9 @@ def other_tests() -> pd.DataFrame:
             runs = runs[runs["protocol_name"] == "personal"]
         if kind == "stress":
             runs = runs.assign(loss=runs.filter(like="loss.").mean(axis=1))
-        named = runs.set_index(["data", "protocol", "system"]).reindex(columns=list(metrics)).rename(columns=metrics)
-        tables.append(100 * named.astype(float).groupby(level=[0, 1, 2]).first())  # the newest of a system
+        runs = runs[(runs["subset"] == "all") & ~runs["data"].str.contains("+", regex=False)]
+        runs = runs.sort_values("started").drop_duplicates(NAMED, keep="last")
+        tables.append(100 * runs.set_index(NAMED).reindex(columns=list(metrics)).rename(columns=metrics).astype(float))
     return pd.concat(tables, axis=1).round(1).sort_index() if tables else pd.DataFrame()
 
 
@@ -198,10 +206,11 @@ def main(words: list[str]) -> None:
     if missing := [name for name in ("haart", "haart-aligned", "cuddlebot", "cuddlebot-8x8") if name not in imported()]:
         raise bench.InputError(f"import first: {', '.join(missing)}; see the head of studies/reference.py")
     failed = run_parts(names, convert("jobs", values.get("jobs", "2"), 2), out)
-    side_by_side(CORPORA).to_csv(out / "systems.csv")
+    print("\n".join([f"{len(failed)} commands failed", *failed]))
     other_tests().to_csv(out / "tests.csv")
+    side_by_side(CORPORA).to_csv(out / "systems.csv")
     if failed:
-        sys.exit("\n".join([f"{len(failed)} commands failed:", *failed]))
+        sys.exit(1)
 
 
 if __name__ == "__main__":

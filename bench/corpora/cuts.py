@@ -11,7 +11,6 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 
 OPTIONS = ("align", "frames", "crop")  # of an import, in the order in which they are done
-CHANGED = "; changed by "  # stands between the source of a corpus and its changes
 KNOWN = {"haart": "2:1"}  # seams of formats, which align=yes means; see bench data show
 
 
@@ -39,7 +38,7 @@ def cut(corpus: Corpus, kind: str, options: Mapping[str, str]) -> Corpus:
         done.append(f"{name}={text}")
     if not done:
         return corpus
-    source = f"{corpus.info.get('source', '')}{CHANGED}{', '.join(done)}"
+    source = f"{corpus.info.get('source', '')}; changed by {', '.join(done)}"
     return corpus.changed(info=corpus.info | {"source": source, "changes": ", ".join(done)})
 
 

@@ -61,8 +61,10 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus | 
             value = _read(reader, source, arguments)
             if changes and isinstance(value, Recordings):
                 raise InputError(f"{next(iter(changes))}=: recordings are imported whole; leave it out")
-            if not isinstance(value, Recordings):
+            if not isinstance(value, Recordings) and changes:
+                unchanged = content_digest(value)
                 value = cuts.cut(value, kind, changes)
+                value = value.changed(info=value.info | {"unchanged": unchanged})
             corpus = value.corpus if isinstance(value, Recordings) else value
             warnings = [*duplicates.warning(corpus), *corpus.info.get("warnings", [])]
             corpus = corpus.changed(name=name, info=corpus.info | {"format": kind, "warnings": warnings})
@@ -181,6 +183,8 @@ def verify(name: str) -> dict[str, str]:
     Raises:
         InputError: there is no such corpus.
     """
+    if "+" in name:
+        raise InputError(f"bench data verify {name[:100]}: give one corpus at a time")
     if name == "synth":
         folders = sorted(f for f in (home() / "corpora" / "synth").glob("[0-9a-f]*") if f.is_dir())
         return {f"{f.name}/{file}": wrong for f in folders for file, wrong in verified(f, f.name).items()}
@@ -304,9 +308,13 @@ def _together(name: str) -> Corpus:
     from bench.corpora import skins
 
     names = name.split("+")
-    if len(set(names)) < len(names) or "synth" in names:
+    if len(set(names)) < len(names) or {"", "synth"} & {*names}:
         raise InputError(f"data={name[:100]}: join the names of imported corpora by +, each once")
-    corpora = [open_corpus(one, {}) for one in names]
+    corpora = []
+    for value in map(stored_value, names):
+        if isinstance(value, Recordings):
+            raise InputError(f"data={name[:100]}: {value.corpus.name} holds recordings, which cannot be joined")
+        corpora.append(value)
     code = Path(skins.__file__).read_bytes()
     key = hashlib.sha256(json.dumps([[c.digest, c.name] for c in corpora]).encode() + code).hexdigest()[:16]
     return _made(home() / "corpora" / ".joined" / key, lambda: skins.together(corpora))

@@ -7,13 +7,13 @@ Nothing is learnt, and what becomes of a capture depends on that capture alone. 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.cuts import CHANGED
 from bench.corpora.duplicates import named, shared
 from bench.errors import InputError
 
@@ -89,8 +89,8 @@ def _refuse_the_same(target: Corpus, source: Corpus, what: str) -> None:
         what: key that names them, for the error.
 
     Raises:
-        InputError: a capture is in both; both are made from the same recordings, changed at import; or both are
-            generated from one seed, and so of the same people.
+        InputError: a capture is in both; both have captures of the same recordings, which may be changed at import; or
+            both are generated from one seed, and so of the same people.
     """
     if pairs := shared(target, source):
         first, same = pairs[0]
@@ -98,18 +98,25 @@ def _refuse_the_same(target: Corpus, source: Corpus, what: str) -> None:
             f"{what}: {target.name} and {source.name} have the same captures: {len(pairs)}, such as "
             f"{named(target, first)} and {named(source, same)}; name another corpus"
         )
-    one, other = ({"format": "", "source": ""} | c.info for c in (target, source))
-    changed = "changes" in one or "changes" in other
-    alike = one["format"] in STUDIES or one["source"].split(CHANGED)[0] == other["source"].split(CHANGED)[0]
-    if changed and one["format"] == other["format"] and alike:
+    for one, other in product(_origins(target), _origins(source)):
+        study = one["format"] == other["format"] and one["format"] in STUDIES
+        if study or {*one["digests"]} & {*other["digests"]}:
+            raise InputError(
+                f"{what}: {one['name']} and {other['name']} are imports of the same recordings; name another corpus"
+            )
+    if target.synthetic and target.info.get("source") == source.info.get("source"):
         raise InputError(
-            f"{what}: {target.name} and {source.name} are imports of the same recordings; name another corpus"
+            f"{what}: generated captures of one seed are of the same people; give another seed, such as seed=1"
         )
-    if target.synthetic and one["source"] == other["source"]:
-        raise InputError(
-            f"{what}: generated captures of one seed are of the same people; give another seed, as in "
-            "protocol.source=synth+seed=1"
-        )
+
+
+def _origins(corpus: Corpus) -> list[dict[str, Any]]:
+    """Format, name and digests (as stored, and before changes at import) of the corpora that captures come from."""
+    if parts := corpus.info.get("parts"):
+        return parts
+    kind = "" if corpus.synthetic else str(corpus.info.get("format", ""))
+    digests = [digest for digest in (corpus.digest, corpus.info.get("unchanged")) if digest]
+    return [{"format": kind, "name": corpus.name, "digests": digests}]
 
 
 def together(corpora: Sequence[Corpus]) -> Corpus:
@@ -123,7 +130,7 @@ def together(corpora: Sequence[Corpus]) -> Corpus:
 
     Returns:
         A corpus in memory, float32, whose column ``corpus`` says where a capture comes from. Subjects are named after
-        their corpus: ``haart 1``. Conditions that only some corpora have are left out.
+        their corpus: ``haart 1``. Conditions that only some corpora have are left out, and so is ``split``.
 
     Raises:
         InputError: fewer than two classes are shared, or a capture or the recordings are in two of them.
@@ -136,13 +143,13 @@ def together(corpora: Sequence[Corpus]) -> Corpus:
         those = "; ".join(f"{corpus.name}: {_classes_of(corpus)}" for corpus in corpora)
         raise InputError(f"data={name}: {len(classes)} classes are in all of them; two are needed ({those})")
     parts = [corpus[np.flatnonzero(np.isin(corpus.gestures, classes))] for corpus in corpora]
-    columns = [c for c in parts[0].captures if all(c in part.captures for part in parts)]
+    columns = [c for c in parts[0].captures if c != "split" and all(c in part.captures for part in parts)]
     tables = [
         part.captures[columns].assign(subject=part.name + " " + part.captures["subject"].astype(str), corpus=part.name)
         for part in parts
     ]
     frames, fields = _common(parts)
-    info = _info(parts) | {"format": "joined"}
+    info = _info(parts) | {"format": "joined", "parts": [origin for part in parts for origin in _origins(part)]}
     return Corpus.from_captures(frames, pd.concat(tables).astype("str"), name=name, info=info, **fields)
 
 
@@ -155,14 +162,14 @@ def _common(parts: Sequence[Corpus]) -> tuple[list[np.ndarray], dict[str, float]
 
 
 def _info(parts: Sequence[Corpus]) -> dict[str, object]:
-    """Origin, licences and warnings of several corpora; those of the first without its name."""
+    """Origin, licences and warnings of several corpora; a warning of the first one does not name it."""
     names = " and ".join(part.name for part in parts)
     synthetic = any(part.synthetic for part in parts)
     first, *others = parts
-    warnings = [*first.info.get("warnings", [])]
+    twice = f"whether a person is in more than one of {names} is unknown; each counts as another"
+    warnings = [] if synthetic else [twice]
+    warnings += first.info.get("warnings", [])
     warnings += [f"{part.name}: {text}" for part in others for text in part.info.get("warnings", [])]
-    if not any(part.synthetic for part in parts):
-        warnings.append(f"it is not known whether a person is in more than one of {names}; each counts as another one")
     return {
         "source": f"{names}, brought to one rate and grid",
         "licence": "; ".join(dict.fromkeys(str(part.info.get("licence", "")) for part in parts)),

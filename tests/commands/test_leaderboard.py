@@ -258,7 +258,9 @@ def test_reference_results_have_their_accuracies():
     results = bench.results("reference")
     table = results.table.set_index(["task", "system"])
     accuracy = table["accuracy"].xs("haart-loso-v1")
-    assert accuracy["svm · jung54"].round(1) == 67.8 and accuracy["xgb · jung54"].round(1) == 74.4  # notes/two_corpora.md
+    assert (
+        accuracy["svm · jung54"].round(1) == 67.8 and accuracy["xgb · jung54"].round(1) == 74.4
+    )  # notes/two_corpora.md
     assert len(accuracy) >= 8 and table["accuracy"].between(14.3, 100).all()
     one = results["haart-loso-v1/svm-jung54"]
     assert 100 * (one["true"] == one["predicted"]).mean() == pytest.approx(accuracy["svm · jung54"])
@@ -365,7 +367,7 @@ def test_systems_are_ranked_over_tasks(monkeypatch, capsys):
     assert f"{people} people" in out and "batchy by A. Name (labels depend on other test captures)" in out
     assert "on haart: mine by Author of cost" in out
     text = Path("board.html").read_text()
-    assert 'id="over-several-corpora"' in text and "is not known" in text
+    assert 'id="over-several-corpora"' in text and "is unknown" in text
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,7 @@ def test_both_are_brought_to_the_coarser_of_each():
     target.info["warnings"], source.info["warnings"] = ["ours"], ["theirs"]
     both = joined(target, source, {"PAT": names[0], "rub": names[1]})
     assert both.rate_hz == 40.0 and both.grid == (4, 5) and both.full_scale == target.full_scale
-    assert both.info["warnings"][:2] == ["ours", "other: theirs"] and "more than one" in both.info["warnings"][2]
+    assert both.info["warnings"][1:] == ["ours", "other: theirs"] and "more than one" in both.info["warnings"][0]
     mine = both.captures["skin"] == OWN
     kept = np.flatnonzero(np.isin(target.gestures, names[:2]))
     assert both.gestures.tolist() == [*target.gestures[kept], *[names[0], names[1]] * 2]
@@ -114,13 +114,19 @@ def test_several_corpora_as_one_keep_people_apart_and_have_the_classes_and_condi
     np.testing.assert_allclose(joint[9], brought(third[1:2], 20.0, (4, 3), 4.0)[0] / 4, rtol=1e-6)
 
 
-def test_the_same_people_are_not_joined():
-    one = study("one")
-    changed = study("two").changed(info={"format": "table", "changes": "crop=2x2"})
+def test_the_same_people_are_not_joined_nor_trained_on():
+    one = study("one").changed(digest="d" * 64)
+    cut = study("two").changed(info={"format": "table", "unchanged": "d" * 64})
     with pytest.raises(InputError, match=r"data=one\+two: one and two are imports of the same recordings"):
-        together([one, changed])
-    with pytest.raises(InputError, match=r"protocol=transfer: one and two are imports of the same recordings"):
-        joined(one, changed, {})
+        together([one, cut])
+    both = together([one, study("three")])
+    for target, source in ((one, cut), (cut, one), (both, cut), (cut, both), (both, both[:2].changed(name="four"))):
+        with pytest.raises(InputError, match=r"protocol=transfer: .* (same recordings|same captures)"):
+            joined(target, source, {})
+    aligned, released = (study(name).changed(info={"format": "haart"}) for name in ("haart-aligned", "haart"))
+    with pytest.raises(InputError, match="haart and haart-aligned are imports of the same recordings"):
+        joined(together([released, one]), aligned, {})
+    assert len(joined(one, study("three"), {})) == 8  # other people
     with pytest.raises(InputError, match="1 classes are in all"):
         together([one, study("three", classes=("pat", "hug"))])
     with pytest.raises(InputError, match="have the same captures: 4"):

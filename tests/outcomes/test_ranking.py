@@ -100,7 +100,7 @@ def test_the_report_ranks_over_corpora_of_different_people(monkeypatch):
     page.write_report(store, Path("report"))
     text, table = Path("report/comparison.md").read_text(), pd.read_csv("report/ranking.csv")
     assert "## Over several corpora" in text and "align=2:1" in text and "on haart: alone" in text
-    assert "7 people: 4 of haart and 3 of cuddlebot" in text and "is not known" in text
+    assert "7 people: 4 of haart and 3 of cuddlebot" in text and "is unknown" in text
     assert table["mean_rank"].tolist() == [1, 2] and table["difference"].tolist() == [0, -20]
     assert 'id="over-several-corpora"' in Path("report/index.html").read_text()
     assert [path.suffix for path in sorted(Path("report/figures").glob("*over-several*"))] == [".png", ".svg"]
