@@ -11,6 +11,7 @@ import bench
 from bench import contract
 from bench.arguments import parse
 from bench.options import keys
+from bench.outcomes.runs import NothingTracked
 from bench.plan.cells import cells
 from reports.pair import Compared
 from studies import ablation, epochs, learning, reference
@@ -132,3 +133,24 @@ def test_systems_stand_side_by_side_with_their_differences(tmp_path, monkeypatch
     # means 70 and 60; t(0.975, 2) = 4.3027; SD 10 of both, of the differences -10, 0, -20 too: half 24.84
     assert table.loc["reflex"].tolist() == ["70.0 [45.2, 94.8]", "1", ""]
     assert table.loc["lda"].tolist() == ["60.0 [35.2, 84.8]", "2", "-10.0 [-34.8, 14.8]"]
+
+
+def test_the_newest_complete_run_of_each_system_is_shown(monkeypatch):
+    rows = [  # started, data, status, losses under two faults
+        (2, "haart", "FINISHED", 0.2, 0.4),
+        (1, "haart", "FINISHED", 0.9, 0.9),
+        (3, "haart", "FAILED", 0.5, 0.5),
+        (4, "haart+cuddlebot", "FINISHED", 0.5, 0.5),  # a learning curve
+    ]
+    runs = pd.DataFrame(rows, columns=["started", "data", "status", "loss.noise", "loss.shift"])
+    runs = runs.assign(protocol="loso", system="lda", subset="all")
+
+    def tracked(_, kind):
+        if kind != "stress":
+            raise NothingTracked("none")
+        return runs
+
+    monkeypatch.setattr(reference, "connect", lambda: None)
+    monkeypatch.setattr(reference, "tracked", tracked)
+    table = reference.other_tests()
+    assert len(table) == 1 and table.loc[("haart", "loso", "lda"), "lost under faults"] == 30.0
