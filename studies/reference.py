@@ -1,4 +1,4 @@
-"""All results on HAART and CuddleBot that the documentation quotes, by one command that can be left alone.
+"""The results of docs/notes/two_corpora.md and of the frozen tasks, by one command that can be left alone.
 
     python studies/reference.py out=reference jobs=2
 
