@@ -80,7 +80,11 @@ def _each(command: str, corpora: tuple[str, ...], systems: tuple[str, ...]) -> l
 
 PARTS: dict[str, list[str]] = {
     "loso": [command for data in CORPORA for command in _loso(data)],
-    "aligned": _each("run protocol=loso", ("haart-aligned",), (*BEST, "model=lda features=touch model.window=1.0,2.0"))
+    "aligned": _each(
+        "run protocol=loso",
+        ("haart-aligned",),
+        (*BEST[:4], "model=et features=touch", "model=lda features=touch model.window=1.0,2.0"),
+    )
     + _each("run protocol=challenge", ("haart", "haart-aligned"), ("model=reflex", SMALL)),
     # the results of the frozen tasks that come with touchbench, as far as no other part has them
     "tasks": _each("run protocol=challenge", ("haart",), SHIPPED)
@@ -100,9 +104,9 @@ PARTS: dict[str, list[str]] = {
         f"run data={data} protocol=transfer protocol.source={source} {system}"
         for one, other in (("haart", "cuddlebot"), ("haart", "cuddlebot-8x8"))
         for data, source in ((one, other), (other, one))
-        for system in (*BEST, "model=svm,rf,et features=touch", "model=rocket")
+        for system in (*BEST, "model=lda,svm,rf,et features=touch", "model=rocket")
     ],
-    "joint": _each("run protocol=loso", ("haart+cuddlebot",), BEST),
+    "joint": _each("run protocol=loso", ("haart+cuddlebot",), ("model=reflex,rocket", "model=lda,et features=touch")),
     "curves": _each(f"stress {CURVES}", ("haart+cuddlebot",), CURVED),
     "networks": _each("run protocol=loso", CORPORA, NETWORKS),
 }
