@@ -91,7 +91,7 @@ def ranking(results: pd.DataFrame) -> Ranking | None:
 def _intervals(ranks: Sequence[np.ndarray], draws: int = 2000, seed: int = 0) -> np.ndarray:
     """95 % percentile intervals of mean ranks [2, systems], people drawn with replacement within each corpus."""
     people = [each.shape[1] for each in ranks]
-    if min(people) < 2:  # nobody else to draw
+    if min(people) < 2:  # one person gives no interval
         return np.full((2, len(ranks[0])), np.nan)
     rng = np.random.default_rng(seed)
     sums = [each @ rng.multinomial(n, np.full(n, 1 / n), draws).T for each, n in zip(ranks, people, strict=True)]
