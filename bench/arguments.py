@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar, overload
 
-from bench.costs import quantity
 from bench.errors import InputError, nearest
+from bench.measures import budgets
 from bench.options import keys, options
 
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
@@ -95,7 +95,7 @@ def setting(command: str, key: str, values: Values) -> object:
     if option.type == "number":
         return number(key, value)
     if option.type == "amount":
-        return quantity(key, value)
+        return budgets()[key].typed(value)
     if option.values and (text := text_of(value)) not in option.values:
         raise InputError(f"{key}={text}: give {' or '.join(option.values)}")
     return convert(key, value, 0 if option.type == "count" else option.default)

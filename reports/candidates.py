@@ -15,7 +15,7 @@ from bench.errors import InputError
 from bench.outcomes import statistics
 from bench.outcomes.candidates import STRESS, Candidates, Faults, candidates
 from bench.outcomes.choice import Choice, decide, named, sentences
-from bench.outcomes.comparable import COMPARABLE, Row
+from bench.comparable import COMPARABLE, Row
 from bench.outcomes.expected import expectation, expected
 from bench.outcomes.store import Store
 from bench.scene_file import EVERY

@@ -10,7 +10,7 @@ import pandas as pd
 
 from bench.leaderboard.submissions import Submission
 from bench.outcomes import statistics
-from bench.outcomes.comparable import Row, context_of, seed_number
+from bench.comparable import Row, context_of, seed_number
 from bench.outcomes.runs import rows_of, with_groups
 from bench.outcomes.store import Store
 from reports.numbers import bounded, number, p_value, whole, with_sd

@@ -7,7 +7,7 @@ import re
 import pandas as pd
 
 from bench.errors import InputError
-from bench.outcomes.comparable import MARK
+from bench.comparable import MARK
 from reports.numbers import notes_on, number, p_value
 
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table

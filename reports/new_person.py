@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.outcomes.comparable import Row, context_of
+from bench.comparable import Row, context_of
 from bench.outcomes.runs import rows_of, subject_accuracy
 from bench.outcomes.store import Store
 from bench.paired import interval

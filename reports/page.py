@@ -13,7 +13,7 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.outcomes import statistics
-from bench.outcomes.comparable import MARKED, depends_on_batch, system_of
+from bench.comparable import MARKED, depends_on_batch, system_of
 from bench.outcomes.ranking import COLUMNS as RANKED
 from bench.outcomes.runs import independent, of_kinds, rows_of, tracked, with_groups
 from bench.outcomes.same_wrong import COLUMNS, agreements
@@ -35,7 +35,7 @@ from reports.reproduction import against
 from reports.run_groups import GROUPS, group_of, largest_groups, slug
 from reports.same_wrong import same_wrong_section
 from reports.speed import speed_chart
-from reports.spreadsheet import write_sheet
+from bench.table import write_sheet
 from reports.summary import briefs
 from reports.watching import watch_sections
 from reports.what_if import panels

@@ -9,7 +9,7 @@ import pandas as pd
 
 from bench.errors import InputError, nearest
 from bench.outcomes import statistics
-from bench.outcomes.comparable import MARK, MARKED
+from bench.comparable import MARK, MARKED
 from bench.outcomes.runs import by_subject
 from bench.outcomes.store import Store
 from reports.numbers import p_value, span

@@ -9,7 +9,7 @@ import pandas as pd
 from bench.leaderboard.submissions import Submission
 from bench.leaderboard.tasks import TASKS, Task
 from bench.outcomes import scores
-from bench.outcomes.comparable import Row
+from bench.comparable import Row
 from bench.outcomes.runs import by_subject, independent, rows_of
 from bench.outcomes.store import Store
 from reports.leaderboard import reference_of

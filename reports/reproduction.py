@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bench.outcomes import scores, statistics
-from bench.outcomes.comparable import Row, facts_of, seed_number
+from bench.comparable import Row, facts_of, seed_number
 from bench.outcomes.runs import predictions, rows_of, subject_accuracy
 from bench.outcomes.store import Store
 from reports.bootstrap import macro_interval

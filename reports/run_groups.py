@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.outcomes import scores, statistics
-from bench.outcomes.comparable import facts_of, seed_number
+from bench.comparable import facts_of, seed_number
 from bench.outcomes.runs import independent, predictions, rows_of
 from bench.outcomes.store import Store
 from reports import details, paired_statistics

@@ -12,7 +12,7 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import imported, open_corpus
 from bench.errors import InputError
-from bench.outcomes.comparable import several
+from bench.comparable import several
 from bench.outcomes.same_wrong import COLUMNS, PROBABILITY, Agreement
 from reports.corpus_page import FILMED, ROOT, place
 from reports.layout import Table

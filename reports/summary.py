@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 
 from bench.outcomes import statistics
-from bench.outcomes.comparable import Row, depends_on_batch, method_of, several
+from bench.comparable import Row, depends_on_batch, method_of, several
 from bench.outcomes.stopping import NO_SAVING, saves
 from reports.fault_curves import context_words, under
 from reports.new_person import WITHOUT, Curves

@@ -13,7 +13,7 @@ import pandas as pd
 from bench.costs import COSTS, ROBUST
 from bench.outcomes.candidates import Candidates, candidates
 from bench.outcomes.choice import ALL_COSTS, NOUNS, UNKNOWN, WORDS, named
-from bench.outcomes.comparable import COMPARABLE, Row
+from bench.comparable import COMPARABLE, Row
 from bench.outcomes.reactions import mean_probabilities
 from bench.outcomes.runs import NothingTracked, needed, rows_of
 from bench.outcomes.store import Store

@@ -17,7 +17,7 @@ from sklearn.svm import SVC
 
 import bench
 from bench.leaderboard.tasks import HAART
-from bench.outcomes.comparable import BATCH, MARKED
+from bench.comparable import BATCH, MARKED
 from features.jung28 import Jung28
 from tests.conftest import predictions, runs
 from tests.reports.store import tracked_run, with_hits

@@ -11,11 +11,11 @@ from bench.arguments import BACKEND, Backend, backend_of, convert, parse
 from bench.arguments import KEYS as RUN_KEYS
 from bench.commands.printing import failures, say
 from bench.commands.run import evaluated
+from bench.comparable import several
 from bench.errors import InputError
 from bench.options import keys
 from bench.outcomes import gate
 from bench.outcomes.baseline import Measured, read, text
-from bench.outcomes.comparable import several
 from bench.outcomes.runs import needed, rows_of, tracked
 from bench.outcomes.store import Store, connect
 from bench.plan.cells import Cell, cells

@@ -9,10 +9,10 @@ import pandas as pd
 from bench.arguments import Values, items, parse, setting
 from bench.commands.choose import AMONG
 from bench.commands.printing import grid, output, say, then, unwritable, writable
+from bench.comparable import MIXED, Row, context_of, facts_of, system_of
 from bench.errors import InputError
 from bench.options import keys
 from bench.outcomes.candidates import eligible
-from bench.outcomes.comparable import MIXED, Row, context_of, facts_of, system_of
 from bench.outcomes.groups import LEVELS, Grouping, enough, groupings, reactions
 from bench.outcomes.runs import needed, rows_of, tracked, without_runs
 from bench.outcomes.store import connect
@@ -60,8 +60,8 @@ def scene(arguments: list[str]) -> int:
     for index in dict.fromkeys(i for i in reached.values() if i):  # 0 is every gesture alone
         row = found[index]
         say("", f"# {row['groups']} groups: {_accuracy(row)} %", reactions(row["grouping"]))
+    from bench.table import write_sheet
     from reports.dendrogram import draw  # loads all plotting
-    from reports.spreadsheet import write_sheet
 
     with unwritable(out):
         write_sheet(table.assign(grouping=table["grouping"].map(_words)), out / "groups.csv")

@@ -9,22 +9,22 @@ from typing import Any
 
 import pandas as pd
 
+from bench.comparable import CONDITIONS, Row, depends_on_batch, seed_number
 from bench.errors import InputError
 from bench.leaderboard import tasks
 from bench.leaderboard.submissions import EVENT, NUMBERS, TEXTS
 from bench.leaderboard.tasks import FALSE_ALARMS, RATE_HZ, Task
 from bench.outcomes import scores
-from bench.outcomes.comparable import CONDITIONS, Row, depends_on_batch, seed_number
 from bench.outcomes.events import REPORT
 from bench.outcomes.runs import NothingTracked, needed, rows_of, tracked
 from bench.outcomes.stopping import standing
 from bench.outcomes.store import Store
+from bench.usual import NO_TOUCH
 
 FILE = re.compile(r"(?<==)(?:.*[/\\])?([^/\\]+\.py)(:\w+)$")  # of a word of a command that names a part of a file
-USUAL = "notouch"  # background of recordings, if none is given
 OPTIONS = {  # of a kind of run, with the values that answer its task
     "stream": {"stream.start": "onset"},
-    "watch": {"watch.false_alarms": f"{FALSE_ALARMS}", "watch.background": USUAL, "watch.unknown": ""},
+    "watch": {"watch.false_alarms": f"{FALSE_ALARMS}", "watch.background": NO_TOUCH, "watch.unknown": ""},
 }
 SHARED = {"subset": "all", "target": "gesture", "status": "FINISHED"}  # by the runs of all tasks
 
@@ -57,7 +57,7 @@ def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
 def differs(task: Task, run: Row) -> str:
     """Tags of a run that differ from the task, with their values; empty if none does."""
     fixed = {"corpus_digest": tasks.digest_of(task), "protocol": task.protocol, **SHARED, **OPTIONS.get(task.kind, {})}
-    run = dict(run) | {"watch.background": run.get("watch.background") or USUAL}
+    run = dict(run) | {"watch.background": run.get("watch.background") or NO_TOUCH}
     for name, value in fixed.items():
         here = str(run.get(name, ""))
         if here != value:

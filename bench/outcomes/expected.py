@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from bench.measures import costs
 from bench.outcomes.candidates import Candidates
 from bench.outcomes.choice import named, points
 from bench.outcomes.pick import People, fitting, pick
 from bench.outcomes.reactions import Reactions
-from bench.outcomes.runs import rows_of
-from bench.outcomes.stability import CLEAN
 from bench.paired import interval
+from bench.table import rows_of
+from bench.usual import CLEAN
 
 DRAWS = 1000  # of people with replacement
 FEWEST = 3  # people, so that two are left to choose with
@@ -66,8 +67,8 @@ def expected(
     Args:
         people: contribution of each person to scores and costs, from `bench.outcomes.candidates`.
         chosen: number of the candidate that all people choose.
-        by: the cost that is to be low.
-        budgets: the most of each cost.
+        by: the cost to minimise.
+        budgets: budget of each cost.
         margin: points that do not matter, or None.
 
     Returns:
@@ -78,9 +79,9 @@ def expected(
         return None
 
     def choices(drawn: np.ndarray) -> np.ndarray:
-        costs = {name: people.cost(name, drawn) for name in budgets}
-        fits = np.broadcast_to(fitting(costs, budgets, candidates), (len(drawn), candidates))
-        return pick(people.scores, drawn, fits, people.cost(by, drawn), margin)[0]
+        amounts = {name: people.cost(name, drawn) for name in budgets}
+        fits = np.broadcast_to(fitting(amounts, budgets, candidates), (len(drawn), candidates))
+        return pick(people.scores, drawn, fits, costs()[by].burden(people.cost(by, drawn)), margin)[0]
 
     others = np.array([[k for k in range(count) if k != person] for person in range(count)])
     without = choices(others)

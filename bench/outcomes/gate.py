@@ -20,7 +20,7 @@ from bench.outcomes import scores
 from bench.outcomes.baseline import NAMES, Measured
 
 if TYPE_CHECKING:
-    from bench.outcomes.comparable import Row
+    from bench.comparable import Row
 
 LIMITS = {"error": 1.0, "slower": 2.0}
 CHANGES = 0.002  # share of labels that may change where code is unchanged, such as by rounding

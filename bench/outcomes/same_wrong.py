@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from bench.outcomes.comparable import Row, seed_number
+from bench.comparable import Row, seed_number
 from bench.outcomes.runs import artifact, independent, rows_of
 from bench.outcomes.scores import PREFIX, captures, classes_of
 from bench.outcomes.store import Store

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy import special, stats
 
-from bench.outcomes.comparable import MIXED
+from bench.comparable import MIXED
 from bench.paired import FEW_SUBJECTS as FEW_SUBJECTS
 from bench.paired import interval as interval
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.outcomes.results import FoldResult, Shown
+from bench.outcomes.results import FoldResult
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
 from bench.progress import forget, telling
@@ -23,7 +23,7 @@ from bench.work.fold import forget_peak
 from bench.work.machine import Machine, this_machine
 from bench.work.pool import Executor, pool
 
-Todo = list[tuple[Plan, Experiment[Shown]]]  # what a command is to run
+Todo = list[tuple[Plan, Experiment]]  # what a command is to run
 
 
 @dataclass(frozen=True, eq=False)

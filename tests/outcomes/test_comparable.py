@@ -1,6 +1,6 @@
 """What makes runs comparable, and the facts of protocols."""
 
-from bench.outcomes.comparable import comparable
+from bench.comparable import comparable
 from bench.outcomes.runs import tracked, with_groups
 from bench.outcomes.store import connect
 from tests.reports.store import made_up, tracked_run

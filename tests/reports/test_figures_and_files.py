@@ -13,7 +13,7 @@ from bench.corpora.survey import survey
 from bench.errors import InputError
 from reports import corpus_page, details, speed
 from reports.provenance import command
-from reports.spreadsheet import write_sheet
+from bench.table import write_sheet
 from tests.conftest import random_corpus
 from tests.reports.store import made_up
 

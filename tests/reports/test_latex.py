@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.outcomes.comparable import MARK
+from bench.comparable import MARK
 from reports.latex import escaped, latex
 
 

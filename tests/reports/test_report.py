@@ -15,7 +15,7 @@ import pytest
 from bench.cli import main
 from bench.errors import InputError
 from bench.leaderboard.tasks import HAART
-from bench.outcomes.comparable import BATCH, CONDITIONS, MARK
+from bench.comparable import BATCH, CONDITIONS, MARK
 from bench.outcomes.runs import independent, tracked, with_groups
 from bench.outcomes.store import connect
 from reports import candidates, page, watching, what_if
