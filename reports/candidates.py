@@ -53,13 +53,13 @@ class Considered(Answer):
         choice: result of `bench.outcomes.choice.decide`.
         among: candidates.
         budgets: the most of each cost.
-        words: the command without budgets; empty as the command.
+        faults: circumstances over which losses are taken.
     """
 
     choice: Choice = field(kw_only=True)
     among: Candidates = field(kw_only=True)
     budgets: Mapping[str, float] = field(kw_only=True)
-    words: str = field(kw_only=True)
+    faults: Faults | None = field(kw_only=True)
 
     @property
     def costs(self) -> list[str]:
@@ -88,10 +88,10 @@ def considered(
         runs_of: `bench.outcomes.runs.tracked` by kind, if already read.
     """
     first = runs[runs["group"] == group].iloc[0].to_dict()
+    stressed = STRESS in (runs_of or {}) or any("fault" in cost for cost in budgets)
+    faults = Faults(EVERY) if stressed else None
     try:
         asked = {name: [first[name]] for name in COMPARABLE}
-        stressed = STRESS in (runs_of or {}) or any("fault" in cost for cost in budgets)
-        faults = Faults(EVERY) if stressed else None
         every = candidates(store, asked, budgets.get("decision"), faults=faults, runs_of=runs_of)
     except InputError as e:
         return Answer(group, [f"Nothing can be chosen here: {e}."])
@@ -104,7 +104,7 @@ def considered(
         lines.insert(0, f"Only {systems[0]} has a run here, so there is no other system to compare.")
     words = _command(every.table, first, runs)
     command = " ".join([words, *(f"max_{k}={v:g}{COSTS.get(k, '')}" for k, v in budgets.items())]) if words else ""
-    return Considered(group, lines, command, choice=choice, among=every, budgets=budgets, words=words)
+    return Considered(group, lines, command, choice=choice, among=every, budgets=budgets, faults=faults)
 
 
 def _command(table: pd.DataFrame, first: Row, runs: pd.DataFrame) -> str:

@@ -81,8 +81,8 @@ def page(template: str, title: str, **values: object) -> str:
         links = "".join(f'<li><a href="#{name}">{text}</a></li>' for name, text in heads)
         second = f'<h2 id="{heads[1][0]}">'
         body = body.replace(second, f'<nav aria-label="Contents"><ul>{links}</ul></nav>\n{second}', 1)
-    files_of = {"style": ["page.css"], "script": ["chart.js", *["whatif.js"] * ('class="what-if"' in body)]}
-    texts = {k: Markup("".join(ROOM.joinpath(n).read_text(encoding="utf-8") for n in v)) for k, v in files_of.items()}
+    files_of = {"style": "page.css", "script": "chart.js"}
+    texts = {k: Markup(ROOM.joinpath(name).read_text(encoding="utf-8")) for k, name in files_of.items()}
     return _filled("page.jinja", "html", {"title": title, "body": Markup(body), **texts})
 
 

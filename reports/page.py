@@ -20,6 +20,7 @@ from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
 from bench.scratch import owner, sweep
 from reports import fault_curves, over_corpora
+from reports.budgets import budget_tables, by_budget
 from reports.candidates import Considered, chart_data, considered
 from reports.comparison import comparison, published, shown
 from reports.figures import save
@@ -38,7 +39,6 @@ from reports.speed import speed_chart
 from bench.table import write_sheet
 from reports.summary import briefs
 from reports.watching import watch_sections
-from reports.what_if import panels
 
 ROWS = 300  # of a table on the page; the CSV files hold all
 
@@ -118,6 +118,7 @@ def assemble(
     over = over_corpora.of_runs(runs, by_group)
     tables = {
         "comparison": comparison(store, runs, papers, by_group=by_group),
+        "budgets": by_budget(store, candidates, kinds),
         "published": against(papers, runs, store),
         "recomputed": recomputed(papers),
         "statistics": pd.concat([g.rows.assign(group=name) for name, g in groups.items()], ignore_index=True),
@@ -135,7 +136,6 @@ def assemble(
         "on_batch": sorted({str(run["system"]) for run in rows_of(runs) if depends_on_batch(run)}),
         "marked": MARKED,
         "answers": answers,
-        "what_ifs": panels(store, candidates, kinds),
         "largest": GROUPS,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
         "chart": chart,
@@ -144,6 +144,7 @@ def assemble(
             for g in chart["groups"]
             for figure, caption in [speed_chart(g, chart["costs"][: chart["linear"].count(False)])]
         ],
+        "budgets": budget_tables(tables["budgets"]),
         "runs": runs_section(tables["comparison"], [*largest, *left_out]),
         "counts": (len(runs), runs["system"].nunique()),
         "briefs": briefs(streams, stresses, groups, curves),

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from bench.outcomes import statistics
 from reports.figures import LINE, new_figure, plain, width_of
-from reports.numbers import bounded, number, p_value, span
+from reports.numbers import bounded, number, p_value
 
 
 def shown_statistics(rows: pd.DataFrame) -> pd.DataFrame:
@@ -17,12 +17,8 @@ def shown_statistics(rows: pd.DataFrame) -> pd.DataFrame:
         "system": rows["system"],
         "mean over subjects %": rows["accuracy"].map(number),
         "difference": [bounded(r.difference, r.low, r.high, sign=True) for r in rows.itertuples()],
-        "corrected": [span(r.nb_low, r.nb_high) for r in rows.itertuples()],
-        "p corrected": rows["nb_p"].map(p_value),
         "p Wilcoxon": rows["p"].map(p_value),
         "p Holm": rows["p_holm"].map(p_value),
-        "dz": [bounded(r.dz, r.dz_low, r.dz_high, digits=2, sign=True) for r in rows.itertuples()],
-        "r": [number(v, 2, sign=True) for v in rows["rank_biserial"]],
     }
     if "seeds" in rows:
         frame["seeds"] = [number(v, 0) for v in rows["seeds"]]

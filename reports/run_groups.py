@@ -36,7 +36,7 @@ class Group:
         pairs: tests of all pairs of the most accurate systems.
         limits: limits of the conclusions, in sentences.
         compared: the statistics as text.
-        matrix: pairs as text; None with only two systems or one subject.
+        matrix: pairs as text; None with only two systems, or if no pair can have a corrected p below 0.05.
         pictures: figures by kind: subjects, and those of `detail_figures`.
         labels_only: systems whose predictions would be drawn, but hold no probabilities.
     """
@@ -55,11 +55,6 @@ class Group:
     def few(self) -> bool:
         """True if there are too few subjects for any conclusion."""
         return self.subjects.shape[1] < statistics.FEW_SUBJECTS
-
-    @property
-    def least_p(self) -> float:
-        """The smallest corrected p that a pair can have."""
-        return statistics.least_p(self.subjects.shape[1], len(self.pairs))
 
 
 def largest_groups(runs: pd.DataFrame) -> tuple[dict[str, pd.DataFrame], list[str]]:
@@ -99,9 +94,10 @@ def group_of(store: Store, runs: pd.DataFrame, compared: BySubject, folder: Path
     shown = paired_statistics.shown_statistics(rows)
     pairs, matrix = statistics.pairs(kept.iloc[: statistics.PAIRED]), None
     if len(kept) > 2 and subjects.shape[1] > 1:
-        matrix = Table(paired_statistics.matrix([*kept.index[: statistics.PAIRED]], pairs))
-        tested = statistics.friedman(kept)
-        rows = rows.assign(mean_rank=rows["system"].map(tested.mean), friedman_p=tested.p)
+        ranks, p = statistics.friedman(kept)
+        rows = rows.assign(mean_rank=rows["system"].map(ranks), friedman_p=p)
+        if statistics.least_p(subjects.shape[1], len(pairs)) < 0.05:
+            matrix = Table(paired_statistics.matrix([*kept.index[: statistics.PAIRED]], pairs))
     figures, labels_only = detail_figures(store, runs, subjects.index.drop([*compared.references]), group)
     figures["subjects"] = paired_statistics.strip_plot(subjects, group)
     return Group(

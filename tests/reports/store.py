@@ -48,16 +48,16 @@ def made_up(subjects=4, per_class=4, skill=0.7, seed=0, windows=1, gestures=GEST
     return pd.DataFrame(rows, columns=names)
 
 
-def with_hits(hits, of=20, gestures=GESTURES, windows=1):
+def with_hits(hits, of=20):
     """A predictions table in which of each subject's ``of`` captures as many are right as ``hits`` says."""
-    names = ["fold", "capture", "start", "frames", "true", "subject", *(f"p_{g}" for g in gestures)]
+    names = ["fold", "capture", "start", "frames", "true", "subject", *(f"p_{g}" for g in GESTURES)]
     rows = []
     for s, right in enumerate(hits, 1):
         for c in range(of):
-            truth = c % len(gestures)
-            p = np.full(len(gestures), 0.1)
-            p[truth if c < right else (truth + 1) % len(gestures)] = 0.8
-            rows += [(str(s), 100 * s + c, 10 * w, 10, gestures[truth], str(s), *p) for w in range(windows)]
+            truth = c % len(GESTURES)
+            p = np.full(len(GESTURES), 0.1)
+            p[truth if c < right else (truth + 1) % len(GESTURES)] = 0.8
+            rows.append((str(s), 100 * s + c, 0, 10, GESTURES[truth], str(s), *p))
     return pd.DataFrame(rows, columns=names)
 
 

@@ -18,7 +18,7 @@ from bench.leaderboard.tasks import HAART
 from bench.comparable import BATCH, CONDITIONS, MARK
 from bench.outcomes.runs import independent, tracked, with_groups
 from bench.outcomes.store import connect
-from reports import candidates, page, watching, what_if
+from reports import candidates, page, watching
 from reports.comparison import comparison, published
 from tests.reports.store import WATCHED, made_up, streamed, stressed, tracked_run, watched, with_hits
 
@@ -122,7 +122,7 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(folder):
     text = (folder / "index.html").read_text(encoding="utf-8")
     parsed = Parsed(text)
     assert not parsed.open and not parsed.loaded and len(set(parsed.ids)) == len(parsed.ids)
-    assert "<script>alert" not in text and parsed.scripts == 4  # the chart, its data and those of two panels
+    assert "<script>alert" not in text and parsed.scripts == 2  # the chart and its data
     assert {link for link in re.findall(r'href="#([^"]+)"', text)} <= set(parsed.ids)
     assert "default-src 'none'" in text and "http" not in "".join(
         re.findall(r"(?:src|href)\s*=\s*[\"']?([^\"'>]*)", text)
@@ -138,7 +138,9 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(folder):
 def test_every_part_of_the_page_is_there(folder):
     text = (folder / "index.html").read_text(encoding="utf-8")
     heads = [*re.findall(r'<h2 id="([^"]+)"', text)]
-    wanted = "verdict accuracy-and-cost runs main-results published-numbers early-decisions faults people "
+    wanted = (
+        "verdict accuracy-and-cost other-budgets runs main-results published-numbers early-decisions faults people "
+    )
     wanted += "statistics gestures published-numbers-recomputed provenance"
     assert heads == wanted.split() and text.index("<nav") > text.index(f'id="{heads[0]}"')
     files = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
@@ -309,9 +311,5 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
         "rf": (True, False, "other", 40.0),
         "ta2015_rf[trees=9]": (False, True, "changed", 400.0),
     }
-    (panel,) = what_if.panels(store, [answer], {}).values()
-    assert [len(row["tables"]) for row in panel["rows"]] == [1, 1, 1] and not panel["note"]
-    (panel,) = what_if.panels(store, [answer], {}, most=1000).values()  # as if the page were full
-    assert not any(row["tables"] for row in panel["rows"]) and not panel["classes"] and "0.001 MB" in panel["note"]
     tracked_run(store, "svm", made_up(8), corpus_digest="e" * 64)
     assert verdicts(store, {})[0].command == ""  # its words would mean runs on another version of the corpus, too
