@@ -294,8 +294,7 @@ def results(of: str = "", full: bool = False, **values: object) -> Results | pd.
             or ``features``, reference results are left out.
 
     Returns:
-        One row per run and way to score it, as `reports.comparison.comparison` makes them; ``runs`` and ``tables`` as of
-        `Results`.
+        One row per run and way to score it, as `reports.comparison.comparison` makes them; ``runs`` as of `Results`.
 
     Raises:
         InputError: nothing is tracked for them.

@@ -8,12 +8,12 @@ axes, sentences and columns read them. Nothing heavy is imported, so that help c
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bench.amounts import quantity
+from bench.amounts import UNITS, quantity
 
 if TYPE_CHECKING:
     import numpy as np
@@ -53,7 +53,8 @@ class Measure:
         code: True for a command.
         spare: 0 for a column that every table shows; else a narrow terminal leaves out the highest first, and a column
             without any value is not shown.
-        shows: outputs that have this column: terminal, page, latex.
+        latex: its heading in LaTeX; empty for the usual one.
+        shows: outputs that have this column: terminal, page, latex, csv.
     """
 
     key: str
@@ -67,6 +68,7 @@ class Measure:
     left: bool = False
     code: bool = False
     spare: int = 0
+    latex: str = ""
     shows: tuple[str, ...] = ("terminal", "page")
 
     @property
@@ -97,6 +99,7 @@ class Measure:
         if isinstance(cell, Interval):
             return f"{self._number(cell.value)} [{self._number(cell.low)}, {self._number(cell.high)}]"
         if isinstance(cell, tuple):
+            cell = cell[:1] if all(v is None for v in cell[1:]) else cell  # such as a mean without its SD
             return self.join.join(NONE if v is None else self._number(v) for v in cell)
         return self._number(cell)
 
@@ -183,6 +186,7 @@ class Cost(Measure):
     """
 
     spare: int = 18
+    shows: tuple[str, ...] = ("terminal", "page", "latex", "csv")
     unit: str = ""
     noun: str = ""
     words: str = ""
@@ -241,6 +245,10 @@ class Cost(Measure):
         """
         return quantity(self.budget, given, self.unit, self.zero)
 
+    def argument(self, value: float) -> str:
+        """A budget as it is typed."""
+        return f"{self.budget}={value:g}{self.unit if self.unit in UNITS else ''}"
+
     def burden(self, amount: Any) -> Any:
         """An amount, or an array of them, turned so that less is better."""
         return amount if self.better == "low" else -amount
@@ -286,7 +294,7 @@ BUILT_IN = (
         unknown="their size cannot be counted",
         help="largest flash, such as 256kB or 256KiB",
         spare=0,
-        shows=("terminal", "page", "latex"),
+        latex="kB",
         last=1,
     ),
     Cost(
@@ -302,7 +310,7 @@ BUILT_IN = (
         unknown="their memory cannot be counted",
         help="largest RAM, such as 32kB",
         spare=0,
-        shows=("page",),
+        shows=("page", "csv"),
         last=3,
     ),
     Cost(
@@ -438,23 +446,53 @@ def columns(measures: Iterable[Measure], output: str) -> list[Measure]:
     return [measure for measure in measures if output in measure.shows]
 
 
-# Columns of the runs of ``bench run``, in the terminal, on the page and in comparison.csv.
+def framed(measure: Measure) -> Measure:
+    """The measure, read from a table of numbers that `bench.table.Table.frame` made with it."""
+    if isinstance(measure, Cost) or isinstance(measure.read, tuple):  # these are there as they are stored
+        return measure
+    return replace(measure, read=measure.key, times=1.0, per=1.0, ends=measure.key if measure.ends else "")
 
 
 def run_columns() -> list[Measure]:
-    """Columns of a table of evaluations; a new one is an entry here.
+    """Columns of the tables of evaluations: of the terminal, the page, LaTeX and comparison.csv.
 
-    `bench.outcomes.evaluations.views` gives the rows: one for each way to score a run.
+    A new column is an entry here. `reports.comparison.views` gives the rows, one for each way to score a run; a number
+    that the run tracks is read by its name.
     """
-    page, terminal, both = ("page",), ("terminal",), ("terminal", "page")
+    page, csv, every = ("page",), ("csv",), ("terminal", "page", "latex", "csv")
+
+    def mean_with_sd(row: Row) -> Cell:
+        mean, sd = (known(row.get(f"subject_{name}")) for name in ("mean", "sd"))
+        return None if mean is None else f"{mean:.1f}" + ("" if sd is None else f" ± {sd:.1f}")
+
     return [
-        percent("accuracy", "accuracy %", ends="accuracy", shows=("terminal", "page", "latex")),
-        Measure("p_holm", "p Holm", form=p_value, shows=page, spare=1),
-        text("combined", "windows combined by", shows=page, spare=1),
-        text("seed", shows=page),
-        percent("subject_sd", "SD", "subject_accuracy_sd", spare=11, shows=terminal),
-        percent("macro_f1", "macro-F1 %", spare=12, shows=both),
-        percent("windows", "window accuracy %", "window_accuracy", spare=13, shows=terminal),
-        Measure("predict_ms_p50", "predict ms", form=".2f", shows=terminal),
+        percent(
+            "accuracy", "accuracy %", ends="accuracy", latex="accuracy", shows=("terminal", "page", "latex", "csv")
+        ),
+        Measure("difference", form="+.1f", shows=csv),
+        Measure("p_holm", "p Holm", form=p_value, latex="$p$ (Holm)", spare=1, shows=("page", "latex", "csv")),
+        text("against", shows=csv),
+        text("unit", shows=csv),
+        text("combined", "windows combined by", spare=1, shows=("page", "csv")),
+        text("seed", shows=("page", "csv")),
+        text("source", shows=csv),
+        percent("subject_mean", read="subject_accuracy_mean", shows=csv),
+        percent("subject_sd", "SD", "subject_accuracy_sd", spare=11, shows=("terminal", "latex", "csv")),
+        percent("macro_f1", "macro-F1 %", latex="macro-F1", spare=12, shows=every),
+        percent("macro_precision", shows=csv),
+        percent("window_accuracy", "window accuracy %", spare=13, shows=("terminal",)),
+        Measure("fit_seconds", "fit s", form=".2f", spare=1, shows=("page", "csv")),
+        Measure("predict_ms_p50", "predict ms", form=".2f", latex="ms", shows=("terminal", "latex", "csv")),
+        Measure("predict_ms_p95", shows=csv),
         *(cost for cost in costs().values() if cost.column),
+        Measure("predict", "predict ms p50 / p95", ("predict_ms_p50", "predict_ms_p95"), ".2f", spare=1, shows=page),
+        Measure("decision_ms", "decision ms", form=".0f", spare=1, shows=("page", "csv")),
+        text("people", "subjects: mean ± SD", mean_with_sd, shows=page),
+        Measure("parameters", form=whole, spare=1, shows=("page", "csv")),
+        Measure("peak_rss_bytes", shows=csv),
+        Measure("captures", form=".0f", shows=csv),
+        Measure("subjects", "n", form=whole, shows=("page", "csv")),
+        text("published", "published %", spare=1, shows=("page", "csv")),
+        text("folds", shows=("page", "csv")),
+        *(text(name, shows=csv) for name in ("run_id", "group", "subset", "data", "protocol")),
     ]

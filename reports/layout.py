@@ -8,13 +8,9 @@ from __future__ import annotations
 import base64
 import itertools
 import re
-from dataclasses import dataclass, field
-from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
-import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_eval_context
 from jinja2.nodes import EvalContext
 from markupsafe import Markup, escape
@@ -22,52 +18,6 @@ from markupsafe import Markup, escape
 from reports.figures import Picture
 
 ROOM = files("reports")
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of text.
-
-    Attributes:
-        frame: text by column.
-        remarks: footnotes of each row; equal remarks share a number.
-        code: columns that hold commands.
-        groups: heading of each row, shared with its neighbours.
-        away: True for each row that is hidden until its switch is on.
-        switch: the words of that switch.
-    """
-
-    frame: pd.DataFrame
-    remarks: list[list[str]] = field(default_factory=list)
-    code: tuple[str, ...] = ()
-    groups: list[str] = field(default_factory=list)
-    away: list[bool] = field(default_factory=list)
-    switch: str = ""
-
-    @cached_property
-    def notes(self) -> list[str]:
-        """The footnotes, numbered from 1."""
-        return list(dict.fromkeys(note for row in self.remarks for note in row))
-
-    @cached_property
-    def shown_notes(self) -> set[int]:
-        """Numbers of the footnotes of rows that need no switch."""
-        return {mark for row in self.rows if not row["away"] for mark in row["marks"]}
-
-    @cached_property
-    def columns(self) -> list[str]:
-        """The headings."""
-        return [*map(str, self.frame)]
-
-    @cached_property
-    def rows(self) -> list[dict[str, Any]]:
-        """Each row: its cells by heading, its group, the numbers of its footnotes, whether it is away."""
-        n = len(self.frame)
-        remarks, groups, away = self.remarks or [[]] * n, self.groups or [""] * n, self.away or [False] * n
-        marks = [[self.notes.index(note) + 1 for note in row] for row in remarks]
-        cells = [dict(zip(self.columns, row, strict=True)) for row in self.frame.values.tolist()]
-        names = ("cells", "group", "marks", "away")
-        return [dict(zip(names, row, strict=True)) for row in zip(cells, groups, marks, away, strict=True)]
 
 
 def page(template: str, title: str, **values: object) -> str:
