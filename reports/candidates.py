@@ -91,9 +91,7 @@ def considered(
     if len(systems) == 1:
         lines.insert(0, f"Only {systems[0]} has a run here, so there is no other system to compare.")
     words = _command(among.table, first, every["cell"])
-    limits = [
-        f"{costs()[k].budget}={v:g}{costs()[k].unit if costs()[k].unit in UNITS else ''}" for k, v in budgets.items()
-    ]
+    limits = [costs()[name].argument(value) for name, value in budgets.items()]
     command = " ".join([words, *limits]) if words else ""
     return Considered(group, lines, command, choice=choice, among=among, budgets=budgets, faults=faults)
 

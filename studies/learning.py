@@ -19,6 +19,7 @@ import pandas as pd
 
 import bench
 from bench.arguments import KEYS, convert, parse
+from bench.outcomes import resampling
 from reports.figures import MARKERS, new_figure, save
 
 DRAWS = 500  # of subjects, for the interval of a law
@@ -60,7 +61,7 @@ def extrapolated(labels: pd.DataFrame, counts: np.ndarray, draws: int) -> np.nda
     hits = hits.groupby([labels["subject"], labels["train_subjects"]]).agg(["sum", "size"])
     right, size = (hits[name].unstack("train_subjects").fillna(0).to_numpy(float) for name in ("sum", "size"))
     numbers = np.sort(labels["train_subjects"].unique()).astype(float)
-    drawn = np.random.default_rng(0).integers(0, len(right), (draws, len(right)))
+    drawn = resampling.drawn(len(right), draws)
     curves = []
     for rows in (np.arange(len(right)), *drawn):
         tested = size[rows].sum(axis=0) > 0

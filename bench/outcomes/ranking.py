@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bench.outcomes import statistics
+from bench.outcomes.resampling import interval, weights
 from bench.result import Result
 
 COLUMNS = "system mean_rank low high accuracy difference difference_low difference_high p_holm".split()
@@ -88,14 +89,13 @@ def ranking(results: pd.DataFrame) -> Ranking | None:
     )
 
 
-def _intervals(ranks: Sequence[np.ndarray], draws: int = 2000, seed: int = 0) -> np.ndarray:
-    """95 % percentile intervals of mean ranks [2, systems], people drawn with replacement within each corpus."""
+def _intervals(ranks: Sequence[np.ndarray]) -> np.ndarray:
+    """95 % intervals of mean ranks [2, systems], people drawn with replacement within each corpus."""
     people = [each.shape[1] for each in ranks]
     if min(people) < 2:  # one person gives no interval
         return np.full((2, len(ranks[0])), np.nan)
-    rng = np.random.default_rng(seed)
-    sums = [each @ rng.multinomial(n, np.full(n, 1 / n), draws).T for each, n in zip(ranks, people, strict=True)]
-    return np.quantile(np.sum(sums, axis=0) / sum(people), [0.025, 0.975], axis=1)
+    sums = [each @ drawn.T for each, drawn in zip(ranks, weights(people), strict=True)]
+    return interval(np.sum(sums, axis=0) / sum(people), axis=1)
 
 
 def _shared(tables: Iterable[pd.DataFrame]) -> set[str]:

@@ -158,13 +158,24 @@ def conditions(units: pd.DataFrame, target: str) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=names)
 
 
+def trained_on(clean: pd.DataFrame) -> pd.Series:
+    """Number of training subjects behind each label; whole training sets of different size count as their mean.
+
+    Args:
+        clean: labels of clean captures.
+    """
+    numbers, most = (
+        each.astype(float)
+        for each in (clean["train_subjects"], clean.groupby("fold")["train_subjects"].transform("max"))
+    )
+    return numbers.where(numbers < most, most[numbers == most].mean())
+
+
 def learning(table: pd.DataFrame) -> pd.DataFrame:
     """Clean accuracy by the number of training subjects; the last row is the method itself (a mean if folds differ)."""
     clean = table[table["fault"] == CLEAN]
-    most = clean.groupby("fold")["train_subjects"].transform("max")
-    count = clean["train_subjects"].where(clean["train_subjects"] < most, float(np.round(most.mean(), 1)))
     rows = []
-    for number, part in clean.groupby(count):
+    for number, part in clean.groupby(trained_on(clean).round(1)):
         sd = scores.per_subject(part)["accuracy"].std(ddof=1)
         rows.append([number, len(part), part["hit"].mean(), *scores.subject_interval(part), sd])
     return pd.DataFrame(rows, columns=["train_subjects", "captures", "accuracy", "low", "high", "subject_sd"])

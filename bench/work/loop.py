@@ -12,10 +12,10 @@ from types import TracebackType
 
 from bench import contract
 from bench.arguments import HERE, Backend
+from bench.corpora.corpus import reserved
 from bench.corpora.duplicates import named
 from bench.corpora.read.limits import briefly
 from bench.errors import ClusterError, InputError
-from bench.outcomes.scores import RESERVED
 from bench.outcomes.store import Store, connect, only_one
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
@@ -44,8 +44,7 @@ def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment], jobs: int
                 f"protocol={plan.cell.protocol}: bench {experiment.kind} does not adapt systems to a person; leave "
                 "protocol.shots= and protocol.unlabelled= out"
             )
-        taken = (RESERVED | experiment.columns) & set(plan.corpus.captures)
-        if taken:
+        if taken := reserved(plan.corpus.captures, experiment.columns):
             raise InputError(
                 f"{plan.corpus.name} has a column {min(taken)!r}, a name that tables of results use; rename "
                 "the column and import again"

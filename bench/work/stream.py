@@ -81,7 +81,7 @@ class Stream(Experiment):
         """
         self.replay.check(plan.corpus.rate_hz)
         for fold in plan.folds:
-            if why := unlearnable(plan.cell.estimator(), plan.corpus[fold.train]):
+            if why := unlearnable(plan.cell.untrained, plan.corpus[fold.train]):
                 raise InputError(
                     f"protocol={plan.cell.protocol}: fold {fold.name} learns when to stop by leaving training subjects "
                     f"out, and {why}; choose another protocol or more captures"
