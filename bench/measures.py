@@ -425,10 +425,15 @@ BUILT_IN = (
 
 
 @cache
+def plugged(group: str) -> list[Any]:
+    """What installed packages add, by the name of a group of entry points: ``costs`` or ``columns``."""
+    return [entry.load() for entry in entry_points(group=f"touchbench.{group}")]
+
+
+@cache
 def costs() -> dict[str, Cost]:
     """All costs by name: built-in ones, then those of installed packages."""
-    others = [entry.load() for entry in entry_points(group="touchbench.costs")]
-    return {cost.key: cost for cost in (*BUILT_IN, *others)}
+    return {cost.key: cost for cost in (*BUILT_IN, *plugged("costs"))}
 
 
 def costs_of(recordings: bool) -> dict[str, Cost]:
@@ -493,6 +498,7 @@ def run_columns() -> list[Measure]:
         Measure("captures", form=".0f", shows=csv),
         Measure("subjects", "n", form=whole, shows=("page", "csv")),
         text("published", "published %", spare=1, shows=("page", "csv")),
+        *plugged("columns"),
         text("folds", shows=("page", "csv")),
         *(text(name, shows=csv) for name in ("run_id", "group", "subset", "data", "protocol")),
     ]

@@ -65,7 +65,7 @@ def comparison(
                 rows.append({**row, **first} | (tests.get(r.system, {}) if tested else {}))
         rows += [first | _reference(name, one) | tests.get(name, {}) for name, one in references.items()]
     measures = columns(run_columns(), "csv")
-    stored = [Measure(m.read) if isinstance(m, Cost) and isinstance(m.read, str) else m for m in measures]
+    stored = [Measure(m.read or m.key) if isinstance(m, Cost) and isinstance(m.read, str) else m for m in measures]
     frame = Table([text("system"), *stored], rows).frame()
     table = frame.rename(columns={"accuracy_low": "low", "accuracy_high": "high"})
     table = table.reindex(columns=[*dict.fromkeys(["system", "accuracy", "low", "high", *table])])
