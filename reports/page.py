@@ -21,7 +21,7 @@ from bench.outcomes.store import Store
 from bench.scratch import owner, sweep
 from reports import fault_curves, over_corpora
 from reports.budgets import budget_tables, by_budget
-from reports.candidates import Considered, chart_data, considered
+from reports.candidates import Considered, considered, marks
 from reports.comparison import comparison, published, shown
 from reports.figures import save
 from reports.latex import latex
@@ -110,7 +110,7 @@ def assemble(
     candidates = [answer for answer in answers if isinstance(answer, Considered)]
     every = pd.concat([runs, *map(with_groups, others.values())], ignore_index=True)
     models = {system_of(run): str(run["model_name"]) for each in kinds.values() for run in rows_of(each)}
-    chart = chart_data(candidates, models, papers)
+    known = {*papers["system"]} - {""}
     stresses, streams = (fault_curves.contexts(others.get(kind)) for kind in ("stress", "stream"))
     curves = curves_of(store, runs)
     agreed = agreements(store, largest)
@@ -138,11 +138,12 @@ def assemble(
         "answers": answers,
         "largest": GROUPS,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
-        "chart": chart,
         "speed": [
-            save(figure, folder, f"{files[g['name']]}-speed", g["name"], caption)
-            for g in chart["groups"]
-            for figure, caption in [speed_chart(g, chart["costs"][: chart["linear"].count(False)])]
+            save(figure, folder, f"{files[answer.title]}-speed", answer.title, caption)
+            for answer in candidates
+            for points in [marks(answer, models, known)]
+            for left in [len(answer.among.table) - len(points)]
+            for figure, caption in [speed_chart(answer.title, points, answer.costs, answer.budgets, left)]
         ],
         "budgets": budget_tables(tables["budgets"]),
         "runs": runs_section(tables["comparison"], [*largest, *left_out]),
