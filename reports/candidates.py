@@ -1,9 +1,9 @@
-"""The choice of ``bench choose``, and every candidate as a mark of the page's chart."""
+"""The choice of ``bench choose``, and its candidates as marks of the page's chart."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +19,7 @@ from bench.outcomes.choice import Choice, decide, named, sentences
 from bench.outcomes.expected import expectation, expected
 from bench.result import Result
 from bench.scene_file import EVERY
+from bench.table import rows_of
 from reports.speed import front
 
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
@@ -109,43 +110,35 @@ def _command(table: pd.DataFrame, first: Result, results: Sequence[Result]) -> s
     return typed("choose", words | protocol)
 
 
-def chart_data(answers: list[Considered], models: Mapping[str, str], papers: pd.DataFrame) -> dict[str, object]:
-    """The data of the page's interactive chart, as plain values.
+def marks(answer: Considered, models: Mapping[str, str], published: Collection[str]) -> pd.DataFrame:
+    """The candidates that the chart draws: ``name``, ``kind``, ``verdict``, ``chosen``, ``out``, and their numbers.
+
+    ``kind`` is ``published``, ``changed`` (a published system with other parameters), ``chip`` (in C) or ``other``.
+    ``out`` is True for candidates that a budget rules out. The numbers are ``accuracy`` with its interval (``low``,
+    ``high``), and a column for each cost.
 
     Args:
-        answers: the candidates of each group.
+        answer: candidates of a group.
         models: name of the model of each system.
-        papers: `reports.comparison.published`, to mark published systems.
+        published: systems with published numbers.
     """
-    published = set(papers["system"]) - {""}
-    shown = [name for name in costs() if any(name in each.costs for each in answers)]
-    groups = []
-    for each in answers:
-        kept = drawn(each.choice)
-        points = []
-        for i, row in zip(kept.index, kept.to_dict("records"), strict=True):
-            system = row["system"]
-            kind = "published" if system in published else "changed" if models[system] in published else "other"
-            low, high = statistics.interval(each.among.subjects.loc[i].to_numpy(dtype=float))
-            points.append(
-                {
-                    "name": named(row),
-                    "kind": "chip" if row["kind"] == "chip" else kind,
-                    "verdict": row["verdict"],
-                    "chosen": i == each.choice.chosen,
-                    "out": row["verdict"].startswith("ruled out"),
-                    "y": [_number(v) for v in (row["accuracy"], max(low, 0), min(high, 100))],
-                    "x": [_number(row[name]) for name in shown],
-                }
-            )
-        budgets = [each.budgets.get(name) for name in shown]
-        left = len(each.choice.table) - len(kept)
-        groups.append({"name": each.title, "budgets": budgets, "left": left, "points": points})
-    return {
-        "costs": [costs()[name].axis for name in shown],
-        "linear": [costs()[name].linear for name in shown],
-        "groups": groups,
-    }
+    rows = drawn(answer.choice)
+    subjects = answer.among.subjects.loc[rows.index].to_numpy(dtype=float)
+    bounds = np.array([statistics.interval(row) for row in subjects]).clip(0, 100)
+    kinds = [
+        "chip"
+        if row["kind"] == "chip"
+        else "published"
+        if row["system"] in published
+        else "changed"
+        if models[row["system"]] in published
+        else "other"
+        for row in rows_of(rows)
+    ]
+    made = {"name": [named(row) for row in rows_of(rows)], "kind": kinds, "verdict": rows["verdict"]}
+    made |= {"chosen": rows.index == answer.choice.chosen, "out": rows["verdict"].str.startswith("ruled out")}
+    made |= {"accuracy": rows["accuracy"], "low": bounds[:, 0], "high": bounds[:, 1]}
+    return pd.DataFrame(made | {cost: rows[cost] for cost in answer.costs}, index=rows.index)
 
 
 def drawn(choice: Choice) -> pd.DataFrame:
@@ -159,7 +152,3 @@ def drawn(choice: Choice) -> pd.DataFrame:
 
 def _burden(table: pd.DataFrame, name: str) -> np.ndarray:
     return costs()[name].burden(table[name].to_numpy(dtype=float))
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.5g}") if np.isfinite(value) else None

@@ -21,7 +21,7 @@ ROOM = files("reports")
 
 
 def page(template: str, title: str, **values: object) -> str:
-    """A template as one HTML page: styles, script and figures are in it, nothing is loaded from anywhere.
+    """A template as one HTML page: styles and figures are in it, nothing is loaded from anywhere.
 
     Its contents stand behind the first section.
     """
@@ -31,9 +31,8 @@ def page(template: str, title: str, **values: object) -> str:
         links = "".join(f'<li><a href="#{name}">{text}</a></li>' for name, text in heads)
         second = f'<h2 id="{heads[1][0]}">'
         body = body.replace(second, f'<nav aria-label="Contents"><ul>{links}</ul></nav>\n{second}', 1)
-    files_of = {"style": "page.css", "script": "chart.js"}
-    texts = {k: Markup(ROOM.joinpath(name).read_text(encoding="utf-8")) for k, name in files_of.items()}
-    return _filled("page.jinja", "html", {"title": title, "body": Markup(body), **texts})
+    style = Markup(ROOM.joinpath("page.css").read_text(encoding="utf-8"))
+    return _filled("page.jinja", "html", {"title": title, "body": Markup(body), "style": style})
 
 
 def markdown(template: str, **values: object) -> str:

@@ -23,7 +23,7 @@ from bench.scratch import owner, sweep
 from bench.table import of_text, write_sheet
 from reports import fault_curves, over_corpora
 from reports.budgets import budget_tables, by_budget
-from reports.candidates import Considered, chart_data, considered
+from reports.candidates import Considered, considered, marks
 from reports.comparison import comparison, published, shown
 from reports.figures import save
 from reports.latex import latex
@@ -111,9 +111,8 @@ def assemble(
     parts = {name: group_of(name, largest[name], by_group[name], folder, files[name]) for name in largest}
     answers = [considered(name, largest[name], alone, budgets) for name in largest]
     candidates = [answer for answer in answers if isinstance(answer, Considered)]
-    every = {name: members for each in results.values() for name, members in grouped(each).items()}
     models = {r.system: str(r["model_name"]) for each in alone.values() for r in each}
-    chart = chart_data(candidates, models, papers)
+    known = {*papers["system"]} - {""}
     stresses, streams = (fault_curves.contexts(results.get(kind, [])) for kind in ("stress", "stream"))
     curves = curves_of(runs)
     agreed = agreements(largest)
@@ -130,7 +129,7 @@ def assemble(
             [pd.DataFrame(columns=[*RANKED, "group"]), *(o.found.table.assign(group=o.title) for o in over)]
         ),
         "same_wrong_label": pd.concat(same_wrong, ignore_index=True),
-        "provenance": provenance(every),
+        "provenance": pd.concat([provenance(grouped(each)) for each in results.values()], ignore_index=True),
     }
     values = {
         "title": f"Which system to choose: {_corpora(runs)}",
@@ -141,11 +140,12 @@ def assemble(
         "answers": answers,
         "largest": GROUPS,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
-        "chart": chart,
         "speed": [
-            save(figure, folder, f"{files[g['name']]}-speed", g["name"], caption)
-            for g in chart["groups"]
-            for figure, caption in [speed_chart(g, chart["costs"][: chart["linear"].count(False)])]
+            save(figure, folder, f"{files[answer.title]}-speed", answer.title, caption)
+            for answer in candidates
+            for points in [marks(answer, models, known)]
+            for left in [len(answer.among.table) - len(points)]
+            for figure, caption in [speed_chart(answer.title, points, answer.costs, answer.budgets, left)]
         ],
         "budgets": budget_tables(tables["budgets"]),
         "runs": runs_section(tables["comparison"], [*largest, *left_out]),

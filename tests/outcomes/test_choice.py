@@ -1,16 +1,18 @@
-"""The choice among candidates against hand-made ones, and which runs become candidates, on hand-made tables of runs."""
+"""The choice among candidates against hand-made ones, and which results become candidates."""
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.stats import ttest_rel
 
-from bench.costs import quantity
+from bench.amounts import quantity
 from bench.errors import InputError
+from bench.measures import budgets
 from bench.outcomes.candidates import candidates, eligible
 from bench.outcomes.choice import decide, sentences
 from bench.outcomes.runs import NothingTracked, selected, without_runs
-from tests.reports.store import made_up
+from bench.result import Result
+from tests.results import evaluated, made_up, systems_of
 
 
 def table(accuracies, **costs):
@@ -116,49 +118,33 @@ def test_ties_and_one_subject():
     + [("clock", "64", None), ("clock", "MHz", None), ("clock", "-1MHz", None), ("clock", "nanMHz", None)],
 )
 def test_amounts_as_they_are_typed(key, text, expected):
+    units = {"clock": "MHz", "margin": ""}
+    typed = (lambda given: quantity(key, given, units[key])) if key in units else budgets()[key].typed
     if expected is None:
         with pytest.raises(InputError, match=f"{key}={text}: give a number above 0"):
-            quantity(key, text)
+            typed(text)
     else:
-        assert quantity(key, text) == pytest.approx(expected)
+        assert typed(text) == pytest.approx(expected)
 
 
 # Which runs are candidates
 
 
-class Folder:
-    """Tables of runs without MLflow: files of a folder."""
-
-    def __init__(self, folder):
-        self.folder, self.count = folder, 0
-
-    def path(self, run_id, artifacts, name):
-        path = self.folder / f"{run_id}.{name}"
-        return path if path.is_file() else None
-
-    def run(self, system, predictions=None, instants=None, **columns):
-        """A row as `bench.outcomes.runs.tracked` makes it."""
-        self.count += 1
-        (made_up(per_class=1) if predictions is None else predictions).to_parquet(
-            self.folder / f"{self.count}.predictions.parquet"
-        )
-        if instants is not None:
-            pd.DataFrame({"ms": instants}).to_csv(self.folder / f"{self.count}.instants.csv")
-        row = {"touchbench.kind": "cell", "status": "FINISHED", "run_id": str(self.count), "started": self.count}
-        row |= {"data": "synth", "synthetic": "true", "corpus_digest": "d" * 64, "subset": "all", "target": "gesture"}
-        row |= {"protocol": "loso", "protocol_name": "loso", "protocol_label": "LOSO", "cpu": "one", "artifacts": ""}
-        row |= {"mixes_subjects": "false", "test_over_train": "", "official_split": "", "flash_bytes": 4000.0}
-        row |= {"ram_bytes": 500.0, "predict_ms_p50": 2.0, "decide_ms_p50": 0.5, "capture_ms": 300.0, "system": system}
-        return row | {"observed_ms": 100.0, "touchbench.depends_on_batch": "false"} | columns
+def run(system, predictions=None, instants=None, **about):
+    """A result of some kind of run with round costs."""
+    kind = about.pop("touchbench.kind", "cell")
+    numbers = {"ram_bytes": 500.0, "predict_ms_p50": 2.0, "decide_ms_p50": 0.5, "capture_ms": 300.0}
+    numbers |= {"flash_bytes": 4000.0, "observed_ms": 100.0, "windows": np.nan}
+    numbers |= {k: about.pop(k) for k in [*about] if not isinstance(about[k], str)}
+    made = evaluated(system, predictions, kind=kind, metrics=numbers, **{"protocol_label": "LOSO"} | about)
+    if instants is None:
+        return made
+    tables = {name: made.tables[name] for name in made.tables} | {"instants": pd.DataFrame({"ms": instants})}
+    return Result(made.about, made.metrics, tables)
 
 
-@pytest.fixture
-def folder(tmp_path):
-    return Folder(tmp_path)
-
-
-def systems(rows, asked=None, **how):
-    return sorted(eligible([pd.DataFrame(rows)], asked or {}, **how)[0]["system"])
+def systems(results, asked=None, **how):
+    return sorted(systems_of(eligible(results, asked or {}, **how)[0]))
 
 
 def percents(labelled):
