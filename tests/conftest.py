@@ -181,6 +181,19 @@ def six_runs(tmp_path_factory, empty_store):
     return folder, printed
 
 
+@pytest.fixture(scope="session")
+def net_store(tmp_path_factory, empty_store):
+    """The folder of `tests.net.build`, a small run of every kind; one for all processes of tests, which copy it."""
+    from tests.net.build import RUNS, build
+
+    folder = empty_store.parent / "net"
+    with FileLock(folder.with_suffix(".lock")):
+        if not (folder / "done").exists():
+            build(folder, RUNS, empty_store)
+            (folder / "done").touch()
+    return folder
+
+
 @pytest.fixture
 def corpus():
     """4 subjects, 3 gestures, 36 captures of 1 to 39 frames on 8 x 8."""
