@@ -11,14 +11,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from bench.amounts import UNITS, quantity
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from bench.outcomes.pick import People
 
 Row = Mapping[str, Any]  # of a run or of a table: values by name; nan or None for what is unknown
 NONE = "-"  # printed for an unknown value
@@ -155,6 +153,22 @@ def three(value: float) -> str:
 # Costs: what a system takes, by which systems are chosen.
 
 
+class People(Protocol):
+    """The people of each drawing, from whom a cost may be computed; `bench.outcomes.pick` has them.
+
+    ``drawn`` holds the numbers of the subjects in each drawing, int [drawings, people].
+    """
+
+    def error(self, drawn: np.ndarray, count: int) -> np.ndarray:
+        """100 less the mean of the lowest ``count`` scores in percent, float [drawings, candidates]."""
+
+    def loss(self, drawn: np.ndarray) -> np.ndarray:
+        """Mean points lost under each fault at each severity, float [drawings, candidates, circumstances]."""
+
+    def alarm_rate(self, drawn: np.ndarray) -> np.ndarray:
+        """False alarms per hour of background, float [drawings, candidates]."""
+
+
 @dataclass(frozen=True)
 class Cost(Measure):
     """A measure by which systems are chosen: what a system takes, loses or raises.
@@ -174,8 +188,8 @@ class Cost(Measure):
         watched: False if runs of ``bench watch`` do not have it.
         stress: True for a loss under faults, which needs runs of ``bench stress``.
         command: command that measures it, if that is not ``bench run``.
-        among: its amount for drawings of people, from `bench.outcomes.pick.People` and the numbers of the drawn
-            subjects [drawings, people]: float [drawings, candidates].
+        among: its amount for drawings of people, from `People` and the numbers of the drawn subjects
+            [drawings, people]: float [drawings, candidates].
         linear: True for a linear axis in figures.
         zero: True if 0 is a budget.
         line: section and key of its budget in a scene file.

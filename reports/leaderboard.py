@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 import pandas as pd
 
-from bench.leaderboard.submissions import METADATA, NUMBERS, REFERENCE, Submission, behind, read
+from bench.leaderboard.submissions import NUMBERS, REFERENCE, Submission, behind, reference_of
 from bench.leaderboard.tasks import TASKS
 from bench.measures import Cell, Interval, Measure, Row, known, text, whole
 from bench.outcomes.ranking import ranking
@@ -37,12 +36,6 @@ DESIGNED_NOTE = (
 def reference() -> tuple[Submission, ...]:
     """The results that come with touchbench."""
     return tuple(one for folder in sorted(REFERENCE.glob("*/")) for one in reference_of(folder.name))
-
-
-@lru_cache
-def reference_of(task: str) -> tuple[Submission, ...]:
-    """Those of one task, by its name; read and scored once in a process."""
-    return tuple(read(path.parent) for path in sorted(REFERENCE.glob(f"{task}/*/{METADATA}")))
 
 
 def note(one: Submission) -> str:

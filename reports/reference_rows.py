@@ -7,12 +7,11 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from bench.leaderboard.submissions import Submission
+from bench.leaderboard.submissions import Submission, reference_of
 from bench.leaderboard.tasks import TASKS, Task
 from bench.outcomes import scores
 from bench.outcomes.runs import by_subject
 from bench.result import Result
-from reports.leaderboard import reference_of
 
 REFERENCE = " (reference)"  # behind the name of such a system
 

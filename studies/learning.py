@@ -18,7 +18,8 @@ import numpy as np
 import pandas as pd
 
 import bench
-from bench.arguments import KEYS, convert, parse
+from bench.amounts import convert
+from bench.arguments import KEYS, parse
 from bench.outcomes import resampling
 from reports.figures import MARKERS, new_figure, save
 

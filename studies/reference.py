@@ -22,7 +22,8 @@ from pathlib import Path
 import pandas as pd
 
 import bench
-from bench.arguments import convert, parse
+from bench.amounts import convert
+from bench.arguments import parse
 from bench.corpora.library import imported
 from bench.errors import nearest
 from bench.outcomes.runs import NothingTracked, tracked

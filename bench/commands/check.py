@@ -5,7 +5,8 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from bench.arguments import BACKEND, Backend, backend_of, convert, parse, setting
+from bench.amounts import convert
+from bench.arguments import BACKEND, Backend, backend_of, parse, setting
 from bench.arguments import KEYS as RUN_KEYS
 from bench.commands.printing import failures, say
 from bench.commands.run import evaluated

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bench import pareto
-from bench.amounts import quantity
-from bench.arguments import BACKEND, Values, convert, items, parse, typed
+from bench.amounts import convert, quantity
+from bench.arguments import BACKEND, Values, items, parse, typed
 from bench.commands.printing import output, say, then
 from bench.comparable import MARK, MARKED, several
 from bench.errors import InputError, nearest

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.arguments import convert, parse, setting
+from bench.amounts import convert
+from bench.arguments import parse, setting
 from bench.commands.printing import output, then, unwritable, writable
 from bench.comparable import several
 from bench.corpora.corpus import Corpus

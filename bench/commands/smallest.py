@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bench import contract
-from bench.arguments import Values, backend_of, convert, items
+from bench.amounts import convert
+from bench.arguments import Values, backend_of, items
 from bench.commands.run import evaluated
 from bench.errors import InputError, nearest
 from bench.measures import budgets

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from bench.arguments import KEYS, Values, backend_of, convert, items, parse
+from bench.amounts import convert
+from bench.arguments import KEYS, Values, backend_of, items, parse
 from bench.commands.printing import contexts, say, show, then, writable
 from bench.corpora.faults import Fault, all_faults
 from bench.errors import InputError, nearest

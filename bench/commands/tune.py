@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from bench import contract
-from bench.arguments import Values, backend_of, convert, items, parse, text_of
+from bench.amounts import convert, text_of
+from bench.arguments import Values, backend_of, items, parse
 from bench.commands.run import evaluated, printed
 from bench.errors import InputError, nearest
 from bench.options import keys

@@ -337,7 +337,7 @@ def test_captures_that_cannot_teach_when_to_stop_are_refused_in_words():
             raise InputError("give 99 captures")
 
     plan = SimpleNamespace(cell=cell_of(Demanding), corpus=corpus, folds=[Fold("7", np.arange(12), np.arange(12, 24))])
-    plan.cell.protocol = "loso"
+    plan.cell.protocol, plan.cell.untrained = "loso", Demanding()
     with pytest.raises(InputError, match="^give 99 captures"):
         Stream().refuse(plan)
 
