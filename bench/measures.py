@@ -57,7 +57,7 @@ class Measure:
 
     key: str
     heading: str = ""
-    read: str | tuple[str, ...] | Callable[[Row], Cell] = ""
+    read: str | tuple[str, ...] | Callable[[Any], Cell] = ""
     form: Form = ".1f"
     times: float = 1.0
     per: float = 1.0
@@ -130,7 +130,7 @@ def percent(key: str, heading: str = "", read: str = "", **more: Any) -> Measure
     return Measure(key, heading, read, times=100, **more)
 
 
-def text(key: str, heading: str = "", read: str | Callable[[Row], Cell] = "", **more: Any) -> Measure:
+def text(key: str, heading: str = "", read: str | Callable[[Any], Cell] = "", **more: Any) -> Measure:
     """Text, aligned left."""
     return Measure(key, heading, read, left=True, **more)
 
@@ -177,7 +177,7 @@ class Cost(Measure):
 
     Attributes:
         unit: unit of its amounts. One of `bench.amounts.UNITS` is typed with a unit, any other as a plain number.
-        noun: what it is, in a sentence.
+        noun: name in a sentence.
         words: words behind an amount of it.
         axis: label of its axis in figures.
         unknown: reason why it may be unknown.
@@ -195,7 +195,7 @@ class Cost(Measure):
         line: section and key of its budget in a scene file.
         mirrored: True if that line is the least score instead: 100 less this.
         column: True for a column of the tables of runs.
-        spare: as of a measure; by default left out before other columns.
+        spare: number of `Measure`; by default a cost is left out before other columns.
         last: place among the columns of a choice that a narrow terminal leaves out, the highest first.
     """
 

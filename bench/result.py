@@ -26,14 +26,14 @@ class Tables(Mapping[str, "pd.DataFrame"]):
     Args:
         kept: tables in memory.
         read: reads a table that is not in memory; None where there is none of its name.
-        missing: what to do about a table that is not there.
+        missing: words behind ``<table> of``, for a table that is absent.
     """
 
     def __init__(
         self,
         kept: Mapping[str, pd.DataFrame],
         read: Callable[[str], pd.DataFrame | None] = lambda name: None,
-        missing: str = "run it again",
+        missing: str = "this run is missing; run it again",
     ) -> None:
         self._kept, self._read, self._missing = dict(kept), read, missing
 

@@ -96,7 +96,7 @@ class Chosen:
         lines = sentences(self.choice, self.by, self.margin, subjects, self.among.mixed)
         lines += [*expectation(self.expected, self.among, self.choice.chosen), *([self.growth] if self.growth else [])]
         if self.watched and self.choice.chosen is not None:
-            row = table.loc[self.choice.chosen]
+            row = table.loc[self.choice.chosen].to_dict()
             alarms, latency = (costs()[name].amount(row[name]) for name in ("false_alarms", "latency"))
             alarms = alarms.replace(" per", " false alarms per")
             lines.insert(1, f"It raises {alarms} of background; its median latency is {latency}.")
@@ -337,7 +337,7 @@ def table_of(result: Chosen) -> Table:
         "mean over subjects"
     )
     bold = np.flatnonzero(choice.table.index == choice.chosen).tolist()
-    return Table(columns, choice.table.to_dict("records"), title, bold)
+    return Table(columns, rows_of(choice.table), title, bold)
 
 
 def _print(result: Chosen) -> None:

@@ -131,7 +131,7 @@ def show_recordings(recordings: Recordings) -> int:
     table = labels.assign(minutes=minutes[:, 0], background=minutes[:, 1], events=counts)
     title = f"{corpus.name}: {len(recordings)} {'synthetic ' if corpus.synthetic else ''}recordings"
     others = [name for name in labels if name not in ("subject", "recording")]
-    columns = [text(name, spare=len(others) - others.index(name) if name in others else 0) for name in labels]
+    columns = [text(str(name), spare=len(others) - others.index(name) if name in others else 0) for name in labels]
     columns += [Measure("minutes", form=".2f"), Measure("background", "of background", form=".2f")]
     Table([*columns, Measure("events", form=".0f")], rows_of(table), title).print(out)
     seconds = ((events["end"] - events["start"]) / corpus.rate_hz).groupby(events["gesture"])

@@ -188,5 +188,5 @@ def choices_table(result: Result) -> Table:
             "" if known(row[name]) is None else f"{row[name]:.4g}" if isinstance(row[name], float) else str(row[name])
         )
 
-    columns = [text(name, read=value(name), spare=i) for i, name in enumerate(chosen)]
+    columns = [text(str(name), read=value(str(name)), spare=i) for i, name in enumerate(chosen)]
     return Table(columns, rows_of(chosen), f"Chosen in each training part: {_title(result)}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,7 @@ import pandas as pd
 from bench.arguments import quoted, typed
 from bench.comparable import COMPARABLE, CONDITIONS, Row, context_of, facts_of, several
 from bench.errors import InputError
-from bench.measures import Cell, costs, costs_of
+from bench.measures import costs, costs_of
 from bench.outcomes.pick import People, within
 from bench.outcomes.reactions import Reactions, by_capture, by_decision
 from bench.outcomes.runs import COLUMNS, NothingTracked, selected, subject_accuracy
@@ -464,14 +465,14 @@ def _ways(
     }
 
 
-def _amounts(run: Row, **stored: str) -> dict[str, Cell]:
+def _amounts(run: Row, **stored: str) -> dict[str, Any]:
     """The costs of one way in which a run labels, by name.
 
     Args:
         run: the run.
         stored: names of stored values that this way has in place of those that its costs name; empty for none.
     """
-    amounts: dict[str, Cell] = {}
+    amounts: dict[str, Any] = {}
     for name, cost in costs().items():
         if not cost.personal and stored.get(name) != "":
             amounts[name] = (replace(cost, read=stored[name]) if name in stored else cost).cell(run)

@@ -21,7 +21,8 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import SEVERITIES, Fault, all_faults, as_shares, damaged
 from bench.errors import InputError
-from bench.measures import Cell, Measure, Row, percent, text
+from bench.measures import Cell as Shown
+from bench.measures import Measure, Row, percent, text
 from bench.outcomes import scores, stability
 from bench.outcomes.results import FoldResult, table_of
 from bench.outcomes.stability import CLEAN
@@ -152,16 +153,16 @@ def losses(row: Row) -> dict[str, float]:
     return {k.removeprefix("loss."): v for k, v in row.items() if k.startswith("loss.")}
 
 
-def _mean_loss(row: Row) -> Cell:
+def _mean_loss(row: Row) -> Shown:
     return 100 * float(np.mean([*losses(row).values()])) if losses(row) else None
 
 
-def _worst_fault(row: Row) -> Cell:
+def _worst_fault(row: Row) -> Shown:
     worst = max(losses(row), key=losses(row).__getitem__, default="")
     return f"{worst.replace('_', ' ')} {100 * losses(row)[worst]:.1f}" if worst else None
 
 
-def _of(part: str, whole: str) -> Callable[[Row], Cell]:
+def _of(part: str, whole: str) -> Callable[[Row], Shown]:
     """A number of a number."""
     return lambda row: f"{row[part]:.0f} of {row[whole]:.0f}" if part in row else None
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from bench import contract
 from bench.corpora.corpus import Corpus
@@ -38,7 +38,7 @@ class Task:
     """
 
     plan: Plan
-    experiment: Experiment[Any]
+    experiment: Experiment
     fold: Fold
     key: str
 
