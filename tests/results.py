@@ -5,9 +5,8 @@ from itertools import count
 import numpy as np
 import pandas as pd
 
-from bench.outcomes import scores
+from bench.outcomes import scores, stability
 from bench.outcomes.results import FoldResult, measure
-from bench.outcomes.runs import frame_of
 from bench.result import Result
 
 GESTURES = ("pat", "rub", "tap")
@@ -111,6 +110,12 @@ def evaluated(system="svm", predictions=None, failed=0, cost=1.0, kind="cell", m
     return result(system, kind, numbers, tables, failed, **usual | about)
 
 
+def under_stress(table, system="svm", **about):
+    """A result of ``bench stress`` with this table, analysed as the command does."""
+    tables = stability.analysed(table, about.get("target", "gesture"))
+    return result(system, "stress", stability.metrics(tables), tables, **about)
+
+
 HAART = {"data": "haart", "synthetic": "false", "corpus_digest": "d", "protocol_label": "LOSO (10 subjects)"}
 
 
@@ -159,8 +164,3 @@ def streamed(system, start="onset", hop="None", tables=None, metrics=(), **about
 def systems_of(results):
     """Names of the systems of some results, in their order."""
     return [r["system"] for r in results]
-
-
-def rows_by_system(results):
-    """A row for each result, by its system."""
-    return frame_of(results).set_index("system")

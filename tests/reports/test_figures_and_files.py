@@ -11,9 +11,9 @@ import pytest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import survey
 from bench.errors import InputError
+from bench.table import write_sheet
 from reports import corpus_page, details, figures, speed
 from reports.provenance import command
-from bench.table import write_sheet
 from tests.conftest import random_corpus
 from tests.reports.store import made_up
 
