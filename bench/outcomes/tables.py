@@ -51,5 +51,5 @@ def read_table(find: Callable[[str], Path | None], name: str) -> pd.DataFrame | 
 
 def _uniform(table: pd.DataFrame) -> pd.DataFrame:
     """The same with text where a column holds values of several types, which parquet has not."""
-    mixed = [name for name in table if table[name].dtype == object and table[name].dropna().map(type).nunique() > 1]
+    mixed = [str(n) for n in table if table[n].dtype == object and table[n].dropna().map(type).nunique() > 1]
     return table.assign(**{n: table[n].map(lambda v: v if pd.isna(v) else str(v)) for n in mixed}) if mixed else table

@@ -44,7 +44,7 @@ def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment], jobs: int
                 f"protocol={plan.cell.protocol}: bench {experiment.kind} does not adapt systems to a person; leave "
                 "protocol.shots= and protocol.unlabelled= out"
             )
-        if taken := reserved(plan.corpus.captures, experiment.columns):
+        if taken := reserved(map(str, plan.corpus.captures), experiment.columns):
             raise InputError(
                 f"{plan.corpus.name} has a column {min(taken)!r}, a name that tables of results use; rename "
                 "the column and import again"
