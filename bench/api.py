@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from bench.commands import watch as _watch
 from bench.commands.smallest import smallest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
-from bench.errors import InputError
+from bench.errors import InputError, nearest
 from bench.options import keys
 from bench.outcomes.runs import frame_of, grouped, selected, stored, without_runs
 from bench.outcomes.store import connect
@@ -45,6 +45,25 @@ ON = ("data", "where", "target", "protocol")
 SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in percent
 
 
+class Joined(Mapping[str, pd.DataFrame]):
+    """The tables of some results by name, those of all results below each other; each is put together when asked for."""
+
+    def __init__(self, runs: Sequence[Result]) -> None:
+        self._runs = [*runs]
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        parts = [r.tables[name].assign(system=r.method) for r in self._runs if name in r.tables]
+        if not parts:
+            raise KeyError(f"no table is called {name!r}; {nearest(name, [*self])}")
+        return pd.concat(parts, ignore_index=True)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys(name for r in self._runs for name in r.tables))
+
+    def __len__(self) -> int:
+        return len([*self])
+
+
 class Results(pd.DataFrame):
     """A row for each run with the columns that matter; all that is known of the runs is one attribute away.
 
@@ -56,7 +75,7 @@ class Results(pd.DataFrame):
 
     _metadata = ["runs", "tables"]
     runs: list[Result]
-    tables: dict[str, pd.DataFrame]
+    tables: Mapping[str, pd.DataFrame]
 
     @property
     def _constructor(self) -> type[pd.DataFrame]:
@@ -353,10 +372,7 @@ def results_of(runs: Sequence[Result]) -> Results:
 
 def _with(table: Results, runs: Sequence[Result]) -> Results:
     """The table with its results, and their tables below each other."""
-    table.runs = [*runs]
-    names = dict.fromkeys(name for r in runs for name in r.tables)
-    parts = {name: [r.tables[name].assign(system=r.method) for r in runs if name in [*r.tables]] for name in names}
-    table.tables = {name: pd.concat(each, ignore_index=True) for name, each in parts.items()}
+    table.runs, table.tables = [*runs], Joined(runs)
     return table
 
 

@@ -108,12 +108,19 @@ def test_the_api_returns_what_it_returned(work, golden):
 def shown(value, folders):
     """An object of the API as a text."""
     if isinstance(value, pd.DataFrame):
-        return masks.table_of(value, folders)
+        runs, tables = getattr(value, "runs", []), getattr(value, "tables", {})
+        own = (
+            {}
+            if all(r.kind == "cell" for r in runs)
+            else {name: tables[name] for name in tables if name != "predictions"}
+        )
+        named = {"": value, **({"full": value.full} if own else {}), **own}
+        return "\n".join(f"{name}\n{masks.table_of(table, folders)}".lstrip("\n") for name, table in named.items())
     parts = [
         type(value).__name__,
         masks.repr_of(f"{value!s}\n{value!r}" if hasattr(value, "choice") else repr(value), folders),
     ]
-    tables = {"table": getattr(value, "table", None), **getattr(value, "more", {})}
+    tables = {}
     if hasattr(value, "choice"):
         tables = {"choice.table": value.choice.table}
     tables = {name: table for name, table in tables.items() if isinstance(table, pd.DataFrame)}
