@@ -92,10 +92,11 @@ def measured(systems: list[dict[str, str]], shared: dict[str, str]) -> tuple[pd.
         InputError: they have not the same captures and protocol.
     """
     runs = [bench.stress(**{"train_subjects": "2,4,8", "faults": "none"} | shared | system) for system in systems]
-    context = pd.concat([run.table for run in runs])[["data", "subset", "target", "protocol"]].drop_duplicates()
+    context = pd.concat([run[["data", "subset", "target", "protocol"]] for run in runs]).drop_duplicates()
     if len(context) > 1:
         raise bench.InputError("give one corpus, subset, target and protocol, not several")
-    points, labels = (pd.concat([run[name] for run in runs], ignore_index=True) for name in ("learning", "labels"))
+    tables = (pd.concat([run.tables[name] for run in runs], ignore_index=True) for name in ("learning", "stress"))
+    points, labels = (table.rename(columns={"system": "method"}) for table in tables)
     return points, labels, ", ".join(context.iloc[0])
 
 
