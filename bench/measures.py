@@ -466,8 +466,10 @@ def columns(measures: Iterable[Measure], output: str) -> list[Measure]:
 
 
 def framed(measure: Measure) -> Measure:
-    """The measure, read from a table of numbers that `bench.table.Table.frame` made with it."""
+    """The measure, read from a table of numbers that `bench.table.Table.frame` made of the columns of CSV files."""
     if isinstance(measure, Cost) or isinstance(measure.read, tuple):  # these are there as they are stored
+        return measure
+    if "csv" not in measure.shows:  # it is not there; what it reads is
         return measure
     return replace(measure, read=measure.key, times=1.0, per=1.0, ends=measure.key if measure.ends else "")
 

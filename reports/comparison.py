@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 
 import pandas as pd
@@ -148,4 +149,5 @@ def shown(table: pd.DataFrame, remarks: list[list[str]], groups: list[str]) -> T
     """
     rows = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}).replace({"": None}))
     measures = [framed(measure) for measure in columns(run_columns(), "page")]
+    measures = [replace(m, heading=f"{m.name} [95 %]") if m.ends else m for m in measures]
     return Table([text("system"), *measures], rows, remarks=remarks, groups=groups)

@@ -33,7 +33,11 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
     Returns:
         The table; the verdicts, each with how often it was given; how many rest on few subjects; whether HAART is here.
     """
-    rows = [row | {"away": row["verdict"] == "data not here", "words": _unit(row)} for row in rows_of(beside)]
+    ends = {"low": "ours_low", "high": "ours_high"}
+    rows = [
+        row | {"away": row["verdict"] == "data not here", "words": _unit(row)}
+        for row in rows_of(beside.rename(columns=ends))
+    ]
     order = {on: i for i, on in reversed([*enumerate(tuple(row[k] for k in ("away", *SHARED)) for row in rows)])}
     rows.sort(key=lambda row: (row["away"], row["data"], order[tuple(row[k] for k in ("away", *SHARED))]))
     elsewhere = [NAMES.get(name, name) for name in sorted({row["data"] for row in rows if row["away"]})]

@@ -8,20 +8,20 @@ import pandas as pd
 import pytest
 
 from bench.outcomes import scores
-from bench.outcomes.runs import tracked
+from bench.outcomes.runs import grouped
 from reports import published_tables, reproduction
 from reports.bootstrap import macro_interval, recall_interval
 from reports.comparison import comparison, published
 from reports.papers import published_section
-from tests.reports.store import made_up, tracked_run
+from tests.results import evaluated, made_up
 
 CHALLENGE = {"data": "haart", "synthetic": "false", "protocol": "challenge"}
 
 
-def beside(store, *runs):
-    for system, predictions, about in runs:
-        tracked_run(store, system, predictions, **CHALLENGE | about)
-    return reproduction.against(published(), tracked(store), store).set_index("id")
+def beside(*runs):
+    """Results of systems on HAART, and the published numbers beside them."""
+    results = [evaluated(system, predictions, **CHALLENGE | about) for system, predictions, about in runs]
+    return results, reproduction.against(published(), results).set_index("id")
 
 
 def test_the_headline_of_cnn85_is_a_macro_precision():
@@ -63,10 +63,9 @@ def test_counts_behind_percentages():
         assert total <= true.sum() and np.abs(100 * counts / total - printed).max() <= 0.1001
 
 
-def test_which_run_stands_beside_which_number(store):
+def test_which_run_stands_beside_which_number():
     papers = published()
-    table = beside(
-        store,
+    results, table = beside(
         ("ta2015_rf", made_up(3, seed=2), {"seed": 2}),
         ("ta2015_rf", made_up(3), {"seed": 0}),
         ("ta2015_rf", made_up(8), {"synthetic": "true", "data": "synth"}),
@@ -91,15 +90,17 @@ def test_which_run_stands_beside_which_number(store):
         assert table.loc[name, "verdict"] == verdict and note in table.loc[name, "note"], name
     assert np.isfinite(table.loc["hughes2017-haart-ae-rnn", "ours"])  # a vote where there is one decision a capture
     section = published_section(table.reset_index())
+    printed = [row["ours % [95 %]"] for row in section["table"].texts if row["system"].startswith("Ta et al. 2015")]
+    assert [*filter("-".__ne__, printed)] == [f"{r.ours:.1f} [{r.low:.1f}, {r.high:.1f}]" for r in ours.itertuples()]
     assert sum(section["counts"].values()) == table["ours"].notna().sum() and section["few"] == 3 and section["haart"]
-    shown = comparison(store, tracked(store), papers).groupby(["data", "system"])["published"].agg(set)
+    shown = comparison(grouped(results), papers).groupby(["data", "system"])["published"].agg(set)
     assert shown[("haart", "ta2015_rf")] == {"70.91 (capture, ta2015-haart-test)"}
     assert shown[("synth (synthetic)", "ta2015_rf")] == {""} == shown[("haart", "hughes2017_cnn[epochs=3]")]
 
 
-def test_units_and_their_intervals(store):
+def test_units_and_their_intervals():
     predictions = made_up(6, windows=3, skill=0.5)
-    table = beside(store, ("cnn85", predictions, {"data": "cost", "protocol": "loso"}))
+    _, table = beside(("cnn85", predictions, {"data": "cost", "protocol": "loso"}))
     decided = scores.windows(predictions)
     per_class = scores.per_class(decided, scores.classes_of(predictions))
     low, high = scores.subject_interval(decided)
