@@ -1,4 +1,4 @@
-"""The published numbers, beside ours and recomputed from the papers' own tables, as tables of the report."""
+"""The published numbers beside ours, as a table of the report."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ import numpy as np
 import pandas as pd
 
 from bench.outcomes import statistics
-from reports import published_tables
 from reports.layout import Table
 from reports.numbers import bounded, listed, number, with_sd
-from reports.paired_statistics import shown_statistics
 
-NAMES = published_tables.CORPORA
+NAMES = {"cost": "CoST", "haart": "HAART"}
 SHARED = ["data", "subset", "protocol", "words"]  # of published numbers that stand together
 UNITS = {
     "capture": "captures",
@@ -84,42 +82,3 @@ def _features(row: object) -> str:
     """Features of a paper, and how many numbers they are."""
     words = row.features if isinstance(row.features, str) else "-"
     return words if pd.isna(row.n_features) else f"{words} ({row.n_features:.0f})"
-
-
-def recomputed_section(tables: pd.DataFrame) -> dict[str, object]:
-    """The numbers recomputed from the papers' own tables.
-
-    Args:
-        tables: `reports.published_tables.recomputed`.
-
-    Returns:
-        The rows of `tables`, the table as text, the exchanges of labels in Albawi et al. 2018, Table 3, and the paired
-        statistics of Jung et al. 2017, Table 7.
-    """
-    frame = pd.DataFrame(
-        {
-            "table": tables["source"],
-            "unit": tables["unit"],
-            "claimed %": tables["claimed"].map("{:g}".format),
-            "correct": [
-                "not printed" if np.isnan(r.of) else f"{r.right:.0f} of {r.of:.0f}" for r in tables.itertuples()
-            ],
-            "pooled accuracy %": [number(v, 2) for v in tables["pooled"]],
-            "macro recall %": [number(v, 2) for v in tables["macro_recall"]],
-            "macro precision %": [number(v, 2) for v in tables["macro_precision"]],
-            "claim is the pooled accuracy": tables["agrees"],
-        }
-    )
-    subjects = published_tables.subjects_of_jung()
-    subjects = subjects.loc[subjects.mean(axis=1).sort_values(ascending=False).index]
-    rows = statistics.against_best(subjects, test_over_train=1 / (subjects.shape[1] - 1))
-    exchanged = published_tables.swaps(published_tables.albawi_counts(), published_tables.jung_counts())
-    return {
-        "rows": tables.to_dict("records"),
-        "table": Table(frame),
-        "exchanged": exchanged.to_dict("records"),
-        "printed": exchanged[exchanged["first"] == ""].iloc[0].to_dict(),
-        "jung": Table(shown_statistics(rows)),
-        "jung_subjects": subjects.shape[1],
-        "jung_ranks": statistics.friedman(subjects),
-    }
