@@ -30,9 +30,8 @@ from reports.latex import latex
 from reports.layout import markdown, page
 from reports.new_person import curves_of, new_person_sections
 from reports.numbers import listed, notes_on
-from reports.papers import published_section, recomputed_section
+from reports.papers import published_section
 from reports.provenance import provenance, software
-from reports.published_tables import recomputed
 from reports.reference_rows import systems_by_subject
 from reports.reproduction import against
 from reports.run_groups import GROUPS, group_of, largest_groups, slug
@@ -122,7 +121,6 @@ def assemble(
         "comparison": comparison(groups, papers, by_group=by_group),
         "budgets": by_budget(candidates, alone),
         "published": against(papers, runs),
-        "recomputed": recomputed(papers),
         "statistics": pd.concat([g.rows.assign(group=name) for name, g in parts.items()], ignore_index=True),
         "pairs": pd.concat([g.pairs.assign(group=name) for name, g in parts.items()], ignore_index=True),
         "ranking": pd.concat(
@@ -164,7 +162,6 @@ def assemble(
         ],
         "same_wrong": [same_wrong_section(a) for a in agreed],
         "few": statistics.FEW_SUBJECTS,
-        "recomputed": recomputed_section(tables["recomputed"]),
         "provenance": provenance_section(runs, tables["provenance"]),
     }
     return values, tables

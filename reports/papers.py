@@ -1,18 +1,15 @@
-"""The published numbers, beside ours and recomputed from the papers' own tables, as tables of the report."""
+"""The published numbers beside ours, as a table of the report."""
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 
 from bench.measures import NONE, Measure, Row, known, text
 from bench.outcomes import statistics
-from bench.table import Table, of_text, rows_of
-from reports import published_tables
-from reports.numbers import listed, number
-from reports.paired_statistics import statistics_table
+from bench.table import Table, rows_of
+from reports.numbers import listed
 
-NAMES = published_tables.CORPORA
+NAMES = {"cost": "CoST", "haart": "HAART"}
 SHARED = ["data", "subset", "protocol", "words"]  # of published numbers that stand together
 UNITS = {
     "capture": "captures",
@@ -93,42 +90,3 @@ COLUMNS = (
     text("features", read=_features),
     Measure("table4", "CNN85's Table 4", ("table4", "table4_sd"), "g", join=" ± "),
 )
-
-
-def recomputed_section(tables: pd.DataFrame) -> dict[str, object]:
-    """The numbers recomputed from the papers' own tables.
-
-    Args:
-        tables: `reports.published_tables.recomputed`.
-
-    Returns:
-        The rows of `tables`, the table as text, the exchanges of labels in Albawi et al. 2018, Table 3, and the paired
-        statistics of Jung et al. 2017, Table 7.
-    """
-    frame = pd.DataFrame(
-        {
-            "table": tables["source"],
-            "unit": tables["unit"],
-            "claimed %": tables["claimed"].map("{:g}".format),
-            "correct": [
-                "not printed" if np.isnan(r.of) else f"{r.right:.0f} of {r.of:.0f}" for r in tables.itertuples()
-            ],
-            "pooled accuracy %": [number(v, 2) for v in tables["pooled"]],
-            "macro recall %": [number(v, 2) for v in tables["macro_recall"]],
-            "macro precision %": [number(v, 2) for v in tables["macro_precision"]],
-            "claim is the pooled accuracy": tables["agrees"],
-        }
-    )
-    subjects = published_tables.subjects_of_jung()
-    subjects = subjects.loc[subjects.mean(axis=1).sort_values(ascending=False).index]
-    rows = statistics.against_best(subjects, test_over_train=1 / (subjects.shape[1] - 1))
-    exchanged = published_tables.swaps(published_tables.albawi_counts(), published_tables.jung_counts())
-    return {
-        "rows": tables.to_dict("records"),
-        "table": of_text(frame),
-        "exchanged": exchanged.to_dict("records"),
-        "printed": exchanged[exchanged["first"] == ""].iloc[0].to_dict(),
-        "jung": statistics_table(rows),
-        "jung_subjects": subjects.shape[1],
-        "jung_ranks": statistics.friedman(subjects),
-    }

@@ -12,7 +12,7 @@ from scipy import stats
 
 from bench.outcomes import statistics
 from bench.paired import mean_and_error, within_one_standard_error
-from reports.published_tables import subjects_of_jung
+from studies.published_tables import subjects_of_jung
 
 RNG = np.random.default_rng(0)
 

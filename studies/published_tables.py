@@ -1,4 +1,6 @@
-"""Published numbers recomputed from the papers' own tables, which lie beside this file as CSV.
+"""Published numbers recomputed from the papers' own tables, which lie in the folder ``published``.
+
+    python studies/published_tables.py > docs/recomputed.md
 
 ``albawi2018_table3.csv`` holds counts of windows, rows and columns in the order and under the names of the print.
 ``jung2017_table8.csv`` holds counts of captures, columns are the actual classes; ``jung2017_table7.csv`` the share of
@@ -9,10 +11,17 @@ hold percent of each actual class.
 from __future__ import annotations
 
 import itertools
-from importlib.resources import files
+import textwrap
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
+
+from bench.outcomes import statistics
+from reports.comparison import published
+from reports.numbers import number
+from reports.paired_statistics import shown_statistics
+from reports.papers import NAMES
 
 # Test captures of the 2015 challenge by class: HAART's from the release, CoST's 119 squeezes and 120 of all others.
 HAART_TEST = {"constant": 35}
@@ -26,13 +35,13 @@ TABLES = {  # of Hughes et al. 2017: corpus, row of published.csv that it must a
     "VI": ("cost", "hughes2017-cost-cnn-rnn", "parts of captures"),
     "VII": ("cost", "hughes2017-cost-ae-rnn", "parts of captures"),
 }
-CORPORA = {"cost": "CoST", "haart": "HAART"}
+FOLDER = Path(__file__).with_name("published")
+WIDTH = 150  # characters of a line of the page
 
 
 def table(name: str) -> pd.DataFrame:
     """Read one of the CSV files, with its first column as index."""
-    with (files("reports") / f"{name}.csv").open() as f:
-        return pd.read_csv(f, index_col=0)
+    return pd.read_csv(FOLDER / f"{name}.csv", index_col=0)
 
 
 def albawi_counts() -> pd.DataFrame:
@@ -132,11 +141,11 @@ def recomputed(papers: pd.DataFrame) -> pd.DataFrame:
         ("Albawi et al. 2018, Table 3", "windows", claims["albawi2018-headline"], measures(albawi_counts()), 0.05),
         ("Jung et al. 2017, Table 8", "captures", claims["jung2017-svm-rbf-all"], measures(jung_counts()), 0.5),
     ]
-    for number, (data, claim, unit) in TABLES.items():
-        counts = hughes_counts(number)
-        measured = {"macro_recall": hughes_percent(number).to_numpy().diagonal().mean()}
+    for numeral, (data, claim, unit) in TABLES.items():
+        counts = hughes_counts(numeral)
+        measured = {"macro_recall": hughes_percent(numeral).to_numpy().diagonal().mean()}
         measured = dict.fromkeys(("right", "of", "pooled"), np.nan) | measured if counts is None else measures(*counts)
-        name = f"Hughes et al. 2017, Table {number} ({CORPORA[data]})"
+        name = f"Hughes et al. 2017, Table {numeral} ({NAMES[data]})"
         rows.append((name, unit, claims[claim], measured, 0.105))
     tables = pd.DataFrame([{"source": s, "unit": u, "claimed": c, **m} for s, u, c, m, _ in rows])
     off = (tables["pooled"] - tables["claimed"]).abs() - [tolerance for *_, tolerance in rows]
@@ -165,3 +174,73 @@ def swaps(albawi: pd.DataFrame, jung: pd.DataFrame) -> pd.DataFrame:
 def _confusions(counts: np.ndarray) -> np.ndarray:
     share = counts / counts.sum(axis=1, keepdims=True)
     return (share + share.T)[np.triu_indices(len(share), 1)]
+
+
+def page() -> str:
+    """The page of the documentation, with all numbers computed."""
+    tables = recomputed(published())
+    albawi = tables.iloc[0]
+    exchanged = swaps(albawi_counts(), jung_counts())
+    best, printed = exchanged.iloc[0], exchanged[exchanged["first"] == ""].iloc[0]
+    subjects = subjects_of_jung()
+    subjects = subjects.loc[subjects.mean(axis=1).sort_values(ascending=False).index]
+    ranks, p = statistics.friedman(subjects)
+    off = tables[(tables["agrees"] == "no") & tables["source"].str.startswith("Hughes")]
+    frame = pd.DataFrame(
+        {
+            "table": tables["source"],
+            "unit": tables["unit"],
+            "claimed %": tables["claimed"].map("{:g}".format),
+            "correct": [
+                "not printed" if np.isnan(r.of) else f"{r.right:.0f} of {r.of:.0f}" for r in tables.itertuples()
+            ],
+            "pooled accuracy %": [number(v, 2) for v in tables["pooled"]],
+            "macro recall %": [number(v, 2) for v in tables["macro_recall"]],
+            "macro precision %": [number(v, 2) for v in tables["macro_precision"]],
+            "claim is the pooled accuracy": tables["agrees"],
+        }
+    )
+    parts = [
+        "# Published numbers, recomputed",
+        "Papers print confusion tables and accuracies. This page computes the accuracies again from the tables. "
+        "`python studies/published_tables.py` makes it; the tables are in `studies/published`.",
+        "## Confusion tables",
+        f"The {albawi.claimed:g} % of Albawi et al. 2018 is a macro precision ({albawi.macro_precision:.2f} %): the "
+        "mean over classes of the share of correct predictions of a class. Of all windows, "
+        f"{albawi.right:.0f} of {albawi.of:.0f} are correctly classified, which is a pooled accuracy of "
+        f"{albawi.pooled:.2f} %.",
+        f"In the same table, the labels {best['first']} and {best.second} are exchanged. The correlation of its "
+        f"confusions with Jung et al. 2017, Table 8, is {printed.correlation:.2f} as printed. With these two labels "
+        f"exchanged, it is {best.correlation:.2f}, the highest of all {len(exchanged) - 1} exchanges of two labels. "
+        "The codes of CoST are 11 squeeze and 12 stroke.",
+        *(
+            f"{r.source} gives {r.right:.0f} of {r.of:.0f} {r.unit}, {r.pooled:.1f} %; Table I of the same paper gives "
+            f"{r.claimed:g} %."
+            for r in off.itertuples()
+        ),
+        "The totals for Hughes et al. 2017, Tables VI and VII, are the smallest that give the printed percentages. The "
+        "windows per class in Table V are unknown, so only its macro recall can be computed.",
+        frame,
+        "## Classifiers, by subject",
+        f"Jung et al. 2017 print the accuracy of each of {subjects.shape[1]} subjects (Table 7). Friedman's test over "
+        f"their {len(subjects)} classifiers gives p = {p:.1g}. Mean ranks: "
+        + ", ".join(f"{name} {rank:.2f}" for name, rank in ranks.items())
+        + ".",
+        "Each classifier against the most accurate one, paired over subjects, as in "
+        "[the report](report.md#statistics):",
+        shown_statistics(statistics.against_best(subjects)),
+    ]
+    return "\n\n".join(
+        _markdown(part) if isinstance(part, pd.DataFrame) else textwrap.fill(part, WIDTH, break_on_hyphens=False)
+        for part in parts
+    )
+
+
+def _markdown(frame: pd.DataFrame) -> str:
+    """A table of text."""
+    rows = [[*frame], ["---"] * frame.shape[1], *frame.to_numpy().tolist()]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+if __name__ == "__main__":
+    print(page())
