@@ -17,10 +17,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bench.measures import Measure, known, text
 from bench.outcomes import statistics
+from bench.table import Table, rows_of
 from reports.comparison import published
-from reports.numbers import number
-from reports.paired_statistics import shown_statistics
+from reports.paired_statistics import statistics_table
 from reports.papers import NAMES
 
 # Test captures of the 2015 challenge by class: HAART's from the release, CoST's 119 squeezes and 120 of all others.
@@ -176,6 +177,18 @@ def _confusions(counts: np.ndarray) -> np.ndarray:
     return (share + share.T)[np.triu_indices(len(share), 1)]
 
 
+COLUMNS = (  # of `recomputed`
+    text("source", "table"),
+    text("unit"),
+    Measure("claimed", "claimed %", form="g"),
+    text("right", "correct", lambda r: f"{r['right']:.0f} of {r['of']:.0f}" if known(r["of"]) else "not printed"),
+    Measure("pooled", "pooled accuracy %", form=".2f"),
+    Measure("macro_recall", "macro recall %", form=".2f"),
+    Measure("macro_precision", "macro precision %", form=".2f"),
+    text("agrees", "claim is the pooled accuracy"),
+)
+
+
 def page() -> str:
     """The page of the documentation, with all numbers computed."""
     tables = recomputed(published())
@@ -186,20 +199,6 @@ def page() -> str:
     subjects = subjects.loc[subjects.mean(axis=1).sort_values(ascending=False).index]
     ranks, p = statistics.friedman(subjects)
     off = tables[(tables["agrees"] == "no") & tables["source"].str.startswith("Hughes")]
-    frame = pd.DataFrame(
-        {
-            "table": tables["source"],
-            "unit": tables["unit"],
-            "claimed %": tables["claimed"].map("{:g}".format),
-            "correct": [
-                "not printed" if np.isnan(r.of) else f"{r.right:.0f} of {r.of:.0f}" for r in tables.itertuples()
-            ],
-            "pooled accuracy %": [number(v, 2) for v in tables["pooled"]],
-            "macro recall %": [number(v, 2) for v in tables["macro_recall"]],
-            "macro precision %": [number(v, 2) for v in tables["macro_precision"]],
-            "claim is the pooled accuracy": tables["agrees"],
-        }
-    )
     parts = [
         "# Published numbers, recomputed",
         "Papers print confusion tables and accuracies. This page computes the accuracies again from the tables. "
@@ -220,7 +219,7 @@ def page() -> str:
         ),
         "The totals for Hughes et al. 2017, Tables VI and VII, are the smallest that give the printed percentages. The "
         "windows per class in Table V are unknown, so only its macro recall can be computed.",
-        frame,
+        Table(COLUMNS, rows_of(tables)),
         "## Classifiers, by subject",
         f"Jung et al. 2017 print the accuracy of each of {subjects.shape[1]} subjects (Table 7). Friedman's test over "
         f"their {len(subjects)} classifiers gives p = {p:.1g}. Mean ranks: "
@@ -228,17 +227,17 @@ def page() -> str:
         + ".",
         "Each classifier against the most accurate one, paired over subjects, as in "
         "[the report](report.md#statistics):",
-        shown_statistics(statistics.against_best(subjects)),
+        statistics_table(statistics.against_best(subjects)),
     ]
     return "\n\n".join(
-        _markdown(part) if isinstance(part, pd.DataFrame) else textwrap.fill(part, WIDTH, break_on_hyphens=False)
+        _markdown(part) if isinstance(part, Table) else textwrap.fill(part, WIDTH, break_on_hyphens=False)
         for part in parts
     )
 
 
-def _markdown(frame: pd.DataFrame) -> str:
-    """A table of text."""
-    rows = [[*frame], ["---"] * frame.shape[1], *frame.to_numpy().tolist()]
+def _markdown(table: Table) -> str:
+    """A table in Markdown."""
+    rows = [table.headings, ["---"] * len(table.headings), *([*row.values()] for row in table.texts)]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 

@@ -1,7 +1,5 @@
 """What tests share: folders of their own, one prepared store for all, folds without processes, small ragged corpora."""
 
-import contextlib
-import io
 import os
 import shutil
 import subprocess
@@ -35,7 +33,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
 def pytest_addoption(parser):
-    parser.addoption("--golden", action="store_true", help="write what commands print into tests/commands/golden")
+    parser.addoption("--golden", action="store_true", help="write tests/net/golden anew: what users see")
 
 
 @pytest.fixture(autouse=True)
@@ -145,40 +143,6 @@ def predictions(store, run):
 
 
 SMALL = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]
-SIX = {  # commands of the runs of `six_runs`
-    "run": [["run", *SMALL, "model=tree,bayes", "features=jung28"], ["run", *SMALL, "model=lda", "features=touch"]],
-    "stress": [["stress", *SMALL, "model=tree", "features=jung28", "faults=noise"]],
-    "stream": [["stream", *SMALL, "model=tree", "features=jung28", "hop_ms=900"]],
-    "tune": [["tune", *SMALL, "model=tree", "features=jung54", "model.level=1,9", "inner=2"]],
-}
-
-
-def done(arguments):
-    """Exit code and output of a command; its errors where there is one."""
-    from bench.cli import main
-
-    out, errors = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
-        code = main([*arguments])
-    return code, out.getvalue() + errors.getvalue() * (code > 1)
-
-
-@pytest.fixture(scope="session")
-def six_runs(tmp_path_factory, empty_store):
-    """A folder whose store has six small runs, and what their commands printed, by command."""
-    folder, printed = tmp_path_factory.mktemp("six"), {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TOUCHBENCH_HOME", str(folder / "home"))
-        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
-        patch.chdir(folder)
-        patch.setattr("bench.outcomes.store.create", lambda path: shutil.copy(empty_store, path))
-        patch.setattr("bench.work.loop.Processes", InProcess)
-        patch.setattr("bench.commands.printing.WIDTH", 250)
-        for name, commands in SIX.items():
-            results = [done(command) for command in commands]
-            assert not any(code for code, _ in results), results
-            printed[name] = "".join(text for _, text in results)
-    return folder, printed
 
 
 @pytest.fixture(scope="session")
@@ -192,6 +156,15 @@ def net_store(tmp_path_factory, empty_store):
             build(folder, RUNS, empty_store)
             (folder / "done").touch()
     return folder
+
+
+@pytest.fixture
+def in_net(net_store, tmp_path):
+    """A copy of the same, in which the test works."""
+    from tests.net.build import copy, inside
+
+    with inside(copy(net_store, tmp_path / "net")):
+        yield tmp_path / "net"
 
 
 @pytest.fixture

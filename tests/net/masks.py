@@ -38,6 +38,7 @@ SAME = {  # what depends on time, place, memory and identity
     r"[━─]+[┳╇┷┴┓┩┘━─]*": "─",
     r" {2,}(?=[│┃])|(?<=[│┃]) {2,}": " ",
 }
+ROWS = 12  # of a table of the API
 BLOCKS = {"p", "h1", "h2", "h3", "li", "tr", "div", "figcaption", "summary", "caption", "title", "noscript", "table"}
 
 
@@ -99,9 +100,9 @@ def _nine(cell: str) -> str:
 
 
 def table_of(table: pd.DataFrame, folders: tuple[Path, ...] = ()) -> str:
-    """A table as its columns with their types, and its rows."""
+    """A table as its columns with their types, its number of rows, and the first of them."""
     types = ", ".join(f"{name}: {kind}" for name, kind in table.dtypes.items())
-    return f"{types}\n{csv_of(table.to_csv(index=False), folders)}"
+    return f"{len(table)} rows; {types}\n{csv_of(table[:ROWS].to_csv(index=False), folders)}"
 
 
 def repr_of(text: str, folders: tuple[Path, ...] = ()) -> str:

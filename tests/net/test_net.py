@@ -11,7 +11,7 @@ import pytest
 import bench
 from tests.export.compiled import lacking
 from tests.net import masks
-from tests.net.build import CHIP, RUNS, build, copy, inside, step
+from tests.net.build import CHIP, RUNS, build, step
 from tests.net.commands import BUILT, FILES, LINES, ON, SCENES, STEPS, WRONG
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -20,15 +20,13 @@ FORMS = {".csv": masks.csv_of, ".html": masks.page_of}
 
 
 @pytest.fixture
-def work(net_store, tmp_path):
-    """A copy of the store, and the user in it."""
-    copy(net_store, tmp_path / "net")
+def work(in_net):
+    """A copy of the store, with scenes and captures of one person."""
     for name, text in SCENES.items() | {(f"{name}.toml", text) for name, text in LINES.items()}:
-        (tmp_path / "net" / name).write_text(text)
-    table = pd.read_csv(tmp_path / "net/three.csv")
-    table[table["subject"] == 1].to_csv(tmp_path / "net/one.csv", index=False)
-    with inside(tmp_path / "net"):
-        yield tmp_path / "net"
+        (in_net / name).write_text(text)
+    table = pd.read_csv("three.csv")
+    table[table["subject"] == 1].to_csv("one.csv", index=False)
+    return in_net
 
 
 @pytest.fixture
