@@ -141,6 +141,7 @@ def assemble(
         "speed": [
             save(figure, folder, f"{files[answer.title]}-speed", answer.title, caption)
             for answer in candidates
+            if len(answer.among.table) > 1
             for points in [marks(answer, models, known)]
             for left in [len(answer.among.table) - len(points)]
             for figure, caption in [speed_chart(answer.title, points, answer.costs, answer.budgets, left)]
