@@ -15,8 +15,8 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 import bench
-from bench.leaderboard.tasks import HAART
 from bench.comparable import BATCH, MARKED
+from bench.leaderboard.tasks import HAART
 from features.jung28 import Jung28
 from tests.conftest import predictions, runs
 from tests.reports.store import tracked_run, with_hits
@@ -134,7 +134,7 @@ def test_a_run_is_compared_with_a_reference_result(store):
     hits_of(store, "mine", [18] * 10, **tags)
     found = bench.compare("mine", "reflex (reference)")
     results = bench.results("reference")
-    reference = results["haart-loso-v1/reflex"]
+    reference = results.tables["haart-loso-v1/reflex"]
     own = (reference["true"] == reference["predicted"]).groupby(reference["subject"]).mean().mean()
     assert found.difference == pytest.approx(90 - 100 * own)
     assert "haart-loso-v1" in repr(results) and "reflex" in results._repr_html_()
@@ -160,13 +160,12 @@ def test_objects_give_what_their_names_give():
 def test_stress_stream_fit_and_tune():
     bayes = {"model": "bayes", "features": "jung28"} | TINY
     found = bench.stress(faults=["noise", "shift"], **bayes)
-    assert set(found["faults"]["fault"]) == {"noise", "shift"} and "loss.noise" in found.table
-    assert set(found["labels"]["fault"]) == {"none", "noise", "shift"}
-    assert "'faults'" in repr(found) and "<table" in found._repr_html_()
-    with pytest.raises(KeyError, match="did you mean faults"):
-        found["fault"]
+    assert set(found.tables["faults"]["fault"]) == {"noise", "shift"} and "loss.noise" in found.full
+    assert set(found.tables["stress"]["fault"]) == {"none", "noise", "shift"}
+    assert {*found.tables["faults"]["system"]} == {*found["system"]} == {found.runs[0].method}
     replayed = bench.stream(hop_ms=600, **bayes)
-    assert replayed["instants"]["accuracy"].iloc[-1] == pytest.approx(replayed.table["accuracy"][0] / 100)
+    assert replayed.tables["instants"]["accuracy"].iloc[-1] == pytest.approx(replayed["accuracy"][0] / 100)
+    assert replayed.full["adaptive_accuracy"][0] == 100 * replayed.runs[0]["adaptive_accuracy"]
     fitted = bench.fit(stopping=False, **{key: value for key, value in bayes.items() if key != "jobs"})
     captures = bench.corpus("synth", subjects=1, variants=("normal",), seed=5)
     assert len(fitted.recogniser.label(captures)) == 14 and fitted.uri in repr(fitted)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from bench.commands.printing import HEADINGS
 from bench.options import COMMANDS, OPTIONS, help_of, overview
 
 ROOT = Path(__file__).parent.parent
@@ -19,7 +18,7 @@ ALLOWED = re.compile(  # MLflow's tags and addresses, cells of CSV files, names 
     r"touchbench\.cell|#/experiments/|(correct|fill) the cell|within a cell|instants\.csv|bench\.api\.plans"
     r"|told apart|optional[ -]methods|attributes and methods|the method and the precision"
 )
-REPLACED = {*HEADINGS, "single slices", "single slices under faults"}  # stored names that are printed as others
+REPLACED = {"single slices", "single slices under faults"}  # stored names that are printed as others
 TERMS = (
     "corpus capture subject gesture recording taxel protocol fold system feature_set window run store unit "
     "confidence_interval cost Pareto_front budget fault shot scene"

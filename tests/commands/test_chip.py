@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bench.cli import main
+from bench.commands.printing import runs_table
 from bench.export import measure as compiled
 from bench.export import network
 from bench.outcomes import scores
@@ -22,6 +23,7 @@ from bench.work.tracking import key_of
 from bench.work.watch import Watch
 from tests.conftest import predictions, runs
 from tests.export.compiled import lacking
+from tests.results import result
 
 SMALL = ["features=jung28", "data.subjects=3", "data.repetitions=1", "data.variants=normal"]
 COSTS = {"flash_bytes": 9e3, "code_bytes": 2e3, "table_bytes": 5e3, "ram_bytes": 3e3, "program_ram_bytes": 11e3}
@@ -52,7 +54,8 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, capsys)
     assert main(["run", "model=bayes", *SMALL]) == 0
     out = capsys.readouterr().out
     assert "in Python" in out and "60,000" in out and "9.0" in out
-    row = OnChip(8).row(COSTS)
+    one = result(kind="chip", metrics=COSTS | {"accuracy": 0.5, "python_accuracy": 0.5}, **{"chip.bits": 8})
+    (row,) = runs_table([one], OnChip).texts
     assert [row[name] for name in ("library RAM kB", "program RAM kB", "stack B")] == ["3.0", "11.0", "400"]
     (store, (run,)), (_, (plain,)) = runs("chip"), runs("cell")
     python, table = scores.captures(predictions(store, plain)), predictions(store, run)

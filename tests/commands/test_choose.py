@@ -14,9 +14,9 @@ from bench.arguments import parse
 from bench.cli import main
 from bench.commands.choose import chosen
 from bench.commands.smallest import smallest
+from bench.comparable import MARKED
 from bench.errors import InputError
 from bench.options import SMALL
-from bench.comparable import MARKED
 from bench.plan.cells import cells
 from tests.reports.store import made_up, stressed, tracked_run, watched
 

@@ -25,19 +25,13 @@ from reports.leaderboard import reference, scores_of
 from tests.conftest import random_corpus, runs
 from tests.reports.store import tracked_run
 from tests.reports.submitted import ABOUT, CHALLENGE, folder_of
+from tests.results import result
 
 ROOT = Path(__file__).parent.parent.parent
 SYNTH = "synth-loso-v1"
-RUN = {  # as a run of svm on the first task is tracked
-    **{"run_id": "1a2b", "system": "svm · jung54", "seed": "none", "started": 1.7e12, "status": "FINISHED"},
-    **{"data": "haart", "corpus_digest": HAART, "subset": "all", "target": "gesture", "protocol": "loso"},
-    **{
-        "git": "0123456789ab",
-        "parameters": 1000.0,
-        "flash_bytes": np.nan,
-        "version.numpy": "2.1",
-        "version.dask": None,
-    },
+RUN = {  # tags of a run of svm on the first task
+    **{"run_id": "1a2b", "system": "svm · jung54", "seed": "none", "started": 1.7e12},
+    **{"data": "haart", "synthetic": "false", "corpus_digest": HAART, "git": "0123456789ab", "version.numpy": "2.1"},
 }
 
 WATCHED = {"watch.false_alarms": "5.0", "watch.background": "", "watch.unknown": ""}
@@ -172,14 +166,14 @@ def test_a_row_keeps_its_digits_where_rounding_would_change_its_label():
     ],
 )
 def test_a_run_answers_a_task_or_differs_in_a_value(name, tags, flaw):
-    assert answers.differs(TASKS[name], RUN | tags) == flaw
+    assert answers.differs(TASKS[name], result(**RUN | tags)) == flaw
 
 
-def test_the_rows_of_each_kind_of_run(monkeypatch, tmp_path):
+def test_the_rows_of_each_kind_of_run():
     def table(name, stored):
-        monkeypatch.setattr(answers, "needed", lambda *_: tmp_path / "stored.parquet")
-        stored.to_parquet(tmp_path / "stored.parquet")
-        return answers.table(None, TASKS[name], RUN)
+        task = TASKS[name]
+        tables = {"stress" if task.kind == "stress" else "predictions": stored}
+        return answers.table(task, result(kind=task.kind, tables=tables, **RUN))
 
     stored = haart_predictions()
     mean = stored.groupby("capture").mean(numeric_only=True).filter(like="p_")
@@ -216,10 +210,13 @@ def test_the_metadata_of_a_run():
     """The place of a file of one's own stays private, its content is named."""
     command = "bench run data=haart protocol=loso model='/secret place/mine.py:Taxels'"
     tags = {"model_file": "f" * 64, "touchbench.depends_on_batch": "true", "touchbench.conditions": "substrate,cover"}
-    texts = answers.metadata(TASKS["haart-loso-v1"], RUN | tags, "me", command)
+    run = result(metrics={"parameters": 1000.0, "flash_bytes": np.nan}, **RUN | tags)
+    texts = answers.metadata(TASKS["haart-loso-v1"], run, "me", command)
     assert texts["command"] == "bench run data=haart protocol=loso model=mine.py:Taxels"
     assert "f" * 64 in texts["note"] and "secret" not in json.dumps(texts)
-    assert (texts["date"], texts["digest"], texts["versions"]) == ("2023-11-14", HAART, {"numpy": "2.1"})
+    assert (texts["date"], texts["digest"]) == ("2023-11-14", HAART)
+    assert texts["versions"] == {"numpy": "2.1", "python": "3"}
+    assert texts["parameters"] == 1000 and "flash_bytes" not in texts
     assert (texts["batch"], texts["conditions"]) == ("yes", "substrate,cover")
 
 
@@ -256,13 +253,13 @@ def test_a_run_is_submitted(store, capsys):
 
 def test_reference_results_have_their_accuracies():
     results = bench.results("reference")
-    table = results.table.set_index(["task", "system"])
+    table = results.set_index(["task", "system"])
     accuracy = table["accuracy"].xs("haart-loso-v1")
     assert (
         accuracy["svm · jung54"].round(1) == 67.8 and accuracy["xgb · jung54"].round(1) == 74.4
     )  # notes/two_corpora.md
     assert len(accuracy) >= 8 and table["accuracy"].between(14.3, 100).all()
-    one = results["haart-loso-v1/svm-jung54"]
+    one = results.tables["haart-loso-v1/svm-jung54"]
     assert 100 * (one["true"] == one["predicted"]).mean() == pytest.approx(accuracy["svm · jung54"])
     assert one.filter(like="p_").sum(axis=1).to_numpy() == pytest.approx(1, abs=0.02)
     for wrong in ({"of": "refrence"}, {"of": "reference", "model": "svm"}):

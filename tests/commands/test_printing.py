@@ -7,26 +7,40 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from bench import measures
 from bench.arguments import parse, quoted
 from bench.cli import main
 from bench.commands import printing
 from bench.commands.run import evaluated_values
-from bench.options import keys
 from bench.comparable import BATCH, MARKED
+from bench.measures import Measure
+from bench.options import keys
+from bench.table import Table
+from bench.work.evaluation import Evaluation
 from tests.conftest import SMALL, predictions, runs
 
 
-def drawn(rows, width, **options):
-    text = io.StringIO()
-    printing.grid(Console(file=text, width=width, force_terminal=False), "A title", rows, **options)
-    return text.getvalue()
+def drawn(columns, rows, width):
+    lines = io.StringIO()
+    Table(columns, rows, "A title").print(Console(file=lines, width=width, force_terminal=False))
+    return lines.getvalue()
 
 
 def test_a_name_that_is_markup_or_long_is_printed_in_full():
     name = "svm[C=8.0,kernel=[bold]rbf] " + "x" * 60
-    text = drawn([{"system": name, "n": "1"}], 50, left=("system",))
+    text = drawn([measures.text("system"), Measure("n", form="d")], [{"system": name, "n": 1}], 50)
     inner = "".join(line.split("│")[1].strip() for line in text.splitlines() if line.startswith("│"))
     assert inner.replace(" ", "") == name.replace(" ", "")
+
+
+def test_columns_without_room_are_left_out_the_least_important_first():
+    spare = [Measure(name, form="d", spare=i) for i, name in enumerate(("needed", "first", "second", "empty"))]
+    row = {"needed": 12345678, "first": 12345678, "second": 12345678}
+    for width, dropped in ((40, ""), (30, "second"), (20, "second, first")):
+        text = drawn(spare, [row], width)
+        grid, _, left_out = text.partition("columns left out:")
+        assert left_out.partition(";")[0].strip() == dropped and "empty" not in text, width
+        assert all((name in grid) != (name in dropped) for name in row), width
 
 
 def next_commands(text):
@@ -83,11 +97,11 @@ def test_run_marks_the_best_and_warns_of_one_label_and_what_it_prints_next_can_b
 
 def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys):
     values = parse([*SMALL, "model=bayes,lda,tree", "features=jung28"], keys("run"))
-    outcomes = evaluated_values(values)
-    top = max(outcomes, key=lambda outcome: outcome.metrics["accuracy"])
-    top.tags[BATCH] = "true"
-    assert printing.show(outcomes) == 0
-    text, name = capsys.readouterr().out, top.plan.cell.system()
+    results = evaluated_values(values)
+    top = max(results, key=lambda r: r["accuracy"])
+    top.about[BATCH] = "true"
+    assert printing.show(results, Evaluation) == 0
+    text, name = capsys.readouterr().out, top["system"]
     assert f"│ {name} † " in text and f"{name} † (best)" not in text and "(best)" in text
     assert MARKED in text.splitlines()
 

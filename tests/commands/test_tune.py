@@ -11,6 +11,7 @@ from bench.cli import main
 from bench.commands import tune
 from bench.commands.systems import command
 from bench.corpora.library import open_corpus
+from bench.options import keys
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from features.jung28 import Jung28
@@ -56,7 +57,7 @@ def test_declared_ranges_are_searched_single_values_kept_and_each_seed_is_a_run(
 def test_values_are_judged_together(monkeypatch, line):
     """A hop that is too long for the default window is none for the listed ones."""
     monkeypatch.setattr(tune, "evaluated", lambda tuned, backend: planned(tuned, backend.jobs))
-    assert len(tune.searched(parse([*line.split(), *SMALL], tune.KEYS))) == 1
+    assert len(tune.searched(parse([*line.split(), *SMALL], keys("tune")))) == 1
 
 
 @pytest.mark.parametrize(

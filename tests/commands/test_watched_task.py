@@ -14,6 +14,7 @@ from bench.leaderboard.submissions import EVENT
 from bench.leaderboard.tasks import TASKS
 from reports.leaderboard import reference_of, scores_of
 from tests.reports.submitted import folder_of
+from tests.results import result
 
 NAME = "haart-watch-v1"
 TASK = TASKS[NAME]
@@ -116,19 +117,17 @@ def test_wrong_tables_are_refused(tiny, monkeypatch):
         submission()
 
 
-def test_a_run_is_answered_by_its_events(tiny, monkeypatch, tmp_path):
+def test_a_run_is_answered_by_its_events(tiny):
     """Its recordings must be those of the task."""
     stored = TRUTH.assign(kind=np.where(TRUTH["gesture"] == "", "recording", "touch"))
     stored = stored.astype({"start": float, "end": float}).replace({"start": {0: np.nan}, "gesture": {"": None}})
     stored = pd.concat([stored, EVENTS.assign(kind="report"), pd.DataFrame({"kind": ["curve"], "subject": "a"})])
-    monkeypatch.setattr(answers, "needed", lambda *_: tmp_path / "stored.parquet")
-    stored.to_parquet(tmp_path / "stored.parquet")
-    events = answers.table(None, TASK, {"run_id": "1a2b"})
+    events = answers.table(TASK, result(kind="watch", tables={"predictions": stored}))
     one = submissions.write(Path("written"), submission().metadata, events)
     assert one.answers.equals(submission("again").answers) and len(one.answers) == 5
-    stored.replace({"end": {1350.0: 1351.0}}).to_parquet(tmp_path / "stored.parquet")
+    longer = {"predictions": stored.replace({"end": {1350.0: 1351.0}})}
     with pytest.raises(InputError, match="1a2b has other recordings than haart-watch-v1"):
-        answers.table(None, TASK, {"run_id": "1a2b"})
+        answers.table(TASK, result(kind="watch", tables=longer, run_id="1a2b"))
 
 
 def test_a_rerun_must_report_the_same_events(tiny, monkeypatch, capsys):
@@ -144,7 +143,7 @@ def test_a_rerun_must_report_the_same_events(tiny, monkeypatch, capsys):
     ):
         again = dataclasses.replace(submission(f"again{number}", events), name="mine")
         monkeypatch.setattr(rerun, "answer", lambda *_, again=again: again)
-        monkeypatch.setattr("bench.commands.leaderboard.connect", lambda: None)
+        monkeypatch.setattr("bench.commands.leaderboard.stored", lambda *_: [])
         assert main(["leaderboard", "rerun=mine", "all"]) == code
         assert line in capsys.readouterr().out and Path(marks.FILE).exists()
 

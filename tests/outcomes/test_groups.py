@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bench
+from bench.cli import main
 from bench.errors import InputError
 from bench.outcomes.groups import enough, groupings, reactions
 from bench.outcomes.reactions import by_capture
 from bench.scene_file import scene_of
 from reports.dendrogram import _order
-from tests.conftest import done
 from tests.reports.store import made_up, tracked_run, with_hits
 
 
@@ -105,12 +105,13 @@ def test_groups_lie_side_by_side_in_the_figure():
         assert at == list(range(at[0], at[0] + len(group)))
 
 
-def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, tmp_path):
+def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, tmp_path, capsys):
     tracked_run(store, "lda", with_hits([12, 13, 14]))
     for seed, hits in enumerate(([16, 17, 18], [18, 17, 16])):
         tracked_run(store, "rf", with_hits(hits), seed=str(seed))
-    code, text = done(["scene", "data=synth"])
-    assert code == 0 and "LOSO (3 subjects); rf" in text
+    assert main(["scene", "data=synth"]) == 0
+    text = capsys.readouterr().out
+    assert "LOSO (3 subjects); rf" in text
     assert {p.name for p in (tmp_path / "scene").iterdir()} == {"groups.csv", "groups.png", "groups.svg"}
     found = bench.scene(data="synth")
     assert found["accuracy"][0] == pytest.approx(85) and found["low"][0] == pytest.approx(85)
@@ -120,9 +121,10 @@ def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, tmp_path)
     assert tomllib.loads(shown) == {"_".join(g): list(g) for g in merged if len(g) > 1}
 
 
-def test_what_is_not_stored_is_refused_in_one_line(store):
+def test_what_is_not_stored_is_refused_in_one_line(store, capsys):
     for arguments in ((), ("model.window=1",), ("by=ram",)):
-        code, text = done(["scene", *arguments])
-        assert code == 2 and text.startswith("bench: ") and text.count("\n") == 1
+        assert main(["scene", *arguments]) == 2
+        text = capsys.readouterr().err
+        assert text.startswith("bench: ") and text.count("\n") == 1
     with pytest.raises(InputError, match="only one subject"):
         groupings(table(["ab"]))
