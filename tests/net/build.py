@@ -104,15 +104,14 @@ RUNS = {  # commands that fill the store, by the name of what they print
         ["run", *PEOPLE, "model=lda", "features=touch", "model.window=0.5"],
         ["run", *PEOPLE, "model=rf", "model.trees=5", "features=jung28", "seed=0,1"],
         ["run", *PEOPLE, f"model={MINE}"],
-        ["run", *PEOPLE, "model=bayes", "features=jung28", "where=variant == 'rough'"],
-        ["run", *THREE, "model=bayes", "features=jung28", "target=gesture+variant"],
+        ["run", *PEOPLE, "model=bayes", "features=jung28", "where=variant == 'rough'", "target=gesture+variant"],
         ["run", *THREE, "model=bayes", "features=jung28", "protocol=kfold", "protocol.folds=2"],
         ["run", *THREE, "model=tree,bayes", "features=jung28"],
         ["run", *SYNTH, "model=tree", "features=jung28"],
     ],
     "personal": [
-        ["run", *PEOPLE, "model=lda", "features=jung28", "protocol=personal", "protocol.shots=0,1", "protocol.draws=2"],
-        ["run", *PEOPLE, "model=bayes", "features=jung28", "protocol=personal", "protocol.shots=1", "protocol.draws=2"],
+        ["run", *PEOPLE, "model=lda", "features=jung28", "protocol=personal", "protocol.shots=0,1", "protocol.draws=1"],
+        ["run", *PEOPLE, "model=bayes", "features=jung28", "protocol=personal", "protocol.shots=1", "protocol.draws=1"],
         ["run", *PEOPLE, "model=lda", "features=jung28", "protocol=transfer", "protocol.source=three"],
     ],
     "tune": [["tune", *PEOPLE, "model=tree", "features=jung28", "model.level=1,9", "inner=2"]],
@@ -122,7 +121,7 @@ RUNS = {  # commands that fill the store, by the name of what they print
         ["stress", *SYNTH, "model=rf", "model.trees=5", "features=jung28", "seed=0,1", "faults=noise", "out=seeds"],
     ],
     "stream": [
-        ["stream", *THREE, "model=tree,bayes", "features=jung28", "hop_ms=600"],
+        ["stream", *THREE, "model=tree,bayes", "features=jung28", "hop_ms=1200"],
         ["stream", *THREE, "model=tree", "features=jung28", "start=middle", "out=middle"],
     ],
     "watch": [

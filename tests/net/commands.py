@@ -51,7 +51,7 @@ STEPS = {  # each list in a copy of the store
         ["choose", *NEW, "shots=1"],
         ["choose", *NEW, "protocol.shots=0"],
         ["choose", "data=people", "protocol=transfer"],
-        ["choose", "data=three", "protocol=loso", "target=gesture+variant"],
+        ["choose", "target=gesture+variant"],
         ["choose", "data=synth"],
         ["choose", *ON, "model=svm"],
     ],

@@ -1,12 +1,13 @@
 """Compare all that two MLflow stores hold: ``python -m tests.net.stores BEFORE AFTER`` prints every difference.
 
 BEFORE and AFTER are folders with ``mlflow.db``, or tracking URIs. Runs are paired by what they are runs of, folds by
-name, tables by name without suffix. Numbers must be equal to the last digit. Times, memory, versions, machine, ids and
-keys are left out, as are pictures. Exit code 1 if anything differs or is on one side alone.
+name, tables by name without suffix. Numbers must be equal to the last digit, PNG files to the last byte. Times, memory,
+versions, machine, ids and keys are left out. Exit code 1 if anything differs or is on one side alone.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlparse
 
+import numpy as np
 import pandas as pd
 
 SAME_RUN = ("touchbench.kind", "system", "data", "protocol_label", "subset", "target", "seed")  # tags
@@ -27,7 +29,7 @@ NOT_OPTIONS = ("data", "features", "model", "protocol", "tuning", "version")  # 
 APART = re.compile(  # numbers, parameters, tags and columns that differ from run to run
     r"(fit|fit_cpu|adapt|search|refit|fault|fault_cpu)_seconds|(predict|decide)_ms_p\d+|predict_ms|decide_ms|seconds"
     r"|(capture_)?decision_ms|decisions_per_second|reference_ms|predict_relative|peak_rss_bytes"
-    r"|version\..*|git|cpu|simd|threads|touchbench\.cell|mlflow\.(parentRunId|user|source\..*|log-model.*)"
+    r"|version\..*|chip\.toolchain|git|cpu|simd|threads|touchbench\.cell|mlflow\.(parentRunId|user|source\..*|log-model.*)"
 )
 TABLES, TEXTS = (".csv", ".parquet"), (".json", ".md", ".txt", ".tex")
 
@@ -194,6 +196,12 @@ def _compare_runs(found: Found, where: str, before: tuple[Side, Any], after: tup
             elif paths[0].suffix in TEXTS:
                 texts = [_text(side, path) for side, path in ((one, paths[0]), (other, paths[1]))]
                 found.equal("texts", f"{where}: {name}", *texts)
+            elif paths[0].suffix == ".png":
+                found.equal("pictures", f"{where}: {name}", *(_digest(path) for path in paths))
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
 
 
 def _inputs(run: Any) -> list[tuple[str, ...]]:
@@ -245,11 +253,13 @@ def _read(path: Path) -> pd.DataFrame:
 
 
 def _kind(column: pd.Series, path: Path) -> str | None:
-    """Text, number or truth; None if a file does not tell."""
+    """Text, number, number of 32 bits or truth; None if a file does not tell."""
     if path.suffix == ".csv":
         return None
     if pd.api.types.is_bool_dtype(column):
         return "truth"
+    if column.dtype == np.float32:
+        return "short number"
     return "number" if pd.api.types.is_numeric_dtype(column) else "text"
 
 
@@ -267,6 +277,8 @@ def _value(value: Any, kind: str) -> object:
         return None
     if kind == "number":
         return float(value)
+    if kind == "short number":
+        return float(np.float32(value))
     return str(value)
 
 

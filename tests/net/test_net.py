@@ -67,6 +67,9 @@ def test_commands_print_and_write_what_they_did(name, work, golden):
     text = "".join(map(step, STEPS[name]))
     golden(f"steps/{name}.txt", masks.lines_of(text, golden.folders))
     compare_files(golden, work, FILES.get(name, ()))
+    if name == "report":
+        names = sorted(str(path.relative_to(work / name)) for path in (work / name).rglob("*.*"))
+        golden("files/report.txt", "\n".join(names) + "\n")
 
 
 def test_mistakes_are_refused_in_the_same_words(work, golden):
@@ -86,11 +89,9 @@ def test_the_api_returns_what_it_returned(work, golden):
     people, jung = {"data": "people", "jobs": 1}, {"features": "jung28"}
     objects = {
         "run": bench.run(model=["tree", "bayes"], **jung, **people),
-        "tune": bench.tune(model="tree", model__level=[1, 9], inner=2, **jung, **people),
         "stress": bench.stress(model=["tree", "bayes"], faults=["noise", "dead_taxels"], **jung, **people),
         "stream": bench.stream(model="tree", start="middle", data="three", jobs=1, **jung),
         "watch": bench.watch(model=["tree", "bayes"], data="day", jobs=1, **jung),
-        "over": bench.choose(model="tree", over="level", model__level=[1, 3], inner=2, **jung, **people),
         "results": bench.results(data="people"),
         "results_full": bench.results(full=True),
         "choose": bench.choose(**on, max_flash="64kB"),
