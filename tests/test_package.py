@@ -20,7 +20,7 @@ import bench
 from pathlib import Path
 assert Path({place!r}) in Path(bench.__file__).parents, bench.__file__
 found = bench.results("reference")
-print(len(found.table), len(found.more))
+print(len(found), len(found.tables))
 """
 
 pytestmark = pytest.mark.live
