@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import os
 import shutil
 import subprocess
@@ -47,12 +48,17 @@ def own_folders(tmp_path, monkeypatch):
 
 
 @pytest.fixture(scope="session")
-def empty_store(tmp_path_factory):
+def shared(tmp_path_factory):
+    """The folder of all processes of tests."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+
+@pytest.fixture(scope="session")
+def empty_store(shared):
     """MLflow's tables, made once for all tests and processes of tests: it takes seconds."""
-    shared = tmp_path_factory.getbasetemp().parent if "PYTEST_XDIST_WORKER" in os.environ else None
-    folder = shared or tmp_path_factory.getbasetemp()
-    path = folder / "template.db"
-    with FileLock(folder / "template.lock"):
+    path = shared / "template.db"
+    with FileLock(shared / "template.lock"):
         if not path.exists():
             create(path)
     return path
@@ -71,6 +77,25 @@ def folds_here(request, monkeypatch):
     """Folds are done in this process, but for tests that are marked ``pool``: starting workers takes seconds."""
     if not request.node.get_closest_marker("pool"):
         monkeypatch.setattr("bench.work.loop.Processes", InProcess)
+
+
+@pytest.fixture(autouse=True)
+def brief_measurements(request, monkeypatch):
+    """A fold times and repeats few predictions, except in tests marked ``measured`` or ``pool``."""
+    if not any(map(request.node.get_closest_marker, ("measured", "pool"))):
+        shorten_measurements(monkeypatch)
+
+
+def shorten_measurements(patch):
+    """Time 3 captures instead of 20, and predict 4 alone instead of 32: most of the time of a small fold."""
+    for name in ("fold", "replay", "watch"):
+        patch.setattr(f"bench.work.{name}.TIMED_CAPTURES", 3)
+    patch.setattr("bench.work.fold.REFERENCES", 1)
+    patch.setattr("bench.work.fold.WARM_UP", 1)
+    for name in ("stress", "stream", "watch"):
+        patch.setattr(f"bench.work.{name}.SOME", 2)
+    patch.setattr("bench.work.evaluation.ALONE", 4)
+    patch.setattr("bench.work.fold.batch_effects.__defaults__", (None, 4))
 
 
 class InProcess:
@@ -164,9 +189,18 @@ def done(arguments):
 
 
 @pytest.fixture(scope="session")
-def six_runs(tmp_path_factory, empty_store):
-    """A folder whose store has six small runs, and what their commands printed, by command."""
-    folder, printed = tmp_path_factory.mktemp("six"), {}
+def six_runs(shared, empty_store):
+    """A folder whose store has six small runs, and what their commands printed, by command; tests use copies of it."""
+    folder, said = shared / "six", shared / "six.json"
+    with FileLock(shared / "six.lock"):
+        if not said.exists():
+            folder.mkdir()
+            said.write_text(json.dumps(_printed_by_six(folder, empty_store)))
+    return folder, json.loads(said.read_text())
+
+
+def _printed_by_six(folder, empty_store):
+    printed = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TOUCHBENCH_HOME", str(folder / "home"))
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
@@ -174,11 +208,12 @@ def six_runs(tmp_path_factory, empty_store):
         patch.setattr("bench.outcomes.store.create", lambda path: shutil.copy(empty_store, path))
         patch.setattr("bench.work.loop.Processes", InProcess)
         patch.setattr("bench.commands.printing.WIDTH", 250)
+        shorten_measurements(patch)
         for name, commands in SIX.items():
             results = [done(command) for command in commands]
             assert not any(code for code, _ in results), results
             printed[name] = "".join(text for _, text in results)
-    return folder, printed
+    return printed
 
 
 @pytest.fixture

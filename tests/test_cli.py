@@ -4,6 +4,7 @@ import json
 import os
 import re
 import resource
+import shutil
 import subprocess
 import sys
 from functools import partial
@@ -116,8 +117,8 @@ def test_output_that_is_closed_is_no_error(arguments):
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-def test_the_ui_opens_a_view_with_columns_that_runs_have(six_runs, monkeypatch, capsys):
-    monkeypatch.chdir(six_runs[0])
+def test_the_ui_opens_a_view_with_columns_that_runs_have(six_runs, tmp_path, monkeypatch, capsys):
+    shutil.copytree(six_runs[0], tmp_path, dirs_exist_ok=True)
     # Instead of MLflow's server one that answers once, and ends.
     code = (
         "from http.server import HTTPServer, SimpleHTTPRequestHandler; "
