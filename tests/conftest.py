@@ -35,6 +35,12 @@ settings.register_profile("nightly", parent=settings(), max_examples=1000, **pat
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
+def pytest_configure(config):
+    """numba compiles for half a minute; with the few kernels of these tests, Python is faster."""
+    if "not live" in config.option.markexpr and "not nightly" in config.option.markexpr:
+        os.environ.setdefault("NUMBA_DISABLE_JIT", "1")
+
+
 def pytest_addoption(parser):
     parser.addoption("--golden", action="store_true", help="write what commands print into tests/commands/golden")
 

@@ -56,7 +56,7 @@ def test_a_recogniser_of_ones_own_runs_from_its_file_with_its_sizes():
     assert level.data.metrics["ram_bytes"] == 4 * (64 * corpus.lengths.max() + 14)
     # it has no probabilities, and can be searched all the same
     assert main(["tune", "model=my.py:Level", "model.power=0.5,2", "inner=2", *small]) == 0
-    assert main(["fit", "model=my.py:Level", "out=saved", *small]) == 0
+    assert main(["fit", "model=my.py:Level", "out=saved", "stopping=no", *small]) == 0
     Path("my.py").unlink()  # the model has it inside
     code = "import mlflow, sys; print(mlflow.pyfunc.load_model('saved').unwrap_python_model().estimator)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

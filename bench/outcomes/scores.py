@@ -61,7 +61,7 @@ def per_class(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
 
 def confusion(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
     """Counts, rows are the true classes, columns the predicted ones."""
-    true, predicted = (pd.Index(classes).get_indexer(labelled[name]) for name in ("true", "predicted"))
+    true, predicted = (pd.Index(classes).get_indexer(pd.Index(labelled[name])) for name in ("true", "predicted"))
     counts = np.zeros((len(classes), len(classes)), dtype=np.int64)
     known = (true >= 0) & (predicted >= 0)
     np.add.at(counts, (true[known], predicted[known]), 1)
