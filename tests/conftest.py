@@ -41,6 +41,18 @@ def pytest_configure(config):
         os.environ.setdefault("NUMBA_DISABLE_JIT", "1")
 
 
+# Files that take longest begin first, so that none of them is alone at the end; the longest of all is first.
+LONG = (
+    "test_readme.py test_package.py test_server.py test_api.py test_report.py test_export.py test_same_wrong.py "
+    "test_cli.py test_watch.py test_on_a_cluster.py test_chip.py test_leaderboard.py test_golden.py test_systems.py"
+).split()
+
+
+def pytest_collection_modifyitems(items):
+    """Order the files; `--no-loadscope-reorder` leaves it so."""
+    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+
+
 def pytest_addoption(parser):
     parser.addoption("--golden", action="store_true", help="write what commands print into tests/commands/golden")
 
