@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, field
-from html import escape
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import pandas as pd
@@ -20,62 +19,72 @@ from bench.commands import stream as _stream
 from bench.commands import stress as _stress
 from bench.commands import tune as _tune
 from bench.commands import watch as _watch
-from bench.commands.printing import output, system_in_tables
 from bench.commands.smallest import smallest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
 from bench.options import keys
-from bench.outcomes.runs import selected, tracked, with_groups, without_runs
+from bench.outcomes.runs import frame_of, grouped, selected, stored, without_runs
 from bench.outcomes.store import connect
 from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import Plan, captures_of, planned
 from bench.progress import warn
+from bench.result import COUNTS, Result
 from bench.work.fit import Fitted
-from bench.work.loop import Outcome
 from reports.comparison import comparison, published
 from reports.latex import latex as latex
 from reports.leaderboard import OWN, reference, scores_of
 from reports.pair import Compared, compared
 
-NUMBERS = ("accuracy", "low", "high", "behind", "subject_sd", "macro_f1", "adaptive_accuracy", "adaptive_ms")
-COSTS = ("flash_bytes", "predict_ms_p50")
-WORDS = ("origin", "seed", "folds", "run_id", "subset", "target", "data", "protocol")
-SHOWN = ("task", "system", *NUMBERS, *COSTS, *WORDS)  # columns that matter
+SHOWN = (  # columns that matter, by name
+    "task system accuracy low high behind subject_sd macro_f1 adaptive_accuracy adaptive_ms flash_bytes predict_ms_p50 "
+    "origin seed folds run_id subset target data protocol"
+).split()
 RENAMED = {"accuracy_low": "low", "accuracy_high": "high", "subject_accuracy_sd": "subject_sd"}
 ON = ("data", "where", "target", "protocol")
 SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in percent
 
 
-@dataclass(frozen=True)
-class Found:
-    """The result of a command: prints as its table, holds more of them.
+class Joined(Mapping[str, pd.DataFrame]):
+    """The tables of some results by name, those of all results below each other; each is put together when asked for."""
 
-    Attributes:
-        table: one row per run.
-        more: further tables by name.
-    """
-
-    table: pd.DataFrame
-    more: dict[str, pd.DataFrame] = field(default_factory=dict)
+    def __init__(self, runs: Sequence[Result]) -> None:
+        self._runs = [*runs]
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        if name not in self.more:
-            raise KeyError(f"no table is called {name!r}; {nearest(name, self.more)}")
-        return self.more[name]
+        parts = [r.tables[name].assign(system=r.method) for r in self._runs if name in r.tables]
+        if not parts:
+            raise KeyError(f"no table is called {name!r}; {nearest(name, [*self])}")
+        return pd.concat(parts, ignore_index=True)
 
-    def __repr__(self) -> str:
-        text = _short(self.table).to_string(index=False, float_format="{:.1f}".format, line_width=output().width)
-        return "\n".join(filter(None, [text, self._rest()]))
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys(name for r in self._runs for name in r.tables))
 
-    def _repr_html_(self) -> str:
-        html = _short(self.table).to_html(index=False, float_format="{:.1f}".format)
-        return f"{html}<p>{escape(self._rest())}</p>"
+    def __len__(self) -> int:
+        return len([*self])
 
-    def _rest(self) -> str:
-        names = [repr(name) for name in self.more]
-        more = f"; more tables: {', '.join(names[:4])}{', ...' * (len(names) > 4)}" if names else ""
-        return f"all {len(self.table.columns)} columns: .table{more}"
+
+class Results(pd.DataFrame):
+    """A row for each run with the columns that matter; all that is known of the runs is one attribute away.
+
+    Attributes:
+        runs: the `bench.result.Result` behind each row, with its ``tables``.
+        tables: tables of all runs below each other by name, each with the column ``system`` (with the seed, where that
+            is not the usual one).
+    """
+
+    _metadata = ["runs", "tables"]
+    runs: list[Result]
+    tables: Mapping[str, pd.DataFrame]
+
+    @property
+    def _constructor(self) -> type[pd.DataFrame]:
+        return pd.DataFrame  # what is cut out of it is a plain table
+
+    @property
+    def full(self) -> pd.DataFrame:
+        """The same rows with every number that was measured; accuracies in percent."""
+        return table_of(self.runs)
 
 
 def corpus(data: str = "synth", where: str = "", target: str = "gesture", **parameters: object) -> Corpus:
@@ -123,7 +132,7 @@ def look(
     return _data.looked(data, where, target, None if out is None else Path(out), capture, parameters)
 
 
-def run(**values: object) -> pd.DataFrame:
+def run(**values: object) -> Results:
     """Evaluate every combination of the values; stored runs are not repeated.
 
     Args:
@@ -148,7 +157,7 @@ def run(**values: object) -> pd.DataFrame:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    return _short(table_of(_run.evaluated_values(_values(values, keys("run")))))
+    return results_of(_run.evaluated_values(_values(values, keys("run"))))
 
 
 def plans(**values: object) -> list[Plan]:
@@ -167,7 +176,7 @@ def plans(**values: object) -> list[Plan]:
     return planned(cells(typed), jobs_of(typed))
 
 
-def tune(**values: object) -> pd.DataFrame:
+def tune(**values: object) -> Results:
     """Search parameters inside each training part, as ``bench tune`` does; a row per run.
 
     Args:
@@ -181,13 +190,13 @@ def tune(**values: object) -> pd.DataFrame:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    return _short(table_of(_tune.searched(_values(values, keys("tune")))))
+    return results_of(_tune.searched(_values(values, keys("tune"))))
 
 
-def stress(**values: object) -> Found:
+def stress(**values: object) -> Results:
     """Find where systems fail, as ``bench stress`` does; tables ``faults``, ``conditions``, ``slices``, ``learning``.
 
-    The table ``labels`` has a row per tested capture and circumstance (`bench.work.stress`).
+    The table ``stress`` has a row per tested capture and circumstance (`bench.work.stress`).
 
     Args:
         values: keys of `run`; ``faults`` to test under (default all; or ``none``), ``train_subjects`` (numbers of
@@ -196,20 +205,10 @@ def stress(**values: object) -> Found:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    outcomes, _ = _stress.stressed(_values(values, keys("stress")))
-    good = [outcome for outcome in outcomes if outcome.findings]
-    names = {"faults": "curves", "conditions": "conditions", "slices": "slices", "learning": "learning"}
-    more = {
-        name: _joined([(o.analysis.method, getattr(o.analysis, part)) for o in good], "method")
-        for name, part in names.items()
-        if good
-    }
-    if good:
-        more["labels"] = _joined([(o.analysis.method, r.table) for o in good for r in o.results], "method")
-    return Found(table_of(outcomes), more)
+    return results_of(_stress.stressed(_values(values, keys("stress")))[0])
 
 
-def stream(**values: object) -> Found:
+def stream(**values: object) -> Results:
     """Replay captures, as ``bench stream`` does; tables ``instants`` and ``stopping``.
 
     Args:
@@ -219,18 +218,11 @@ def stream(**values: object) -> Found:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    outcomes, _ = _stream.streamed(_values(values, keys("stream") - {"source"}))
-    good = [(system_in_tables(o), o.findings.tables) for o in outcomes if o.findings]
-    more = {
-        name: _joined([(system, tables[f"{name}.csv"]) for system, tables in good], "system")
-        for name in ("instants", "stopping")
-        if good
-    }
-    return Found(table_of(outcomes), more)
+    return results_of(_stream.streamed(_values(values, keys("stream") - {"source"}))[0])
 
 
-def watch(**values: object) -> Found:
-    """Watch continuous recordings, as ``bench watch`` does; tables ``touches``, ``reports``, ``subjects``, ``curve``.
+def watch(**values: object) -> Results:
+    """Watch recordings, as ``bench watch`` does; tables ``touches``, ``reports``, ``per_subject``, ``curve``.
 
     Args:
         values: keys of `run`; ``false_alarms`` (per hour of background, accepted on training subjects, default 5),
@@ -239,15 +231,7 @@ def watch(**values: object) -> Found:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    outcomes = _watch.watched(_values(values, keys("watch")))
-    good = [(system_in_tables(o), o.findings.tables) for o in outcomes if o.findings]
-    names = {"touches": "touches", "reports": "reports", "subjects": "per_subject", "curve": "curve"}
-    more = {
-        name: _joined([(system, tables[f"{file}.csv"]) for system, tables in good], "system")
-        for name, file in names.items()
-        if good
-    }
-    return Found(table_of(outcomes), more)
+    return results_of(_watch.watched(_values(values, keys("watch"))))
 
 
 def fit(**values: object) -> Fitted:
@@ -298,7 +282,7 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
         InputError: something in the values cannot be used, or nothing is tracked for them.
     """
     typed = _values(values, keys("choose"))
-    return _short(table_of(smallest(typed))) if "over" in typed else _choose.chosen(typed)
+    return results_of(smallest(typed)) if "over" in typed else _choose.chosen(typed)
 
 
 def scene(**values: object) -> pd.DataFrame:
@@ -318,7 +302,7 @@ def scene(**values: object) -> pd.DataFrame:
     return _scene.grouped(_values(values, keys("scene")))[0]
 
 
-def results(of: str = "", full: bool = False, **values: object) -> pd.DataFrame | Found:
+def results(of: str = "", full: bool = False, **values: object) -> Results | pd.DataFrame:
     """Tracked evaluations, accuracies in percent, with published numbers and reference results beside them.
 
     Args:
@@ -329,7 +313,7 @@ def results(of: str = "", full: bool = False, **values: object) -> pd.DataFrame 
             or ``features``, reference results are left out.
 
     Returns:
-        One row per run and way to score it, as `reports.comparison.comparison` makes them.
+        One row per run and way to score it, as `reports.comparison.comparison` makes them; ``runs`` as of `Results`.
 
     Raises:
         InputError: nothing is tracked for them.
@@ -337,17 +321,17 @@ def results(of: str = "", full: bool = False, **values: object) -> pd.DataFrame 
     if of:
         return _reference(of, values | ({"full": full} if full else {}))
     typed = _values(values, _choose.AMONG)
-    store = connect()
-    runs = tracked(store)
+    every = stored(connect())
     among = {key: items(key, value) for key, value in typed.items()}
-    for lacking in without_runs([runs], among):
+    for lacking in without_runs([every], among):
         warn(f"warning: {lacking}: no run is stored")
-    runs = selected(runs, among)
-    if not len(runs):
+    runs = selected(every, among)
+    if not runs:
         raise InputError("no run is stored for these values; make one with bench.run")
     if full:
-        return runs.reset_index(drop=True)
-    return comparison(store, runs, published(), beside=not {"model", "features"} & set(typed))
+        return frame_of(runs)
+    table = comparison(grouped(runs), published(), beside=not {"model", "features"} & set(typed))
+    return _with(Results(table), runs)
 
 
 def compare(system: str | Mapping[str, object], other: str | Mapping[str, object], **values: object) -> Compared:
@@ -369,20 +353,27 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
         InputError: a system has no complete run, or the two were not run on the same data, subset and protocol.
     """
     on = _values(values, ON)
-    store = connect()
-    runs = with_groups(tracked(store))
+    every = stored(connect())
     sides = []
     for one in (system, other):
         typed = {} if isinstance(one, str) else _values(one, keys("run"))
         among = {key: items(key, value) for key, value in (on | typed).items() if key in ON}
         name = one if isinstance(one, str) else _system({k: v for k, v in typed.items() if k not in ON})
-        sides.append((name, selected(runs, among)))
-    return compared(store, sides)
+        groups = {group: selected(members, among) for group, members in grouped(every).items()}
+        sides.append((name, {group: members for group, members in groups.items() if members}))
+    return compared(sides)
 
 
-def _joined(tables: list[tuple[str, pd.DataFrame]], column: str) -> pd.DataFrame:
-    """Tables below each other, their names in a column."""
-    return pd.concat([table.assign(**{column: name}) for name, table in tables], ignore_index=True)
+def results_of(runs: Sequence[Result]) -> Results:
+    """Results as a table with a row each."""
+    named = table_of(runs).rename(columns=RENAMED)
+    return _with(Results(named[[name for name in SHOWN if name in named]]), runs)
+
+
+def _with(table: Results, runs: Sequence[Result]) -> Results:
+    """The table with its results, and their tables below each other."""
+    table.runs, table.tables = [*runs], Joined(runs)
+    return table
 
 
 def _system(values: dict[str, object]) -> str:
@@ -393,36 +384,26 @@ def _system(values: dict[str, object]) -> str:
     return systems.pop()
 
 
-def _reference(of: str, values: dict[str, object]) -> Found:
+def _reference(of: str, values: dict[str, object]) -> Results:
     if of != OWN or values:
         what = f"{of!r}: give {OWN!r}" if of != OWN else f"{next(iter(values))}=: not with {OWN!r}"
         raise InputError(f"{what}, or nothing for the runs of the store")
-    results = reference()
-    return Found(scores_of(results), {f"{one.task.name}/{one.name}": one.table for one in results})
+    answers = reference()
+    table = Results(scores_of(answers))
+    table.runs, table.tables = [], {f"{one.task.name}/{one.name}": one.table for one in answers}
+    return table
 
 
-def table_of(outcomes: list[Outcome]) -> pd.DataFrame:
+def table_of(runs: Sequence[Result]) -> pd.DataFrame:
     """A table with a row per run and all its measurements; accuracies in percent."""
     rows = []
-    for outcome in outcomes:
-        plan, cell = outcome.plan, outcome.plan.cell
-        row: dict[str, object] = {
-            "system": system_in_tables(outcome),
-            "data": cell.data + (" (synthetic)" if plan.corpus.synthetic else ""),
-            "subset": cell.where or "all",
-            "target": cell.target,
-            "protocol": plan.label,
-            "seed": "none" if cell.seed is None else str(cell.seed),
-        }
-        row |= {k: 100 * v if any(s in k for s in SHARES) else v for k, v in outcome.metrics.items()}
-        rows.append(row | {"folds": f"{len(outcome.results)}/{len(plan.folds)}", "run_id": outcome.run_id})
+    for r in runs:
+        data, _, protocol = r.context
+        row: dict[str, object] = {"system": r.system, "data": data, "subset": r["subset"], "target": r["target"]}
+        row |= {"protocol": protocol, "seed": r["seed"]}
+        row |= {k: 100 * v if any(s in k for s in SHARES) else v for k, v in r.metrics.items() if k not in COUNTS}
+        rows.append(row | {"folds": r.folds, "run_id": r["run_id"]})
     return pd.DataFrame(rows)
-
-
-def _short(table: pd.DataFrame) -> pd.DataFrame:
-    """The columns that matter, the first and the last ones most: where it is narrow, pandas leaves out the others."""
-    named = table.rename(columns=RENAMED)
-    return named[[name for name in SHOWN if name in named]]
 
 
 def _values(values: Mapping[str, object], known: Collection[str]) -> dict[str, object]:

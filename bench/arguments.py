@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar, overload
 
-from bench.costs import quantity
+from bench.amounts import convert, text_of
 from bench.errors import InputError, nearest
+from bench.measures import budgets
 from bench.options import keys, options
 
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
 BACKEND = {"jobs", "cluster"}  # where folds are done, which changes no result
 KEYS = keys("run")
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
-Usual = TypeVar("Usual")
-LARGEST, LARGEST_SEED = 10**6, 2**32 - 1  # of a whole number, of a seed, which NumPy and scikit-learn bound
-BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
-READERS: dict[type, tuple[str, Callable[[str], object]]] = {
-    bool: ("yes or no", BOOLEANS.__getitem__),
-    int: ("a whole number", int),
-    float: ("a number", float),
-    tuple: ("names joined by +", lambda text: tuple(text.split("+"))),
-    str: ("text", str),
-}
 
 
 def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, str]:
@@ -95,7 +85,7 @@ def setting(command: str, key: str, values: Values) -> object:
     if option.type == "number":
         return number(key, value)
     if option.type == "amount":
-        return quantity(key, value)
+        return budgets()[key].typed(value)
     if option.values and (text := text_of(value)) not in option.values:
         raise InputError(f"{key}={text}: give {' or '.join(option.values)}")
     return convert(key, value, 0 if option.type == "count" else option.default)
@@ -118,52 +108,6 @@ def items(key: str, value: object) -> list:
     if several and not value:
         raise InputError(f"{key}=[]: give at least one value")
     return [*value] if several else [value]  # type: ignore[misc]
-
-
-@overload
-def convert(key: str, given: object, default: None) -> int | None: ...
-
-
-@overload
-def convert(key: str, given: object, default: Usual) -> Usual: ...
-
-
-def convert(key: str, given: object, default: object) -> object:
-    """Text as a value of the type of the default; a default of None takes None or a whole number.
-
-    What is no text (an API call) is taken as it is, if it is of that type.
-
-    Raises:
-        InputError: it is no such value.
-    """
-    if given == () and isinstance(default, tuple):
-        return given
-    text = given if isinstance(given, str) else text_of(given)
-    if text == "None" and default is None:
-        return None
-    if text == "None":
-        raise InputError(f"{key}=None: give a value such as {default!r}")
-    usual, seed = 0 if default is None else default, key.endswith("seed")
-    words, read = next((reader for kind, reader in READERS.items() if isinstance(usual, kind)), READERS[str])
-    try:
-        value = read(text)
-        if seed and isinstance(value, int | float) and value < 0:
-            raise ValueError(key)
-    except (ValueError, KeyError) as e:
-        words += " or None" if default is None else " from 0 on" if seed else ""
-        example = "" if isinstance(usual, bool) else f", such as {2 if default in (None, 0) and not seed else default}"
-        raise InputError(f"{key}={text[:60]}: give {words}{example}") from e
-    most = LARGEST_SEED if seed else LARGEST
-    if isinstance(value, int) and abs(value) > most:
-        raise InputError(f"{key}={text[:60]}: give {most} at most")
-    return value
-
-
-def text_of(value: object) -> str:
-    """A value as it is typed; `convert` reads it again."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return "+".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 def number(key: str, given: object) -> float:

@@ -7,10 +7,12 @@ that help and completion come at once.
 from __future__ import annotations
 
 import textwrap
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
-from bench.costs import COSTS, ROBUST, WATCHED
+from bench.measures import budgets, costs
 from bench.registry import names
+from bench.usual import FALSE_ALARMS
 
 WIDTH = 100  # columns of help
 SMALL = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"  # a small system, accurate on real touch
@@ -96,24 +98,7 @@ OPTIONS = (
     Option("budget", "tune", "number", None, "seconds after which a fold starts no new combination"),
     Option("inner", "tune choose", "text", "3", "inner folds: number of groups of training subjects, or loso"),
     Option("scene", "choose", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
-    Option("by", "choose", "text", "flash", "cost to minimise", (*COSTS, *ROBUST, *WATCHED)),
-    Option("max_flash", CHOICE, "amount", None, "largest flash, such as 256kB or 256KiB"),
-    Option("max_ram", CHOICE, "amount", None, "largest RAM, such as 32kB"),
-    Option("max_predict", CHOICE, "amount", None, "longest computing time per label on this machine, such as 2ms"),
-    Option("max_decision", CHOICE, "amount", None, "longest touch before the decision, such as 1s"),
-    Option("max_cycles", CHOICE, "amount", None, "most instructions for the costliest frame, such as 600k"),
-    Option("max_fault_loss", CHOICE, "number", None, "largest mean loss under faults, in points of bench stress"),
-    Option("max_worst_fault", CHOICE, "number", None, "largest loss under the worst fault and severity, in points"),
-    Option("max_worst_person", CHOICE, "number", None, "largest error of the worst person, in percent"),
-    Option("max_worst_tenth", CHOICE, "number", None, "largest error of the worst tenth of people, in percent"),
-    Option(
-        "max_false_alarms",
-        "choose",
-        "number",
-        None,
-        "false alarms per hour of background; compares runs of bench watch",
-    ),
-    Option("max_latency", "choose", "amount", None, "median latency, such as 1s; compares runs of bench watch"),
+    Option("by", "choose", "text", "flash", "cost to minimise"),  # its values are those of `bench.measures.costs`
     Option("clock", "choose", "text", "", "clock rate of the chip, such as 64MHz; adds its cycles to decision times"),
     Option(
         "margin",
@@ -137,7 +122,7 @@ OPTIONS = (
     Option("source", "stream", "text", "", "- classifies frames from standard input"),
     Option("events", "stream", "yes", True, "source=-: report touches of an endless stream; no: classify captures"),
     Option("out", "stream", "text", "report", "folder for streaming.csv, stopping.csv and figures"),
-    Option("false_alarms", "watch", "number", 5, "false alarms per hour of background accepted in training"),
+    Option("false_alarms", "watch", "number", FALSE_ALARMS, "false alarms per hour of background accepted in training"),
     Option(
         "background", "watch", "text", "", "class without touch, or quiet: ends of captures; default notouch or quiet"
     ),
@@ -422,8 +407,19 @@ COMMANDS = {
 
 def options(command: str) -> dict[str, Option]:
     """The keys of a command by name; those of all its actions for one that has some."""
-    rows = [o for o in OPTIONS if any(c == command or c.startswith(f"{command}-") for c in o.commands.split())]
+    rows = [o for o in _every() if any(c == command or c.startswith(f"{command}-") for c in o.commands.split())]
     return {option.key: option for option in rows}
+
+
+def _every() -> Iterator[Option]:
+    """All options; behind ``by`` those of the budgets."""
+    for option in OPTIONS:
+        if option.key != "by":
+            yield option
+            continue
+        yield replace(option, values=tuple(costs()))
+        for key, cost in budgets().items():
+            yield Option(key, "choose" if cost.runs == "recordings" else CHOICE, "amount", None, cost.help)
 
 
 def keys(command: str) -> set[str]:
@@ -464,7 +460,7 @@ def _row(option: Option) -> str:
     if len(option.values) > 1:
         text += f": {(', ' if option.joint == ',' else option.joint).join(option.values)}"
     if option.type != "yes" and option.default not in (None, "", 0):
-        text += f"; default {option.default}"
+        text += f"; default {option.default:g}" if option.type == "number" else f"; default {option.default}"
     return textwrap.fill(
         text, WIDTH, break_on_hyphens=False, initial_indent=f"  {option.key + '= ':16}", subsequent_indent=" " * 18
     )

@@ -9,19 +9,19 @@ from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 
-from bench.costs import quantity
+from bench.amounts import quantity
 from bench.errors import InputError, nearest
+from bench.measures import Cost, costs
 from bench.options import FAULTS
 from bench.outcomes.candidates import Faults
 from bench.outcomes.reactions import Reactions
 
 KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`
-LINES = {  # of each section: a key, and that of `bench choose`, empty for those read here
-    "budget": {n: f"max_{n}" for n in ("flash", "ram", "cycles", "predict", "decision")}
-    | {"clock": "clock", "board": "", "share": ""},
-    "faults": {"names": "", "severity": "", "loss": "max_fault_loss", "worst": "max_worst_fault"},
-    "people": {"shots": "shots", "worst": "", "worst_tenth": ""},
-    "stream": {"false_alarms": "max_false_alarms", "latency": "max_latency"},
+OTHER = {  # lines of each section that are no budgets: a key, and that of `bench choose`, empty for those read here
+    "budget": {"clock": "clock", "board": "", "share": ""},
+    "faults": {"names": "", "severity": ""},
+    "people": {"shots": "shots"},
+    "stream": {},
 }
 EVERY = tuple(FAULTS.split())
 
@@ -101,6 +101,15 @@ def boards() -> dict[str, Board]:
     }
 
 
+def lines() -> dict[str, dict[str, Cost]]:
+    """The budgets that each section can have, by their keys there."""
+    sections: dict[str, dict[str, Cost]] = {name: {} for name in OTHER}
+    for cost in costs().values():
+        section, key = cost.section
+        sections[section][key] = cost
+    return sections
+
+
 def read_scene(name: str) -> Scene:
     """Read a scene file.
 
@@ -131,24 +140,26 @@ def scene_of(table: Mapping[str, object]) -> Scene:
     Raises:
         InputError: a line means nothing.
     """
-    _check("", table, {*KEYS, *LINES, "unlisted", "reactions", "costs"})
-    sections = {name: _section(table, name) for name in LINES}
-    for name, lines in sections.items():
-        _check(f"[{name}] ", lines, LINES[name])
+    _check("", table, {*KEYS, *OTHER, "unlisted", "reactions", "costs"})
+    sections, limits = {name: _section(table, name) for name in OTHER}, lines()
+    for name, given in sections.items():
+        _check(f"[{name}] ", given, {*limits[name], *OTHER[name]})
     values = {k: _text(k, table[k]) for k in KEYS if k in table}
-    for name, lines in sections.items():
-        values |= {key: _text(f"[{name}] {k}", lines[k]) for k, key in LINES[name].items() if key and k in lines}
-    for name, lines in sections.items():
-        for k in lines:
-            _check_amount(f"[{name}] {k} = {lines[k]}", LINES[name][k], values)
-    people = sections["people"]
-    if unwatched := [k for k in ("decision", "cycles", "clock") if k in sections["budget"] and sections["stream"]]:
+    for name, given in sections.items():
+        values |= {key: _text(f"[{name}] {k}", given[k]) for k, key in OTHER[name].items() if key and k in given}
+        values |= {c.budget: _text(f"[{name}] {k}", given[k]) for k, c in limits[name].items() if k in given}
+    for name, given in sections.items():
+        for k in given:
+            _check_amount(f"[{name}] {k} = {given[k]}", limits[name].get(k), OTHER[name].get(k, ""), values)
+    for name, given in sections.items():
+        for k, cost in limits[name].items():
+            if cost.mirrored and k in given:
+                values[cost.budget] = f"{100 - _number(f'[{name}] {k}', given[k], 0, 100):g}"  # of an error
+    unmeasured = [k for k, cost in limits["budget"].items() if not cost.watched] + ["clock"]
+    if unwatched := [k for k in unmeasured if k in sections["budget"] and sections["stream"]]:
         raise InputError(f"[budget] {unwatched[0]}: bench watch does not measure it; leave it or [stream] out")
-    if "shots" in people and sections["stream"]:
+    if "shots" in sections["people"] and sections["stream"]:
         raise InputError("[people] shots: bench watch has no captures of a new person; leave shots or [stream] out")
-    for k, key in (("worst", "max_worst_person"), ("worst_tenth", "max_worst_tenth")):
-        if k in people:
-            values[key] = f"{100 - _number(f'[people] {k}', people[k], 0, 100):g}"  # of an error
     board = _of_board(sections["budget"])
     more = {} if board is None else board.budgets("decision" in sections["budget"])
     return Scene(more | values, _reactions(table), _faults(sections["faults"]), board)
@@ -168,12 +179,13 @@ def _of_board(budget: Mapping[str, object]) -> Board | None:
     return replace(known[name], share=share)
 
 
-def _check_amount(line: str, key: str, values: Mapping[str, str]) -> None:
+def _check_amount(line: str, cost: Cost | None, key: str, values: Mapping[str, str]) -> None:
     """Refuse a number or a unit that `bench choose` would refuse, by the name of its line."""
-    if not key.startswith("max_") and key not in ("clock", "margin"):
-        return
     try:
-        quantity(key, values[key])
+        if cost is not None and not cost.mirrored:
+            cost.typed(values[cost.budget])
+        elif key in ("clock", "margin"):
+            quantity(key, values[key], "MHz" if key == "clock" else "")
     except InputError as e:
         raise InputError(f"{line}:{str(e).partition(':')[2]}") from e
 

@@ -20,7 +20,8 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # where workers find it, too
 
-from bench.outcomes.results import Findings, FoldResult
+from bench.outcomes.results import FoldResult, table_of
+from bench.result import Result
 from bench.work.experiment import Experiment
 
 EACH = 31  # folds of a run
@@ -47,9 +48,9 @@ class Empty(Experiment):
         table = table.assign(subject=fold.name, **{f"p_{c}": np.float32(1 / 14) for c in "abcdefghijklmn"})
         return FoldResult(fold.name, table, {f"cost_{i}": float(i) for i in range(10)}, [1.0] * 20, [1.0] * 20)
 
-    def findings(self, plan, tags, results):
+    def result(self, plan, about, folds):
         """A number and a table."""
-        return Findings({"accuracy": 1 / 14}, {"predictions.parquet": pd.concat([r.table for r in results])})
+        return Result(about, {"accuracy": 1 / 14}, {"predictions": table_of(folds)})
 
 
 def timed(owner, name):
@@ -103,9 +104,9 @@ def run(folds: int, cluster: str) -> None:
         return real(self, *given)
 
     TrackedRun.add = add
-    outcomes = loop.execute(todo, Backend(jobs=None if cluster else 2, cluster=cluster))
+    results = loop.execute(todo, Backend(jobs=None if cluster else 2, cluster=cluster))
     spent = time.perf_counter() - began
-    assert all(len(o.results) == EACH and not o.errors for o in outcomes)
+    assert all(r.folds == f"{EACH}/{EACH}" for r in results)
     print(f"{done[0]} folds of {len(todo)} runs in {spent:.0f} s: {done[0] / spent:.1f} a second")
     for name, seconds in sorted(SPENT.items(), key=lambda item: -item[1]):
         print(f"  {name}: {1000 * seconds / done[0]:.2f} ms a fold")

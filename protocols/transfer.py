@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from bench.arguments import convert
+from bench.amounts import convert
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus, open_joined
 from bench.corpora.skins import OWN, SOURCE

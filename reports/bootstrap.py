@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench.outcomes import scores
+from bench.outcomes import resampling, scores
 
 
 def drawn_confusions(labelled: pd.DataFrame, classes: list[str], draws: int, seed: int) -> np.ndarray:
@@ -18,8 +18,7 @@ def drawn_confusions(labelled: pd.DataFrame, classes: list[str], draws: int, see
         seed: random seed of the draws.
     """
     counts = np.array([scores.confusion(part, classes) for _, part in labelled.groupby("subject", sort=True)])
-    drawn = np.random.default_rng(seed).multinomial(len(counts), np.full(len(counts), 1 / len(counts)), draws)
-    return np.einsum("ds,sij->dij", drawn, counts)
+    return np.einsum("ds,sij->dij", resampling.weights([len(counts)], draws, seed)[0], counts)
 
 
 def macro_interval(
@@ -36,7 +35,7 @@ def macro_interval(
         return np.nan, np.nan
     pooled = drawn_confusions(labelled, classes, draws, seed)
     right, totals = np.einsum("dii->di", pooled), pooled.sum(axis=1 if metric == "macro_precision" else 2)
-    low, high = np.quantile((right / np.maximum(totals, 1)).mean(axis=1), [0.025, 0.975])
+    low, high = resampling.interval((right / np.maximum(totals, 1)).mean(axis=1))
     return float(low), float(high)
 
 
@@ -53,7 +52,7 @@ def recall_interval(labelled: pd.DataFrame, classes: list[str], draws: int = 200
         for i, drawn in enumerate(shares.T):
             seen = drawn[np.isfinite(drawn)]  # a class that nobody drawn has shown
             if len(seen):
-                table.iloc[i, 1:] = np.quantile(seen, [0.025, 0.975])
+                table.iloc[i, 1:] = resampling.interval(seen)
     return table
 
 

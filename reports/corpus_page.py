@@ -11,8 +11,9 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import DURATIONS, PRESSURE, Survey
 from bench.errors import InputError
+from bench.table import Table, of_text
 from reports.figures import SYNTHETIC, Picture, mark, new_figure, plain, save, short
-from reports.layout import Table, page
+from reports.layout import page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,7 +93,7 @@ def _sections(found: Survey) -> list[tuple[str, str, Table | None]]:
         caption = words[0].upper() + words[1:]
         more = f" The first {ROWS} rows of {len(table)}." if len(table) > ROWS else ""
         text = table.head(ROWS).map(lambda v: f"{v:.4g}" if isinstance(v, float) else str(v))
-        sections.append((heading, caption + more, Table(text) if len(table) else None))
+        sections.append((heading, caption + more, of_text(text) if len(table) else None))
     return sections
 
 

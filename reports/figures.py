@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 SYNTHETIC = "synthetic captures, not people"
 TEXT = 9  # points of all words and numbers of a figure; the page draws all figures on one scale
 WIDEST = 11.0  # inches that a page of 1200 pixels has room for
+TITLE = "title: "  # begins the gid of an artist whose further text the SVG shows when the mouse is on it
 LINE = 0.175  # inches that a line of it needs
 MARKERS = "osD^v"
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
@@ -108,6 +110,8 @@ def save(figure: Figure, folder: Path, name: str, group: str, caption: str) -> P
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "touchbench"}):
         figure.savefig(picture.paths[1], metadata={"Date": None})
         figure.savefig(picture.paths[0], dpi=110)
+    drawing = picture.paths[1].read_text(encoding="utf-8")
+    picture.paths[1].write_text(re.sub(f'<g id="{TITLE}(.*?)">', r"<g><title>\1</title>", drawing), encoding="utf-8")
     return picture
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import pandas as pd
 
+from bench.comparable import MARK
 from bench.errors import InputError
-from bench.outcomes.comparable import MARK
-from reports.numbers import notes_on, number, p_value
+from bench.measures import Interval, columns, framed, run_columns
+from bench.table import rows_of
+from reports.numbers import notes_on
 
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
 NEEDED = ("system", *TOGETHER, "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes")
@@ -16,7 +19,7 @@ ESCAPED = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
+    "<": "$<$",
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
     '"': r"\char34{}",
@@ -44,7 +47,6 @@ def latex(table: pd.DataFrame) -> str:
     Raises:
         InputError: it is no such table.
     """
-    table = getattr(table, "table", table) if not isinstance(table, pd.DataFrame) else table
     if not isinstance(table, pd.DataFrame):
         raise InputError(f"bench.latex: give the table of bench.results(), not {type(table).__name__}")
     if lacking := [name for name in NEEDED if name not in table]:
@@ -61,20 +63,18 @@ def escaped(text: object) -> str:
 
 def _one(part: pd.DataFrame, position: int) -> str:
     """One table, its best accuracy in bold."""
-    rows = part.to_dict("records")
+    rows = rows_of(part.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
+    measures = [framed(measure) for measure in columns(run_columns(), "latex")]
     cells = pd.DataFrame({"system": [escaped(_named(row)) for row in rows]}, part.index)
-    cells["accuracy"] = part["accuracy"].map(number)
-    if part["low"].notna().any():
-        cells[r"95\,\% interval"] = [
-            "-" if pd.isna(row["low"]) else f"{row['low']:.1f}--{row['high']:.1f}" for row in rows
-        ]
-    if part.get("p_holm", pd.Series(dtype=float)).notna().any():
-        cells["$p$ (Holm)"] = part["p_holm"].map(p_value).str.replace("<", "$<$")
-    cells["SD"] = part["subject_sd"].map(number)
-    cells["macro-F1"] = part["macro_f1"].map(number)
-    cells["kB"] = (part["flash_bytes"] / 1000).map(number)
-    if "predict_ms_p50" in part:
-        cells["ms"] = part["predict_ms_p50"].map(number)
+    for measure in measures:
+        values = [measure.cell(row) for row in rows]
+        if all(value is None for value in values) and measure.spare:
+            continue
+        heading, plain = measure.latex or measure.name, replace(measure, ends="")
+        cells[heading] = [escaped(plain.of(row)) for row in rows]
+        if any(isinstance(value, Interval) for value in values):
+            ends = [value if isinstance(value, Interval) else None for value in values]
+            cells[r"95\,\% interval"] = ["-" if v is None else f"{v.low:.1f}--{v.high:.1f}" for v in ends]
     compared = ~part["system"].astype(str).str.endswith(MARK)
     best = compared & (part["accuracy"] == part["accuracy"][compared].max()) & (len(part) > 1)
     cells["accuracy"] = cells["accuracy"].mask(best, r"\textbf{" + cells["accuracy"] + "}")

@@ -8,13 +8,9 @@ from __future__ import annotations
 import base64
 import itertools
 import re
-from dataclasses import dataclass, field
-from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
-import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_eval_context
 from jinja2.nodes import EvalContext
 from markupsafe import Markup, escape
@@ -24,54 +20,8 @@ from reports.figures import Picture
 ROOM = files("reports")
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table of text.
-
-    Attributes:
-        frame: text by column.
-        remarks: footnotes of each row; equal remarks share a number.
-        code: columns that hold commands.
-        groups: heading of each row, shared with its neighbours.
-        away: True for each row that is hidden until its switch is on.
-        switch: the words of that switch.
-    """
-
-    frame: pd.DataFrame
-    remarks: list[list[str]] = field(default_factory=list)
-    code: tuple[str, ...] = ()
-    groups: list[str] = field(default_factory=list)
-    away: list[bool] = field(default_factory=list)
-    switch: str = ""
-
-    @cached_property
-    def notes(self) -> list[str]:
-        """The footnotes, numbered from 1."""
-        return list(dict.fromkeys(note for row in self.remarks for note in row))
-
-    @cached_property
-    def shown_notes(self) -> set[int]:
-        """Numbers of the footnotes of rows that need no switch."""
-        return {mark for row in self.rows if not row["away"] for mark in row["marks"]}
-
-    @cached_property
-    def columns(self) -> list[str]:
-        """The headings."""
-        return [*map(str, self.frame)]
-
-    @cached_property
-    def rows(self) -> list[dict[str, Any]]:
-        """Each row: its cells by heading, its group, the numbers of its footnotes, whether it is away."""
-        n = len(self.frame)
-        remarks, groups, away = self.remarks or [[]] * n, self.groups or [""] * n, self.away or [False] * n
-        marks = [[self.notes.index(note) + 1 for note in row] for row in remarks]
-        cells = [dict(zip(self.columns, row, strict=True)) for row in self.frame.values.tolist()]
-        names = ("cells", "group", "marks", "away")
-        return [dict(zip(names, row, strict=True)) for row in zip(cells, groups, marks, away, strict=True)]
-
-
 def page(template: str, title: str, **values: object) -> str:
-    """A template as one HTML page: styles, script and figures are in it, nothing is loaded from anywhere.
+    """A template as one HTML page: styles and figures are in it, nothing is loaded from anywhere.
 
     Its contents stand behind the first section.
     """
@@ -81,9 +31,8 @@ def page(template: str, title: str, **values: object) -> str:
         links = "".join(f'<li><a href="#{name}">{text}</a></li>' for name, text in heads)
         second = f'<h2 id="{heads[1][0]}">'
         body = body.replace(second, f'<nav aria-label="Contents"><ul>{links}</ul></nav>\n{second}', 1)
-    files_of = {"style": ["page.css"], "script": ["chart.js", *["whatif.js"] * ('class="what-if"' in body)]}
-    texts = {k: Markup("".join(ROOM.joinpath(n).read_text(encoding="utf-8") for n in v)) for k, v in files_of.items()}
-    return _filled("page.jinja", "html", {"title": title, "body": Markup(body), **texts})
+    style = Markup(ROOM.joinpath("page.css").read_text(encoding="utf-8"))
+    return _filled("page.jinja", "html", {"title": title, "body": Markup(body), "style": style})
 
 
 def markdown(template: str, **values: object) -> str:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 import pandas as pd
 
-from bench.leaderboard.submissions import METADATA, NUMBERS, REFERENCE, Submission, behind, read
+from bench.leaderboard.submissions import NUMBERS, REFERENCE, Submission, behind, reference_of
 from bench.leaderboard.tasks import TASKS
+from bench.measures import Cell, Interval, Measure, Row, known, text, whole
 from bench.outcomes.ranking import ranking
-from bench.outcomes.runs import rows_of
 from bench.outcomes.scores import per_subject
-from reports.layout import Table, page
-from reports.numbers import bounded, number, whole, with_sd
+from bench.table import Table, rows_of
+from reports.layout import page
 from reports.over_corpora import OverCorpora, section
 
 OWN = "reference"  # name of the results that come with touchbench
@@ -37,12 +36,6 @@ DESIGNED_NOTE = (
 def reference() -> tuple[Submission, ...]:
     """The results that come with touchbench."""
     return tuple(one for folder in sorted(REFERENCE.glob("*/")) for one in reference_of(folder.name))
-
-
-@lru_cache
-def reference_of(task: str) -> tuple[Submission, ...]:
-    """Those of one task, by its name; read and scored once in a process."""
-    return tuple(read(path.parent) for path in sorted(REFERENCE.glob(f"{task}/*/{METADATA}")))
 
 
 def note(one: Submission) -> str:
@@ -141,38 +134,41 @@ def board(submissions: Sequence[Submission], left_out: list[str]) -> str:
     for task in TASKS.values():
         if of_task := [one for one in submissions if one.task == task]:
             rows = scores_of(of_task)
-            remarks = [[text] if text else [] for text in rows["note"]]
-            tables[task.name] = Table(_shown(rows), remarks, code=("command",))
+            remarks = [[words] if words else [] for words in rows["note"]]
+            tables[task.name] = Table(_columns(rows), rows_of(rows.replace({"": None})), remarks=remarks)
     title, over = "touchbench leaderboard", over_corpora(submissions)
     return page("leaderboard.jinja", title, left_out=left_out, tasks=list(TASKS.values()), tables=tables, over=over)
 
 
-def _shown(table: pd.DataFrame) -> pd.DataFrame:
-    """The scores of one task as text."""
-    rows = []
-    for row in rows_of(table):
-        parts = {f"{k} %": number(v) for k, v in row.items() if k.startswith(("at ", "clean")) and v == v}
-        parts |= {heading: number(row[k], digits) for k, (heading, digits) in WATCHED.items() if k in row}
-        for fault, v in [(k.removeprefix(WORST), v) for k, v in row.items() if k.startswith(WORST) and v == v][:1]:
-            parts["worst fault %"] = f"{fault.replace('_', ' ')} {number(v)}"
-        behind_best = bounded(row["behind"], row["behind_low"], row["behind_high"], sign=True)
-        rows.append(
-            {
-                "system": row["system"],
-                "accuracy % [95 %]": bounded(row["accuracy"], row["low"], row["high"]),
-                "behind the best [95 %]": re.sub(r"-(?=\d)", "\N{MINUS SIGN}", behind_best),
-                "origin": row["origin"],
-                "verified": row["verified"],
-                **({"remarks": row["remarks"] or "-"} if table["remarks"].any() else {}),
-                "macro-F1 %": number(row["macro_f1"]),
-                "subjects: mean ± SD": with_sd(row["subject_mean"], row["subject_sd"]),
-                **parts,
-                "parameters": whole(row["parameters"]),
-                "flash kB": whole(row["flash_bytes"] / 1000),
-                "who": row["who"],
-                "date": row["date"],
-                "revision": row["revision"] or "-",
-                "command": row["command"] or "-",
-            }
-        )
-    return pd.DataFrame(rows)
+def _columns(table: pd.DataFrame) -> list[Measure]:
+    """Columns of the scores of one task."""
+    parts = [k for k in table if k.startswith(("at ", "clean")) and table[k].notna().any()]
+    faults = [k for k in table if k.startswith(WORST) and table[k].notna().any()]
+
+    def worst(row: Row) -> str | None:
+        fault = next((k for k in faults if known(row[k]) is not None), None)
+        return None if fault is None else f"{fault.removeprefix(WORST).replace('_', ' ')} {row[fault]:.1f}"
+
+    def less(row: Row) -> str:
+        behind = Measure("behind", form="+.1f", ends="behind").of(row)
+        return re.sub(r"-(?=\d)", "\N{MINUS SIGN}", behind)
+
+    def accuracy(row: Row) -> Cell:
+        return Interval(row["accuracy"], row["low"], row["high"]) if known(row["low"]) is not None else row["accuracy"]
+
+    return [
+        text("system"),
+        Measure("accuracy", "accuracy % [95 %]", accuracy),
+        Measure("behind", "behind the best [95 %]", less),
+        text("origin"),
+        text("verified"),
+        text("remarks", spare=1),
+        Measure("macro_f1", "macro-F1 %"),
+        Measure("subjects_mean", "subjects: mean ± SD", ("subject_mean", "subject_sd"), join=" ± "),
+        *(Measure(name, f"{name} %") for name in parts),
+        *(Measure(name, heading, form=f".{digits}f", spare=1) for name, (heading, digits) in WATCHED.items()),
+        *([text("worst", "worst fault %", worst)] if faults else []),
+        Measure("parameters", form=whole),
+        Measure("flash", "flash kB", "flash_bytes", whole, per=1000),
+        *(text(name, code=name == "command") for name in ("who", "date", "revision", "command")),
+    ]

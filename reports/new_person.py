@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 
@@ -9,38 +10,47 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.outcomes.comparable import Row, context_of
-from bench.outcomes.runs import rows_of, subject_accuracy
-from bench.outcomes.store import Store
+from bench.measures import Measure, Row, text
+from bench.outcomes.runs import subject_accuracy
 from bench.paired import interval
+from bench.result import Result
+from bench.table import Table, rows_of
 from reports.figures import MARKERS, Picture, bars, new_figure, save
-from reports.layout import Table
-from reports.numbers import bounded
 
 WITHOUT = "no labels"  # where half of the person's captures are known without them
 SAME = ("data", "corpus_digest", "subset", "target", "protocol_name", "protocol.source", "protocol.classes")
 DRAWN = ["protocol.draws", "protocol.weight"]  # which matter where there are shots
 SHOWN = 5  # systems of a figure
+COLUMNS = (
+    text("system"),
+    text("known", "shots"),
+    Measure("accuracy", ends="accuracy"),
+    Measure("gain", form="+.1f", ends="gain"),
+    text("worse"),
+    text("enough"),
+)
 
 Curves = tuple[str, dict[str, pd.DataFrame]]  # a set of comparable runs in words, and the curve of each system
 
 
-def curves_of(store: Store, runs: pd.DataFrame) -> list[Curves]:
-    """The curves of systems that have at least two calibrations, for each set of comparable runs; the best first.
+def curves_of(results: Sequence[Result]) -> list[Curves]:
+    """The curves of systems that have at least two calibrations, for each set of comparable results; the best first.
 
     Args:
-        store: store of the runs.
-        runs: table of `bench.outcomes.runs.tracked`.
+        results: results of ``bench run``.
     """
-    personal = runs[runs["protocol_name"].isin(["personal", "transfer"]) & (runs["status"] == "FINISHED")]
+    personal = [r for r in results if r["protocol_name"] in ("personal", "transfer") and r.complete]
     sets = []
-    for part in comparable(personal) if len(personal) else []:
-        first = rows_of(part)[-1]
-        data, subset, *_ = context_of({str(k): str(v) for k, v in first.items()})
+    for part in comparable(personal):
+        first = part[-1]
+        data, subset, _ = first.context
         skin = f" on another skin than {first['protocol.source']}" if first["protocol_name"] == "transfer" else ""
         draws = f", {first['protocol.draws']} draws" if first["protocol.shots"] != "0" else ""
         context = f"{data}{'' if subset == 'all' else f', {subset}'}, a new person{skin}{draws}"
-        curves = {system: curve_of(store, rows) for system, rows in part.groupby("system", sort=False)}
+        by_system: dict[str, list[Result]] = {}
+        for r in part:
+            by_system.setdefault(r.system, []).append(r)
+        curves = {system: curve_of(members) for system, members in by_system.items()}
         long = [system for system in curves if len(curves[system]) > 1]
         if best := sorted(long, key=lambda s: -curves[s]["accuracy"].max()):
             sets.append((context, {system: curves[system] for system in best}))
@@ -61,34 +71,42 @@ def new_person_sections(sets: list[Curves], folder: Path) -> list[tuple[str, Pic
         caption += f" {len(curves) - SHOWN} less accurate systems left out." if len(curves) > SHOWN else ""
         figure = drawn(dict([*curves.items()][:SHOWN]), context)
         picture = save(figure, folder, f"0-newcomer-{i}", context, caption)
-        sections.append((context, picture, Table(table_of(curves))))
+        sections.append((context, picture, table_of(curves)))
     return sections
 
 
-def comparable(runs: pd.DataFrame) -> list[pd.DataFrame]:
-    """Runs on the same captures whose shots are drawn alike, each with those that have no shots, which come first."""
+def comparable(results: Sequence[Result]) -> list[list[Result]]:
+    """Results on the same captures whose shots are drawn alike, each with those without shots, which come first."""
+    sets: dict[tuple, list[Result]] = {}
+    for r in results:
+        sets.setdefault(tuple(str(r.get(name)) for name in (*SAME, "protocol.seed")), []).append(r)
     parts = []
-    same = [column for column in (*SAME, "protocol.seed") if column in runs]
-    for _, part in runs.groupby(same, sort=False, dropna=False):
-        shots = part["protocol.shots"] != "0"
-        alike = [rows for _, rows in part[shots].groupby(DRAWN, sort=False)]
-        parts += [pd.concat([part[~shots], rows]) for rows in alike] or [part]
+    for part in sets.values():
+        alike: dict[tuple, list[Result]] = {}
+        for r in part:
+            if r["protocol.shots"] != "0":
+                alike.setdefault(tuple(str(r.get(name)) for name in DRAWN), []).append(r)
+        without = [r for r in part if r["protocol.shots"] == "0"]
+        parts += [without + members for members in alike.values()] or [part]
     return parts
 
 
-def curve_of(store: Store, runs: pd.DataFrame) -> pd.DataFrame:
+def curve_of(results: Sequence[Result]) -> pd.DataFrame:
     """A row per calibration of a system, seeds averaged: accuracies of people, gains, who loses.
 
     Args:
-        store: store of the runs.
-        runs: runs of one system.
+        results: results of one system.
     """
+    by_known: dict[str, dict[str, Result]] = {}
+    for r in results:
+        seeds = by_known.setdefault(known_of(r), {})
+        seeds.pop(r["seed"], None)  # the newest is the last one
+        seeds[r["seed"]] = r
     people: dict[str, pd.Series] = {}
-    for known, rows in runs.groupby(runs.apply(known_of, axis=1), sort=False):
-        newest = rows.drop_duplicates("seed", keep="last")
-        seeds = [pd.Series(subject_accuracy(store, row)) for row in rows_of(newest)]
-        if any(map(len, seeds)):  # else its table is gone from the store
-            people[str(known)] = pd.concat(seeds, axis=1).mean(axis=1)
+    for known, newest in by_known.items():
+        accuracies = [pd.Series(subject_accuracy(r)) for r in newest.values()]
+        if any(map(len, accuracies)):  # else its table is gone from the store
+            people[known] = pd.concat(accuracies, axis=1).mean(axis=1)
     wide = pd.DataFrame(people).dropna()
     if wide.empty:
         return pd.DataFrame()
@@ -97,20 +115,20 @@ def curve_of(store: Store, runs: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for known in order:
         low, high = interval(wide[known].to_numpy())
-        row: Row = {"known": known, "accuracy": wide[known].mean(), "low": low, "high": high}
+        row: dict[str, object] = {"known": known, "accuracy": wide[known].mean(), "low": low, "high": high}
         if nothing is not None and known != "0":
             gain = wide[known] - nothing
             low, high = interval(gain.to_numpy())
             worse = gain[gain < 0].sort_values()
             row |= {"gain": gain.mean(), "gain_low": low, "gain_high": high}
-            row |= {"worse": ", ".join(f"{who} ({points:.1f})" for who, points in worse.items())}
+            row |= {"worse": ", ".join(f"{who} ({points:.1f})" for who, points in worse.items()) or "nobody"}
         rows.append(row)
     curve = pd.DataFrame(rows)
     curve.attrs["enough"] = enough(wide[[k for k in order if k != WITHOUT]])
     return curve
 
 
-def known_of(run: pd.Series) -> str:
+def known_of(run: Result) -> str:
     """The calibration of a run: a number of shots, or captures without labels."""
     return WITHOUT if run["protocol.unlabelled"] == "True" else str(int(run["protocol.shots"]))
 
@@ -130,23 +148,13 @@ def enough(people: pd.DataFrame) -> str:
     return str(best)
 
 
-def table_of(curves: dict[str, pd.DataFrame]) -> pd.DataFrame:
-    """All curves as text, a row per system and calibration."""
-    rows = []
+def table_of(curves: dict[str, pd.DataFrame]) -> Table:
+    """All curves, a row per system and calibration."""
+    rows: list[Row] = []
     for system, curve in curves.items():
-        for i, row in enumerate(rows_of(curve)):
-            gains = tuple(row.get(name, np.nan) for name in ("gain", "gain_low", "gain_high"))
-            rows.append(
-                {
-                    "system": system,
-                    "shots": row["known"],
-                    "accuracy": bounded(row["accuracy"], row["low"], row["high"]),
-                    "gain": bounded(*gains, sign=True),
-                    "worse": str(row["worse"] or "nobody") if np.isfinite(gains[0]) else "-",
-                    "enough": "" if i else curve.attrs["enough"],
-                }
-            )
-    return pd.DataFrame(rows)
+        for i, row in enumerate(rows_of(curve.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))):
+            rows.append(row | {"system": system, "enough": "" if i else curve.attrs["enough"]})
+    return Table(COLUMNS, rows)
 
 
 def drawn(curves: dict[str, pd.DataFrame], context: str) -> Figure:

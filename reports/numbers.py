@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from bench.outcomes.comparable import MARK, MARKED
+from bench.comparable import MARK, MARKED
 
 DESIGNED = (
     "The systems reflex, touchnet and rocket and the features touch were designed on seven of HAART's ten people, the "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.measures import Cell, Interval, Measure, Row, known, p_value, text
 from bench.outcomes import statistics
 from bench.outcomes.ranking import Ranking, distinct, ranking
+from bench.result import Result
+from bench.table import Table, rows_of
 from reports.figures import LINE, bars, new_figure, plain, width_of
-from reports.layout import Table
-from reports.numbers import bounded, listed, notes_on, number, p_value
+from reports.numbers import listed, notes_on, number
 
 if TYPE_CHECKING:
     from reports.reference_rows import BySubject
@@ -47,17 +49,17 @@ class OverCorpora:
     caption: str = CAPTION
 
 
-def of_runs(runs: pd.DataFrame, by_group: Mapping[str, BySubject]) -> list[OverCorpora]:
+def of_runs(groups: Mapping[str, Sequence[Result]], by_group: Mapping[str, BySubject]) -> list[OverCorpora]:
     """The rankings of stored runs, with reference results; one for each subset and target.
 
     Args:
-        runs: runs from `bench.outcomes.runs.with_groups`.
+        groups: results from `bench.outcomes.runs.grouped`.
         by_group: `reports.reference_rows.systems_by_subject` of each group.
     """
     sections = []
-    for groups, left_out in distinct(runs):
+    for chosen, left_out in distinct(groups):
         parts, shipped = [], {}
-        for data, group in groups.items():
+        for data, group in chosen.items():
             same = by_group[group]
             bare = {name: str(one.metadata["system"]) for name, one in same.references.items()}
             rows = same.subjects.rename(index=bare).rename_axis("system").reset_index()
@@ -68,7 +70,7 @@ def of_runs(runs: pd.DataFrame, by_group: Mapping[str, BySubject]) -> list[OverC
             for data, system in product(found.people, found.table["system"]):
                 ours = [f"The result on {data} comes with touchbench."] * (system in shipped[data])
                 notes.setdefault(system, []).extend(notes_on(system, data) + ours)
-            sections.append(section(found, groups, left_out, notes))
+            sections.append(section(found, chosen, left_out, notes))
     return sections
 
 
@@ -103,25 +105,30 @@ def section(
     if len(kept) < len(found.table):
         sentences.append(f"The first {len(kept)} of {len(found.table)} ranked systems are shown.")
     sentences += statistics.warnings(total, len(found.table), min(found.people.values()), mixed=False)
-    table = Table(_shown(kept, [*found.people]), [notes.get(system, []) for system in kept["system"]])
+    remarks = [notes.get(system, []) for system in kept["system"]]
+    table = Table(_columns([*found.people]), rows_of(kept), "over several corpora", remarks=remarks)
     return OverCorpora(title, found, sentences, table)
 
 
-def _shown(table: pd.DataFrame, corpora: list[str]) -> pd.DataFrame:
-    """A ranking as text."""
-    ranks = zip(table["mean_rank"], table["low"], table["high"], strict=True)
-    differences = zip(table["difference"], table["difference_low"], table["difference_high"], strict=True)
-    columns = {
-        "system": table["system"],
-        "mean rank [95 %]": [bounded(*each, digits=2) for each in ranks],
-        "accuracy %": table["accuracy"].map(number),
-        "behind the first [95 %]": [bounded(*each, sign=True) for each in differences],
-        "p Holm": table["p_holm"].map(p_value),
-    }
-    for data in corpora:
-        places = zip(table[f"{data}_accuracy"], table[f"{data}_place"], strict=True)
-        columns[f"{data} % (place)"] = [f"{number(accuracy)} ({place:g})" for accuracy, place in places]
-    return pd.DataFrame(columns)
+def _columns(corpora: list[str]) -> list[Measure]:
+    """Columns of a ranking."""
+
+    def place(data: str) -> Callable[[Row], str]:
+        return lambda row: f"{row[f'{data}_accuracy']:.1f} ({row[f'{data}_place']:g})"
+
+    def rank(row: Row) -> Cell:
+        return (
+            Interval(row["mean_rank"], row["low"], row["high"]) if known(row["low"]) is not None else row["mean_rank"]
+        )
+
+    return [
+        text("system"),
+        Measure("mean_rank", "mean rank [95 %]", rank, ".2f"),
+        Measure("accuracy", "accuracy %", spare=1),
+        Measure("difference", "behind the first [95 %]", form="+.1f", ends="difference"),
+        Measure("p_holm", "p Holm", form=p_value, spare=2),
+        *(Measure(f"{data}_place", f"{data} % (place)", place(data)) for data in corpora),
+    ]
 
 
 def rank_plot(over: OverCorpora) -> tuple[Figure, str]:

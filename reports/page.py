@@ -4,42 +4,43 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
+from bench.comparable import MARKED
 from bench.errors import InputError
 from bench.outcomes import statistics
-from bench.outcomes.comparable import MARKED, depends_on_batch, system_of
 from bench.outcomes.ranking import COLUMNS as RANKED
-from bench.outcomes.runs import independent, of_kinds, rows_of, tracked, with_groups
+from bench.outcomes.runs import grouped, of_kinds, stored
 from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
+from bench.result import Result
 from bench.scratch import owner, sweep
+from bench.table import of_text, write_sheet
 from reports import fault_curves, over_corpora
-from reports.candidates import Considered, chart_data, considered
+from reports.budgets import budget_tables, by_budget
+from reports.candidates import Considered, considered, marks
 from reports.comparison import comparison, published, shown
 from reports.figures import save
 from reports.latex import latex
-from reports.layout import Table, markdown, page
+from reports.layout import markdown, page
 from reports.new_person import curves_of, new_person_sections
 from reports.numbers import listed, notes_on
-from reports.papers import published_section, recomputed_section
+from reports.papers import published_section
 from reports.provenance import provenance, software
-from reports.published_tables import recomputed
 from reports.reference_rows import systems_by_subject
 from reports.reproduction import against
 from reports.run_groups import GROUPS, group_of, largest_groups, slug
 from reports.same_wrong import same_wrong_section
 from reports.speed import speed_chart
-from reports.spreadsheet import write_sheet
 from reports.summary import briefs
 from reports.watching import watch_sections
-from reports.what_if import panels
 
+KINDS = ("cell", "stress", "stream", "chip", "watch")  # of runs
 ROWS = 300  # of a table on the page; the CSV files hold all
 
 
@@ -49,7 +50,7 @@ def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None
     Args:
         store: store of the runs.
         folder: destination folder; it is created.
-        budgets: the most of each cost that a system to choose may take, in the units of `bench.costs.COSTS`.
+        budgets: budget of each cost (`bench.measures.costs`) of the system to choose.
 
     Returns:
         The files written.
@@ -57,12 +58,14 @@ def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None
     Raises:
         InputError: the store holds no scored run, or the folder cannot be written.
     """
-    runs = tracked(store)
+    results = of_kinds(store, KINDS)
+    if "cell" not in results:
+        stored(store)  # which says so
     try:
         folder.mkdir(parents=True, exist_ok=True)
         sweep(folder, ".")
         with tempfile.TemporaryDirectory(prefix=f".{owner()}", dir=folder) as beside:
-            written = _write(store, Path(beside), runs, budgets or {})
+            written = _write(Path(beside), results, budgets or {})
             (folder / "figures").mkdir(exist_ok=True)
             for name in written:  # a report that is stopped while it is made leaves the earlier one as it was
                 os.replace(Path(beside) / name, folder / name)
@@ -74,10 +77,10 @@ def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None
     return [folder / name for name in written]
 
 
-def _write(store: Store, folder: Path, runs: pd.DataFrame, budgets: Mapping[str, float]) -> list[Path]:
+def _write(folder: Path, results: Mapping[str, list[Result]], budgets: Mapping[str, float]) -> list[Path]:
     """Write a report into an empty folder; its files, the page last, relative to the folder."""
     (folder / "figures").mkdir()
-    values, tables = assemble(store, runs, folder / "figures", budgets)
+    values, tables = assemble(results, folder / "figures", budgets)
     for name, table in tables.items():
         write_sheet(table, folder / f"{name}.csv")
     (folder / "comparison.md").write_text(markdown("report.jinja", **values), encoding="utf-8")
@@ -89,70 +92,70 @@ def _write(store: Store, folder: Path, runs: pd.DataFrame, budgets: Mapping[str,
 
 
 def assemble(
-    store: Store, runs: pd.DataFrame, folder: Path, budgets: Mapping[str, float]
+    results: Mapping[str, list[Result]], folder: Path, budgets: Mapping[str, float]
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """The variables of ``report.jinja``, by name, and the tables of the CSV files.
 
     Args:
-        store: store of the runs.
-        runs: runs of the kind ``cell``, from `bench.outcomes.runs.tracked`.
+        results: results by kind of run.
         folder: destination folder of figures.
-        budgets: the most of each cost.
+        budgets: budget of each cost.
     """
-    papers, others = published(), of_kinds(store, ("stress", "stream", "chip", "watch"))
-    kinds = {kind: independent(each) for kind, each in (others | {"cell": runs}).items()}
-    runs = with_groups(runs)
-    by_group = {str(group): systems_by_subject(store, part) for group, part in runs.groupby("group", sort=False)}
-    largest, left_out = largest_groups(runs)
+    papers, runs = published(), results["cell"]
+    alone = {kind: [r for r in each if r.alone] for kind, each in results.items()}
+    groups = grouped(runs)
+    by_group = {name: systems_by_subject(members) for name, members in groups.items()}
+    largest, left_out = largest_groups(groups)
     files = {name: f"{i}-{slug(name)}" for i, name in enumerate(largest, 1)}
-    groups = {name: group_of(store, part, by_group[name], folder, files[name]) for name, part in largest.items()}
-    answers = [considered(store, name, runs, budgets, kinds) for name in largest]
+    parts = {name: group_of(name, largest[name], by_group[name], folder, files[name]) for name in largest}
+    answers = [considered(name, largest[name], alone, budgets) for name in largest]
     candidates = [answer for answer in answers if isinstance(answer, Considered)]
-    every = pd.concat([runs, *map(with_groups, others.values())], ignore_index=True)
-    models = {system_of(run): str(run["model_name"]) for each in kinds.values() for run in rows_of(each)}
-    chart = chart_data(candidates, models, papers)
-    stresses, streams = (fault_curves.contexts(others.get(kind)) for kind in ("stress", "stream"))
-    curves = curves_of(store, runs)
-    agreed = agreements(store, largest)
+    models = {r.system: str(r["model_name"]) for each in alone.values() for r in each}
+    known = {*papers["system"]} - {""}
+    stresses, streams = (fault_curves.contexts(results.get(kind, [])) for kind in ("stress", "stream"))
+    curves = curves_of(runs)
+    agreed = agreements(largest)
     same_wrong = [pd.DataFrame(columns=["group", *COLUMNS]), *(a.same_wrong.assign(group=a.group) for a in agreed)]
-    over = over_corpora.of_runs(runs, by_group)
+    over = over_corpora.of_runs(groups, by_group)
     tables = {
-        "comparison": comparison(store, runs, papers, by_group=by_group),
-        "published": against(papers, runs, store),
-        "recomputed": recomputed(papers),
-        "statistics": pd.concat([g.rows.assign(group=name) for name, g in groups.items()], ignore_index=True),
-        "pairs": pd.concat([g.pairs.assign(group=name) for name, g in groups.items()], ignore_index=True),
+        "comparison": comparison(groups, papers, by_group=by_group),
+        "budgets": by_budget(candidates, alone),
+        "published": against(papers, runs),
+        "statistics": pd.concat([g.rows.assign(group=name) for name, g in parts.items()], ignore_index=True),
+        "pairs": pd.concat([g.pairs.assign(group=name) for name, g in parts.items()], ignore_index=True),
         "ranking": pd.concat(
             [pd.DataFrame(columns=[*RANKED, "group"]), *(o.found.table.assign(group=o.title) for o in over)]
         ),
         "same_wrong_label": pd.concat(same_wrong, ignore_index=True),
-        "provenance": provenance(every),
+        "provenance": pd.concat([provenance(grouped(each)) for each in results.values()], ignore_index=True),
     }
     values = {
         "title": f"Which system to choose: {_corpora(runs)}",
-        "synthetic": (runs["synthetic"] == "true").any(),
-        "failed": sorted(set(runs.loc[runs["folds_failed"] > 0, "system"])),
-        "on_batch": sorted({str(run["system"]) for run in rows_of(runs) if depends_on_batch(run)}),
+        "synthetic": any(r["synthetic"] == "true" for r in runs),
+        "failed": sorted({r.system for r in runs if r["folds_failed"] > 0}),
+        "on_batch": sorted({r.system for r in runs if not r.alone}),
         "marked": MARKED,
         "answers": answers,
-        "what_ifs": panels(store, candidates, kinds),
         "largest": GROUPS,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
-        "chart": chart,
         "speed": [
-            save(figure, folder, f"{files[g['name']]}-speed", g["name"], caption)
-            for g in chart["groups"]
-            for figure, caption in [speed_chart(g, chart["costs"][: chart["linear"].count(False)])]
+            save(figure, folder, f"{files[answer.title]}-speed", answer.title, caption)
+            for answer in candidates
+            if len(answer.among.table) > 1
+            for points in [marks(answer, models, known)]
+            for left in [len(answer.among.table) - len(points)]
+            for figure, caption in [speed_chart(answer.title, points, answer.costs, answer.budgets, left)]
         ],
+        "budgets": budget_tables(tables["budgets"]),
         "runs": runs_section(tables["comparison"], [*largest, *left_out]),
-        "counts": (len(runs), runs["system"].nunique()),
-        "briefs": briefs(streams, stresses, groups, curves),
+        "counts": (len(runs), len({r.system for r in runs})),
+        "briefs": briefs(streams, stresses, parts, curves),
         "published": published_section(tables["published"]),
-        "streams": fault_curves.stream_sections(store, streams, folder),
-        "watched": watch_sections(store, others.get("watch"), folder),
+        "streams": fault_curves.stream_sections(streams, folder),
+        "watched": watch_sections(results.get("watch", []), folder),
         "stresses": fault_curves.stress_sections(stresses, folder),
         "people": new_person_sections(curves, folder),
-        "groups": groups,
+        "groups": parts,
         "over": [
             (o, save(figure, folder, f"{i}-over-several-corpora", o.title, caption))
             for i, o in enumerate(over, len(largest) + 1)
@@ -160,14 +163,13 @@ def assemble(
         ],
         "same_wrong": [same_wrong_section(a) for a in agreed],
         "few": statistics.FEW_SUBJECTS,
-        "recomputed": recomputed_section(tables["recomputed"]),
         "provenance": provenance_section(runs, tables["provenance"]),
     }
     return values, tables
 
 
-def _corpora(runs: pd.DataFrame) -> str:
-    return ", ".join(sorted(set(runs["data"] + np.where(runs["synthetic"] == "true", " (synthetic)", ""))))
+def _corpora(results: Sequence[Result]) -> str:
+    return ", ".join(sorted({r.context[0] for r in results}))
 
 
 def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
@@ -184,7 +186,7 @@ def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
     remarks = [notes_on(r.system, r.data) for r in kept.itertuples()]
     few = table.loc[table["subjects"] < statistics.FEW_SUBJECTS, "group"]
     return {
-        "table": Table(shown(kept), remarks, groups=[*together[kept.index]]),
+        "table": shown(kept, remarks, [*together[kept.index]]),
         "few": [*few.unique()],
         "all": len(table),
         "each": each,
@@ -192,13 +194,15 @@ def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
     }
 
 
-def provenance_section(runs: pd.DataFrame, table: pd.DataFrame) -> dict[str, Any]:
+def provenance_section(results: Sequence[Result], table: pd.DataFrame) -> dict[str, Any]:
     """Corpora, versions, and the command of every run."""
-    corpora = runs.groupby(["data", "synthetic", "corpus_digest"], sort=True).size().reset_index(name="runs")
-    corpora["data"] += np.where(corpora.pop("synthetic") == "true", " (synthetic)", "")
+    counted = Counter((r["data"], r["synthetic"], r["corpus_digest"]) for r in results)
+    names = ("data", "corpus_digest", "runs")
+    rows = [(data + " (synthetic)" * (s == "true"), digest, n) for (data, s, digest), n in sorted(counted.items())]
+    corpora = pd.DataFrame(rows, columns=names).astype(str)
     return {
-        "corpora": Table(corpora),
-        "versions": Table(software(runs)),
-        "commands": Table(table.iloc[:ROWS], code=("command",)),
+        "corpora": of_text(corpora),
+        "versions": of_text(software(results).astype(str)),
+        "commands": of_text(table.iloc[:ROWS], code=("command",)),
         "all": len(table),
     }

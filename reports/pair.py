@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import pandas as pd
 
+from bench.comparable import MARK, MARKED
 from bench.errors import InputError, nearest
 from bench.outcomes import statistics
-from bench.outcomes.comparable import MARK, MARKED
 from bench.outcomes.runs import by_subject
-from bench.outcomes.store import Store
+from bench.result import Result
 from reports.numbers import p_value, span
 from reports.reference_rows import accuracies, references
 
@@ -73,12 +73,11 @@ class Compared:
         return "\n".join(lines)
 
 
-def compared(store: Store, sides: Sequence[tuple[str, pd.DataFrame]]) -> Compared:
+def compared(sides: Sequence[tuple[str, Mapping[str, Sequence[Result]]]]) -> Compared:
     """Two systems on whole captures of the one group of runs that both have.
 
     Args:
-        store: store of the runs.
-        sides: for each system, its name and the runs to search, from `bench.outcomes.runs.with_groups`.
+        sides: for each system, its name and the results to search by group.
 
     Raises:
         InputError: one has no complete run, or they share no group, or several.
@@ -92,7 +91,7 @@ def compared(store: Store, sides: Sequence[tuple[str, pd.DataFrame]]) -> Compare
     if len(both) > 1:
         raise InputError(f"both have runs on {'; '.join(both)}; name one with data=, where=, target= or protocol=")
     (system, one), (other, two) = (
-        (each[both[0]], _accuracy(store, name, runs, both[0])) for each, (name, runs) in zip(groups, sides, strict=True)
+        (each[both[0]], _accuracy(name, runs[both[0]])) for each, (name, runs) in zip(groups, sides, strict=True)
     )
     if system == other:
         raise InputError(f"both are {system}; give two systems")
@@ -101,17 +100,17 @@ def compared(store: Store, sides: Sequence[tuple[str, pd.DataFrame]]) -> Compare
     return Compared(system, other, both[0], pd.DataFrame({system: one, other: two}))
 
 
-def _groups(name: str, runs: pd.DataFrame) -> dict[str, str]:
+def _groups(name: str, runs: Mapping[str, Sequence[Result]]) -> dict[str, str]:
     """Groups in which a system has a complete run or a reference result, and its name there, with its marks."""
-    complete = runs[runs["status"] == "FINISHED"]
-    groups = {}
-    for group, part in complete.groupby("group", sort=False):
-        systems = [*dict.fromkeys(part["system"]), *references(part)]
+    groups, names = {}, set()
+    for group, results in runs.items():
+        complete = [r for r in results if r.complete]
+        systems = [*dict.fromkeys(r.system for r in complete), *(references(complete) if complete else ())]
+        names |= {r.system for r in complete}
         if matching := [system for system in systems if _is(name, system)]:
-            groups[str(group)] = matching[0]
+            groups[group] = matching[0]
     if not groups:
-        names = sorted(set(complete["system"]))
-        raise InputError(f"no complete run of {name!r} is tracked; {nearest(name, names)}")
+        raise InputError(f"no complete run of {name!r} is tracked; {nearest(name, sorted(names))}")
     return groups
 
 
@@ -120,12 +119,11 @@ def _is(name: str, system: str) -> bool:
     return name in (system, system.removesuffix(f" {MARK}"), system.removesuffix(f" {MARK}").split(" (uses ")[0])
 
 
-def _accuracy(store: Store, name: str, runs: pd.DataFrame, group: str) -> pd.Series:
-    part = runs[runs["group"] == group]
-    others = references(part)
+def _accuracy(name: str, results: Sequence[Result]) -> pd.Series:
+    others = references(results)
     if name in others:
         return pd.Series(accuracies(others[name]))
-    return by_subject(store, part[[_is(name, system) for system in part["system"]]])[0].iloc[0]
+    return by_subject([r for r in results if _is(name, r.system)])[0].iloc[0]
 
 
 def _counted(subjects: list[str], verb: str) -> str:

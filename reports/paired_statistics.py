@@ -6,30 +6,34 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.measures import Measure, p_value, text
 from bench.outcomes import statistics
+from bench.table import Table, of_text, rows_of
 from reports.figures import LINE, new_figure, plain, width_of
-from reports.numbers import bounded, number, p_value, span
+from reports.numbers import notes_on
+
+COLUMNS = (  # of `bench.outcomes.statistics.against_best`
+    text("system"),
+    Measure("accuracy", "mean over subjects %"),
+    Measure("difference", form="+.1f", ends="difference"),
+    Measure("p", "p Wilcoxon", form=p_value),
+    Measure("p_holm", "p Holm", form=p_value),
+    Measure("seeds", form=".0f", spare=1),
+)
 
 
-def shown_statistics(rows: pd.DataFrame) -> pd.DataFrame:
-    """`bench.outcomes.statistics.against_best` as text."""
-    frame = {
-        "system": rows["system"],
-        "mean over subjects %": rows["accuracy"].map(number),
-        "difference": [bounded(r.difference, r.low, r.high, sign=True) for r in rows.itertuples()],
-        "corrected": [span(r.nb_low, r.nb_high) for r in rows.itertuples()],
-        "p corrected": rows["nb_p"].map(p_value),
-        "p Wilcoxon": rows["p"].map(p_value),
-        "p Holm": rows["p_holm"].map(p_value),
-        "dz": [bounded(r.dz, r.dz_low, r.dz_high, digits=2, sign=True) for r in rows.itertuples()],
-        "r": [number(v, 2, sign=True) for v in rows["rank_biserial"]],
-    }
-    if "seeds" in rows:
-        frame["seeds"] = [number(v, 0) for v in rows["seeds"]]
-    return pd.DataFrame(frame)
+def statistics_table(rows: pd.DataFrame, data: str = "") -> Table:
+    """Every system against the best one.
+
+    Args:
+        rows: `bench.outcomes.statistics.against_best`, with the number of ``seeds``.
+        data: name of the corpus, for footnotes.
+    """
+    named = rows.rename(columns={"low": "difference_low", "high": "difference_high"})
+    return Table(COLUMNS, rows_of(named), remarks=[notes_on(system, data) for system in rows["system"]])
 
 
-def matrix(systems: list[str], pairs: pd.DataFrame) -> pd.DataFrame:
+def matrix(systems: list[str], pairs: pd.DataFrame) -> Table:
     """Every pair of systems: the difference above the diagonal, the corrected p below it.
 
     Args:
@@ -40,10 +44,10 @@ def matrix(systems: list[str], pairs: pd.DataFrame) -> pd.DataFrame:
     cells = np.full((len(systems), len(systems)), "\N{MIDDLE DOT}", dtype=object)
     for row in pairs.itertuples():
         i, j = position[row.system], position[row.other]
-        cells[i, j], cells[j, i] = number(row.difference, sign=True), p_value(row.p_holm)
+        cells[i, j], cells[j, i] = f"{row.difference:+.1f}", p_value(row.p_holm)
     frame = pd.DataFrame(cells, columns=[str(i) for i in range(1, len(systems) + 1)])
     frame.insert(0, "system", [f"{i} {name}" for i, name in enumerate(systems, 1)])
-    return frame
+    return of_text(frame)
 
 
 def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:

@@ -4,41 +4,39 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from bench.result import Result
 
-def command(run: dict) -> str:
-    """The command line that makes a run, as it was tracked; ``-`` for a run of Python objects.
+MACHINE = ("git", "cpu", "threads")
 
-    Args:
-        run: a row of `bench.outcomes.runs.tracked`.
-    """
-    if not isinstance(arguments := run.get("touchbench.arguments"), str):
+
+def command(result: Result) -> str:
+    """The command line that makes a run, as it was tracked; ``-`` for a run of Python objects."""
+    arguments = result.get("touchbench.arguments")
+    if arguments is None:
         return "-"
     words = [f"{key}={value}" for key, value in json.loads(arguments).items()]
-    return shlex.join(["bench", run["touchbench.command"], *words])
+    return shlex.join(["bench", result["touchbench.command"], *words])
 
 
-def provenance(runs: pd.DataFrame) -> pd.DataFrame:
+def provenance(groups: Mapping[str, Sequence[Result]]) -> pd.DataFrame:
     """Origin of each run, a row each: its name, command, corpus, revision, machine and MLflow id."""
-    machine = runs.reindex(columns=["git", "cpu", "threads"]).fillna("-").replace("", "-")
-    return pd.DataFrame(
-        {
-            "group": runs["group"],
-            "system": runs["system"],
-            "seed": runs["seed"],
-            "command": [command(run) for run in runs.to_dict("records")],
-            "corpus digest": runs["corpus_digest"].str[:16],
-            "git": machine["git"],
-            "CPU, threads": machine["cpu"] + ", " + machine["threads"],
-            "run": runs["run_id"],
-        }
-    )
+    rows = []
+    for group, results in groups.items():
+        for r in results:
+            git, cpu, threads = (r.get(name) or "-" for name in MACHINE)
+            about = {"group": group, "system": r.system, "seed": r["seed"], "command": command(r)}
+            about |= {"corpus digest": r["corpus_digest"][:16], "git": git, "CPU, threads": f"{cpu}, {threads}"}
+            rows.append(about | {"run": r["run_id"]})
+    return pd.DataFrame(rows)
 
 
-def software(runs: pd.DataFrame) -> pd.DataFrame:
+def software(results: Sequence[Result]) -> pd.DataFrame:
     """Versions that the runs were made with, the most frequent first."""
-    columns = sorted(c for c in runs if c.startswith("version."))
-    counted = runs[columns].fillna("-").value_counts().reset_index(name="runs")
+    versions = [{k: v for k, v in r.about.items() if k.startswith("version.")} for r in results]
+    table = pd.DataFrame(versions).fillna("-")
+    counted = table[sorted(table)].value_counts().reset_index(name="runs")
     return counted.rename(columns=lambda c: c.removeprefix("version."))

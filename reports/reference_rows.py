@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import pandas as pd
 
-from bench.leaderboard.submissions import Submission
+from bench.leaderboard.submissions import Submission, reference_of
 from bench.leaderboard.tasks import TASKS, Task
 from bench.outcomes import scores
-from bench.outcomes.comparable import Row
-from bench.outcomes.runs import by_subject, independent, rows_of
-from bench.outcomes.store import Store
-from reports.leaderboard import reference_of
+from bench.outcomes.runs import by_subject
+from bench.result import Result
 
 REFERENCE = " (reference)"  # behind the name of such a system
 
@@ -31,14 +30,9 @@ class BySubject(NamedTuple):
     references: dict[str, Submission]
 
 
-def references(runs: pd.DataFrame) -> dict[str, Submission]:
-    """Reference results by their name in tables, if they are comparable with the runs.
-
-    Args:
-        runs: runs of one group, from `bench.outcomes.runs.with_groups`.
-    """
-    first = rows_of(runs)[0]
-    answered = [task.name for task in TASKS.values() if _answers(first, task)]
+def references(results: Sequence[Result]) -> dict[str, Submission]:
+    """Reference results by their name in tables, if they are comparable with the results of one group."""
+    answered = [task.name for task in TASKS.values() if _answers(results[0], task)]
     return {one.metadata["system"] + REFERENCE: one for name in answered for one in reference_of(name)}
 
 
@@ -47,20 +41,21 @@ def accuracies(one: Submission) -> dict[str, float]:
     return (100 * scores.per_subject(one.table).set_index("subject")["accuracy"]).to_dict()
 
 
-def systems_by_subject(store: Store, runs: pd.DataFrame, beside: bool = True) -> BySubject:
+def systems_by_subject(results: Sequence[Result], beside: bool = True) -> BySubject:
     """Accuracies of the systems of a group by subject, with its reference results.
 
     Left out are runs that depend on the batch, and reference results of systems that the store has a complete run of.
 
     Args:
-        store: store of the runs.
-        runs: runs of one group, from `bench.outcomes.runs.with_groups`.
+        results: results of one group.
         beside: True to include reference results.
     """
-    subjects, seeds = by_subject(store, independent(runs))
+    subjects, seeds = by_subject([r for r in results if r.alone])
     if not beside or not len(subjects):
         return BySubject(subjects, seeds, {})
-    others = {name: one for name, one in references(runs).items() if name.removesuffix(REFERENCE) not in subjects.index}
+    others = {
+        name: one for name, one in references(results).items() if name.removesuffix(REFERENCE) not in subjects.index
+    }
     table = {name: accuracies(one) for name, one in others.items()}
     table = {name: each for name, each in table.items() if set(each) == set(subjects.columns)}
     both = pd.concat([subjects, pd.DataFrame(table, index=subjects.columns).T])
@@ -68,7 +63,7 @@ def systems_by_subject(store: Store, runs: pd.DataFrame, beside: bool = True) ->
     return BySubject(both.loc[order], seeds.reindex(order), {name: others[name] for name in table})
 
 
-def _answers(run: Row, task: Task) -> bool:
+def _answers(run: Result, task: Task) -> bool:
     """Whether a run has the captures and protocol of a task, one label for each capture."""
     same = {"data": task.data, "corpus_digest": task.digest, "subset": "all", "target": "gesture"}
     same |= {"protocol": task.protocol, "synthetic": "false"}

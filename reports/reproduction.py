@@ -7,15 +7,16 @@ than that the two do not contradict each other.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.resources import files
 
 import numpy as np
 import pandas as pd
 
+from bench.comparable import Row, facts_of, seed_number
 from bench.outcomes import scores, statistics
-from bench.outcomes.comparable import Row, facts_of, seed_number
-from bench.outcomes.runs import predictions, rows_of, subject_accuracy
-from bench.outcomes.store import Store
+from bench.outcomes.runs import subject_accuracy
+from bench.result import Result
 from reports.bootstrap import macro_interval
 from reports.comparison import SAME
 
@@ -35,7 +36,7 @@ PRINTED = {"accuracy": "published", "sd": "published_sd"}  # columns of the pape
 NOTHING = dict.fromkeys(("ours", "low", "high", "ours_sd", "subjects", "difference"), np.nan) | {"seed": ""}
 
 
-def against(papers: pd.DataFrame, runs: pd.DataFrame, store: Store) -> pd.DataFrame:
+def against(papers: pd.DataFrame, results: Sequence[Result]) -> pd.DataFrame:
     """Published numbers, a row for each and each seed of ours; one without ours if there is none.
 
     Only complete runs of the very system count, with the parameters of the paper, on captures of people. Numbers are
@@ -44,20 +45,22 @@ def against(papers: pd.DataFrame, runs: pd.DataFrame, store: Store) -> pd.DataFr
 
     Args:
         papers: `reports.comparison.published`.
-        runs: `bench.outcomes.runs.tracked`.
-        store: store of the runs; predictions are read for units whose interval is not tracked.
+        results: results of ``bench run``; predictions are read for units whose interval is not tracked.
     """
-    real = runs[(runs["synthetic"] != "true") & runs["model_name"].isin(papers["system"])]
-    here = set(runs.loc[runs["synthetic"] != "true", "data"])
+    real, systems = [r for r in results if r["synthetic"] != "true"], {*papers["system"]}
+    here = {r["data"] for r in real}
     same = [*(k.removesuffix("_key") for k in SAME[:-1]), "model_name"]
-    ours = {key: rows_of(part) for key, part in real.groupby(same)}
+    ours: dict[tuple, list[Result]] = {}
+    for r in real:
+        if r["model_name"] in systems:
+            ours.setdefault(tuple(r[name] for name in same), []).append(r)
     rows = []
     for paper, correction in zip(papers.itertuples(), corrections().reindex(papers["id"]).itertuples(), strict=True):
         as_printed = {PRINTED.get(c, c): getattr(paper, c) for c in PAPER}
         as_printed |= {"table4": correction.table4, "table4_sd": correction.table4_sd}
         notes = [correction.correction] if isinstance(correction.correction, str) else []
         runs_of = sorted(ours.get(tuple(getattr(paper, k) for k in SAME), []), key=lambda run: seed_number(run["seed"]))
-        measured = [m for run in runs_of if run["system"] == paper.system and (m := _measured(store, run, paper))]
+        measured = [m for run in runs_of if run["system"] == paper.system and (m := _measured(run, paper))]
         others = sorted({run["system"] for run in runs_of} - {paper.system})
         for each in measured or [_nothing(paper, here, others)]:
             rows.append(as_printed | NOTHING | each | {"note": "\n".join(notes + each["note"])})
@@ -91,7 +94,7 @@ def _nothing(paper: object, here: set[str], others: list[str]) -> Row:
     return {"verdict": "not run", "note": [f"Run with other parameters: {', '.join(others)}."] if others else []}
 
 
-def _measured(store: Store, run: Row, paper: object) -> Row | None:
+def _measured(run: Result, paper: object) -> Row | None:
     """Our number in a published unit with its interval over subjects, None if the run has no such unit."""
     if paper.unit_key not in UNITS:
         return None
@@ -101,11 +104,10 @@ def _measured(store: Store, run: Row, paper: object) -> Row | None:
     value = 100 * run.get(f"{prefix}{metric}", np.nan)
     if np.isnan(value):
         return None
-    if run["status"] != "FINISHED":
-        folds = f"{run['folds']:.0f} of {run['folds'] + run['folds_failed']:.0f}"
-        why = [f"The run of seed {run['seed']} has only {folds} folds."]
+    if not run.complete:
+        why = [f"The run of seed {run['seed']} has only {run.folds.replace('/', ' of ')} folds."]
         return {"verdict": "not run", "note": why}
-    low, high = _interval(store, run, prefix, metric)
+    low, high = _interval(run, prefix, metric)
     subjects = int(run.get("subjects", 0))
     notes = [f"{subjects} subjects: this interval is unreliable."] * (subjects < statistics.FEW_SUBJECTS)
     if facts_of(run).official_split is False:
@@ -124,14 +126,14 @@ def _measured(store: Store, run: Row, paper: object) -> Row | None:
     }
 
 
-def _interval(store: Store, run: Row, prefix: str, metric: str) -> tuple[float, float]:
+def _interval(run: Result, prefix: str, metric: str) -> tuple[float, float]:
     """In percent; as tracked, or from the run's predictions. NaN for a single subject, or where they are gone."""
     if metric == "subject_accuracy_mean":
-        values = np.array(list(subject_accuracy(store, run).values()))
+        values = np.array(list(subject_accuracy(run).values()))
         return statistics.interval(values)
     if (prefix, metric) == ("", "accuracy"):
         return 100 * run.get("accuracy_low", np.nan), 100 * run.get("accuracy_high", np.nan)
-    table = predictions(store, run)
+    table = run.tables.get("predictions")
     if table is None:
         return np.nan, np.nan
     vote = prefix == "vote_"

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.comparable import facts_of, seed_number
 from bench.outcomes import scores, statistics
-from bench.outcomes.comparable import facts_of, seed_number
-from bench.outcomes.runs import independent, predictions, rows_of
-from bench.outcomes.store import Store
+from bench.result import Result
+from bench.table import Table
 from reports import details, paired_statistics
 from reports.bootstrap import recall_interval
 from reports.figures import Picture, save
-from reports.layout import Table
-from reports.numbers import notes_on
 from reports.reference_rows import BySubject
 
 GROUPS = 3  # captures-and-protocol groups that get a verdict, statistics and figures
@@ -36,7 +35,7 @@ class Group:
         pairs: tests of all pairs of the most accurate systems.
         limits: limits of the conclusions, in sentences.
         compared: the statistics as text.
-        matrix: pairs as text; None with only two systems or one subject.
+        matrix: pairs as text; None with only two systems, or if no pair can have a corrected p below 0.05.
         pictures: figures by kind: subjects, and those of `detail_figures`.
         labels_only: systems whose predictions would be drawn, but hold no probabilities.
     """
@@ -56,53 +55,52 @@ class Group:
         """True if there are too few subjects for any conclusion."""
         return self.subjects.shape[1] < statistics.FEW_SUBJECTS
 
-    @property
-    def least_p(self) -> float:
-        """The smallest corrected p that a pair can have."""
-        return statistics.least_p(self.subjects.shape[1], len(self.pairs))
 
-
-def largest_groups(runs: pd.DataFrame) -> tuple[dict[str, pd.DataFrame], list[str]]:
-    """Runs by group, and the names of groups beyond `GROUPS`.
+def largest_groups(groups: Mapping[str, Sequence[Result]]) -> tuple[dict[str, Sequence[Result]], list[str]]:
+    """Results by group, and the names of groups beyond `GROUPS`.
 
     People stand before generated captures, protocols that say something of new persons before those that mix subjects,
     then the groups with most subjects, then those with most systems.
     """
-    mixed = [facts_of(run).mixes_subjects for run in rows_of(runs)]
-    grouped = runs.assign(mixed=mixed).groupby("group")
-    size = grouped.agg({"synthetic": "max", "mixed": "max", "subjects": "max", "system": "nunique"})
-    order = size.sort_values([*size], ascending=[True, True, False, False], kind="stable").index
-    return {g: runs[runs["group"] == g] for g in order[:GROUPS]}, list(order[GROUPS:])
+
+    def order(name: str) -> tuple:
+        results = groups[name]
+        mixed = any(facts_of(r).mixes_subjects for r in results)
+        synthetic = max(r["synthetic"] for r in results)
+        subjects = max(r.get("subjects", 0) for r in results)
+        return synthetic, mixed, -subjects, -len({r["system"] for r in results}), name
+
+    names = sorted(groups, key=order)
+    return {name: groups[name] for name in names[:GROUPS]}, names[GROUPS:]
 
 
-def group_of(store: Store, runs: pd.DataFrame, compared: BySubject, folder: Path, name: str) -> Group:
+def group_of(group: str, results: Sequence[Result], compared: BySubject, folder: Path, name: str) -> Group:
     """Statistics and figures of the runs of one group.
 
     Args:
-        store: store of the runs.
-        runs: runs of the group, from `bench.outcomes.runs.with_groups`.
+        group: captures and protocol in words.
+        results: results of the group.
         compared: `reports.reference_rows.systems_by_subject` of them.
         folder: destination folder of figures.
         name: prefix of file names.
     """
-    group = runs["group"].iloc[0]
     subjects = compared.subjects
     if not len(subjects):
         return Group(subjects)
-    runs = independent(runs)
-    first = runs[runs["status"] == "FINISHED"].iloc[0].to_dict()
+    results = [r for r in results if r.alone]
+    first = next(r for r in results if r.complete)
     facts = facts_of(first)
     kept = subjects.iloc[: statistics.RANKED]
-    by_fold = fold_table(store, runs, kept, facts.test_over_train)
+    by_fold = fold_table(results, kept, facts.test_over_train)
     rows = statistics.against_best(kept, by_fold, facts.test_over_train)
     rows = rows.assign(seeds=rows["system"].map(compared.seeds))
-    shown = paired_statistics.shown_statistics(rows)
     pairs, matrix = statistics.pairs(kept.iloc[: statistics.PAIRED]), None
     if len(kept) > 2 and subjects.shape[1] > 1:
-        matrix = Table(paired_statistics.matrix([*kept.index[: statistics.PAIRED]], pairs))
-        tested = statistics.friedman(kept)
-        rows = rows.assign(mean_rank=rows["system"].map(tested.mean), friedman_p=tested.p)
-    figures, labels_only = detail_figures(store, runs, subjects.index.drop([*compared.references]), group)
+        ranks, p = statistics.friedman(kept)
+        rows = rows.assign(mean_rank=rows["system"].map(ranks), friedman_p=p)
+        if statistics.least_p(subjects.shape[1], len(pairs)) < 0.05:
+            matrix = paired_statistics.matrix([*kept.index[: statistics.PAIRED]], pairs)
+    figures, labels_only = detail_figures(results, subjects.index.drop([*compared.references]), group)
     figures["subjects"] = paired_statistics.strip_plot(subjects, group)
     return Group(
         subjects,
@@ -110,50 +108,56 @@ def group_of(store: Store, runs: pd.DataFrame, compared: BySubject, folder: Path
         rows,
         pairs,
         statistics.warnings(subjects.shape[1], len(kept), int(first["folds"]), facts.mixes_subjects),
-        Table(shown, [notes_on(system, first["data"]) for system in rows["system"]]),
+        paired_statistics.statistics_table(rows, first["data"]),
         matrix,
         {kind: save(drawn, folder, f"{name}-{kind}", group, caption) for kind, (drawn, caption) in figures.items()},
         labels_only,
     )
 
 
-def fold_table(store: Store, runs: pd.DataFrame, kept: pd.DataFrame, ratio: float | None) -> pd.DataFrame | None:
+def fold_table(results: Sequence[Result], kept: pd.DataFrame, ratio: float | None) -> pd.DataFrame | None:
     """Accuracy in percent [systems, folds], means over seeds; None where folds are subjects or share nothing."""
-    complete = runs[(runs["status"] == "FINISHED") & runs["system"].isin(kept.index)]
-    if ratio is None or set(store.fold_accuracy(complete["run_id"].iloc[0])) == set(kept.columns):
+    complete = [r for r in results if r.complete and r.system in kept.index]
+    if ratio is None or set(fold_accuracy(complete[0])) == set(kept.columns):
         return None
-    rows = [store.fold_accuracy(run_id) for run_id in complete["run_id"]]
-    table = pd.DataFrame(rows, index=complete["system"].to_numpy())
+    table = pd.DataFrame([fold_accuracy(r) for r in complete], index=[r.system for r in complete])
     return table.groupby(level=0).mean().reindex(kept.index)
 
 
+def fold_accuracy(result: Result) -> dict[str, float]:
+    """Accuracy of the captures of each fold, in percent."""
+    labelled = scores.captures(result.tables["predictions"])
+    hit = labelled["true"] == labelled["predicted"]
+    return (100 * hit.groupby(labelled["fold"], sort=False).mean()).to_dict()
+
+
 def detail_figures(
-    store: Store, runs: pd.DataFrame, systems: pd.Index, group: str
+    results: Sequence[Result], systems: pd.Index, group: str
 ) -> tuple[dict[str, tuple[Figure, str]], list[str]]:
     """Figures that need predictions, of the most accurate systems, one seed each, not the luckiest.
 
     Args:
-        store: store of the runs.
-        runs: runs of one group.
+        results: results of one group.
         systems: their names, best first.
         group: description of the group.
 
     Returns:
         Figures with captions, by kind; and the systems that give labels only, so that nothing can be calibrated.
     """
-    complete = runs[runs["status"] == "FINISHED"].sort_values("seed", key=lambda c: c.map(seed_number), kind="stable")
-    lowest = complete.drop_duplicates("system").set_index("system", drop=False).loc[systems]
+    lowest: dict[str, Result] = {}
+    for r in sorted((r for r in results if r.complete), key=lambda r: seed_number(r["seed"])):
+        lowest.setdefault(r.system, r)
     figures: dict[str, tuple[Figure, str]] = {}
     recalls, reliability = {}, {}
-    for run in rows_of(lowest.iloc[:SYSTEMS]):
-        if (table := predictions(store, run)) is None:
+    for system in systems[:SYSTEMS]:
+        if (table := lowest[system].tables.get("predictions")) is None:
             continue
         labelled, classes = scores.captures(table), scores.classes_of(table)
         if not recalls:
             counts = scores.confusion(labelled, classes)
-            figures["confusion"] = details.confusion_figure(counts, run["system"], group)
-        recalls[run["system"]] = recall_interval(labelled, classes)
-        reliability[run["system"]] = details.calibration(table)
+            figures["confusion"] = details.confusion_figure(counts, system, group)
+        recalls[system] = recall_interval(labelled, classes)
+        reliability[system] = details.calibration(table)
     if recalls:
         figures["gestures"] = details.gesture_figure(recalls, group)
     if calibrated := {s: table for s, table in reliability.items() if table}:

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from bench.comparable import several
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import imported, open_corpus
 from bench.errors import InputError
-from bench.outcomes.comparable import several
 from bench.outcomes.same_wrong import COLUMNS, PROBABILITY, Agreement
+from bench.table import of_text
 from reports.corpus_page import FILMED, ROOT, place
-from reports.layout import Table
 
 SHOWN, ROOM = 60, 375_000  # captures of a group, and bytes of their images before they are encoded
 POINTS, HIGH = 120, 30  # of a curve: points, and height of its drawing
@@ -37,7 +37,7 @@ def same_wrong_section(found: Agreement) -> dict[str, Any]:
         pairs[f"{true}, predicted as {predicted}: {several(people.sum(), 'capture')} ({counts})"] = [
             (_words(row), list(_films(corpus, found, row))) for row in part.to_dict("records") if corpus is not None
         ]
-    table = Table(shown.round({PROBABILITY: 2}).rename(columns={"true": "label"}).astype(str))
+    table = of_text(shown.round({PROBABILITY: 2}).rename(columns={"true": "label"}).astype(str))
     left_out = len(rows) - len(shown)
     return {"found": found, "listed": len(rows), "table": table, "left_out": left_out, "pairs": pairs, "why": missing}
 

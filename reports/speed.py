@@ -1,16 +1,18 @@
-"""The chart of the page as a figure: accuracy against each cost, with the Pareto front."""
+"""The chart of the page: accuracy against each cost, with the Pareto front, the choice and the budgets."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from bench import pareto
-from reports.figures import LINE, bars, log_ticks, new_figure, plain, spread, width_of
+from bench.measures import Cost, costs
+from reports.figures import LINE, TEXT, TITLE, WIDEST, bars, log_ticks, new_figure, plain, spread, width_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +23,9 @@ MARKS = {  # of a candidate: marker, face, edge
     "other": ("s", "white", "tab:red"),
     "chip": ("^", "tab:green", "tab:green"),
 }
+CHOICE, BUDGET = "#2e8b57", "#b85c00"
+NAMED = 16  # points of a chart that all have a name beside it
+PANEL = 2.2, 4.5  # narrowest and widest panel in inches
 
 
 def front(cost: np.ndarray, accuracy: np.ndarray) -> np.ndarray:
@@ -33,56 +38,121 @@ def front(cost: np.ndarray, accuracy: np.ndarray) -> np.ndarray:
     return on[first]
 
 
-def speed_chart(group: Mapping[str, Any], costs: list[str]) -> tuple[Figure, str]:
-    """A panel for each cost on a log axis, with the Pareto front and the name of every point; and the caption.
+def speed_chart(
+    group: str, points: pd.DataFrame, names: list[str], budgets: Mapping[str, float], left: int = 0
+) -> tuple[Figure, str]:
+    """A panel for each cost, on a log axis except for shares of captures; and the caption.
 
     Args:
-        group: group of `reports.candidates.chart_data`.
-        costs: names of costs, as in the chart data.
+        group: captures and protocol, in words.
+        points: table of `reports.candidates.marks`.
+        names: names of costs; unknown ones have no panel.
+        budgets: budget of each cost.
+        left: number of systems that are not drawn.
     """
-    points = pd.DataFrame(
-        [{**p, **dict(zip(("accuracy", "low", "high"), p["y"], strict=True))} for p in group["points"]]
-    )
-    values = np.array([p["x"] for p in group["points"]], dtype=float)
-    shown = [i for i in range(len(costs)) if (values[:, i] > 0).any()]
-    high = max(2.8, LINE * len(points) + 0.2)
-    rows = -(-len(shown) // 2)
-    names = width_of(points["name"]) + 0.3
-    size = (9.5 + 2 * names, (high + 0.55) * rows + 0.55)
-    figure, axes = new_figure(size, (rows, 2), (0.6, names, 0.55, 0.4), (0.65 + names, 0.6), group["name"])
-    for ax, i in zip(axes.flat, shown, strict=False):
-        _panel(ax, points[values[:, i] > 0].assign(cost=values[values[:, i] > 0, i]), costs[i], high)
-    for ax in [*axes.flat][len(shown) :]:
+    known: dict[str, pd.DataFrame] = {}
+    for name in names:
+        part = points[(points[name] > 0) | points[name].notna() & costs()[name].linear]
+        if len(part):
+            known[name] = _with_names(part.sort_values("accuracy", kind="stable"), costs()[name])
+    room = width_of(name for part in known.values() for name in part["label"]) + 0.3
+    columns = 2 if len(known) > 1 and (WIDEST - 1.2) / 2 - room >= PANEL[0] else 1
+    width = np.clip((WIDEST - 0.6 * columns) / columns - room, *PANEL)
+    high = max(2.6, LINE * min(len(points), NAMED) + 0.2)
+    rows = max(1, -(-len(known) // columns))
+    size = (columns * (width + room + 0.6), (high + 0.95) * rows + 0.4)
+    figure, axes = new_figure(size, (rows, columns), (0.6, room, 0.65, 0.7), (0.6 + room, 0.95), group)
+    for ax, (name, part) in zip(axes.flat, known.items(), strict=False):
+        _panel(ax, part, costs()[name], budgets.get(name), (width, high))
+    for ax in [*axes.flat][len(known) :]:
         ax.set_axis_off()
-    return figure, (
-        "Accuracy, mean over subjects with 95 % t-intervals, against each cost. Filled circles: published systems run "
-        "here. Hollow circles: these with other settings. Squares: other systems. Triangles: measured in C. The line "
-        "and the bold names show the Pareto front: no other system is both cheaper and more accurate."
-        + (f" {group['left']} less accurate systems are not drawn." if group["left"] else "")
-    )
+    return figure, _caption(points, budgets, left)
 
 
-def _panel(ax: Axes, points: pd.DataFrame, words: str, high: float) -> None:
+def _with_names(points: pd.DataFrame, cost: Cost) -> pd.DataFrame:
+    """Points, whether each is on the front, and the name beside it, empty for none."""
+    burden = cost.burden(points[cost.key].to_numpy(float))
+    best = np.isin(np.arange(len(points)), front(burden, points["accuracy"].to_numpy()))
+    names = points["name"].where(~points["chosen"], "choice: " + points["name"])
+    shown = best | points["chosen"] | (len(points) <= NAMED)
+    return points.assign(best=best, label=names.where(shown, ""))
+
+
+def _caption(points: pd.DataFrame, budgets: Mapping[str, float], left: int) -> str:
+    """What is drawn, in sentences."""
+    marks = {
+        "published": "Filled circles: published systems run here.",
+        "changed": "Hollow circles: published systems with other settings.",
+        "other": "Squares: other systems.",
+        "chip": "Triangles: measured in C.",
+    }
+    sentences = [
+        "Accuracy, mean over subjects with 95 % t-intervals, against each cost.",
+        *(text for kind, text in marks.items() if (points["kind"] == kind).any()),
+        "The line and the bold names show the Pareto front: no other system is both cheaper and more accurate.",
+    ]
+    sentences += ["Ring: the choice."] * bool(points["chosen"].any())
+    sentences += ["Dashed line: the budget."] * bool(budgets)
+    sentences += ["Pale: ruled out by a budget."] * bool(points["out"].any())
+    if len(points) > NAMED:
+        sentences.append("Only systems on a Pareto front and the choice have names here; the SVG names every mark.")
+    if left:
+        sentences.append(f"{left} less accurate systems are not drawn.")
+    return " ".join(sentences)
+
+
+def _panel(ax: Axes, points: pd.DataFrame, cost: Cost, budget: float | None, inches: tuple[float, float]) -> None:
     """One cost; the names stand in a column on the right."""
-    points = points.astype({name: float for name in ("accuracy", "low", "high")}).sort_values("accuracy", kind="stable")
-    x, y = points["cost"].to_numpy(), points["accuracy"].to_numpy()
-    best, ends = front(x, y), bars(y, points["low"], points["high"])
-    ax.errorbar(x, y, yerr=ends, fmt="none", ecolor="0.75", elinewidth=0.7, zorder=1)
-    for kind, part in points.groupby("kind"):
-        marker, face, edge = MARKS[str(kind)]
-        ax.scatter(part["cost"], part["accuracy"], 34, face, marker=marker, zorder=3, edgecolors=edge)
-    ax.plot(x[best], y[best], color="0.2", linewidth=1, drawstyle="steps-post", zorder=2)
-    decades = np.log10(max(x.max() / x.min(), 3))
-    middle = np.sqrt(x.max() * x.min())
+    x, y = (points[c].to_numpy(float) for c in (cost.key, "accuracy"))
+    ends = bars(y, points["low"], points["high"])
+    low, right, edge = _limits(np.append(x, budget or x[0]), not cost.linear)
+    ax.set_xscale("linear" if cost.linear else "log")
+    if cost.linear:
+        ax.locator_params("x", nbins=6)
+    else:
+        log_ticks(ax.xaxis, (1, 2, 5) if right < 200 * low else (1,))
+    if budget is not None:
+        ax.axvspan(budget, right if cost.better == "low" else low, color="0.94", zorder=0)
+        ax.axvline(budget, color=BUDGET, linewidth=1.3, linestyle="--", zorder=1)
+        side = "right" if edge - budget < budget - low else "left"
+        place = ax.get_xaxis_transform()
+        ax.text(budget, 1.02, f"budget {cost.amount(budget)}", color=BUDGET, ha=side, va="bottom", transform=place)
     lowest, highest = (y - ends[0]).min(), (y + ends[1]).max()  # no interval is cut off
-    reach = max(highest - lowest, 5) * 1.06
-    low, top = (lowest + highest - reach) / 2, (lowest + highest + reach) / 2
-    ax.set(xscale="log", xlim=(middle / 10 ** (0.56 * decades), middle * 10 ** (0.56 * decades)), ylim=(low, top))
-    log_ticks(ax.xaxis, (1, 2, 5) if decades < 2 else (1,))
-    gap, edge = (top - low) * LINE / high, middle * 10 ** (0.61 * decades)
-    heights = spread(y, gap, low + gap / 2, top - gap / 2)
-    for i, (name, height) in enumerate(zip(plain(points["name"]), heights, strict=True)):
-        ax.text(edge, height, name, va="center", fontweight="bold" if i in best else "normal")
-        ax.plot([x[i], edge], [y[i], height], color="0.7", linewidth=0.5, zorder=1, clip_on=False)
-    ax.set(xlabel=words, ylabel="correctly classified captures, %")
+    reach = max(highest - lowest, 5) * 0.53
+    bottom, top = (lowest + highest) / 2 - reach, (lowest + highest) / 2 + reach
+    ax.set(xlim=(low, right), ylim=(bottom, top), ylabel="correctly classified captures, %")
+    ax.set_xlabel(textwrap.fill(cost.axis or cost.title, int((inches[0] + 0.8) / (TEXT * 0.0075))))
+    best = front(cost.burden(x), y)
+    ax.plot(x[best], y[best], color="0.2", linewidth=1, drawstyle="steps-post", zorder=2)
+    for i, point in enumerate(points.itertuples()):
+        marker, face, edges = MARKS[point.kind]
+        pale = 0.35 if point.out else 1
+        ax.plot([x[i]] * 2, [y[i] - ends[0][i], y[i] + ends[1][i]], color="0.6", linewidth=0.8, alpha=pale, zorder=1)
+        style = {"markersize": 6, "markerfacecolor": face, "markeredgecolor": edges, "alpha": pale}
+        ax.plot(x[i], y[i], marker, zorder=3, gid=TITLE + _about(point, cost), **style)
+        if point.chosen:
+            ring = {"markersize": 13, "markerfacecolor": "none", "markeredgewidth": 2, "markeredgecolor": CHOICE}
+            ax.plot(x[i], y[i], "o", zorder=2.5, **ring)
+    kept = np.flatnonzero(points["label"])
+    gap = (top - bottom) * LINE / inches[1]
+    heights = spread(y[kept], gap, bottom + gap / 2, top - gap / 2)
+    for i, height, point in zip(kept, heights, points.iloc[kept].itertuples(), strict=True):
+        style = {"fontweight": "bold" if point.best or point.chosen else "normal"}
+        style["color"] = CHOICE if point.chosen else "0.45" if point.out else "black"
+        ax.text(edge, height, plain([point.label])[0], va="center", **style)
+        ax.plot([x[i], edge], [y[i], height], color="0.75", linewidth=0.5, zorder=1, clip_on=False)
     ax.grid(alpha=0.25)
+
+
+def _limits(values: np.ndarray, log: bool) -> tuple[float, float, float]:
+    """Both ends of an axis with some values, and the place of names right of it."""
+    values = np.log10(values) if log else values
+    middle, reach = (values.max() + values.min()) / 2, max(np.ptp(values), 0.5 if log else 2)
+    low, right, edge = middle + np.array([-0.56, 0.56, 0.6]) * reach
+    return (10**low, 10**right, 10**edge) if log else (low, right, edge)
+
+
+def _about(point: object, cost: Cost) -> str:
+    """The numbers of a mark."""
+    bounds = "" if np.isnan(point.low) else f" [{point.low:.1f}, {point.high:.1f}]"
+    return f"{point.name}: {point.accuracy:.1f}{bounds} %, {cost.amount(getattr(point, cost.key))}; {point.verdict}"

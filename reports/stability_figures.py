@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
@@ -13,21 +14,21 @@ from matplotlib.figure import Figure
 from reports.figures import DASHES, MARKERS, bars
 
 if TYPE_CHECKING:
-    from bench.outcomes.stability import Analysis
+    from bench.result import Result
 
 NAME = 36  # characters of a line of a method's name
 PANELS = 4  # side by side
 
 
-def draw(analyses: list[Analysis], folder: Path) -> list[Path]:
+def draw(results: Sequence[Result], folder: Path) -> list[Path]:
     """All figures for which there is something to show, as PNG and SVG."""
     figures = {}
-    if len(analyses[0].curves):
-        losses = pd.DataFrame({a.method: a.margins.set_index("fault")["loss"] for a in analyses}).T
-        figures["heat_map"] = heat_map(losses, [a.clean for a in analyses], ", ".join(analyses[0].context))
-        figures["severities"] = severities(analyses)
-    if any(len(a.learning) > 1 for a in analyses):
-        figures["training_subjects"] = training_subjects(analyses)
+    if len(results[0].tables["faults"]):
+        losses = pd.DataFrame({r.method: r.tables["margins"].set_index("fault")["loss"] for r in results}).T
+        figures["heat_map"] = heat_map(losses, [r["accuracy"] for r in results], ", ".join(results[0].context))
+        figures["severities"] = severities(results)
+    if any(len(r.tables["learning"]) > 1 for r in results):
+        figures["training_subjects"] = training_subjects(results)
     paths = []
     for name, figure in figures.items():
         for kind in ("png", "svg"):
@@ -71,19 +72,19 @@ def heat_map(losses: pd.DataFrame, clean: list[float], context: str) -> Figure:
     return figure
 
 
-def severities(analyses: list[Analysis]) -> Figure:
+def severities(results: Sequence[Result]) -> Figure:
     """Accuracy against severity, a panel for each fault."""
-    faults = list(analyses[0].margins["fault"])
+    faults = list(results[0].tables["margins"]["fault"])
     wide = min(PANELS, len(faults))
     high = -(-len(faults) // wide)
     figure = Figure(figsize=(max(3.1 * wide, 7), 2.3 * high + 1.4), layout="constrained")
     axes = figure.subplots(high, wide, sharey=True, squeeze=False)
     for ax, fault in zip(axes.flat, faults, strict=False):
-        for k, a in enumerate(analyses):
-            part = a.curves[a.curves["fault"] == fault].sort_values("severity")
-            accuracy = 100 * np.append(a.clean, part["accuracy"])
-            ax.plot(np.append(0, part["severity"]), accuracy, **_style(k), label=a.method)
-        ax.axhline(100 * analyses[0].chance, color="0.5", linewidth=0.8, linestyle=(0, (1, 2)))
+        for k, r in enumerate(results):
+            part = r.tables["faults"].query("fault == @fault").sort_values("severity")
+            accuracy = 100 * np.append(r["accuracy"], part["accuracy"])
+            ax.plot(np.append(0, part["severity"]), accuracy, **_style(k), label=r.method)
+        ax.axhline(100 * results[0]["chance"], color="0.5", linewidth=0.8, linestyle=(0, (1, 2)))
         amounts = [text.partition(" ") for text in part["amount"]]
         ax.set_xticks(range(len(amounts) + 1), ["none", *(number for number, _, _ in amounts)], fontsize=8)
         ax.set_xlabel(amounts[0][2], fontsize=8)
@@ -94,26 +95,27 @@ def severities(analyses: list[Analysis]) -> Figure:
         ax.set_axis_off()
     for ax in axes[:, 0]:
         ax.set_ylabel("accuracy, %", fontsize=8)
-    _name(figure, ", ".join(analyses[0].context), "Accuracy under each fault; the dotted line is chance")
+    _name(figure, ", ".join(results[0].context), "Accuracy under each fault; the dotted line is chance")
     _legend(figure, axes[0, 0])
     return figure
 
 
-def training_subjects(analyses: list[Analysis]) -> Figure:
+def training_subjects(results: Sequence[Result]) -> Figure:
     """Learning curve: accuracy against the number of training subjects, bars are intervals over tested subjects."""
     figure = Figure(figsize=(7, 4.6), layout="constrained")
     ax = figure.subplots()
-    counts = analyses[0].learning["train_subjects"].to_numpy()
-    step = min(0.01, 0.06 / len(analyses)) * np.ptp(counts)  # aside, so that no bar hides another
-    for k, a in enumerate(analyses):
-        middle, low, high = (100 * a.learning[name].to_numpy() for name in ("accuracy", "low", "high"))
-        x = a.learning["train_subjects"] + (k - (len(analyses) - 1) / 2) * step
-        ax.errorbar(x, middle, yerr=bars(middle, low, high), capsize=3, elinewidth=0.8, label=a.method, **_style(k))
+    counts = results[0].tables["learning"]["train_subjects"].to_numpy()
+    step = min(0.01, 0.06 / len(results)) * np.ptp(counts)  # aside, so that no bar hides another
+    for k, r in enumerate(results):
+        curve = r.tables["learning"]
+        middle, low, high = (100 * curve[name].to_numpy() for name in ("accuracy", "low", "high"))
+        x = curve["train_subjects"] + (k - (len(results) - 1) / 2) * step
+        ax.errorbar(x, middle, yerr=bars(middle, low, high), capsize=3, elinewidth=0.8, label=r.method, **_style(k))
     ax.set_xticks(counts, [f"{c:g}" for c in counts])
     ax.set(xlabel="training subjects", ylabel="correctly classified captures, %")
     ax.grid(alpha=0.3)
     words = "Accuracy by number of training subjects, 95 % intervals over tested subjects"
-    _name(figure, ", ".join(analyses[0].context), words)
+    _name(figure, ", ".join(results[0].context), words)
     _legend(figure, ax)
     return figure
 

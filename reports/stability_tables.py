@@ -2,37 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from bench.errors import InputError
+from bench.measures import Measure, percent, text
 from bench.outcomes import scores
-from bench.outcomes.stability import ALPHA, CLEAN, FAMILIES, Analysis, families, ranks, seeds
+from bench.outcomes.stability import ALPHA, CLEAN, FAMILIES, families, ranks, seeds, unharmed
+from bench.result import Result
+from bench.table import Table, of_text, rows_of, write_sheet
 from reports import stability_figures as figures
-from reports.layout import Table, markdown
-from reports.numbers import bounded, number, percent
-from reports.spreadsheet import write_sheet
+from reports.layout import markdown
 
 TOP = 10  # rows of a table
+SEEDS = (
+    text("system"),
+    text("seeds"),
+    *(percent(name) for name in ("accuracy", "sd", "lowest", "highest")),
+    Measure("changed", read=lambda r: f"{r['changed']} of {r['captures']} ({100 * r['share_changed']:.1f} %)"),
+)
+SLICES = (
+    text("slice", "group"),
+    Measure("right", read=lambda r: f"{r['right']} of {r['captures']}"),
+    Measure("subjects", form=".0f"),
+    percent("accuracy"),
+    percent("gap", "below system by"),
+    Measure("p", form=".2g"),
+    Measure("p_corrected", "corrected p", form=".2g"),
+)
 
 
-def write(analyses: list[Analysis], folder: Path) -> list[Path]:
-    """Write the tables as CSV, ``stability.md``, and the figures as PNG and SVG, for methods of one context.
+def write(results: Sequence[Result], folder: Path) -> list[Path]:
+    """Write the tables as CSV, ``stability.md``, and the figures as PNG and SVG, for results of one context.
 
     Raises:
         InputError: the folder cannot be written.
     """
-    tables = {
-        "faults": _joined(analyses, "curves"),
-        "half_margins": _joined(analyses, "margins"),
-        "conditions": _joined(analyses, "conditions"),
-        "learning": _joined(analyses, "learning"),
-        "slices": _joined(analyses, "slices"),
-        "ranks": _in_context(analyses[0], ranks(analyses)),
-        "seeds": _in_context(analyses[0], seeds(analyses)),
-    }
+    files = {"faults": "faults", "half_margins": "margins", "conditions": "conditions", "learning": "learning"}
+    tables = {name: _joined(results, table) for name, table in (files | {"slices": "slices"}).items()}
+    tables |= {"ranks": _in_context(results[0], ranks(results)), "seeds": _in_context(results[0], seeds(results))}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for old in folder.glob("stability_*.[ps][nv]g"):  # of an earlier command
@@ -42,125 +53,123 @@ def write(analyses: list[Analysis], folder: Path) -> list[Path]:
             paths.append(folder / f"stability_{name}.csv")
             write_sheet(table, paths[-1])
         paths.append(folder / "stability.md")
-        shown = [(heading, note, Table(table) if len(table) else None) for heading, note, table in sections(analyses)]
-        text = markdown("stability.jinja", context=title(analyses[0]), sections=shown)
+        text = markdown("stability.jinja", context=", ".join(results[0].context), sections=sections(results))
         paths[-1].write_text(text, encoding="utf-8")
-        return paths + figures.draw(analyses, folder)
+        return paths + figures.draw(results, folder)
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
 
 
-def _joined(analyses: list[Analysis], name: str) -> pd.DataFrame:
-    parts = [(a, getattr(a, name)) for a in analyses]
-    named = [(a, part.assign(system=a.system, seed=a.seed)[["system", "seed", *part.columns]]) for a, part in parts]
-    return pd.concat([_in_context(a, part) for a, part in named], ignore_index=True)
+def _joined(results: Sequence[Result], name: str) -> pd.DataFrame:
+    parts = [(r, r.tables[name]) for r in results]
+    named = [(r, part.assign(system=r["system"], seed=r["seed"])[["system", "seed", *part]]) for r, part in parts]
+    return pd.concat([_in_context(r, part) for r, part in named], ignore_index=True)
 
 
-def _in_context(one: Analysis, table: pd.DataFrame) -> pd.DataFrame:
-    about = dict(zip(("data", "subset", "protocol"), one.context, strict=True))
+def _in_context(result: Result, table: pd.DataFrame) -> pd.DataFrame:
+    about = dict(zip(("data", "subset", "protocol"), result.context, strict=True))
     return table.assign(**about)[[*about, *table.columns]]
 
 
-def title(one: Analysis) -> str:
-    """Data, subset and protocol, the heading of every table and figure."""
-    return ", ".join(one.context)
-
-
-def sections(analyses: list[Analysis]) -> list[tuple[str, str, pd.DataFrame]]:
-    """Heading, remark and table (of text) of everything that is shown to a reader, in percent and points."""
+def sections(results: Sequence[Result]) -> list[tuple[str, str, Table | None]]:
+    """Heading, remark and table of everything that is shown to a reader, in percent and points."""
     parts = [
         (
             "Clean",
-            f"Chance is the share of the most frequent class: {percent(analyses[0].chance)} %.",
-            _clean_table(analyses),
+            f"Chance is the share of the most frequent class: {100 * results[0]['chance']:.1f} %.",
+            _clean_table(results),
         )
     ]
-    if len(table := _condition_table(analyses)):
+    if len(table := _condition_table(results)):
         parts.append(("By class, condition and length", "Accuracy in percent; subjects are in the CSV.", table))
-    if len(analyses[0].curves):
+    under_faults = len(results[0].tables["faults"]) > 0
+    if under_faults:
         note = "Accuracy in percent at severities 1 to 5, mean loss in points, and the lowest severity at which "
         note += "accuracy is significantly below that of the system."
-        worst = pd.concat([_worst_faults(a) for a in analyses], ignore_index=True)
-        parts.append(("Worst faults", note, worst))
+        parts.append(("Worst faults", note, _worst_faults(results)))
         note = "Interpolated between severities 1 to 5; 0 means clean captures, >5 means never."
-        parts.append(("Severity at which half of the margin over chance is lost", note, _half_table(analyses)))
-    for a in analyses:
-        faulty = a.slices["fault"] != ""
-        parts.append((f"Failing groups: {a.method}", _tests_words(a.slices, ~faulty), _slice_table(a, ~faulty)))
+        parts.append(("Severity at which half of the margin over chance is lost", note, _half_table(results)))
+    for r in results:
+        slices = r.tables["slices"]
+        faulty = slices["fault"] != ""
+        parts.append((f"Failing groups: {r.method}", _tests_words(slices, ~faulty), _slice_table(slices, ~faulty)))
         if faulty.any():
-            table = _slice_table(a, faulty & ~_as_such(a.slices) & ~_before(a.slices))
+            table = _slice_table(slices, faulty & ~_as_such(slices) & ~_before(slices))
             note = (
                 "Each listed group fails at a severity at which all captures together do not; clean, it does not fail."
             )
             parts.append(
-                (f"Groups that fail under a fault: {a.method}", f"{_tests_words(a.slices, faulty)} {note}", table)
+                (f"Groups that fail under a fault: {r.method}", f"{_tests_words(slices, faulty)} {note}", table)
             )
-    if len(analyses) > 1 and len(analyses[0].curves):
-        parts.append(
-            (
-                "Ranks",
-                "By mean accuracy over severities; Kendall's tau compares the order with the clean one.",
-                _rank_table(analyses),
-            )
-        )
-    if len(varied := seeds(analyses)):
-        shown = varied.assign(**{c: varied[c].map(percent) for c in ("accuracy", "sd", "lowest", "highest")})
-        shown["changed"] = [f"{r.changed} of {r.captures} ({percent(r.share_changed)} %)" for r in varied.itertuples()]
-        parts.append(("Seeds", "", shown[["system", "seeds", "accuracy", "sd", "lowest", "highest", "changed"]]))
-    if any(len(a.learning) > 1 for a in analyses):
-        parts.append(("Fewer training subjects", "", _learning_table(analyses)))
-    return parts
+    if len(results) > 1 and under_faults:
+        note = "By mean accuracy over severities; Kendall's tau compares the order with the clean one."
+        parts.append(("Ranks", note, _rank_table(results)))
+    if len(varied := seeds(results)):
+        parts.append(("Seeds", "", Table(SEEDS, rows_of(varied))))
+    if any(len(r.tables["learning"]) > 1 for r in results):
+        parts.append(("Fewer training subjects", "", _learning_table(results)))
+    return [(heading, note, table if len(table) else None) for heading, note, table in parts]
 
 
-def _clean_table(analyses: list[Analysis]) -> pd.DataFrame:
-    rows = []
-    for a in analyses:
-        low, high = scores.subject_interval(a.units)
-        accuracy = bounded(100 * a.clean, 100 * low, 100 * high)
-        row = {"system": a.method, "captures": str(len(a.units)), "accuracy [95 %]": accuracy}
-        for factor, part in a.conditions.groupby("factor", sort=False):
-            worst = part.loc[part["accuracy"].idxmin()]
-            row[f"worst {factor}"] = f"{worst['value']}: {percent(worst['accuracy'])}"
-        rows.append(row)
-    return pd.DataFrame(rows).fillna("-")
-
-
-def _condition_table(analyses: list[Analysis]) -> pd.DataFrame:
-    keys = ["factor", "value"]
-    rest = [a.conditions[a.conditions["factor"] != "subject"].set_index(keys) for a in analyses]
-    shown = {a.method: part["accuracy"].map(percent) for a, part in zip(analyses, rest, strict=True)}
-    table = pd.DataFrame(shown).reindex(rest[0].index)
-    return table.assign(captures=rest[0]["captures"].astype(str)).reset_index()
-
-
-def _worst_faults(a: Analysis) -> pd.DataFrame:
-    worst = a.margins.sort_values("loss", ascending=False).head(TOP)
-    by = a.curves.pivot(index="fault", columns="severity", values="accuracy")
-    failing = a.slices[(a.slices["kind"] == "fault") & a.slices["failing"]]
-    lowest = failing.groupby("fault")["severity"].min()
-    rows = [
-        {
-            "system": a.method,
-            "fault": r.fault,
-            **{str(s): percent(by.loc[r.fault, s]) for s in by.columns},
-            "loss": f"{100 * r.loss:.1f}",
-            "fails from": str(lowest.get(r.fault, "-")),
-            "half of the margin is lost at": r.where,
-        }
-        for r in worst.itertuples()
+def _clean_table(results: Sequence[Result]) -> Table:
+    columns = [
+        text("system", read=lambda row: row["result"].method),
+        Measure("units", "captures", form=".0f"),
+        percent("accuracy", "accuracy [95 %]", ends="accuracy"),
     ]
-    return pd.DataFrame(rows)
+    rows, names = [], {}
+    for r in results:
+        units = unharmed(r.tables["stress"])
+        low, high = scores.subject_interval(units)
+        row = {"result": r, "units": len(units), "accuracy": r["accuracy"], "accuracy_low": low, "accuracy_high": high}
+        for factor, part in r.tables["conditions"].groupby("factor", sort=False):
+            worst = part.loc[part["accuracy"].idxmin()]
+            names[f"worst {factor}"] = None
+            row[f"worst {factor}"] = f"{worst['value']}: {100 * worst['accuracy']:.1f}"
+        rows.append(row)
+    return Table([*columns, *(text(name) for name in names)], rows)
 
 
-def _half_table(analyses: list[Analysis]) -> pd.DataFrame:
-    top = max(int(a.curves["severity"].max()) for a in analyses)
-    shown = {a.method: a.margins.set_index("fault")["half_margin"] for a in analyses}
-    table = pd.DataFrame(shown).reindex(analyses[0].margins["fault"])
-    text = table.map(lambda v: "no margin" if pd.isna(v) else f">{top}" if np.isinf(v) else f"{v:.1f}")
-    curve = analyses[0].curves
+def _condition_table(results: Sequence[Result]) -> Table:
+    keys = ["factor", "value"]
+    rest = [r.tables["conditions"].query("factor != 'subject'").set_index(keys) for r in results]
+    shown = {r.method: part["accuracy"] for r, part in zip(results, rest, strict=True)}
+    table = pd.DataFrame(shown).reindex(rest[0].index).assign(captures=rest[0]["captures"]).reset_index()
+    columns = [text("factor"), text("value"), *(percent(r.method) for r in results), Measure("captures", form=".0f")]
+    return Table(columns, rows_of(table))
+
+
+def _worst_faults(results: Sequence[Result]) -> Table:
+    rows, severities = [], []
+    for r in results:
+        slices, margins = r.tables["slices"], r.tables["margins"].sort_values("loss", ascending=False).head(TOP)
+        by = r.tables["faults"].pivot(index="fault", columns="severity", values="accuracy")
+        failing = slices[(slices["kind"] == "fault") & slices["failing"]]
+        lowest = failing.groupby("fault")["severity"].min().astype(str)
+        severities = severities or [str(s) for s in by.columns]
+        for row in rows_of(margins):
+            by_severity = dict(zip(severities, by.loc[row["fault"]], strict=True))
+            rows.append(row | by_severity | {"method": r.method, "fails": lowest.get(row["fault"])})
+    columns = [
+        text("method", "system"),
+        text("fault"),
+        *map(percent, severities),
+        percent("loss"),
+        text("fails", "fails from"),
+        text("where", "half of the margin is lost at"),
+    ]
+    return Table(columns, rows)
+
+
+def _half_table(results: Sequence[Result]) -> Table:
+    top = max(int(r.tables["faults"]["severity"].max()) for r in results)
+    shown = {r.method: r.tables["margins"].set_index("fault")["half_margin"] for r in results}
+    table = pd.DataFrame(shown).reindex(results[0].tables["margins"]["fault"])
+    table = table.map(lambda v: "no margin" if pd.isna(v) else f">{top}" if np.isinf(v) else f"{v:.1f}")
+    curve = results[0].tables["faults"]
     unit = curve["amount"].str.partition(" ")
     amounts = unit[0].groupby(curve["fault"]).agg(", ".join) + " " + unit[2].groupby(curve["fault"]).first()
-    return text.assign(**{"severities 1 to 5": amounts}).rename_axis("fault").reset_index()
+    return of_text(table.assign(**{"severities 1 to 5": amounts}).rename_axis("fault").reset_index())
 
 
 def _tests_words(slices: pd.DataFrame, mask: pd.Series) -> str:
@@ -209,42 +218,28 @@ def _bare(slices: pd.DataFrame) -> pd.Series:
     )
 
 
-def _slice_table(a: Analysis, mask: pd.Series) -> pd.DataFrame:
+def _slice_table(slices: pd.DataFrame, mask: pd.Series) -> Table:
     """The worst failing slices; of a fault, only the lowest severity at which each fails."""
-    failing = a.slices[mask & a.slices["failing"]]
+    failing = slices[mask & slices["failing"]]
     if (failing["fault"] != "").any():
         failing = failing.assign(bare=_bare(failing)).sort_values("severity").drop_duplicates(["bare", "fault"])
         failing = failing.sort_values(["severity", "gap"], ascending=[True, False])
     else:
         failing = failing.sort_values("gap", ascending=False)
-    rows = [
-        {
-            "group": r.slice,
-            "right": f"{r.right} of {r.captures}",
-            "subjects": str(r.subjects),
-            "accuracy": percent(r.accuracy),
-            "below system by": f"{100 * r.gap:.1f}",
-            "p": f"{r.p:.2g}",
-            "corrected p": f"{r.p_corrected:.2g}",
-        }
-        for r in failing.head(TOP).itertuples()
-    ]
-    return pd.DataFrame(rows)
+    return Table(SLICES, rows_of(failing.head(TOP)))
 
 
-def _rank_table(analyses: list[Analysis]) -> pd.DataFrame:
-    table = ranks(analyses)
-    text = table.drop(columns=["fault", "kendall_tau"]).map(lambda v: "-" if pd.isna(v) else f"{v:g}")
-    text.insert(0, "fault", table["fault"].replace(CLEAN, "clean"))
-    return text.assign(**{"Kendall's tau": [number(v, 2) for v in table["kendall_tau"]]})
+def _rank_table(results: Sequence[Result]) -> Table:
+    table = ranks(results).replace({"fault": {CLEAN: "clean"}})
+    systems = [name for name in table if name not in ("fault", "kendall_tau")]
+    columns = [text("fault"), *(Measure(name, form="g") for name in systems)]
+    return Table([*columns, Measure("kendall_tau", "Kendall's tau", form=".2f")], rows_of(table))
 
 
-def _learning_table(analyses: list[Analysis]) -> pd.DataFrame:
-    shown = {
-        a.method: {
-            f"{r.train_subjects:g}": bounded(100 * r.accuracy, 100 * r.low, 100 * r.high)
-            for r in a.learning.itertuples()
-        }
-        for a in analyses
-    }
-    return pd.DataFrame(shown).fillna("-").rename_axis("training subjects").reset_index()
+def _learning_table(results: Sequence[Result]) -> Table:
+    accuracy = percent("accuracy", ends="accuracy")
+    shown = {}
+    for r in results:
+        curve = rows_of(r.tables["learning"].rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
+        shown[r.method] = {f"{row['train_subjects']:g}": accuracy.of(row) for row in curve}
+    return of_text(pd.DataFrame(shown).fillna("-").rename_axis("training subjects").reset_index())

@@ -6,9 +6,10 @@ from collections import Counter
 
 import numpy as np
 
+from bench.comparable import several
 from bench.outcomes import statistics
-from bench.outcomes.comparable import Row, depends_on_batch, method_of, several
 from bench.outcomes.stopping import NO_SAVING, saves
+from bench.result import Result
 from reports.fault_curves import context_words, under
 from reports.new_person import WITHOUT, Curves
 from reports.numbers import bounded, listed
@@ -18,7 +19,7 @@ EARLY, FAULTS, PEOPLE, STATISTICS = "Early decisions", "Faults", "People", "Stat
 
 
 def briefs(
-    streams: dict[str, list[Row]], stresses: dict[str, list[Row]], groups: dict[str, Group], curves: list[Curves]
+    streams: dict[str, list[Result]], stresses: dict[str, list[Result]], groups: dict[str, Group], curves: list[Curves]
 ) -> list[tuple[str, str]]:
     """Topics and sentences, if there are any; a topic is the heading of its details.
 
@@ -34,15 +35,15 @@ def briefs(
     return [(topic, text) for topic, text in sentences if text]
 
 
-def early(contexts: dict[str, list[Row]]) -> str:
+def early(contexts: dict[str, list[Result]]) -> str:
     """A sentence on the best replayed system with early decisions, on the first of all comparable captures."""
     for runs in contexts.values():
-        runs = [r for r in runs if not depends_on_batch(r) and np.isfinite(r.get("adaptive_accuracy", np.nan))]
+        runs = [r for r in runs if r.alone and np.isfinite(r.get("adaptive_accuracy", np.nan))]
         if not runs:
             continue
         best = max(runs, key=lambda r: r["adaptive_accuracy"])
         whole = (
-            f"On {context_words(best)}, {method_of(best)} correctly classifies {100 * best['accuracy']:.1f} % of whole "
+            f"On {context_words(best)}, {best.method} correctly classifies {100 * best['accuracy']:.1f} % of whole "
             "captures"
         )
         if not saves(best):
@@ -54,10 +55,10 @@ def early(contexts: dict[str, list[Row]]) -> str:
     return ""
 
 
-def faults(contexts: dict[str, list[Row]]) -> str:
+def faults(contexts: dict[str, list[Result]]) -> str:
     """A sentence on the most robust system under faults, on the first of all comparable captures."""
     for runs in contexts.values():
-        losses = {method_of(r): under(r, "loss.") for r in runs if not depends_on_batch(r)}
+        losses = {r.method: under(r, "loss.") for r in runs if r.alone}
         sets = Counter(frozenset(loss) for loss in losses.values() if loss)
         if not sets:
             continue

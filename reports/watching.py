@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,10 +10,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.outcomes.comparable import Row, method_of
 from bench.outcomes.events import FALSE_ALARM, matched
-from bench.outcomes.runs import needed
-from bench.outcomes.store import Store
+from bench.result import Result
 from reports.fault_curves import context_words, contexts
 from reports.figures import DASHES, LINE, MARKERS, WIDEST, Picture, plain, save
 from reports.numbers import bounded, number
@@ -27,31 +26,23 @@ ALARMS = "false alarms per hour of background"
 Section = tuple[str, Picture, list[str]]  # a context in words, its figure, and a sentence on each system
 
 
-def watch_sections(store: Store, runs: pd.DataFrame | None, folder: Path) -> list[Section]:
+def watch_sections(results: Sequence[Result], folder: Path) -> list[Section]:
     """A figure for each group of comparable runs of ``bench watch``, and a sentence on each system.
 
     Args:
-        store: store of the runs.
-        runs: `bench.outcomes.runs.tracked` of the kind ``watch``; None if there is none.
+        results: results of ``bench watch``.
         folder: destination folder of the figures.
     """
     sections = []
-    if runs is not None:  # without background, there is nothing to count false alarms in
-        runs = runs[runs["background_minutes"] > 0].assign(accuracy=runs["end_correct"])
-    for i, (context, members) in enumerate(contexts(runs).items(), 1):
-        rows = [watch_of(store, run) for run in members]
-        picture = save(watching_figure(rows), folder, f"0-watch-{i}", context, f"{context}: {caption(rows[0])}")
-        sections.append((context, picture, [sentence(run) for run in members]))
+    shown = [r for r in results if r.get("background_minutes", 0) > 0]  # else there is nothing to count alarms in
+    for i, (context, members) in enumerate(contexts(shown, "end_correct").items(), 1):
+        figure, caption_of = watching_figure(members), f"{context}: {caption(members[0])}"
+        picture = save(figure, folder, f"0-watch-{i}", context, caption_of)
+        sections.append((context, picture, [sentence(r) for r in members]))
     return sections
 
 
-def watch_of(store: Store, run: Row) -> dict[str, Any]:
-    """A run with its tables ``predictions`` and ``curve``."""
-    predictions = pd.read_parquet(needed(store, run, "predictions.parquet"))
-    return {**run, "predictions": predictions, "curve": pd.read_csv(needed(store, run, "curve.csv"))}
-
-
-def sentence(run: Row) -> str:
+def sentence(run: Result) -> str:
     """The scores of a system: data, protocol and unit first."""
     found, end, alarms = (
         tuple(scale * run.get(f"{name}{side}", np.nan) for side in ("", "_low", "_high"))
@@ -59,34 +50,34 @@ def sentence(run: Row) -> str:
     )
     return (
         f"{context_words(run)}, {run['touches']:.0f} touches in {run['background_minutes']:.0f} minutes of background: "
-        f"{method_of(run)} finds {bounded(*found)} percent of the touches, and {bounded(*end)} percent have the "
+        f"{run.method} finds {bounded(*found)} percent of the touches, and {bounded(*end)} percent have the "
         f"correct label at the end. It raises {bounded(*alarms)} {ALARMS}. Its median latency is "
         f"{number(run.get('latency_s_p50', np.nan), 2)} s; brackets are 95 % intervals over subjects."
     )
 
 
-def caption(row: Row) -> str:
+def caption(result: Result) -> str:
     """The words below a figure whose timeline shows a system."""
     return (
-        f"Above: one recording of a test subject and the touches that {method_of(row)} reports, with the first and the "
+        f"Above: one recording of a test subject and the touches that {result.method} reports, with the first and the "
         "last label. Below: missed touches against false alarms, if the system reported more easily or less easily; "
         "the star is the point that was learned on training subjects."
     )
 
 
-def watching_figure(rows: list[dict[str, Any]]) -> Figure:
+def watching_figure(results: Sequence[Result]) -> Figure:
     """The timeline of the first system, and the curve of each, in a marker and dashes of its own.
 
     Args:
-        rows: tags and metrics of comparable runs with ``predictions`` and ``curve``, as `watch_of` gives them.
+        results: comparable results of ``bench watch``.
     """
-    figure = Figure(figsize=(WIDEST, 5.2 + LINE * len(rows)), layout="constrained")
+    figure = Figure(figsize=(WIDEST, 5.2 + LINE * len(results)), layout="constrained")
     timeline, curve = figure.subplots(2, 1)
-    _timeline(timeline, rows[0])
-    for i, row in enumerate(rows):
+    _timeline(timeline, results[0])
+    for i, row in enumerate(results):
         look: dict[str, Any] = {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "markersize": 4}
-        points = row["curve"].dropna()
-        line = {"linestyle": DASHES[i % len(DASHES)], "label": plain([method_of(row)])[0], "clip_on": False}
+        points = row.tables["curve"].dropna()
+        line = {"linestyle": DASHES[i % len(DASHES)], "label": plain([row.method])[0], "clip_on": False}
         curve.plot(points["false_alarms_per_hour"], 100 * points["missed"], **look, **line)
         star = look | {"marker": "*", "markersize": 14, "markeredgecolor": "black", "linestyle": "", "zorder": 5}
         curve.plot(
@@ -95,16 +86,17 @@ def watching_figure(rows: list[dict[str, Any]]) -> Figure:
     curve.set_xscale("symlog", linthresh=1, linscale=0.3)  # there may be no false alarm at all
     curve.set_xticks([0, 1, 2, 5, 10, 20, 50, 100, 200, 500], minor=False)
     curve.xaxis.set_major_formatter("{x:g}")
-    ends = [value for row in rows for value in row["curve"]["false_alarms_per_hour"].dropna()]
+    ends = [value for row in results for value in row.tables["curve"]["false_alarms_per_hour"].dropna()]
     curve.set(xlim=(0, 1.05 * max([10, *ends])), ylim=(0, None), ylabel="missed touches, %", xlabel=ALARMS)
     curve.grid(alpha=0.25)
     figure.legend(loc="outside lower left", frameon=False, handlelength=4)
     return figure
 
 
-def _timeline(ax: Axes, row: dict[str, Any]) -> None:
+def _timeline(ax: Axes, result: Result) -> None:
     """True touches above, reported ones below, the probability of touch between."""
-    table, rate_hz = row["predictions"], frame_rate(row["predictions"], row["background_minutes"])
+    table = result.tables["predictions"]
+    rate_hz = frame_rate(table, result["background_minutes"])
     shown = table[(table["fold"] == table["fold"].iloc[0]) & (table["recording"] == 0)]
     of = {kind: part.reset_index(drop=True) for kind, part in shown.groupby("kind")}
     truth, reports = (of.get(kind, shown.iloc[:0]) for kind in ("touch", "report"))
@@ -129,7 +121,7 @@ def _timeline(ax: Axes, row: dict[str, Any]) -> None:
     ax.tick_params(axis="y", length=0)
     ax.axhline(1, color="0.8", linewidth=0.5, zorder=0)
     ax.set(xlim=(0, length), ylim=(REPORTED - 0.95, TRUTH + 0.95), xlabel="seconds of the recording")
-    ax.set_title(f"{plain([method_of(row)])[0]}\n{', '.join(plain([context_words(row)]))}")
+    ax.set_title(f"{plain([result.method])[0]}\n{', '.join(plain([context_words(result)]))}")
     ax.spines[["top", "right", "left"]].set_visible(False)
 
 

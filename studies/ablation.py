@@ -82,8 +82,8 @@ SHOWN = {
 
 def measured(label: str, values: dict[str, str], out: Path) -> dict[str, object]:
     """One row: percent, loss in points as the mean over faults and severities, flash in kB."""
-    stream = bench.stream(**values, out=str(out / "stream")).table.iloc[0]
-    stress = bench.stress(**values, out=str(out / "stress")).table.iloc[0]
+    stream = bench.stream(**values, out=str(out / "stream")).full.iloc[0]
+    stress = bench.stress(**values, out=str(out / "stress")).full.iloc[0]
     row = {"row": label} | stream.reindex(["data", "protocol", "folds", *SHOWN, "fit_seconds"]).to_dict()
     row |= {"low": stream.get("accuracy_low"), "high": stream.get("accuracy_high")}
     return row | {"loss": 100 * stress.filter(like="loss.").mean(), "flash kB": stream.get("flash_bytes", np.nan) / 1e3}

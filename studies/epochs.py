@@ -16,7 +16,8 @@ from joblib import Parallel, delayed
 
 import bench
 from bench import contract
-from bench.arguments import KEYS, convert, parse
+from bench.amounts import convert
+from bench.arguments import KEYS, parse
 from bench.plan.plan import Plan
 from bench.work.fold import computing
 from models import recipe

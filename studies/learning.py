@@ -18,7 +18,9 @@ import numpy as np
 import pandas as pd
 
 import bench
-from bench.arguments import KEYS, convert, parse
+from bench.amounts import convert
+from bench.arguments import KEYS, parse
+from bench.outcomes import resampling
 from reports.figures import MARKERS, new_figure, save
 
 DRAWS = 500  # of subjects, for the interval of a law
@@ -60,7 +62,7 @@ def extrapolated(labels: pd.DataFrame, counts: np.ndarray, draws: int) -> np.nda
     hits = hits.groupby([labels["subject"], labels["train_subjects"]]).agg(["sum", "size"])
     right, size = (hits[name].unstack("train_subjects").fillna(0).to_numpy(float) for name in ("sum", "size"))
     numbers = np.sort(labels["train_subjects"].unique()).astype(float)
-    drawn = np.random.default_rng(0).integers(0, len(right), (draws, len(right)))
+    drawn = resampling.drawn(len(right), draws)
     curves = []
     for rows in (np.arange(len(right)), *drawn):
         tested = size[rows].sum(axis=0) > 0
@@ -90,10 +92,11 @@ def measured(systems: list[dict[str, str]], shared: dict[str, str]) -> tuple[pd.
         InputError: they have not the same captures and protocol.
     """
     runs = [bench.stress(**{"train_subjects": "2,4,8", "faults": "none"} | shared | system) for system in systems]
-    context = pd.concat([run.table for run in runs])[["data", "subset", "target", "protocol"]].drop_duplicates()
+    context = pd.concat([run[["data", "subset", "target", "protocol"]] for run in runs]).drop_duplicates()
     if len(context) > 1:
         raise bench.InputError("give one corpus, subset, target and protocol, not several")
-    points, labels = (pd.concat([run[name] for run in runs], ignore_index=True) for name in ("learning", "labels"))
+    tables = (pd.concat([run.tables[name] for run in runs], ignore_index=True) for name in ("learning", "stress"))
+    points, labels = (table.rename(columns={"system": "method"}) for table in tables)
     return points, labels, ", ".join(context.iloc[0])
 
 

@@ -22,10 +22,11 @@ from pathlib import Path
 import pandas as pd
 
 import bench
-from bench.arguments import convert, parse
+from bench.amounts import convert
+from bench.arguments import parse
 from bench.corpora.library import imported
 from bench.errors import nearest
-from bench.outcomes.runs import NothingTracked, tracked
+from bench.outcomes.runs import frame_of, of_kinds
 from bench.outcomes.store import connect
 from bench.paired import interval
 from reports.reference_rows import REFERENCE
@@ -182,18 +183,16 @@ def other_tests() -> pd.DataFrame:
         A row per corpus, protocol and system, in percent and points: the loss under faults is a mean over severities
         and faults, ``after`` counts ms of touch, ``stopped`` is with the learned stopping rule.
     """
-    store, tables = connect(), []
-    for kind, metrics in TESTS.items():
-        try:
-            runs = tracked(store, kind)
-        except NothingTracked:
-            continue
-        runs = runs[runs["status"] == "FINISHED"]
+    tables = []
+    for kind, results in of_kinds(connect(), TESTS).items():
+        shown = [r for r in results if r.complete and r["subset"] == "all" and "+" not in r["data"]]
         if kind == "cell":
-            runs = runs[runs["protocol_name"] == "personal"]
+            shown = [r for r in shown if r["protocol_name"] == "personal"]
+        if not shown:
+            continue
+        runs, metrics = frame_of(shown), TESTS[kind]
         if kind == "stress":
             runs = runs.assign(loss=runs.filter(like="loss.").mean(axis=1))
-        runs = runs[(runs["subset"] == "all") & ~runs["data"].str.contains("+", regex=False)]
         runs = runs.sort_values("started").drop_duplicates(NAMED, keep="last")
         tables.append(100 * runs.set_index(NAMED).reindex(columns=list(metrics)).rename(columns=metrics).astype(float))
     return pd.concat(tables, axis=1).round(1).sort_index() if tables else pd.DataFrame()

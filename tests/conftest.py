@@ -1,8 +1,5 @@
 """What tests share: folders of their own, one prepared store for all, folds without processes, small ragged corpora."""
 
-import contextlib
-import io
-import json
 import os
 import shutil
 import subprocess
@@ -54,7 +51,7 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_addoption(parser):
-    parser.addoption("--golden", action="store_true", help="write what commands print into tests/commands/golden")
+    parser.addoption("--golden", action="store_true", help="write tests/net/golden anew: what users see")
 
 
 @pytest.fixture(autouse=True)
@@ -188,50 +185,28 @@ def predictions(store, run):
 
 
 SMALL = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]
-SIX = {  # commands of the runs of `six_runs`
-    "run": [["run", *SMALL, "model=tree,bayes", "features=jung28"], ["run", *SMALL, "model=lda", "features=touch"]],
-    "stress": [["stress", *SMALL, "model=tree", "features=jung28", "faults=noise"]],
-    "stream": [["stream", *SMALL, "model=tree", "features=jung28", "hop_ms=900"]],
-    "tune": [["tune", *SMALL, "model=tree", "features=jung54", "model.level=1,9", "inner=2"]],
-}
-
-
-def done(arguments):
-    """Exit code and output of a command; its errors where there is one."""
-    from bench.cli import main
-
-    out, errors = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
-        code = main([*arguments])
-    return code, out.getvalue() + errors.getvalue() * (code > 1)
 
 
 @pytest.fixture(scope="session")
-def six_runs(shared, empty_store):
-    """A folder whose store has six small runs, and what their commands printed, by command; tests use copies of it."""
-    folder, said = shared / "six", shared / "six.json"
-    with FileLock(shared / "six.lock"):
-        if not said.exists():
-            folder.mkdir()
-            said.write_text(json.dumps(_printed_by_six(folder, empty_store)))
-    return folder, json.loads(said.read_text())
+def net_store(tmp_path_factory, empty_store):
+    """The folder of `tests.net.build`, a small run of every kind; one for all processes of tests, which copy it."""
+    from tests.net.build import RUNS, build
+
+    folder = empty_store.parent / "net"
+    with FileLock(folder.with_suffix(".lock")):
+        if not (folder / "done").exists():
+            build(folder, RUNS, empty_store)
+            (folder / "done").touch()
+    return folder
 
 
-def _printed_by_six(folder, empty_store):
-    printed = {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TOUCHBENCH_HOME", str(folder / "home"))
-        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
-        patch.chdir(folder)
-        patch.setattr("bench.outcomes.store.create", lambda path: shutil.copy(empty_store, path))
-        patch.setattr("bench.work.loop.Processes", InProcess)
-        patch.setattr("bench.commands.printing.WIDTH", 250)
-        shorten_measurements(patch)
-        for name, commands in SIX.items():
-            results = [done(command) for command in commands]
-            assert not any(code for code, _ in results), results
-            printed[name] = "".join(text for _, text in results)
-    return printed
+@pytest.fixture
+def in_net(net_store, tmp_path):
+    """A copy of the same, in which the test works."""
+    from tests.net.build import copy, inside
+
+    with inside(copy(net_store, tmp_path / "net")):
+        yield tmp_path / "net"
 
 
 @pytest.fixture

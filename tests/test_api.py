@@ -1,7 +1,6 @@
 """The Python API: the names of the command line, tables that show what the store holds."""
 
 import itertools
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +16,7 @@ from sklearn.svm import SVC
 
 import bench
 from bench.leaderboard.tasks import HAART
-from bench.outcomes.comparable import BATCH, MARKED
+from bench.comparable import BATCH, MARKED
 from features.jung28 import Jung28
 from tests.conftest import predictions, runs
 from tests.reports.store import tracked_run, with_hits
@@ -64,33 +63,33 @@ def test_a_corpus_is_short_to_print_and_can_be_looked_at():
     assert set(bench.corpus("synth", where="gesture == 'pat'", subjects=2).gestures) == {"pat"}
 
 
-def test_results_and_run_show_what_is_tracked(six_runs, tmp_path, monkeypatch, capsys):
-    shutil.copytree(six_runs[0], tmp_path / "copy")  # what is added here, the golden files must not see
-    monkeypatch.chdir(tmp_path / "copy")
-    monkeypatch.setenv("TOUCHBENCH_HOME", str(tmp_path / "copy/home"))
-    table = bench.run(model=["tree", "bayes"], features="jung28", seed=None, **TINY)  # the same cells
+def test_results_and_run_show_what_is_tracked(in_net, capsys):
+    on = {"data": "people", "where": "all", "target": "gesture", "protocol": "loso"}
+    table = bench.run(model=["tree", "bayes"], features="jung28", seed=None, data="people", jobs=1)  # the same cells
     assert "already stored" in capsys.readouterr().err
     tracked = {run.info.run_id: run.data.metrics for run in runs("cell")[1]}
-    assert len(tracked) == 4 and (table["folds"] == "3/3").all()
+    assert (table["folds"] == "4/4").all()
     shown = {"accuracy": "accuracy", "low": "accuracy_low", "macro_f1": "macro_f1", "flash_bytes": "flash_bytes"}
     for row in table.to_dict("records"):
         scale = {name: 1 if name == "flash_bytes" else 100 for name in shown}
         expected = {name: scale[name] * tracked[row["run_id"]][metric] for name, metric in shown.items()}
         assert {name: row[name] for name in shown} == pytest.approx(expected)
     assert table["system"].tolist() == ["tree · jung28", "bayes · jung28"]
-    assert set(table["data"]) == {"synth (synthetic)"}
-    results = bench.results(model="bayes")
+    assert set(table["data"]) == {"people"}
+    results = bench.results(model="bayes", **on)
     assert results["accuracy"].tolist() == pytest.approx([table["accuracy"][1]]) and "published" in results
     for printed in (table, bench.results()):
         head = printed.to_string(max_cols=8).splitlines()[0].split()
         assert head[:4] == ["system", "accuracy", "low", "high"] and head[-2:] == ["data", "protocol"]
     everything = bench.results(full=True).set_index("run_id")["accuracy"]
-    assert all(everything[run_id] == metrics["accuracy"] for run_id, metrics in tracked.items())
+    assert set(everything.index) == set(tracked) and all(
+        everything[run_id] == metrics["accuracy"] for run_id, metrics in tracked.items()
+    )
     with pytest.raises(bench.InputError):
-        bench.results(model="rf")
-    choice = bench.choose(max_flash="64kB")
-    assert choice.system == "lda · touch" and "27.4 kB" in str(choice)
-    assert bench.choose(max_flash="1B", model="bayes").system is None
+        bench.results(model="svm")
+    choice = bench.choose(max_flash="64kB", **on)
+    assert choice.system == "tree · jung28" and "0.156 kB" in str(choice)
+    assert bench.choose(max_flash="1B", model="bayes", **on).system is None
     assert isinstance(bench.choose(model="bayes", features="jung28", over="features", inner=2, **TINY), pd.DataFrame)
 
 

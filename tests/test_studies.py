@@ -11,11 +11,11 @@ import bench
 from bench import contract
 from bench.arguments import parse
 from bench.options import keys
-from bench.outcomes.runs import NothingTracked
 from bench.plan.cells import cells
 from reports.pair import Compared
 from studies import ablation, epochs, learning, reference
 from tests.conftest import with_other_values
+from tests.results import result
 
 SMALL = ["data=synth", "data.variants=normal"]
 LITTLE = ["data.subjects=4", "data.repetitions=1"]
@@ -142,15 +142,18 @@ def test_the_newest_complete_run_of_each_system_is_shown(monkeypatch):
         (3, "haart", "FAILED", 0.5, 0.5),
         (4, "haart+cuddlebot", "FINISHED", 0.5, 0.5),  # a learning curve
     ]
-    runs = pd.DataFrame(rows, columns=["started", "data", "status", "loss.noise", "loss.shift"])
-    runs = runs.assign(protocol="loso", system="lda", subset="all")
-
-    def tracked(_, kind):
-        if kind != "stress":
-            raise NothingTracked("none")
-        return runs
-
+    runs = [
+        result(
+            "lda",
+            "stress",
+            {"loss.noise": noise, "loss.shift": shift},
+            failed=int(status == "FAILED"),
+            data=data,
+            started=started,
+        )
+        for started, data, status, noise, shift in rows
+    ]
     monkeypatch.setattr(reference, "connect", lambda: None)
-    monkeypatch.setattr(reference, "tracked", tracked)
+    monkeypatch.setattr(reference, "of_kinds", lambda _, kinds: {"stress": runs} if "stress" in kinds else {})
     table = reference.other_tests()
     assert len(table) == 1 and table.loc[("haart", "loso", "lda"), "lost under faults"] == 30.0

@@ -50,7 +50,7 @@ def texts():
     """Place and text of everything that users read."""
     yield "bench --help", overview()
     yield from ((f"bench {name} --help", help_of(name)) for name in COMMANDS)
-    for path in [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("tests/commands/golden/*.txt")]:
+    for path in [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("tests/net/golden/[rs][tu]*/*.txt")]:
         yield path.name, path.read_text()
     for path in ROOT.glob("reports/templates/*.jinja"):
         yield path.name, re.sub(r"\{[{%].*?[}%]\}|<.*?>", "", path.read_text(), flags=re.DOTALL)

@@ -6,9 +6,11 @@ from collections import Counter
 from collections.abc import Iterator
 
 from bench.arguments import Values, parse, typed
-from bench.commands.printing import grid, output, say, then
+from bench.commands.printing import output, say, then
+from bench.measures import text
 from bench.options import keys
 from bench.plan.cells import Cell, cells
+from bench.table import Table
 from bench.work.audit import FAILED, PASSED, SKIPPED, Verdict, audited, refuse
 
 
@@ -42,10 +44,10 @@ def audited_values(values: Values) -> Iterator[tuple[Cell, list[Verdict]]]:
 
 def show(cell: Cell, verdicts: list[Verdict]) -> None:
     """Print the checks of one system, and how many passed."""
-    rows = [{"check": v.check, "result": v.result, "reason": v.sentence} for v in verdicts]
+    columns = [text("check"), text("result"), text("sentence", "reason")]
     failed = [i for i, verdict in enumerate(verdicts) if verdict.result == FAILED]
     title = f"Audit of {cell.system()} on generated captures (synthetic)"
-    grid(output(), title, rows, ("check", "result", "reason"), bold=failed)
+    Table(columns, [vars(v) for v in verdicts], title, failed).print(output())
     counts = Counter(verdict.result for verdict in verdicts)
     words = ", ".join(f"{counts[result]} {result}" for result in (PASSED, FAILED, SKIPPED) if counts[result])
     say(f"{cell.system()}: {words}; {sum(v.seconds for v in verdicts):.1f} s")

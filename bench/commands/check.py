@@ -5,24 +5,23 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-import pandas as pd
-
-from bench.arguments import BACKEND, Backend, backend_of, convert, parse
+from bench.amounts import convert
+from bench.arguments import BACKEND, Backend, backend_of, parse, setting
 from bench.arguments import KEYS as RUN_KEYS
 from bench.commands.printing import failures, say
 from bench.commands.run import evaluated
+from bench.comparable import several
 from bench.errors import InputError
-from bench.options import keys
+from bench.options import keys, options
 from bench.outcomes import gate
 from bench.outcomes.baseline import Measured, read, text
-from bench.outcomes.comparable import several
-from bench.outcomes.runs import needed, rows_of, tracked
-from bench.outcomes.store import Store, connect
+from bench.outcomes.runs import stored
+from bench.outcomes.store import connect
 from bench.plan.cells import Cell, cells
 from bench.scratch import replacing
 
-OPTIONS = {"baseline": "reports/baseline.json", "update": False, "run": True, "junit": ""}
-KEYS = keys("check")
+OWN = ("baseline", "update", "run", "junit")  # keys that are not of the runs
+LIMITS = ("error", "slower")
 
 
 def check(arguments: list[str]) -> int:
@@ -31,12 +30,12 @@ def check(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments, the baseline or the data cannot be used; no file was changed.
     """
-    values = parse(arguments, KEYS)
-    how = {k: convert(k, values[k], usual) if k in values else usual for k, usual in OPTIONS.items()}
-    limits = {k: convert(k, values[k], usual) if k in values else usual for k, usual in gate.LIMITS.items()}
+    values = parse(arguments, keys("check"))
+    how = {k: setting("check", k, values) for k in OWN}
+    limits = {k: float(str(convert(k, values.get(k, options("check")[k].default), 1.0))) for k in LIMITS}
     if not 0 < limits["error"] < 100 or not limits["slower"] > 0:
         raise InputError("error= is a percentage and slower= a factor above 0; give for example error=1 slower=2")
-    added = [f"{k}={v}" for k, v in values.items() if k not in BACKEND | OPTIONS.keys() | limits.keys()]
+    added = [f"{k}={v}" for k, v in values.items() if k not in {*BACKEND, *OWN, *LIMITS}]
     path, report = Path(str(how["baseline"])), str(how["junit"])
     if how["update"]:
         if not how["run"]:
@@ -48,7 +47,7 @@ def check(arguments: list[str]) -> int:
     if how["run"]:
         current, _ = _run([then.run for then in baseline], backend_of(values))
     else:
-        current = _tracked(connect(), baseline)
+        current = _stored(baseline)
     verdicts = gate.compare(baseline, current, **limits)
     say(*(verdict.line for verdict in verdicts))
     if report:
@@ -77,25 +76,21 @@ def _run(runs: list[str], backend: Backend) -> tuple[list[Measured], int]:
     for run in dict.fromkeys(runs):
         for cell in understood(run):
             planned.setdefault(repr(cell), (cell, run))
-    outcomes = evaluated([cell for cell, _ in planned.values()], backend)
-    code = failures(outcomes)
-    store = connect()
+    results = evaluated([cell for cell, _ in planned.values()], backend)
+    code = failures(results)
     complete: dict[tuple[str, ...], Measured] = {}
-    for outcome, (_, run) in zip(outcomes, planned.values(), strict=True):
-        if outcome.findings and len(outcome.results) == len(outcome.plan.folds):
-            data = store.run(outcome.run_id).data
-            table = outcome.findings.tables["predictions.parquet"]
-            measured = gate.measured(data.params | data.tags | data.metrics, table, run)
+    for result, (_, run) in zip(results, planned.values(), strict=True):
+        if result.complete:
+            measured = gate.measured(result, run)
             complete.setdefault(tuple(measured.names.values()), measured)
     return list(complete.values()), code
 
 
-def _tracked(store: Store, baseline: list[Measured]) -> list[Measured]:
-    """The newest complete runs of the store that may be held against the baseline, whatever code made them."""
-    runs = tracked(store)
+def _stored(baseline: list[Measured]) -> list[Measured]:
+    """The newest complete results of the store that may be held against the baseline, whatever code made them."""
     same = {tuple(then.names[k] for k in gate.SAME) for then in baseline}
-    complete = [run for run in rows_of(runs[runs["status"] == "FINISHED"]) if tuple(run[k] for k in gate.SAME) in same]
-    return [gate.measured(run, pd.read_parquet(needed(store, run, "predictions.parquet")), "") for run in complete]
+    complete = [r for r in stored(connect()) if r.complete and tuple(r[k] for k in gate.SAME) in same]
+    return [gate.measured(r, "") for r in complete]
 
 
 def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, float]) -> int:

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from bench.arguments import Values, backend_of, items, parse, setting
-from bench.commands.printing import grid, output, show, system_in_tables, then
+from bench.commands.printing import output, show, then
+from bench.measures import Measure, text
 from bench.options import keys
 from bench.plan.cells import cells
+from bench.result import Result
+from bench.table import Table
 from bench.work.chip import OnChip
-from bench.work.loop import Outcome, execute, prepared
+from bench.work.loop import execute, prepared
 
-WATCH = "chip_watch_"
-KILOBYTES = {"flash": "flash", "RAM": "ram"}
-SINGLE = {
-    "stack B": "stack_bytes",
-    "instructions a frame": "idle_instructions",
-    "in a touch": "frame_instructions",
-    "at most": "most_instructions",
-}
+WATCHING = (  # columns of the costs of watching an endless stream
+    text("system", read=lambda r: r.system),
+    Measure("bits", read="chip.bits"),
+    Measure("flash", "flash kB", "chip_watch_flash_bytes", ",.1f", per=1000),
+    Measure("ram", "RAM kB", "chip_watch_ram_bytes", ",.1f", per=1000),
+    Measure("stack", "stack B", "chip_watch_stack_bytes", ",.0f"),
+    Measure("idle", "instructions a frame", "chip_watch_idle_instructions", ",.0f"),
+    Measure("frame", "in a touch", "chip_watch_frame_instructions", ",.0f"),
+    Measure("most", "at most", "chip_watch_most_instructions", ",.0f"),
+)
 
 
 def chip(arguments: list[str]) -> int:
@@ -25,15 +30,15 @@ def chip(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used, or a program is not installed.
     """
-    outcomes = measured(parse(arguments, keys("chip")))
-    code = show(outcomes)
-    if rows := watching(outcomes):
-        grid(output(), "Costs of touch_watch, which watches an endless stream", rows, ("system",))
+    results = measured(parse(arguments, keys("chip")))
+    code = show(results, OnChip)
+    if watching := [r for r in results if "chip_watch_flash_bytes" in r]:
+        Table(WATCHING, watching, "Costs of touch_watch, which watches an endless stream").print(output())
     then("bench choose by=cycles")
     return code
 
 
-def measured(values: Values) -> list[Outcome[None]]:
+def measured(values: Values) -> list[Result]:
     """The cells of some values as C.
 
     Raises:
@@ -44,15 +49,3 @@ def measured(values: Values) -> list[Outcome[None]]:
     backend = backend_of(values)
     todo = cells({key: value for key, value in values.items() if key != "bits"})
     return execute(prepared(todo, experiments, backend.jobs), backend)
-
-
-def watching(outcomes: list[Outcome[None]]) -> list[dict[str, str]]:
-    """Costs of watching an endless stream, a row for each run that has measured them."""
-    rows = []
-    for outcome in outcomes:
-        costs = {name.removeprefix(WATCH): value for name, value in outcome.metrics.items() if name.startswith(WATCH)}
-        if costs:
-            row = {"system": system_in_tables(outcome), "bits": outcome.experiment.arguments().get("bits", "32")}
-            row |= {f"{of} kB": f"{costs[f'{name}_bytes'] / 1000:,.1f}" for of, name in KILOBYTES.items()}
-            rows.append(row | {heading: f"{costs[name]:,.0f}" for heading, name in SINGLE.items()})
-    return rows

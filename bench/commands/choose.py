@@ -6,17 +6,18 @@ It reads tracked runs; with ``over=`` it makes runs, see `bench.commands.smalles
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import pandas as pd
 
 from bench import pareto
-from bench.arguments import BACKEND, Values, convert, items, parse, typed
-from bench.commands.printing import grid, one_label, output, say, show, then
-from bench.costs import BUDGETS, COSTS, ROBUST, WATCH_BUDGETS, WATCHED, quantity
+from bench.amounts import convert, quantity
+from bench.arguments import BACKEND, Values, items, parse, typed
+from bench.commands.printing import output, say, then
+from bench.comparable import MARK, MARKED, several
 from bench.errors import InputError, nearest
+from bench.measures import Cost, Measure, Row, budgets, costs, costs_of, text
 from bench.options import SMALL, keys
 from bench.outcomes.candidates import (
     KINDS,
@@ -30,19 +31,18 @@ from bench.outcomes.candidates import (
     missing,
     repeated,
 )
-from bench.outcomes.choice import NOUNS, Choice, amount, decide, named, points, sentences
-from bench.outcomes.comparable import MARK, MARKED, several, system_of
+from bench.outcomes.choice import Choice, decide, named, points, sentences
 from bench.outcomes.expected import Expected, expectation, expected, more_people
-from bench.outcomes.runs import needed, of_kinds, rows_of, without_runs
-from bench.outcomes.store import Store, connect
+from bench.outcomes.runs import of_kinds, without_runs
+from bench.outcomes.store import connect
 from bench.progress import warn
+from bench.result import Result
 from bench.scene_file import EVERY, Scene, read_scene
+from bench.table import Table, rows_of
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
-KEYS = keys("choose")
 RUNNING = {*BACKEND, "inner", "seed"}  # keys that are of use with over= alone
 SHOWN = 3  # of systems and commands that a sentence names
-UNWATCHED = ("decision", "cycles")  # costs that a run of bench watch does not have
 FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
 
 
@@ -53,8 +53,8 @@ class Chosen:
     Attributes:
         choice: result of `bench.outcomes.choice.decide`.
         among: the candidates.
-        by: the cost that is to be low.
-        budgets: the most of each cost.
+        by: the cost to minimise.
+        budgets: budget of each cost.
         margin: points that do not matter, or None.
         clock: clock of the target in MHz, or None.
         scene: reactions, faults and notes of the scene.
@@ -85,7 +85,7 @@ class Chosen:
     @property
     def watched(self) -> bool:
         """True for a choice among runs of ``bench watch``."""
-        return {*WATCHED} <= {*self.among.table}
+        return any(cost.runs == "recordings" and name in self.among.table for name, cost in costs().items())
 
     def __str__(self) -> str:
         return "\n".join([f"{self.among.context}:", *self.lines()])
@@ -96,10 +96,9 @@ class Chosen:
         lines = sentences(self.choice, self.by, self.margin, subjects, self.among.mixed)
         lines += [*expectation(self.expected, self.among, self.choice.chosen), *([self.growth] if self.growth else [])]
         if self.watched and self.choice.chosen is not None:
-            values = table[[*WATCHED]].to_numpy(float)[table.index.get_loc(self.choice.chosen)]
-            alarms, latency = (
-                amount(k, v).replace(" per", " false alarms per") for k, v in zip(WATCHED, values, strict=True)
-            )
+            row = table.loc[self.choice.chosen].to_dict()
+            alarms, latency = (costs()[name].amount(row[name]) for name in ("false_alarms", "latency"))
+            alarms = alarms.replace(" per", " false alarms per")
             lines.insert(1, f"It raises {alarms} of background; its median latency is {latency}.")
         if self.clock is not None:
             timed = f"for {table['cycles'].notna().sum()} of {several(len(table), 'system')}"
@@ -121,14 +120,15 @@ class Chosen:
         """The candidates that are no better than another one in anything that was asked for."""
         asked = list(dict.fromkeys([self.by, *self.budgets]))
         table = self.among.table
-        by = pareto.dominated_by(table["accuracy"].round(9).to_numpy(float), table[asked].to_numpy(float))
+        burdens = np.column_stack([costs()[name].burden(table[name].to_numpy(float)) for name in asked])
+        by = pareto.dominated_by(table["accuracy"].round(9).to_numpy(float), burdens)
         rows, worse = rows_of(table), [int(i) for i in np.flatnonzero(by >= 0)]
         if not worse:
             return []
         pairs = [f"{named(rows[i])} (by {named(rows[by[i]])})" for i in worse]
         more = f"; and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
         return [
-            f"No better than another system in score and {', '.join(NOUNS[name] for name in asked)}: "
+            f"No better than another system in score and {', '.join(costs()[name].noun for name in asked)}: "
             f"{'; '.join(pairs[:SHOWN])}{more}."
         ]
 
@@ -164,15 +164,12 @@ def choose(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments cannot be used, or no run is tracked for them.
     """
-    values = parse(arguments, KEYS)
+    values = parse(arguments, keys("choose"))
     if "over" in values:
+        from bench.commands.run import printed
         from bench.commands.smallest import smallest  # all that runs folds, which choosing among runs does not need
 
-        outcomes = smallest(values)
-        code = show(outcomes)
-        one_label(outcomes)
-        then("bench choose")
-        return code
+        return printed(smallest(values))
     result = chosen(values)
     _print(result)
     return 0 if result.system else 1
@@ -188,18 +185,19 @@ def chosen(values: Values) -> Chosen:
         raise InputError(f"{running[0]}= needs over=, which runs systems; leave {running[0]}= out or add over=")
     scene = read_scene(str(values["scene"])) if "scene" in values else Scene()
     values = {**scene.values, **values}
-    by, unit = _one_of("by", values, COSTS | ROBUST | WATCHED), _one_of("unit", values, ("capture", "window"))
+    by, unit = _one_of("by", values, costs()), _one_of("unit", values, ("capture", "window"))
     batch = _one_of("batch", values, ("no", "yes")) == "yes"
-    every = BUDGETS | WATCH_BUDGETS
-    if scene.faults is None and any("fault" in cost for cost in (by, *(every[k] for k in every if k in values))):
+    limits = {cost.key: cost.typed(values[key]) for key, cost in budgets().items() if key in values}
+    asked_costs = [costs()[name] for name in (by, *limits)]
+    if scene.faults is None and any(cost.stress for cost in asked_costs):
         scene = replace(scene, faults=Faults(EVERY))
-    budgets = {every[k]: quantity(k, values[k]) for k in every if k in values}
-    watched = bool({*WATCHED} & {by, *budgets})
+    watched = any(cost.runs == "recordings" for cost in asked_costs)
     if watched:
-        _check_watched(values, by, unit, budgets)
+        _check_watched(values, by, unit, limits)
     if scene.faults is not None and unit == "window":
         raise InputError("unit=window: losses under faults are of whole captures; leave it or the faults out")
-    margin, clock = (quantity(k, values[k]) if k in values else None for k in ("margin", "clock"))
+    margin = quantity("margin", values["margin"]) if "margin" in values else None
+    clock = quantity("clock", values["clock"], "MHz") if "clock" in values else None
     asked = {k: items(k, v) for k, v in values.items() if k in AMONG or k.startswith("protocol.")}
     if "shots" in values:
         shots = convert("shots", values["shots"], 0)
@@ -210,13 +208,12 @@ def chosen(values: Values) -> Chosen:
             raise InputError(f"protocol={min(wrong)}: it has no shots; leave protocol= or shots out")
         if watched:
             raise InputError(f"shots={shots}: bench watch has no captures of a new person; leave shots out")
-    store = connect()
-    runs_of = of_kinds(store, [*([WATCH, "cell"] if watched else KINDS), STRESS])
-    for part in without_runs([runs_of[kind] for kind in runs_of if kind != STRESS], asked):
+    results = of_kinds(connect(), [*([WATCH, "cell"] if watched else KINDS), STRESS])
+    for part in without_runs([results[kind] for kind in results if kind != STRESS], asked):
         warn(f"warning: {part}: no run is stored")
-    most = budgets.get("decision", np.inf if by == "decision" else None)
+    most = limits.get("decision", np.inf if by == "decision" else None)
     among = candidates(
-        store,
+        results,
         asked,
         most,
         windows=unit == "window",
@@ -225,32 +222,31 @@ def chosen(values: Values) -> Chosen:
         watched=watched,
         reactions=scene.reactions,
         faults=scene.faults,
-        runs_of=runs_of,
     )
     processors = sorted(set(among.table["cpu"]))
-    if "predict" in {by, *budgets} and len(processors) > 1:
+    if "predict" in {by, *limits} and len(processors) > 1:
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
-    choice = decide(among.table, among.subjects, by, budgets, margin)
-    one = None if choice.chosen is None else expected(among.people, choice.chosen, by, budgets, margin)
-    growth = "" if choice.chosen is None else _growth(store, runs_of.get(STRESS), among, choice.chosen, scene)
-    lacking = _lacking(among, [by, *budgets], scene)
-    if (watched or "shots" in values) and "cell" in runs_of and not {"model", "features"} & {*asked}:
+    choice = decide(among.table, among.subjects, by, limits, margin)
+    one = None if choice.chosen is None else expected(among.people, choice.chosen, by, limits, margin)
+    growth = "" if choice.chosen is None else _growth(results.get(STRESS, ()), among, choice.chosen, scene)
+    lacking = _lacking(among, [by, *limits], scene)
+    if (watched or "shots" in values) and "cell" in results and not {"model", "features"} & {*asked}:
         more = {} if watched else {"protocol": "personal", "protocol.shots": asked["shots"][0]}
-        if commands := elsewhere(runs_of["cell"], among.first, among.table, "watch" if watched else "run", more):
+        if commands := elsewhere(results["cell"], among.first, among.table, "watch" if watched else "run", more):
             what = "in recordings" if watched else "with labels of a new person"
             lacking[f"The score of {several(len(commands), 'other system')} {what}"] = commands
     if choice.chosen is not None and not growth and "scene" in values and (command := _curve(among, choice.chosen)):
         lacking["The gain of more people"] = [command]
     notes = scene.board.sentences(values) if scene.board else []
-    return Chosen(choice, among, by, budgets, margin, clock, scene, one, lacking, growth, notes)
+    return Chosen(choice, among, by, limits, margin, clock, scene, one, lacking, growth, notes)
 
 
-def _lacking(among: Candidates, costs: list[str], scene: Scene) -> dict[str, list[str]]:
+def _lacking(among: Candidates, asked: list[str], scene: Scene) -> dict[str, list[str]]:
     """Commands that measure costs which are asked for and not stored, by what they measure."""
-    wanted = [*dict.fromkeys([*costs, *["fault_loss"] * (scene.faults is not None)])]
+    wanted = [*dict.fromkeys([*asked, *["fault_loss"] * (scene.faults is not None)])]
     wanted = [cost for cost in wanted if cost != "worst_fault" or "fault_loss" not in wanted]  # by the same command
     return {
-        f"The {NOUNS[cost]} of {several(len(commands), 'system')}": commands
+        f"The {costs()[cost].noun} of {several(len(commands), 'system')}": commands
         for cost, commands in missing(among.table, wanted, scene.faults).items()
     }
 
@@ -265,33 +261,33 @@ def _curve(among: Candidates, chosen: int) -> str:
     return typed("stress", trained | {"faults": "none", "train_subjects": ",".join(map(str, numbers))})
 
 
-def _growth(store: Store, runs: pd.DataFrame | None, among: Candidates, chosen: int, scene: Scene) -> str:
+def _growth(stressed: Sequence[Result], among: Candidates, chosen: int, scene: Scene) -> str:
     """The gain of more training people in a sentence, empty if no learning curve of the chosen system is stored."""
-    if runs is None or "train_subjects" not in runs:
-        return ""
-    same = runs["protocol_label"] == among.first["protocol_label"]
-    kept = complete_on(runs, among.first) & (same | (runs["protocol_name"] == "loso"))
-    kept &= np.array([system_of(run) == among.table["system"][chosen] for run in rows_of(runs)])
-    for run in rows_of(runs[kept & (runs["train_subjects"] != "all")])[::-1]:
-        result = more_people(pd.read_parquet(needed(store, run, "stress.parquet")), scene.reactions)
-        if result is not None:
-            most, gains = result
+    for result in reversed(stressed):
+        same = result["protocol_label"] == among.first["protocol_label"] or result["protocol_name"] == "loso"
+        if not same or not complete_on(result, among.first) or result.system != among.table["system"][chosen]:
+            continue
+        if result.get("train_subjects", "all") == "all":
+            continue
+        if growth := more_people(result.tables["stress"], scene.reactions):
+            most, gains = growth
             words = [f"{r.more} more add {r.gain:.1f} [{r.low:.1f}, {r.high:.1f}]" for r in gains.itertuples()]
             return (
-                f"By its learning curve on captures, {run['protocol_label']}: {', '.join(words)} points to a training "
-                f"set of {most} people (fit of a - b / people; 95 % intervals over people)."
+                f"By its learning curve on captures, {result['protocol_label']}: {', '.join(words)} points to a "
+                f"training set of {most} people (fit of a - b / people; 95 % intervals over people)."
             )
     return ""
 
 
-def _check_watched(values: Values, by: str, unit: str, budgets: dict[str, float]) -> None:
+def _check_watched(values: Values, by: str, unit: str, limits: dict[str, float]) -> None:
     """Refuse keys that runs of ``bench watch`` cannot be compared by.
 
     Raises:
         InputError: there is one.
     """
-    given = next((k for k in WATCH_BUDGETS if k in values), "by")
-    wrong = [f"by={by}"] * (by in UNWATCHED) + [f"max_{k}=" for k in UNWATCHED if k in budgets]
+    given = next((k for k, cost in budgets().items() if cost.runs == "recordings" and k in values), "by")
+    unwatched = [name for name, cost in costs().items() if not cost.watched]
+    wrong = [f"by={by}"] * (by in unwatched) + [f"{costs()[k].budget}=" for k in unwatched if k in limits]
     wrong += [f"unit={unit}"] * (unit == "window") + ["clock="] * ("clock" in values)
     if wrong:
         raise InputError(f"{wrong[0]}: runs of bench watch, which {given}= compares, have no such value; leave it out")
@@ -307,28 +303,47 @@ def _one_of(key: str, values: Values, names: Collection[str]) -> str:
     return name
 
 
+def table_of(result: Chosen) -> Table:
+    """The candidates of a choice."""
+    choice, by = result.choice, costs()[result.by]
+    limits = [f"{costs()[k].title} {costs()[k].limit} {costs()[k].amount(v)}" for k, v in result.budgets.items()]
+    score = "score" if result.scene.reactions.weighted else "accuracy"
+    asked = {result.by, *result.budgets, *(k for k, c in costs().items() if c.stress and result.scene.faults)}
+    shown = [cost for cost in costs_of(result.watched).values() if not (cost.stress or cost.mirrored)]
+    shown.sort(key=lambda cost: cost.runs != "recordings")
+    shown += [cost for cost in costs().values() if (cost.stress or cost.mirrored) and cost.key in asked]
+
+    def column(cost: Cost) -> Measure:
+        spare = 0 if cost.key == result.by or cost.key in result.budgets else cost.last
+
+        def amount(row: Row) -> str:
+            return cost.amount(row[cost.key]) + "*" * (bool(row["linked"]) and cost.key in ("flash", "ram"))
+
+        return Measure(cost.key, cost.title, amount, spare=spare)
+
+    def loss(row: Row) -> str | None:
+        return points(row["loss"], row["error"]) if row["loss"] == row["loss"] else None
+
+    columns = [
+        text("system"),
+        text("unit", "input"),
+        Measure("accuracy", f"{score} %"),
+        Measure("loss", "below best", loss),
+        *map(column, shown),
+        text("verdict"),
+    ]
+    title = (
+        f"{result.among.context}; {', '.join(limits) or 'no budget'}; {by.extreme} {by.title} first; {score} is the "
+        "mean over subjects"
+    )
+    bold = np.flatnonzero(choice.table.index == choice.chosen).tolist()
+    return Table(columns, rows_of(choice.table), title, bold)
+
+
 def _print(result: Chosen) -> None:
-    table, by = result.choice.table, result.by
-    limits = [f"{k.replace('_', ' ')} at most {amount(k, v)}" for k, v in result.budgets.items()]
-    within = ", ".join(limits) or "no budget"
-    rows = []
-    for row in table.to_dict("records"):
-        loss = "-" if np.isnan(row["loss"]) else points(row["loss"], row["error"])
-        score = f"{'score' if result.scene.reactions.weighted else 'accuracy'} %"
-        cells = {"system": row["system"], "input": row["unit"], score: f"{row['accuracy']:.1f}"}
-        asked = {result.by, *result.budgets, *(("fault_loss", "worst_fault") if result.scene.faults else ())}
-        known = [k for k in (*WATCHED, *COSTS) if k in table and not (result.watched and k in UNWATCHED)]
-        known += [k for k in ROBUST if k in asked]
-        costs = {
-            k.replace("_", " "): amount(k, row[k]) + "*" * (row["linked"] and k in ("flash", "ram")) for k in known
-        }
-        rows.append(cells | {"below best": loss} | costs | {"verdict": row["verdict"]})
-    spare = [k for k in ("cycles", "predict", "ram", "decision", "flash") if k != by and k not in result.budgets]
-    bold = np.flatnonzero(table.index == result.choice.chosen).tolist()
-    kind = "score" if result.scene.reactions.weighted else "accuracy"
-    title = f"{result.among.context}; {within}; lowest {by.replace('_', ' ')} first; {kind} is the mean over subjects"
-    grid(output(), title, rows, ("system", "input", "verdict"), spare, bold)
-    if 0 < table["linked"].sum() < len(rows):
+    table = result.choice.table
+    table_of(result).print(output())
+    if 0 < table["linked"].sum() < len(table):
         output().print("* as linked in C, with code; other sizes exclude code", style="dim")
     say(*result.lines(), *([f"{MARKED}."] if table["system"].str.contains(MARK).any() else []))
     if result.choice.chosen is not None:

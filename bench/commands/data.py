@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.arguments import convert, parse, setting
-from bench.commands.printing import grid, output, then, unwritable, writable
+from bench.amounts import convert
+from bench.arguments import parse, setting
+from bench.commands.printing import output, then, unwritable, writable
+from bench.comparable import several
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, stored_value, verify
 from bench.corpora.read.cost import write
@@ -18,16 +20,25 @@ from bench.corpora.read.limits import briefly
 from bench.corpora.recordings import Recordings
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
+from bench.measures import Measure, text
 from bench.options import SMALL, keys
-from bench.outcomes.comparable import several
-from bench.outcomes.runs import of_kinds, with_groups
+from bench.outcomes.runs import grouped, of_kinds
 from bench.outcomes.same_wrong import agreements
 from bench.outcomes.store import connect, exists
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.scratch import home
+from bench.table import Table, rows_of
 
 ACTIONS = ("import", "show", "verify", "export")
+EVENTS = (  # columns of the events of recordings
+    text("gesture"),
+    Measure("size", "events", form=".0f"),
+    Measure("subjects", form=".0f"),
+    Measure("min", "shortest s", form=".2f"),
+    Measure("median", "median s", form=".2f"),
+    Measure("max", "longest s", form=".2f"),
+)
 
 
 def data(arguments: list[str]) -> int:
@@ -100,10 +111,10 @@ def same_wrong(corpus: Corpus) -> None:
     from reports.run_groups import largest_groups
 
     store = connect() if exists() else None
-    runs = of_kinds(store, ["cell"]).get("cell") if store else None
-    if store and runs is not None:
-        runs = runs[(runs["corpus_digest"] == corpus.digest) & (runs["target"] == corpus.target)]
-        for found in agreements(store, largest_groups(with_groups(runs))[0]) if len(runs) else ():
+    stored = of_kinds(store, ["cell"]).get("cell", []) if store else []
+    here = [r for r in stored if r["corpus_digest"] == corpus.digest and r["target"] == corpus.target]
+    if here:
+        for found in agreements(largest_groups(grouped(here))[0]):
             rows = found.same_wrong[found.same_wrong["capture"].isin(corpus.index)]
             print(f"\nSame wrong label from all {len(found.systems)} systems: {several(len(rows), 'capture')}")
             print(f"  {found.group}; the most accurate system of each model; bench report shows film strips")
@@ -117,23 +128,19 @@ def show_recordings(recordings: Recordings) -> int:
     labels = corpus.captures.drop(columns="gesture").astype(str).rename(columns=str)
     counts = events["recording"].value_counts().reindex(range(len(recordings)), fill_value=0)
     minutes = np.stack([corpus.lengths, recordings.background_frames()], axis=1) / corpus.rate_hz / 60
-    rows = [
-        {str(name): word for name, word in row.items()}
-        | {"minutes": f"{whole:.2f}", "of background": f"{background:.2f}", "events": str(count)}
-        for row, (whole, background), count in zip(labels.to_dict("records"), minutes, counts, strict=True)
-    ]
+    table = labels.assign(minutes=minutes[:, 0], background=minutes[:, 1], events=counts)
     title = f"{corpus.name}: {len(recordings)} {'synthetic ' if corpus.synthetic else ''}recordings"
-    names = [str(name) for name in labels]
-    grid(out, title, rows, names, [name for name in names if name not in ("subject", "recording")])
+    others = [name for name in labels if name not in ("subject", "recording")]
+    columns = [text(str(name), spare=len(others) - others.index(name) if name in others else 0) for name in labels]
+    columns += [Measure("minutes", form=".2f"), Measure("background", "of background", form=".2f")]
+    Table([*columns, Measure("events", form=".0f")], rows_of(table), title).print(out)
     seconds = ((events["end"] - events["start"]) / corpus.rate_hz).groupby(events["gesture"])
     people = pd.Series(recordings.subjects[events["recording"]]).groupby(events["gesture"]).nunique()
-    rows = [
-        {"gesture": str(gesture), "events": str(len(of)), "subjects": str(people[gesture])}
-        | {"shortest s": f"{of.min():.2f}", "median s": f"{of.median():.2f}", "longest s": f"{of.max():.2f}"}
-        for gesture, of in seconds
-    ]
-    if rows:
-        grid(out, "Events", rows, ("gesture",))
+    if len(events):
+        table = (
+            seconds.agg(["size", "min", "median", "max"]).assign(subjects=people).rename_axis("gesture").reset_index()
+        )
+        Table(EVENTS, rows_of(table), "Events").print(out)
     if warnings := corpus.info["warnings"]:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
     then(f"bench watch data={corpus.name}")

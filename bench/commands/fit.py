@@ -13,7 +13,7 @@ from bench.options import keys
 from bench.outcomes.stopping import NO_SAVING
 from bench.plan.cells import cells
 from bench.scratch import new_folder, replacing
-from reports.spreadsheet import write_sheet
+from bench.table import write_sheet
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus

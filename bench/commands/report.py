@@ -12,8 +12,8 @@ from pathlib import Path
 
 from bench.arguments import parse
 from bench.commands.printing import then
-from bench.costs import BUDGETS, quantity
 from bench.errors import InputError
+from bench.measures import budgets
 from bench.options import keys
 from bench.outcomes.store import connect, store_uri
 
@@ -46,11 +46,11 @@ def report(arguments: list[str]) -> int:
         InputError: something in the arguments cannot be used, or the folder cannot be written.
     """
     values = parse(arguments, keys("report"))
-    budgets = {BUDGETS[key]: quantity(key, values[key]) for key in BUDGETS if key in values}
+    limits = {cost.key: cost.typed(values[key]) for key, cost in budgets().items() if key in values}
     from reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
     out = Path(values.get("out", "report"))
-    paths = write_report(connect(), out, budgets)
+    paths = write_report(connect(), out, limits)
     counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
     page = out / "index.html"
     print(f"{page}: all runs; in the same folder .md, .tex, {counts['.csv']} CSV files and {counts['.png']} figures")

@@ -5,8 +5,9 @@ from __future__ import annotations
 from bench.arguments import KEYS, Backend, Values, backend_of, parse
 from bench.commands.printing import one_label, show, then
 from bench.plan.cells import Cell, cells
+from bench.result import Result
 from bench.work.evaluation import Evaluation
-from bench.work.loop import Outcome, execute, prepared
+from bench.work.loop import execute, prepared
 from reports.illustrations import illustrate
 
 
@@ -19,20 +20,20 @@ def run(arguments: list[str]) -> int:
     return printed(evaluated_values(parse(arguments, KEYS)))
 
 
-def printed(outcomes: list[Outcome]) -> int:
+def printed(results: list[Result]) -> int:
     """Print evaluations, whichever command made them; the exit code."""
-    code = show(outcomes)
-    one_label(outcomes)
+    code = show(results, Evaluation)
+    one_label(results)
     then("bench choose")
     return code
 
 
-def evaluated_values(values: Values) -> list[Outcome]:
+def evaluated_values(values: Values) -> list[Result]:
     """The cells of some values, evaluated."""
     return evaluated(cells(values), backend_of(values))
 
 
-def evaluated(todo: list[Cell], backend: Backend) -> list[Outcome]:
+def evaluated(todo: list[Cell], backend: Backend) -> list[Result]:
     """Cells, evaluated.
 
     Raises:

@@ -3,20 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
+from statistics import mean
 
 import pandas as pd
 
 from bench.arguments import Values, items, parse, setting
 from bench.commands.choose import AMONG
-from bench.commands.printing import grid, output, say, then, unwritable, writable
+from bench.commands.printing import output, say, then, unwritable, writable
+from bench.comparable import MIXED, facts_of
 from bench.errors import InputError
+from bench.measures import Measure, text
 from bench.options import keys
 from bench.outcomes.candidates import eligible
-from bench.outcomes.comparable import MIXED, Row, context_of, facts_of, system_of
 from bench.outcomes.groups import LEVELS, Grouping, enough, groupings, reactions
-from bench.outcomes.runs import needed, rows_of, tracked, without_runs
+from bench.outcomes.runs import stored, without_runs
 from bench.outcomes.store import connect
 from bench.progress import warn
+from bench.result import Result
+from bench.table import Table, rows_of, write_sheet
+
+ACCURACY = Measure("accuracy", "accuracy %", ends="accuracy")
+COLUMNS = (
+    Measure("groups", form=".0f"),
+    text(
+        "grouping",
+        "gestures in one group",
+        lambda row: _words([group for group in row["grouping"] if len(group) > 1]) or "every gesture alone",
+    ),
+    ACCURACY,
+    Measure("largest", "largest group %"),
+    Measure("same", "same choice", lambda row: f"{row['same']} of {row['subjects']}"),
+)
 
 
 def scene(arguments: list[str]) -> int:
@@ -28,23 +45,8 @@ def scene(arguments: list[str]) -> int:
     values = parse(arguments, keys("scene"))
     table, title, notes = grouped(values)
     out = writable(Path(str(values.get("out", "scene"))))
-    found = rows_of(table)
-    rows = [
-        {
-            "groups": f"{row['groups']}",
-            "gestures in one group": _words([g for g in row["grouping"] if len(g) > 1]) or "every gesture alone",
-            "accuracy %": _accuracy(row),
-            "largest group %": f"{row['largest']:.1f}",
-            "same choice": f"{row['same']} of {row['subjects']}",
-        }
-        for row in found
-    ]
-    grid(
-        output(),
-        f"{title}; accuracy is the mean over subjects with its 95 % interval",
-        rows,
-        ("gestures in one group",),
-    )
+    found = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
+    Table(COLUMNS, found, f"{title}; accuracy is the mean over subjects with its 95 % interval").print(output())
     say(
         "The groups of each subject are chosen on the other subjects. same choice: subjects with the groups above.",
         "largest group: accuracy of always naming the largest group.",
@@ -55,13 +57,12 @@ def scene(arguments: list[str]) -> int:
         how = "not even two groups reach it."
         if index is not None:
             row = found[index]
-            how = f"{row['groups']} groups reach {_accuracy(row)} %."
+            how = f"{row['groups']} groups reach {ACCURACY.of(row)} %."
         say(f"{level} %: {how}")
     for index in dict.fromkeys(i for i in reached.values() if i):  # 0 is every gesture alone
         row = found[index]
-        say("", f"# {row['groups']} groups: {_accuracy(row)} %", reactions(row["grouping"]))
+        say("", f"# {row['groups']} groups: {ACCURACY.of(row)} %", reactions(row["grouping"]))
     from reports.dendrogram import draw  # loads all plotting
-    from reports.spreadsheet import write_sheet
 
     with unwritable(out):
         write_sheet(table.assign(grouping=table["grouping"].map(_words)), out / "groups.csv")
@@ -83,23 +84,20 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str]]:
     if dotted := [k for k in values if "." in k and not k.startswith("protocol.")]:
         raise InputError(f"{dotted[0]}= runs a system, and bench scene reads stored runs; leave {dotted[0]}= out")
     asked = {k: items(k, v) for k, v in values.items() if k in AMONG or k.startswith("protocol.")}
-    store = connect()
-    stored = tracked(store)
-    for lacking in without_runs([stored], asked):
+    every = stored(connect())
+    for lacking in without_runs([every], asked):
         warn(f"warning: {lacking}: no run is stored")
-    runs, notes = eligible([stored], asked, batch=bool(setting("scene", "batch", values)))
-    best = runs.groupby("system")["subject_accuracy_mean"].mean().idxmax()
-    seeds = rows_of(runs[runs["system"] == best])
+    results, notes = eligible(every, asked, batch=bool(setting("scene", "batch", values)))
+    by_system: dict[str, list[Result]] = {}
+    for r in results:
+        by_system.setdefault(r["system"], []).append(r)
+    seeds = max(sorted(by_system.items()), key=lambda each: mean(r["subject_accuracy_mean"] for r in each[1]))[1]
     if facts_of(seeds[-1]).mixes_subjects:
         notes = [*notes, MIXED]
-    tables = [pd.read_parquet(needed(store, run, "predictions.parquet")).assign(seed=run["seed"]) for run in seeds]
-    title = f"{', '.join(context_of(seeds[-1]))}; {system_of(seeds[-1])}"
+    tables = [r.tables["predictions"].assign(seed=r["seed"]) for r in seeds]
+    title = f"{', '.join(seeds[-1].context)}; {seeds[-1].system}"
     return groupings(pd.concat(tables, ignore_index=True)), title, notes
 
 
 def _words(grouping: Grouping | list[tuple[str, ...]]) -> str:
     return "; ".join(" + ".join(group) for group in grouping)
-
-
-def _accuracy(row: Row) -> str:
-    return f"{row['accuracy']:.1f} [{row['low']:.1f}, {row['high']:.1f}]"

@@ -6,13 +6,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bench import contract
-from bench.arguments import Values, backend_of, convert, items
+from bench.amounts import convert
+from bench.arguments import Values, backend_of, items
 from bench.commands.run import evaluated
-from bench.costs import BUDGETS, WATCH_BUDGETS
 from bench.errors import InputError, nearest
+from bench.measures import budgets
 from bench.plan.cells import Cell, cells
 from bench.registry import parameters
-from bench.work.loop import Outcome
+from bench.result import Result
 
 if TYPE_CHECKING:
     from models.search.space import How, Tuning
@@ -20,13 +21,13 @@ if TYPE_CHECKING:
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are typed
 
 
-def smallest(values: Values) -> list[Outcome]:
+def smallest(values: Values) -> list[Result]:
     """Run each system with the smallest value that suffices, chosen in every fold, beside the unchanged system.
 
     Raises:
         InputError: a key is for choosing among tracked runs, or a value cannot be used.
     """
-    if wrong := {"by", "margin", "shots", "unit", "clock", "batch", "scene", *BUDGETS, *WATCH_BUDGETS} & set(values):
+    if wrong := {"by", "margin", "shots", "unit", "clock", "batch", "scene", *budgets()} & set(values):
         raise InputError(f"{wrong.pop()}= chooses among stored runs and over= makes runs; leave one of them out")
     over, inner = str(values["over"]), str(values.get("inner", "3"))
     rest = {k: v for k, v in values.items() if k not in ("over", "inner", f"model.{over}")}

@@ -9,10 +9,10 @@ from bench.arguments import KEYS, Values, backend_of, items, number, parse
 from bench.commands.printing import say, show, then, writable
 from bench.errors import InputError
 from bench.options import keys
-from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.progress import warn
-from bench.work.loop import Outcome, execute, prepared
+from bench.result import Result
+from bench.work.loop import execute, prepared
 from bench.work.stream import Stream
 from reports.illustrations import illustrate
 from reports.streaming import write_streaming
@@ -33,16 +33,16 @@ def stream(arguments: list[str]) -> int:
         if sys.stdin is None:
             raise InputError(f"source={values['source']}: standard input is closed; send frames to it")
         return live(values)
-    outcomes, out = streamed(values)
-    code = show(outcomes)
-    paths = write_streaming(connect(), [o.run_id for o in outcomes if o.findings], out)
+    results, out = streamed(values)
+    code = show(results, Stream)
+    paths = write_streaming([r for r in results if r.scored], out)
     if paths:
         say(f"figure and tables: {', '.join(map(str, paths))}")
     then("bench choose by=decision")
     return code
 
 
-def streamed(values: Values) -> tuple[list[Outcome], Path]:
+def streamed(values: Values) -> tuple[list[Result], Path]:
     """Replay the cells of some values; also return the folder of ``out=``.
 
     Raises:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from bench.arguments import KEYS, Values, backend_of, convert, items, parse
+from bench.amounts import convert
+from bench.arguments import KEYS, Values, backend_of, items, parse
 from bench.commands.printing import contexts, say, show, then, writable
 from bench.corpora.faults import Fault, all_faults
 from bench.errors import InputError, nearest
 from bench.options import keys
 from bench.outcomes import stability
-from bench.outcomes.stability import Analysis
-from bench.outcomes.store import connect
 from bench.plan.cells import cells
-from bench.work.loop import Outcome, execute, prepared
+from bench.result import Result
+from bench.work.loop import execute, prepared
 from bench.work.stress import Stress
 from reports import stability_tables
 
@@ -27,18 +27,18 @@ def stress(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
-    outcomes, out = stressed(parse(arguments, keys("stress")))
-    code = show(outcomes)
-    for folder, members in grouped(outcomes, out).items():
-        title = stability_tables.title(members[0].analysis)
+    results, out = stressed(parse(arguments, keys("stress")))
+    code = show(results, Stress)
+    for folder, members in grouped(results, out).items():
+        title = ", ".join(members[0].context)
         say(f"{title}: failing subjects, classes, conditions and faults, with figures: {folder / 'stability.md'}")
     say("To train a system on damaged copies too, add model.faults=all.")
     then("bench report")
     return code
 
 
-def stressed(values: Values) -> tuple[list[Outcome[Analysis]], Path]:
-    """The cells of some values under stress, their tables and figures written and tracked; and where.
+def stressed(values: Values) -> tuple[list[Result], Path]:
+    """The cells of some values under stress, their tables and figures written; and where.
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
@@ -47,21 +47,20 @@ def stressed(values: Values) -> tuple[list[Outcome[Analysis]], Path]:
     backend = backend_of(values)
     todo = prepared(cells({k: v for k, v in values.items() if k not in OWN}), [experiment], backend.jobs)
     out = writable(Path(str(values.get("out", "stress"))))
-    outcomes = execute(todo, backend)
-    for folder, members in grouped(outcomes, out).items():
-        _write(folder, members)
-    return outcomes, out
+    results = execute(todo, backend)
+    for folder, members in grouped(results, out).items():
+        stability_tables.write(members, folder)
+    return results, out
 
 
-def grouped(outcomes: list[Outcome[Analysis]], out: Path) -> dict[Path, list[Outcome[Analysis]]]:
+def grouped(results: list[Result], out: Path) -> dict[Path, list[Result]]:
     """Successful runs by the folder of their tables: one for each corpus, subset and protocol."""
-    folders: dict[Path, list[Outcome[Analysis]]] = {}
-    groups = contexts(outcomes)
-    for rows in groups:
-        members, folder = [outcomes[row] for row in rows], out
+    folders: dict[Path, list[Result]] = {}
+    groups = contexts(results)
+    for members in groups:
+        folder = out
         if len(groups) > 1:
-            words = " ".join(members[0].analysis.context)
-            name = re.sub(r"[^A-Za-z0-9]+", "-", words).strip("-").lower()
+            name = re.sub(r"[^A-Za-z0-9]+", "-", " ".join(members[0].context)).strip("-").lower()
             folder = out / name if out / name not in folders else out / f"{name}-{len(folders) + 1}"
         folders[folder] = members
     return folders
@@ -87,14 +86,3 @@ def _counts(values: Values) -> tuple[int, ...]:
     if min(counts) < 1:
         raise InputError(f"train_subjects={min(counts)}: give whole numbers of at least 1")
     return tuple(sorted(counts))
-
-
-def _write(folder: Path, members: list[Outcome[Analysis]]) -> None:
-    """Tables and figures of the methods of one context, into the folder and with every run."""
-    analyses = [outcome.analysis for outcome in members]
-    store, paths = connect(), stability_tables.write(analyses, folder)
-    for outcome, analysis in zip(members, analyses, strict=True):
-        for path in paths:
-            store.keep(outcome.run_id, path, "stability")
-        if seeds := stability.seeds([a for a in analyses if a.system == analysis.system]).to_dict("records"):
-            store.log(outcome.run_id, {"seed_accuracy_sd": seeds[0]["sd"], "seed_labels_changed": seeds[0]["changed"]})

@@ -6,21 +6,20 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from bench import contract
-from bench.arguments import Values, backend_of, convert, items, parse, text_of
-from bench.commands.printing import one_label, show, then
-from bench.commands.run import evaluated
+from bench.amounts import convert, text_of
+from bench.arguments import Values, backend_of, items, parse
+from bench.commands.run import evaluated, printed
 from bench.errors import InputError, nearest
 from bench.options import keys
 from bench.plan.cells import Cell, cells
 from bench.registry import parameters
-from bench.work.loop import Outcome
+from bench.result import Result
 from models.recipe import besides
 
 if TYPE_CHECKING:
     from models.search.space import How, Space, Tuning
 
 OPTIONS: How = {"trials": 50, "inner": "3", "budget": float("inf")}
-KEYS = keys("tune")
 
 
 def tune(arguments: list[str]) -> int:
@@ -29,14 +28,10 @@ def tune(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
-    outcomes = searched(parse(arguments, KEYS))
-    code = show(outcomes)
-    one_label(outcomes)
-    then("bench choose")
-    return code
+    return printed(searched(parse(arguments, keys("tune"))))
 
 
-def searched(values: Values) -> list[Outcome]:
+def searched(values: Values) -> list[Result]:
     """The cells of some values, each a search.
 
     Listed values of a model's parameters are tried. Where no parameter has several, the ranges that the model declares

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bench.arguments import KEYS, Values, backend_of, number, parse
+from bench.arguments import KEYS, Values, backend_of, parse, setting
 from bench.commands.printing import show, then
 from bench.corpora.library import imported, stored_value
 from bench.corpora.recordings import Recordings
 from bench.errors import InputError
 from bench.options import keys
 from bench.plan.cells import Cell, cells
-from bench.work.loop import Outcome, execute, prepared
+from bench.result import Result
+from bench.work.loop import execute, prepared
 from bench.work.watch import Watch
 from reports.illustrations import illustrate
 
@@ -24,18 +25,18 @@ def watch(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
-    code = show(watched(parse(arguments, keys("watch"))))
+    code = show(watched(parse(arguments, keys("watch"))), Watch)
     then("bench choose max_false_alarms=5 max_latency=1s")
     return code
 
 
-def watched(values: Values) -> list[Outcome]:
+def watched(values: Values) -> list[Result]:
     """The systems of some values on continuous recordings.
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    alarms = number("false_alarms", values.get("false_alarms", "5"))
+    alarms = float(str(setting("watch", "false_alarms", values)))
     experiment = Watch(alarms, str(values.get("background", "")), str(values.get("unknown", "")))
     backend = backend_of(values)
     todo = cells({k: v for k, v in values.items() if k not in OWN})

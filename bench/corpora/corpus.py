@@ -6,7 +6,7 @@ Everything that features, models and protocols may know of the harness is on thi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 COPY = 1 << 40  # of a piece: times the number of the copy, and below that its first frame
 RESERVED = frozenset({"fold", "capture", "start", "frames", "true", "predicted"})  # columns that predictions need
+PROBABILITY = "p_"  # before a class, the name of the column of its probability
 Value = TypeVar("Value")
 
 
@@ -48,6 +49,16 @@ class Hidden(Generic[Value]):
             return self
         corpus._refuse_if_blind(self.name)
         return corpus.__dict__[f"_{self.name}"]
+
+
+def reserved(columns: Iterable[str], more: Collection[str] = ()) -> list[str]:
+    """The columns whose names tables of results use, so that captures cannot have them.
+
+    Args:
+        columns: names of columns.
+        more: further names that are taken.
+    """
+    return [name for name in columns if name in RESERVED or name in more or str(name).startswith(PROBABILITY)]
 
 
 @dataclass(frozen=True)

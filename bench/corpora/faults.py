@@ -22,8 +22,8 @@ from importlib.metadata import entry_points
 import numpy as np
 
 from bench.corpora.corpus import Corpus, storage
+from bench.usual import SEVERITIES as SEVERITIES
 
-SEVERITIES = 5
 Damage = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
 
 

@@ -4,36 +4,36 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
 import pandas as pd
 
+from bench.comparable import CONDITIONS, seed_number
 from bench.errors import InputError
 from bench.leaderboard import tasks
 from bench.leaderboard.submissions import EVENT, NUMBERS, TEXTS
 from bench.leaderboard.tasks import FALSE_ALARMS, RATE_HZ, Task
 from bench.outcomes import scores
-from bench.outcomes.comparable import CONDITIONS, Row, depends_on_batch, seed_number
 from bench.outcomes.events import REPORT
-from bench.outcomes.runs import NothingTracked, needed, rows_of, tracked
 from bench.outcomes.stopping import standing
-from bench.outcomes.store import Store
+from bench.result import Result
+from bench.usual import NO_TOUCH
 
 FILE = re.compile(r"(?<==)(?:.*[/\\])?([^/\\]+\.py)(:\w+)$")  # of a word of a command that names a part of a file
-USUAL = "notouch"  # background of recordings, if none is given
 OPTIONS = {  # of a kind of run, with the values that answer its task
     "stream": {"stream.start": "onset"},
-    "watch": {"watch.false_alarms": f"{FALSE_ALARMS}", "watch.background": USUAL, "watch.unknown": ""},
+    "watch": {"watch.false_alarms": f"{FALSE_ALARMS}", "watch.background": NO_TOUCH, "watch.unknown": ""},
 }
 SHARED = {"subset": "all", "target": "gesture", "status": "FINISHED"}  # by the runs of all tasks
 
 
-def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
+def find(results: Sequence[Result], task: Task, wanted: dict[str, str], how: str) -> Result:
     """The newest complete run of a system that answers a task.
 
     Args:
-        store: store of the runs.
+        results: results of the task's kind of run.
         task: task to answer.
         wanted: values that tags of the run must have (``system`` and ``seed``), or its ``run_id``.
         how: the command that makes such a run.
@@ -42,11 +42,7 @@ def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
         InputError: there is none; where there are others of the system, the message says what differs.
     """
     system = ", ".join(v if k == "system" else f"{k} {v}" for k, v in wanted.items())
-    try:
-        runs = rows_of(tracked(store, task.kind))
-    except NothingTracked:
-        runs = []
-    runs = [run for run in runs if all(str(run.get(k, "")) == v for k, v in wanted.items())]
+    runs = [run for run in results if all(str(run.get(k, "")) == v for k, v in wanted.items())]
     if not runs:
         raise InputError(f"no run of bench {task.command} with {system} is stored; make one: {how}")
     if answers := [run for run in runs if not differs(task, run)]:
@@ -54,19 +50,19 @@ def find(store: Store, task: Task, wanted: dict[str, str], how: str) -> Row:
     raise InputError(f"{system} has a stored run with {differs(task, runs[-1])}, but {task.name} needs: {how}")
 
 
-def differs(task: Task, run: Row) -> str:
+def differs(task: Task, run: Result) -> str:
     """Tags of a run that differ from the task, with their values; empty if none does."""
     fixed = {"corpus_digest": tasks.digest_of(task), "protocol": task.protocol, **SHARED, **OPTIONS.get(task.kind, {})}
-    run = dict(run) | {"watch.background": run.get("watch.background") or USUAL}
+    usual = {"watch.background": NO_TOUCH}
     for name, value in fixed.items():
-        here = str(run.get(name, ""))
+        here = str(run.get(name) or usual.get(name, ""))
         if here != value:
             short = here[:16] if name == "corpus_digest" else here
             return f"{name.replace('corpus_', 'data ').removeprefix(f'{task.kind}.')} {short or 'unknown'}"
     return ""
 
 
-def table(store: Store, task: Task, run: Row) -> pd.DataFrame:
+def table(task: Task, run: Result) -> pd.DataFrame:
     """The rows of a task with ``predicted``, and of a task with one row per capture the mean probabilities.
 
     Of a watched task the reported events.
@@ -75,8 +71,7 @@ def table(store: Store, task: Task, run: Row) -> pd.DataFrame:
         InputError: the run lacks rows of the task, its captures have other labels, its recordings are composed
             otherwise, or its table is gone.
     """
-    name = "stress.parquet" if task.kind == "stress" else "predictions.parquet"
-    stored = pd.read_parquet(needed(store, run, name))
+    stored = run.tables["stress" if task.kind == "stress" else "predictions"]
     if task.watched:
         return _reported(task, stored, run)
     rows = {"cell": _labelled, "stream": _standing, "stress": _damaged}[task.kind](task, stored)
@@ -126,7 +121,7 @@ def _damaged(task: Task, stored: pd.DataFrame) -> pd.DataFrame:
     return rows[["capture", "fault", "severity", "true", "predicted"]]
 
 
-def _reported(task: Task, stored: pd.DataFrame, run: Row) -> pd.DataFrame:
+def _reported(task: Task, stored: pd.DataFrame, run: Result) -> pd.DataFrame:
     """Of continuous touch: the reported events.
 
     Raises:
@@ -141,7 +136,7 @@ def _reported(task: Task, stored: pd.DataFrame, run: Row) -> pd.DataFrame:
     return stored.loc[stored["kind"] == "report", [*EVENT]].astype(kinds).round({"confidence": 3})
 
 
-def metadata(task: Task, run: Row, who: str, command: str) -> dict[str, Any]:
+def metadata(task: Task, run: Result, who: str, command: str) -> dict[str, Any]:
     """Origin and costs of a run, in the words of a submission.
 
     Of a system in a file of one's own: the file's name and its SHA-256, not the folder it lies in; touchbench's
@@ -165,17 +160,17 @@ def metadata(task: Task, run: Row, who: str, command: str) -> dict[str, Any]:
     return texts | numbers | {"versions": {k: v for k, v in versions.items() if isinstance(v, str)}}
 
 
-def rests_on(run: Row) -> dict[str, str]:
+def rests_on(run: Result) -> dict[str, str]:
     """Inputs of the labels of a run besides single captures, as a submission records them: ``batch``, ``conditions``.
 
     Empty for a run without the tags `BATCH` and `CONDITIONS`.
     """
     conditions = run.get(CONDITIONS)
-    batch = {"batch": "yes"} if depends_on_batch(run) else {}
+    batch = {} if run.alone else {"batch": "yes"}
     return batch | ({"conditions": conditions} if isinstance(conditions, str) and conditions else {})
 
 
-def _files(run: Row, command: str) -> dict[str, str]:
+def _files(run: Result, command: str) -> dict[str, str]:
     """The command without the folders of its files; their SHA-256 for ``revision`` and ``note``."""
     words = shlex.split(command)
     files = {match[1]: run.get(f"{word.partition('=')[0]}_file") for word in words if (match := FILE.search(word))}

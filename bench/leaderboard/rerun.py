@@ -13,9 +13,8 @@ from bench.corpora.read.limits import quoted
 from bench.errors import InputError
 from bench.leaderboard import answers, submissions
 from bench.leaderboard.submissions import Submission
-from bench.outcomes.runs import rows_of, tracked
-from bench.outcomes.store import Store
 from bench.plan.cells import cells
+from bench.result import Result
 
 ALWAYS = {"data", "seed", *PARTS}
 KEYS = {  # that a stored command can have; none of them says where to compute or to write
@@ -83,25 +82,25 @@ def _with_path(one: Submission, part: str) -> str:
     return f"{path.absolute()}:{match[2]}"
 
 
-def answer(store: Store, one: Submission, folder: Path) -> Submission:
-    """Submission from the only run of a store, for the task of another submission.
+def answer(results: Sequence[Result], one: Submission, folder: Path) -> Submission:
+    """Submission from the only result of a repeated command, for the task of another submission.
 
     Args:
-        store: store with the repeated run of the submission.
+        results: results that the command made.
         one: the submission.
         folder: new folder for the answer.
 
     Raises:
         InputError: the run does not answer the task, or rests on more than the submission says.
     """
-    runs = rows_of(tracked(store, one.task.kind))
-    if len(runs) != 1:
-        raise InputError(f"{one.name}: its command made {len(runs)} runs; one is needed")
-    if flaw := answers.differs(one.task, runs[0]):
+    if len(results) != 1:
+        raise InputError(f"{one.name}: its command made {len(results)} runs; one is needed")
+    run = results[0]
+    if flaw := answers.differs(one.task, run):
         raise InputError(f"{one.name}: its command made a run with {flaw}, which is not {one.task.name}")
-    if answers.rests_on(runs[0]) != {key: v for key, v in one.metadata.items() if key in ("batch", "conditions")}:
+    if answers.rests_on(run) != {key: v for key, v in one.metadata.items() if key in ("batch", "conditions")}:
         raise InputError(
             f"{one.name}: batch and conditions of the submission differ from those of the run; correct them"
         )
-    metadata = answers.metadata(one.task, runs[0], one.metadata["who"], one.metadata["command"])
-    return submissions.write(folder, metadata, answers.table(store, one.task, runs[0]))
+    metadata = answers.metadata(one.task, run, one.metadata["who"], one.metadata["command"])
+    return submissions.write(folder, metadata, answers.table(one.task, run))

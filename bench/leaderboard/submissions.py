@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
-from functools import cached_property
+from functools import cached_property, lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,7 +28,7 @@ from bench.corpora.read.limits import called, check_labels, plain, quoted, short
 from bench.corpora.read.parquet import ParquetFile
 from bench.errors import InputError
 from bench.leaderboard.tasks import CLEAN, FALSE_ALARMS, RATE_HZ, Task, digest_of, recordings_of, rows_of, task_of
-from bench.outcomes import scores
+from bench.outcomes import resampling, scores
 from bench.outcomes.events import FALSE_ALARM, REPORT, matched, summary
 
 METADATA = "submission.json"
@@ -176,7 +176,13 @@ def read(folder: Path) -> Submission:
     return Submission(name, task, metadata, table, sha256, events=events)
 
 
-def behind(one: Submission, best: Submission, draws: int = 2000, seed: int = 0) -> tuple[float, float, float]:
+@lru_cache
+def reference_of(task: str) -> tuple[Submission, ...]:
+    """The results for a task that come with touchbench; read and scored once in a process."""
+    return tuple(read(path.parent) for path in sorted(REFERENCE.glob(f"{task}/*/{METADATA}")))
+
+
+def behind(one: Submission, best: Submission) -> tuple[float, float, float]:
     """Accuracy less that of another submission to the same task, with its 95 % paired bootstrap interval over subjects.
 
     Both are counted on the same rows and the same drawn subjects, so what makes a subject hard for both cancels out.
@@ -184,8 +190,8 @@ def behind(one: Submission, best: Submission, draws: int = 2000, seed: int = 0) 
     rows = [each.counted for each in (one, best)]  # in the order of the task's rows
     ours, theirs = ((table["true"] == table["predicted"]).to_numpy(int) for table in rows)
     each = pd.Series(ours - theirs).groupby(rows[0]["subject"].to_numpy()).agg(["sum", "size"]).to_numpy()
-    drawn = each[np.random.default_rng(seed).integers(0, len(each), (draws, len(each)))].sum(axis=1)
-    low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
+    sums = each[resampling.drawn(len(each))].sum(axis=1)
+    low, high = resampling.interval(sums[:, 0] / sums[:, 1])
     return float((ours - theirs).mean()), float(low), float(high)
 
 

@@ -9,43 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.costs import COSTS, ROBUST, WATCHED
-from bench.outcomes.comparable import MIXED, Row, several
+from bench.comparable import MIXED, Row, several
+from bench.measures import costs
 from bench.outcomes.pick import fitting, pick, within
-from bench.outcomes.runs import rows_of
 from bench.paired import FEW_SUBJECTS, mean_and_error
-
-WORDS = {  # an amount of a cost
-    "flash": "of flash",
-    "ram": "of RAM",
-    "predict": "of computing time",
-    "decision": "until the decision",
-    "cycles": "instructions",
-    "false_alarms": "of false alarms",
-    "latency": "of latency",
-    "fault_loss": "lost under faults",
-    "worst_fault": "lost under the worst fault",
-    "worst_person": "wrong for the worst person",
-    "worst_tenth": "wrong for the worst tenth of people",
-}
-NOUNS = {"flash": "flash", "ram": "RAM", "predict": "computing time", "decision": "decision time"}
-NOUNS |= {"cycles": "instruction count", "false_alarms": "false-alarm rate", "latency": "latency"}
-NOUNS |= {"fault_loss": "mean loss under faults", "worst_fault": "loss under the worst fault"}
-NOUNS |= {"worst_person": "error of the worst person", "worst_tenth": "error of the worst tenth of people"}
-UNKNOWN = {  # why a cost is not known
-    "flash": "their size cannot be counted",
-    "ram": "their memory cannot be counted",
-    "predict": "no timing is available for exported C",
-    "decision": "it was not measured",
-    "cycles": "only bench chip counts them",
-    "false_alarms": "the recordings have no background",
-    "latency": "no touch was found",
-    "fault_loss": "losses are of whole captures, in runs of bench stress with all these faults",
-    "worst_fault": "losses are of whole captures, in runs of bench stress with all these faults",
-    "worst_person": "a person has no score",
-    "worst_tenth": "a person has no score",
-}
-ALL_COSTS = COSTS | ROBUST | WATCHED
+from bench.table import rows_of
 
 
 @dataclass(frozen=True)
@@ -54,10 +22,10 @@ class Budget:
 
     Attributes:
         cost: name of the cost.
-        most: largest allowed value.
-        over: number of candidates that need more.
+        budget: largest or smallest allowed amount.
+        over: number of candidates outside of it.
         unknown: number of candidates with unknown cost.
-        least: index of the candidate that needs least, None if no cost is measured.
+        least: index of the candidate with the best amount, None if no cost is measured.
         without: index of the best one that fits all the other budgets, None if none does.
         gain: accuracy of that candidate minus that of the best one that fits all budgets, mean over subjects in points;
             NaN if none does.
@@ -65,7 +33,7 @@ class Budget:
     """
 
     cost: str
-    most: float
+    budget: float
     over: int
     unknown: int
     least: int | None
@@ -109,29 +77,31 @@ def decide(
     Args:
         table: candidates with ``accuracy`` and a column per cost, as `bench.outcomes.candidates` gives them.
         subjects: scores in percent [candidates, subjects].
-        by: the cost that is to be low.
-        budgets: the most of each cost.
+        by: the cost to minimise.
+        budgets: budget of each cost.
         margin: points that do not matter, or None for the rule of one standard error.
     """
     accuracy = table["accuracy"].round(9)  # equal sums in another order are ties
     verdicts = [_excess(row, budgets) for row in rows_of(table)]
     table = table.assign(verdict=verdicts, loss=np.nan, error=np.nan, accuracy=accuracy)
-    fits = table["verdict"] == ""
+    fits, cost = table["verdict"] == "", costs()[by]
     unranked = [int(i) for i in table[fits & table[by].isna()].sort_values("accuracy", ascending=False).index]
     chosen, best, near = _picked(table, subjects, by, budgets, margin)
     limits = [_limit(table, subjects, by, budgets, cost, best) for cost in budgets]
     if best is None or chosen is None:
-        table.loc[unranked, "verdict"] = f"{by} unknown"
-        return Choice(table.sort_values(by), None, None, None, unranked, limits)
+        table.loc[unranked, "verdict"] = f"{cost.title} unknown"
+        return Choice(table.sort_values(by, key=cost.burden), None, None, None, unranked, limits)
     for i in table.index[fits]:
         table.loc[i, ["loss", "error"]] = mean_and_error((subjects.loc[best] - subjects.loc[i]).to_numpy())
     fitting = [int(i) for i in table.index[fits]]
-    table = table.sort_values([by, "accuracy"], ascending=[True, False])
-    dearer = [i for i in table.index if i in fitting and table[by][i] > table[by][chosen]]
+    burden = cost.burden(table[by])
+    order = pd.DataFrame({"burden": burden, "accuracy": table["accuracy"]})
+    table = table.loc[order.sort_values(["burden", "accuracy"], ascending=[True, False]).index]
+    dearer = [i for i in table.index if i in fitting and burden[i] > burden[chosen]]
     for i in fitting:
         verdict = "the best" if i == best else "near the best" if near[i] else "below the best"
         if i in unranked:
-            verdict += f", {by} unknown"
+            verdict += f", {cost.title} unknown"
         elif near[i]:
             verdict += ", costlier" if i in dearer else ", equally cheap"
         table.loc[i, "verdict"] = "chosen" if i == chosen else verdict
@@ -145,55 +115,35 @@ def _picked(
     """The chosen and the best candidate, and which are not below the best."""
     fits = fitting({name: table[name].to_numpy(float) for name in budgets}, budgets, len(table))
     everyone = np.arange(subjects.shape[1])[None]
-    scores, costs = subjects.to_numpy(float), table[by].to_numpy(float)
-    chosen, best, near = (each[0] for each in pick(scores, everyone, fits[None], costs[None], margin))
+    scores, burdens = subjects.to_numpy(float), costs()[by].burden(table[by].to_numpy(float))
+    chosen, best, near = (each[0] for each in pick(scores, everyone, fits[None], burdens[None], margin))
     return (None, None, near) if best < 0 else (int(chosen), int(best), near)
 
 
 def _excess(row: Row, budgets: Mapping[str, float]) -> str:
     """By which budgets a candidate is ruled out, with amounts if it is one; empty for none."""
-    over = [cost.replace("_", " ") for cost, most in budgets.items() if not within(row[cost], most)]
+    over = [costs()[name] for name, budget in budgets.items() if not within(name, row[name], budget)]
     if len(over) > 1:
-        return "ruled out: " + ", ".join(over)
-    over = [
-        f"{cost.replace('_', ' ')} {' > '.join(apart(cost, row[cost], most))}"
-        if np.isfinite(row[cost])
-        else f"{cost.replace('_', ' ')} unknown"
-        for cost, most in budgets.items()
-        if not within(row[cost], most)
-    ]
-    return "ruled out: " + ", ".join(over) if over else ""
+        return "ruled out: " + ", ".join(cost.title for cost in over)
+    for cost in over:
+        amounts = cost.apart(row[cost.key], budgets[cost.key])
+        sign = ">" if cost.better == "low" else "<"
+        return f"ruled out: {cost.title} " + (f" {sign} ".join(amounts) if np.isfinite(row[cost.key]) else "unknown")
+    return ""
 
 
 def _limit(
     table: pd.DataFrame, subjects: pd.DataFrame, by: str, budgets: dict[str, float], cost: str, best: int | None
 ) -> Budget:
     """What one of the budgets does."""
-    most, amounts = budgets[cost], table[cost].dropna()
-    least = int(amounts.index[int(amounts.argmin())]) if len(amounts) else None
+    amounts = table[cost].dropna()
+    least = int(amounts.index[int(costs()[cost].burden(amounts).argmin())]) if len(amounts) else None
     without = _picked(table, subjects, by, {k: v for k, v in budgets.items() if k != cost})[1]
     gain = error = np.nan
     if best is not None and without is not None:
         gain, error = mean_and_error((subjects.loc[without] - subjects.loc[best]).to_numpy())
-    over = int((~within(amounts.to_numpy(), most)).sum())
-    return Budget(cost, most, over, len(table) - len(amounts), least, without, gain, error)
-
-
-def amount(cost: str, value: float) -> str:
-    """A cost with its unit, as people read it."""
-    if not np.isfinite(value):
-        return "-"
-    return f"{value:.3g} {ALL_COSTS[cost]}" if value < 100 else f"{value:.0f} {ALL_COSTS[cost]}"
-
-
-def apart(cost: str, one: float, other: float) -> tuple[str, str]:
-    """Two amounts of a cost with enough digits to differ."""
-    texts = amount(cost, one), amount(cost, other)
-    digits = 4
-    while texts[0] == texts[1] and one != other and digits < 17:
-        texts = f"{one:.{digits}g} {ALL_COSTS[cost]}", f"{other:.{digits}g} {ALL_COSTS[cost]}"
-        digits += 1
-    return texts
+    over = int((~within(cost, amounts.to_numpy(), budgets[cost])).sum())
+    return Budget(cost, budgets[cost], over, len(table) - len(amounts), least, without, gain, error)
 
 
 def points(mean: float, error: float) -> str:
@@ -213,23 +163,23 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
 
     Args:
         choice: result of `decide`.
-        by: the cost that is to be low.
+        by: the cost to minimise.
         margin: points of accuracy that do not matter, or None.
         subjects: number of them.
         mixed: True if training and test captures share subjects.
     """
-    rows = dict(zip(choice.table.index, rows_of(choice.table), strict=True))
+    rows, cost = dict(zip(choice.table.index, rows_of(choice.table), strict=True)), costs()[by]
     limits = [_limited(limit, rows, choice.best) for limit in choice.budgets]
     if choice.chosen is None or choice.best is None:
         if choice.unranked:
             return [
-                f"Nothing can be chosen: the {NOUNS[by]} of every system that fits is unknown ({UNKNOWN[by]}).",
+                f"Nothing can be chosen: the {cost.noun} of every system that fits is unknown ({cost.unknown}).",
                 *limits,
             ]
         return ["Nothing fits the budgets.", *limits]
     chosen, best = rows[choice.chosen], rows[choice.best]
-    lines = [f"Choose {named(chosen)}: {chosen['accuracy']:.1f} % with {amount(by, chosen[by])} {WORDS[by]}."]
-    fits = "that fits" + (f" and has a known {NOUNS[by]}" if choice.unranked else "")
+    lines = [f"Choose {named(chosen)}: {chosen['accuracy']:.1f} % with {cost.amount(chosen[by])} {cost.words}."]
+    fits = "that fits" + (f" and has a known {cost.noun}" if choice.unranked else "")
     near, none_near, proof = "within one standard error of", "is within one standard error", ""
     if margin is not None:
         near, none_near = (f"{word} less than {margin:g} points" for word in ("that loses", "is shown to lose"))
@@ -246,17 +196,17 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
         ]
     if choice.costlier is not None:
         better = rows[choice.costlier]
-        more, less = apart(by, better[by], chosen[by])
+        more, less = cost.apart(better[by], chosen[by])
         gain = points(better["accuracy"] - chosen["accuracy"], np.nan)
         lines.append(
-            f"The next better system, {named(better)}, gains {gain} points but needs {more} {WORDS[by]} instead of "
+            f"The next better system, {named(better)}, gains {gain} points but needs {more} {cost.words} instead of "
             f"{less}."
         )
     if choice.unranked:
         first = rows[choice.unranked[0]]
         lines.append(
-            f"{several(len(choice.unranked), 'system')} cannot be chosen, because the {NOUNS[by]} is unknown "
-            f"({UNKNOWN[by]}). The most accurate of these is {named(first)}, {first['accuracy']:.1f} %."
+            f"{several(len(choice.unranked), 'system')} cannot be chosen, because the {cost.noun} is unknown "
+            f"({cost.unknown}). The most accurate of these is {named(first)}, {first['accuracy']:.1f} %."
         )
     lines += limits
     if subjects < FEW_SUBJECTS:
@@ -269,9 +219,9 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
 
 def _limited(limit: Budget, rows: Mapping[int, Row], best: int | None) -> str:
     """What a budget costs, or where nothing fits, how far the systems are from it."""
-    cost, count = limit.cost, limit.over + limit.unknown
-    head = f"The budget of {amount(cost, limit.most)} for {NOUNS[cost]}"
-    unknown = f" ({limit.unknown} with unknown {NOUNS[cost]}: {UNKNOWN[cost]})" if limit.unknown else ""
+    cost, count = costs()[limit.cost], limit.over + limit.unknown
+    head = f"The budget of {cost.amount(limit.budget)} for {cost.noun}"
+    unknown = f" ({limit.unknown} with unknown {cost.noun}: {cost.unknown})" if limit.unknown else ""
     without = "no system fits either"
     if limit.without is not None:
         row = rows[limit.without]
@@ -286,5 +236,5 @@ def _limited(limit: Budget, rows: Mapping[int, Row], best: int | None) -> str:
     lines = [f"{head} rules out {count} of {several(len(rows), 'system')}{unknown}."]
     if limit.least is not None:
         row = rows[limit.least]
-        lines.append(f"The lowest {NOUNS[cost]} is {apart(cost, row[cost], limit.most)[0]} ({named(row)}).")
+        lines.append(f"The {cost.extreme} {cost.noun} is {cost.apart(row[cost.key], limit.budget)[0]} ({named(row)}).")
     return " ".join([*lines, f"Without this budget, {without}."])

@@ -29,7 +29,8 @@ from typing import SupportsFloat
 import numpy as np
 import pandas as pd
 
-from bench.outcomes.scores import ratio_interval, subject_interval
+from bench.outcomes.resampling import ratio_interval
+from bench.outcomes.scores import subject_interval
 
 REPORT = {"recording": np.int64, "reported": np.int64, "end": np.int64, "first": str, "label": str}
 REPORT |= {"confidence": np.float64}

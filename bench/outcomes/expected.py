@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from bench.measures import costs
+from bench.outcomes import resampling, stability
 from bench.outcomes.candidates import Candidates
 from bench.outcomes.choice import named, points
 from bench.outcomes.pick import People, fitting, pick
 from bench.outcomes.reactions import Reactions
-from bench.outcomes.runs import rows_of
-from bench.outcomes.stability import CLEAN
 from bench.paired import interval
+from bench.table import rows_of
+from bench.usual import CLEAN
 
 DRAWS = 1000  # of people with replacement
 FEWEST = 3  # people, so that two are left to choose with
@@ -66,8 +68,8 @@ def expected(
     Args:
         people: contribution of each person to scores and costs, from `bench.outcomes.candidates`.
         chosen: number of the candidate that all people choose.
-        by: the cost that is to be low.
-        budgets: the most of each cost.
+        by: the cost to minimise.
+        budgets: budget of each cost.
         margin: points that do not matter, or None.
 
     Returns:
@@ -78,14 +80,14 @@ def expected(
         return None
 
     def choices(drawn: np.ndarray) -> np.ndarray:
-        costs = {name: people.cost(name, drawn) for name in budgets}
-        fits = np.broadcast_to(fitting(costs, budgets, candidates), (len(drawn), candidates))
-        return pick(people.scores, drawn, fits, people.cost(by, drawn), margin)[0]
+        amounts = {name: people.cost(name, drawn) for name in budgets}
+        fits = np.broadcast_to(fitting(amounts, budgets, candidates), (len(drawn), candidates))
+        return pick(people.scores, drawn, fits, costs()[by].burden(people.cost(by, drawn)), margin)[0]
 
     others = np.array([[k for k in range(count) if k != person] for person in range(count)])
     without = choices(others)
     scores = np.where(without < 0, np.nan, people.scores[without, np.arange(count)])
-    drawn = choices(np.random.default_rng(0).integers(0, count, (DRAWS, count)))
+    drawn = choices(resampling.drawn(count, DRAWS))
     shares = np.bincount(drawn[drawn >= 0], minlength=candidates) / DRAWS
     everyone = np.arange(count)[None]
     fits = fitting({name: people.cost(name, everyone)[0] for name in budgets}, budgets, candidates)
@@ -220,25 +222,20 @@ def more_people(table: pd.DataFrame, reactions: Reactions) -> tuple[int, pd.Data
         fewer than `FEWEST` subjects.
     """
     clean = table[table["fault"] == CLEAN]
-    numbered, most_of_fold = (
-        each.astype(float)
-        for each in (clean["train_subjects"], clean.groupby("fold")["train_subjects"].transform("max"))
-    )
-    whole = numbered == most_of_fold
-    numbered = numbered.where(~whole, most_of_fold[whole].mean())
+    numbered = stability.trained_on(clean)
     parts = {n: reactions.scores(clean[numbered == n]) for n in sorted({*numbered})}
     curve = pd.DataFrame(parts).dropna()  # [subjects, numbers]
     if curve.shape[1] < 3 or len(curve) < FEWEST:
         return None
     numbers = curve.columns.to_numpy()
     solve = np.linalg.pinv(np.column_stack([np.ones(len(numbers)), -1 / numbers]))
-    drawn = np.random.default_rng(0).integers(0, len(curve), (DRAWS, len(curve)))
+    drawn = resampling.drawn(len(curve), DRAWS)
     scores = curve.to_numpy()
     slope, slopes = solve[1] @ scores.mean(axis=0), scores[drawn].mean(axis=1) @ solve[1]
     most = round(float(numbers.max()))
     rows = []
     for more in MORE:
         share = 1 / most - 1 / (most + more)
-        low, high = np.quantile(slopes * share, [0.025, 0.975])
+        low, high = resampling.interval(slopes * share)
         rows.append((more, slope * share, low, high))
     return most, pd.DataFrame(rows, columns=["more", "gain", "low", "high"])

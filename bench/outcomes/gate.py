@@ -20,9 +20,8 @@ from bench.outcomes import scores
 from bench.outcomes.baseline import NAMES, Measured
 
 if TYPE_CHECKING:
-    from bench.outcomes.comparable import Row
+    from bench.result import Result
 
-LIMITS = {"error": 1.0, "slower": 2.0}
 CHANGES = 0.002  # share of labels that may change where code is unchanged, such as by rounding
 LARGER = 1.1  # times the learnt numbers of the baseline
 COSTS = {"relative": "predict_relative", "flash": "flash_bytes"}  # what is compared, and what it is tracked as
@@ -196,24 +195,23 @@ def named(measured: Measured) -> str:
     return " | ".join(parts)
 
 
-def measured(row: Row, predictions: pd.DataFrame, run: str) -> Measured:
-    """The compared measurements of a tracked run.
+def measured(result: Result, run: str) -> Measured:
+    """The compared measurements of a result.
 
     Args:
-        row: row of `bench.outcomes.runs.tracked`.
-        predictions: predictions of the run.
+        result: result of ``bench run``.
         run: the arguments of ``bench run`` that make it.
     """
-    environment = {k: str(v) for k, v in row.items() if k in ("cpu", "simd", "threads") or k.startswith("version.")}
+    environment = {k: str(v) for k, v in result.items() if k in ("cpu", "simd", "threads") or k.startswith("version.")}
     environment["version.python"] = environment["version.python"].rpartition(".")[0]  # a patch computes the same
-    labelled = scores.captures(predictions)
+    labelled = scores.captures(result.tables["predictions"])
     return Measured(
         run,
-        {k: str(row[k]) for k in NAMES},
-        {k: v for k, v in environment.items() if v != "nan" and k != "version.touchbench"},
-        {k: float(row[name]) for k, name in COSTS.items() if np.isfinite(row.get(name, np.nan))},
+        {k: str(result[k]) for k in NAMES},
+        {k: v for k, v in environment.items() if k != "version.touchbench"},
+        {k: float(result[name]) for k, name in COSTS.items() if np.isfinite(result.get(name, np.nan))},
         labelled[["fold", "capture", "subject", "true", "predicted"]].astype({"fold": str, "subject": str}),
-        row["synthetic"] == "true",
+        result["synthetic"] == "true",
     )
 
 

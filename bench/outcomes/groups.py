@@ -19,6 +19,7 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.outcomes import scores
+from bench.outcomes.resampling import ratio_interval
 
 LEVELS = (90, 95, 99)  # percent
 Grouping = tuple[tuple[str, ...], ...]  # names of the gestures of each group
@@ -57,7 +58,7 @@ def groupings(predictions: pd.DataFrame) -> pd.DataFrame:
             tested, actual = person == i, chain[k][true]
             correct.append(100 * (labels(proba[tested], chain[k]) == actual[tested]).mean())
             largest.append(100 * (np.bincount(actual[~tested]).argmax() == actual[tested]).mean())
-        low, high = scores.ratio_interval(np.column_stack([correct, np.ones(len(people))]))
+        low, high = ratio_interval(np.column_stack([correct, np.ones(len(people))]))
         row = {"groups": len(classes) - k, "grouping": named(group, classes), "accuracy": np.mean(correct)}
         row |= {"low": low, "high": high, "largest": np.mean(largest)}
         table.append(row | {"same": sum(np.array_equal(chain[k], group) for chain in own), "subjects": len(people)})

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.measures import costs
 from bench.paired import TOLERANCE, within_one_standard_error
 
 AT_ONCE = 50  # drawings that are computed together
@@ -38,18 +39,27 @@ class People:
         """
         if name in self.fixed:
             return np.broadcast_to(self.fixed[name], (len(drawn), len(self.scores)))
-        if name in ("worst_person", "worst_tenth"):
-            lowest = np.sort(self.scores[:, drawn], axis=2)  # NaN comes last
-            count = 1 if name == "worst_person" else -(-drawn.shape[1] // 10)
-            return np.where(np.isnan(lowest[:, :, -1]), np.nan, 100 - lowest[:, :, :count].mean(axis=2)).T
-        weights = counted(drawn, self.scores.shape[1])
-        if name == "false_alarms":
-            alarms, hours = weights @ self.alarms[0].T, weights @ self.alarms[1].T
-            return np.divide(alarms, hours, out=np.full(alarms.shape, np.nan), where=hours > 0)
-        if not self.losses.shape[1]:
+        among = costs()[name].among
+        if among is None:
             return np.full((len(drawn), len(self.scores)), np.nan)
-        means = np.einsum("ds,cfs->dcf", weights, self.losses) / drawn.shape[1]
-        return means.mean(axis=2) if name == "fault_loss" else means.max(axis=2)
+        return among(self, drawn)
+
+    def error(self, drawn: np.ndarray, count: int) -> np.ndarray:
+        """100 less the mean of the lowest ``count`` scores in percent, float [drawings, candidates]."""
+        lowest = np.sort(self.scores[:, drawn], axis=2)  # NaN comes last
+        return np.where(np.isnan(lowest[:, :, -1]), np.nan, 100 - lowest[:, :, :count].mean(axis=2)).T
+
+    def loss(self, drawn: np.ndarray) -> np.ndarray:
+        """Mean points lost under each fault at each severity, float [drawings, candidates, circumstances]."""
+        if not self.losses.shape[1]:
+            return np.full((len(drawn), len(self.scores), 1), np.nan)
+        return np.einsum("ds,cfs->dcf", counted(drawn, self.scores.shape[1]), self.losses) / drawn.shape[1]
+
+    def alarm_rate(self, drawn: np.ndarray) -> np.ndarray:
+        """False alarms per hour of background, float [drawings, candidates]."""
+        weights = counted(drawn, self.scores.shape[1])
+        alarms, hours = weights @ self.alarms[0].T, weights @ self.alarms[1].T
+        return np.divide(alarms, hours, out=np.full(alarms.shape, np.nan), where=hours > 0)
 
 
 def counted(drawn: np.ndarray, subjects: int) -> np.ndarray:
@@ -57,22 +67,24 @@ def counted(drawn: np.ndarray, subjects: int) -> np.ndarray:
     return np.stack([np.bincount(each, minlength=subjects) for each in drawn]).astype(float)
 
 
-def within(cost: np.ndarray, most: float) -> np.ndarray:
-    """Whether costs are within a budget: not where they are NaN, and rounding is no excess."""
-    return cost <= most * (1 + TOLERANCE)
+def within(name: str, amounts: np.ndarray, budget: float) -> np.ndarray:
+    """Whether amounts of a cost are within a budget: not where they are NaN, and rounding is no excess."""
+    if costs()[name].better == "high":
+        return amounts >= budget * (1 - TOLERANCE)
+    return amounts <= budget * (1 + TOLERANCE)
 
 
-def fitting(costs: Mapping[str, np.ndarray], budgets: Mapping[str, float], candidates: int) -> np.ndarray:
+def fitting(amounts: Mapping[str, np.ndarray], budgets: Mapping[str, float], candidates: int) -> np.ndarray:
     """Whether candidates fit all budgets, bool [..., candidates].
 
     Args:
-        costs: amounts of each cost with a budget, float [..., candidates].
-        budgets: the most of each cost.
+        amounts: amounts of each cost with a budget, float [..., candidates].
+        budgets: budget of each cost.
         candidates: number of them.
     """
     fits = np.ones(candidates, bool)
-    for name, most in budgets.items():
-        fits = fits & within(costs[name], most)
+    for name, budget in budgets.items():
+        fits = fits & within(name, amounts[name], budget)
     return fits
 
 
@@ -88,7 +100,8 @@ def pick(
         scores: in percent, float [candidates, subjects].
         drawn: numbers of the subjects in each drawing, int [drawings, people]; a subject may come several times.
         fits: True for candidates that fit the budgets, bool [drawings, candidates].
-        by: cost that is to be low, float [drawings, candidates]; NaN if not known, which is never chosen.
+        by: burden of the cost to minimise (`bench.measures.Cost.burden`), float [drawings, candidates]; NaN if not
+            known, which is never chosen.
         margin: points that do not matter, or None.
 
     Returns:

@@ -5,7 +5,7 @@ Corpora differ in gestures, sensors and people, so their accuracies are not on o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 
 from bench.outcomes import statistics
-from bench.outcomes.runs import rows_of
+from bench.outcomes.resampling import interval, weights
+from bench.result import Result
 
 COLUMNS = "system mean_rank low high accuracy difference difference_low difference_high p_holm".split()
 SAME = ["synthetic", "subset", "target", "protocol"]  # tags that all ranked corpora share
@@ -88,14 +89,13 @@ def ranking(results: pd.DataFrame) -> Ranking | None:
     )
 
 
-def _intervals(ranks: Sequence[np.ndarray], draws: int = 2000, seed: int = 0) -> np.ndarray:
-    """95 % percentile intervals of mean ranks [2, systems], people drawn with replacement within each corpus."""
+def _intervals(ranks: Sequence[np.ndarray]) -> np.ndarray:
+    """95 % intervals of mean ranks [2, systems], people drawn with replacement within each corpus."""
     people = [each.shape[1] for each in ranks]
     if min(people) < 2:  # one person gives no interval
         return np.full((2, len(ranks[0])), np.nan)
-    rng = np.random.default_rng(seed)
-    sums = [each @ rng.multinomial(n, np.full(n, 1 / n), draws).T for each, n in zip(ranks, people, strict=True)]
-    return np.quantile(np.sum(sums, axis=0) / sum(people), [0.025, 0.975], axis=1)
+    sums = [each @ drawn.T for each, drawn in zip(ranks, weights(people), strict=True)]
+    return interval(np.sum(sums, axis=0) / sum(people), axis=1)
 
 
 def _shared(tables: Iterable[pd.DataFrame]) -> set[str]:
@@ -120,37 +120,42 @@ def _most_results(tables: dict[str, pd.DataFrame]) -> tuple[str, ...]:
     return tuple(name for name in tables if name in corpora)
 
 
-def distinct(runs: pd.DataFrame) -> list[tuple[dict[str, str], dict[str, str]]]:
+def distinct(groups: Mapping[str, Sequence[Result]]) -> list[tuple[dict[str, str], dict[str, str]]]:
     """Groups of runs that test different people, each subject once and left out of training, as they may be ranked.
 
     Generated corpora do not mix with real ones. Corpora that were changed at import do not count, since their people
     are those of another corpus.
 
     Args:
-        runs: runs from `bench.outcomes.runs.with_groups`.
+        groups: results from `bench.outcomes.runs.grouped`.
 
     Returns:
         For each subset, target and protocol with runs of several corpora: the group of each corpus by its name, and
         why corpora are left out, by name.
     """
-    sets = []
-    for _, part in runs[runs["protocol_name"] == "loso"].groupby(SAME, sort=True):
-        first = part.sort_values(["subjects", "started"], ascending=False, kind="stable").drop_duplicates("group")
-        groups: dict[str, str] = {}
+    sets: dict[tuple[str, ...], list[tuple[str, Result]]] = {}
+    for name, results in groups.items():
+        same = [r for r in results if r["protocol_name"] == "loso"]
+        if same:
+            largest = max(same, key=lambda r: (r.get("subjects", 0), r["started"]))
+            sets.setdefault(tuple(str(largest[tag]) for tag in SAME), []).append((name, largest))
+    ranked = []
+    for _, members in sorted(sets.items()):
+        chosen: dict[str, str] = {}
         left_out: dict[str, str] = {}
         digests: dict[str, str] = {}  # corpus by digest
-        for run in rows_of(first):
-            data, changes, same = str(run["data"]), run.get("touchbench.changes"), digests.get(run["corpus_digest"])
+        for name, r in sorted(members, key=lambda m: (m[1].get("subjects", 0), m[1]["started"]), reverse=True):
+            data, digest = str(r["data"]), str(r["corpus_digest"])
             if "+" in data:  # between the names of corpora that one run tests together
                 left_out[data] = "several corpora joined"
-            elif isinstance(changes, str) and changes:
+            elif changes := r.get("touchbench.changes"):
                 left_out[data] = f"changed at import: {changes}"
-            elif same:
-                left_out[data] = f"the same captures as {same}"
-            elif data in groups:
-                left_out[f"{data}, corpus {str(run['corpus_digest'])[:8]}"] = f"another version of {data}"
+            elif digest in digests:
+                left_out[data] = f"the same captures as {digests[digest]}"
+            elif data in chosen:
+                left_out[f"{data}, corpus {digest[:8]}"] = f"another version of {data}"
             else:
-                groups[data], digests[run["corpus_digest"]] = str(run["group"]), data
-        if len(groups) > 1:
-            sets.append((groups, left_out))
-    return sets
+                chosen[data], digests[digest] = name, data
+        if len(chosen) > 1:
+            ranked.append((chosen, left_out))
+    return ranked

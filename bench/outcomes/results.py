@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Generic, SupportsFloat, TypeVar
+from typing import SupportsFloat
 
 import numpy as np
 import pandas as pd
 
 from bench.outcomes import scores
-
-Shown = TypeVar("Shown")  # what a kind of run shows besides its metrics and tables
 
 
 @dataclass
@@ -52,23 +50,6 @@ class FoldResult:
         if self.predictions is None:
             raise ValueError(f"fold {self.name} has no predictions")
         return self.predictions
-
-
-@dataclass(frozen=True)
-class Findings(Generic[Shown]):
-    """Measurements from all folds of a run.
-
-    Attributes:
-        metrics: tracked numbers.
-        tables: tables to store with the run, by the name of a ``.parquet`` or ``.csv`` file.
-        facts: tags, such as the unit of a decision.
-        analysis: further results for the command, of its own type.
-    """
-
-    metrics: dict[str, float]
-    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
-    facts: dict[str, str] = field(default_factory=dict)
-    analysis: Shown | None = None
 
 
 def table_of(results: list[FoldResult]) -> pd.DataFrame:

@@ -1,23 +1,27 @@
-"""Tracked runs as a table, with their stored files."""
+"""Stored runs as results, and which of them were asked for."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
 import pandas as pd
 
-from bench.arguments import PARTS
+from bench.comparable import COMPARABLE, SAME_SYSTEM, context_of
 from bench.errors import InputError
-from bench.outcomes.comparable import COMPARABLE, SAME_SYSTEM, Row, context_of, depends_on_batch, system_of
 from bench.outcomes.store import Store
+from bench.outcomes.tables import read_table
+from bench.registry import KEYS as PARTS
 from bench.registry import names
+from bench.result import Result, Tables
 
-COLUMNS = {"where": "subset", "shots": "protocol.shots"}  # of a table of runs, where it is not called as it is asked
-COLUMNS |= {part: f"{part}_name" for part in PARTS}
+if TYPE_CHECKING:
+    from mlflow.entities import Run
+
+ROOMS = {key: room for room, key in PARTS.items() if room != "corpora"}  # of the key of a part
+COLUMNS = {"where": "subset", "shots": "protocol.shots"}  # of a result, where it is not called as it is asked for
+COLUMNS |= {part: f"{part}_name" for part in ROOMS}
 SCORES = {"watch": "end_correct"}  # of a kind of run, its main metric where that is not accuracy
 
 
@@ -25,64 +29,81 @@ class NothingTracked(InputError):
     """No run of a kind is there."""
 
 
-def tracked(store: Store, kind: str = "cell") -> pd.DataFrame:
-    """Tags, parameters and metrics of every scored parent run of a kind, the newest of equal ones, complete ones first.
+def result_of(store: Store, run: Run) -> Result:
+    """A run of MLflow as a result; its tables are read when they are asked for."""
+    data, info = run.data, run.info
+    about = data.params | data.tags | {"run_id": info.run_id, "status": info.status, "started": info.start_time}
+    about |= {f"{part}_name": data.params.get(part, "") for part in ROOMS} | {"artifacts": info.artifact_uri}
+
+    def read(name: str) -> pd.DataFrame | None:
+        return read_table(lambda file: store.path(info.run_id, info.artifact_uri, file), name)
+
+    missing = (
+        f"{about.get('system', 'this system')} (run {info.run_id}) is missing in the store; restore it, or delete "
+    )
+    missing += "the run in bench ui and run it again"
+    return Result(about, data.metrics, Tables({}, read, missing))
+
+
+def stored(store: Store, kind: str = "cell") -> list[Result]:
+    """Every scored run of a kind, oldest first: the newest of equal ones, complete ones first.
 
     Raises:
-        InputError: there is none.
+        NothingTracked: there is none.
     """
-    rows = [
-        r.data.params
-        | r.data.tags
-        | r.data.metrics
-        | {"run_id": r.info.run_id, "status": r.info.status, "started": r.info.start_time}
-        | {"artifacts": r.info.artifact_uri}
-        | {f"{part}_name": r.data.params.get(part, "") for part in PARTS}
-        for r in store.of_kind(kind)
-        if SCORES.get(kind, "accuracy") in r.data.metrics
-    ]
-    if not rows:
+    scored = [result_of(store, run) for run in store.of_kind(kind) if SCORES.get(kind, "accuracy") in run.data.metrics]
+    if not scored:
         command = "run" if kind == "cell" else kind
         raise NothingTracked(f"no scored run is stored here; make one first, for example: bench {command} model=svm")
-    runs = pd.DataFrame(rows)
-    runs = runs.assign(complete=runs["status"] == "FINISHED").sort_values(["complete", "started"])
-    options = [c for c in runs.columns if c.startswith(("stream.", f"{kind}.")) or c in ("faults", "train_subjects")]
-    same = [*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name", *options]
-    return runs.drop(columns="complete").drop_duplicates(same, keep="last").sort_values("started")
+    options = {k for r in scored for k in r.about if k.startswith(("stream.", f"{kind}."))} | {
+        "faults",
+        "train_subjects",
+    }
+    same = [*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name", *sorted(options)]
+    newest = {
+        tuple(str(r.about.get(name)) for name in same): r
+        for r in sorted(scored, key=lambda r: (r.complete, r["started"]))
+    }
+    return sorted(newest.values(), key=lambda r: r["started"])
 
 
-def of_kinds(store: Store, kinds: Iterable[str]) -> dict[str, pd.DataFrame]:
-    """`tracked` of each kind that there is a run of."""
-    runs = {}
+def of_kinds(store: Store, kinds: Iterable[str]) -> dict[str, list[Result]]:
+    """`stored` of each kind that there is a run of."""
+    results = {}
     for kind in kinds:
-        with suppress(NothingTracked):
-            runs[kind] = tracked(store, kind)
-    return runs
+        try:
+            results[kind] = stored(store, kind)
+        except NothingTracked:
+            continue
+    return results
 
 
-def selected(runs: pd.DataFrame, asked: Mapping[str, Iterable[object]]) -> pd.DataFrame:
-    """The runs that have one of the values of each key.
+def selected(results: Sequence[Result], asked: Mapping[str, Iterable[object]]) -> list[Result]:
+    """The results that have one of the values of each key.
 
     A part of a file goes by ``file.py:Name`` from wherever it is asked for, and by the name that tables show.
 
     Args:
-        runs: table of `tracked`.
-        asked: values of ``data``, ``where``, ``target``, ``protocol``, ``features``, ``model``, or of a column.
+        results: results.
+        asked: values of ``data``, ``where``, ``target``, ``protocol``, ``features``, ``model``, or of a name in them.
     """
+    kept = [*results]
     for key, values in asked.items():
-        column = runs[COLUMNS.get(key, key)]
-        if key in PARTS:
+        name = COLUMNS.get(key, key)
+        if key in ROOMS:
             wanted = {goes_by for value in values for goes_by in (str(value), _absolute(str(value)))}
-            runs = runs[np.array([bool(_names(PARTS[key], name) & wanted) for name in column], dtype=bool)]
+            kept = [r for r in kept if _names(ROOMS[key], r[name]) & wanted]
         else:
-            runs = runs[column.isin([str(v) for v in values])]
-    return runs
+            texts = {str(v) for v in values}
+            kept = [r for r in kept if r.get(name) in texts]
+    return kept
 
 
-def without_runs(tables: Iterable[pd.DataFrame], asked: Mapping[str, Iterable[object]]) -> list[str]:
-    """The requested models and feature sets without a run in any table, as ``key=value``."""
+def without_runs(results: Iterable[Sequence[Result]], asked: Mapping[str, Iterable[object]]) -> list[str]:
+    """The requested models and feature sets without a result among any, as ``key=value``."""
     parts = [(key, value) for key in ("features", "model") for value in asked.get(key, ())]
-    return [f"{key}={v}" for key, v in parts if not any(len(selected(runs, {key: [v]})) for runs in tables)]
+    every = [*results]
+    return [f"{key}={v}" for key, v in parts if not any(selected(each, {key: [v]}) for each in every)]
 
 
 def _names(room: str, name: str) -> set[str]:
@@ -99,81 +120,48 @@ def _absolute(name: str) -> str:
     return f"{Path(file).resolve()}:{factory}" if file.endswith(".py") else name
 
 
-def rows_of(runs: pd.DataFrame) -> list[Row]:
-    """The rows of such a table."""
-    return [{str(name): value for name, value in row.items()} for row in runs.to_dict("records")]
+def grouped(results: Sequence[Result]) -> dict[str, list[Result]]:
+    """The results by captures and protocol in words; only those of one group are compared.
 
-
-def with_groups(runs: pd.DataFrame) -> pd.DataFrame:
-    """The runs with a column ``group``: in words, the captures and the protocol that make runs comparable.
-
-    Generated captures say so; where several corpora go by one name, the digest tells them apart. ``system`` gets the
-    marks of `bench.outcomes.comparable.system_of`. Runs that have a group stay as they are.
+    Generated captures say so; where several corpora go by one name, the digest tells them apart.
     """
-    if "group" in runs:
-        return runs
-    tags = rows_of(runs[["data", "synthetic", "subset", "target", "protocol_label"]])
-    words = pd.Series([", ".join(context_of(run)) for run in tags], runs.index)
-    digests = runs.groupby(words)["corpus_digest"].transform("nunique")
-    runs = runs.assign(system=[system_of(run) for run in rows_of(runs)])
-    return runs.assign(group=words + np.where(digests > 1, ", corpus " + runs["corpus_digest"].str[:8], ""))
+    words = {r: ", ".join(context_of(r)) for r in results}
+    digests: dict[str, set[str]] = {}
+    for r in results:
+        digests.setdefault(words[r], set()).add(str(r["corpus_digest"]))
+    groups: dict[str, list[Result]] = {}
+    for r in results:
+        several = len(digests[words[r]]) > 1
+        groups.setdefault(words[r] + f", corpus {str(r['corpus_digest'])[:8]}" * several, []).append(r)
+    return groups
 
 
-def artifact(store: Store, run: Row, name: str) -> Path | None:
-    """The path of a run's artifact, None where it has none; ``run`` is a row of `tracked`."""
-    return store.path(str(run["run_id"]), str(run["artifacts"]), name)
+def frame_of(results: Sequence[Result]) -> pd.DataFrame:
+    """A row for each result with every tag, parameter and number."""
+    return pd.DataFrame([dict(r) for r in results])
 
 
-def needed(store: Store, run: Row, name: str) -> Path:
-    """Path of a required artifact of a run.
-
-    Raises:
-        InputError: it is gone.
-    """
-    path = artifact(store, run, name)
-    if path is None:
-        raise InputError(
-            f"{name} of {run['system']} (run {run['run_id']}) is missing in the store; restore it, or delete the run "
-            "in bench ui and run it again"
-        )
-    return path
-
-
-def predictions(store: Store, run: Row) -> pd.DataFrame | None:
-    """The predictions table of a run, None if it is not there."""
-    path = artifact(store, run, "predictions.parquet")
-    return None if path is None else pd.read_parquet(path)
-
-
-def subject_accuracy(store: Store, run: Row) -> dict[str, float]:
+def subject_accuracy(result: Result) -> dict[str, float]:
     """Accuracy of the captures of each subject, in percent, as the run stored it; empty if it is not there."""
-    path = artifact(store, run, "per_subject.csv")
-    if path is None:
-        return {}
-    with path.open(newline="", encoding="utf-8") as f:  # pandas takes twenty times as long for ten lines
-        return {row["subject"]: 100 * float(row["accuracy"]) for row in csv.DictReader(f)}
+    table = result.tables.get("per_subject")
+    return {} if table is None else dict(zip(table["subject"], 100 * table["accuracy"], strict=True))
 
 
-def independent(runs: pd.DataFrame) -> pd.DataFrame:
-    """The runs whose predictions of a capture do not depend on the other captures predicted together."""
-    return runs[np.array([not depends_on_batch(run) for run in rows_of(runs)], dtype=bool)]
-
-
-def by_subject(store: Store, runs: pd.DataFrame) -> tuple[pd.DataFrame, pd.Series]:
-    """Accuracy in percent [systems, subjects] of the complete runs of one group, best mean first.
+def by_subject(results: Sequence[Result]) -> tuple[pd.DataFrame, pd.Series]:
+    """Accuracy in percent [systems, subjects] of the complete results of one group, best mean first.
 
     Systems that were not tested on all subjects of the group are left out.
 
     Args:
-        store: store of the runs.
-        runs: runs of one group, from `with_groups`; `independent` leaves out those that are not comparable.
+        results: results of one group; those that depend on the batch are not comparable.
 
     Returns:
         The table, and the number of seeds behind each row.
     """
-    complete = runs[runs["status"] == "FINISHED"]
-    rows = [subject_accuracy(store, run) for run in rows_of(complete)]
-    table = pd.DataFrame(rows, index=pd.Index(complete["system"], name="system"))
+    complete = [r for r in results if r.complete]
+    table = pd.DataFrame(
+        [subject_accuracy(r) for r in complete], index=pd.Index([r.system for r in complete], name="system")
+    )
     table = table.dropna() if len(table.columns) else table.iloc[:0]
     means = table.groupby(level=0).mean()
     order = means.mean(axis=1).sort_values(ascending=False, kind="stable").index

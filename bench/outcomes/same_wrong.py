@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 
-from bench.outcomes.comparable import Row, seed_number
-from bench.outcomes.runs import artifact, independent, rows_of
+from bench.comparable import seed_number
 from bench.outcomes.scores import PREFIX, captures, classes_of
-from bench.outcomes.store import Store
+from bench.result import Result
 
 LEAST = 5  # models; fewer are too few to doubt a label
 PROBABILITY = "mean probability"
@@ -23,13 +22,13 @@ class Agreement:
 
     Attributes:
         group: captures and protocol, in words.
-        run: tags of the most accurate run.
+        run: the most accurate result.
         systems: one of each model, best first.
         table: `agreement` of them.
     """
 
     group: str
-    run: Row
+    run: Result
     systems: list[str]
     table: pd.DataFrame
 
@@ -64,23 +63,26 @@ def agreement(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     return found[[*COLUMNS, *found.columns.drop(COLUMNS)]]
 
 
-def agreements(store: Store, groups: Mapping[str, pd.DataFrame]) -> list[Agreement]:
-    """The agreement in the first group of each corpus with complete runs of `LEAST` models.
+def agreements(groups: Mapping[str, Sequence[Result]]) -> list[Agreement]:
+    """The agreement in the first group of each corpus with complete results of `LEAST` models.
 
-    The most accurate system speaks for its model, the first seed for a system. Runs that depend on the batch do not
+    The most accurate system speaks for its model, the first seed for a system. Results that depend on the batch do not
     count.
 
     Args:
-        store: store of the runs.
-        groups: runs by group, for example from `reports.run_groups.largest_groups`.
+        groups: results by group, for example from `reports.run_groups.largest_groups`.
     """
     found: dict[str, Agreement] = {}
-    for group, runs in groups.items():
-        complete = independent(runs[runs["status"] == "FINISHED"])
-        seeds = complete.sort_values("seed", key=lambda c: c.map(seed_number), kind="stable").drop_duplicates("system")
-        rows = rows_of(seeds.sort_values("accuracy", ascending=False, kind="stable").drop_duplicates("model_name"))
-        paths = [artifact(store, run, "predictions.parquet") for run in rows]
-        tables = {str(run["system"]): path for run, path in zip(rows, paths, strict=True) if path}
-        if len(tables) >= LEAST and (digest := str(rows[0]["corpus_digest"])) not in found:
-            found[digest] = Agreement(group, rows[0], list(tables), agreement(map(pd.read_parquet, tables.values())))
+    for group, results in groups.items():
+        seeds: dict[str, Result] = {}
+        for r in sorted(results, key=lambda r: seed_number(r["seed"])):
+            if r.complete and r.alone:
+                seeds.setdefault(r["system"], r)
+        models: dict[str, Result] = {}
+        for r in sorted(seeds.values(), key=lambda r: -r["accuracy"]):
+            models.setdefault(r["model_name"], r)
+        tables = {r["system"]: t for r in models.values() if (t := r.tables.get("predictions")) is not None}
+        best = next(iter(models.values()), None)
+        if best is not None and len(tables) >= LEAST and best["corpus_digest"] not in found:
+            found[best["corpus_digest"]] = Agreement(group, best, list(tables), agreement(tables.values()))
     return list(found.values())

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from bench.corpora.corpus import PROBABILITY as PREFIX
 from bench.corpora.corpus import RESERVED as RESERVED
-
-PREFIX = "p_"
+from bench.outcomes.resampling import DRAWS, ratio_interval
 
 
 def classes_of(predictions: pd.DataFrame) -> list[str]:
@@ -68,31 +68,13 @@ def confusion(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
     return pd.DataFrame(counts, index=classes, columns=classes)
 
 
-def subject_interval(labelled: pd.DataFrame, draws: int = 2000, seed: int = 0) -> tuple[float, float]:
+def subject_interval(labelled: pd.DataFrame, draws: int = DRAWS, seed: int = 0) -> tuple[float, float]:
     """95 % bootstrap interval of pooled accuracy, whole subjects drawn with replacement.
 
     Returns NaN, NaN for a single subject: it says nothing about the next one.
     """
     hits = (labelled["true"] == labelled["predicted"]).groupby(labelled["subject"]).agg(["sum", "size"]).to_numpy()
     return ratio_interval(hits, draws, seed)
-
-
-def ratio_interval(counts: np.ndarray, draws: int = 2000, seed: int = 0) -> tuple[float, float]:
-    """95 % bootstrap interval of a pooled ratio, whole subjects drawn with replacement.
-
-    Draws whose denominators are all 0 are left out. Returns NaN, NaN if fewer than two denominators are above 0.
-
-    Args:
-        counts: numerator and denominator of each subject [subjects, 2], such as hits and captures.
-        draws: number of draws.
-        seed: seed of the draws.
-    """
-    if np.count_nonzero(counts[:, 1]) < 2:
-        return np.nan, np.nan
-    drawn = counts[np.random.default_rng(seed).integers(0, len(counts), (draws, len(counts)))].sum(axis=1)
-    drawn = drawn[drawn[:, 1] > 0]
-    low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
-    return float(low), float(high)
 
 
 def accuracies(predictions: pd.DataFrame) -> dict[str, float]:

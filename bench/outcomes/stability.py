@@ -7,17 +7,19 @@ units under one fault at one severity, or what two of these have in common.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from bench.outcomes import scores
-from bench.outcomes.comparable import context_of, method_of
+from bench.usual import CLEAN as CLEAN
 
-CLEAN = "none"
+if TYPE_CHECKING:
+    from bench.result import Result
+
 COLUMNS = frozenset({"length", "fault", "severity", "amount", "train_subjects", "predicted", "p_true", "hit"})
 NOT_CONDITIONS = {*scores.RESERVED, *COLUMNS, "split"}
 ALPHA = 0.05
@@ -28,62 +30,52 @@ FLIPS = 2**EXACT_SUBJECTS
 LENGTH_BINS = 5
 
 
-@dataclass(frozen=True)
-class Analysis:
-    """One tracked run and its results; ``method`` is the system with its seed unless that is the usual one.
+def analysed(table: pd.DataFrame, target: str) -> dict[str, pd.DataFrame]:
+    """All tables of a run: ``stress`` (as it is), ``faults``, ``margins``, ``conditions``, ``learning`` and ``slices``.
 
-    ``context`` is what must agree for methods to be compared: data, subset, protocol.
-    ``clean`` and ``chance`` are accuracies: of the captures as they are, and of always naming the most frequent class.
+    Args:
+        table: table of the run.
+        target: columns that define the class.
     """
-
-    system: str
-    seed: str
-    method: str
-    context: tuple[str, str, str]
-    units: pd.DataFrame
-    clean: float
-    chance: float
-    curves: pd.DataFrame
-    margins: pd.DataFrame
-    conditions: pd.DataFrame
-    learning: pd.DataFrame
-    slices: pd.DataFrame
+    with_hits = table.assign(hit=table["true"] == table["predicted"], subject=table["subject"].astype(str))
+    units = unharmed(with_hits)
+    by_fault = curves(with_hits)
+    return {
+        "stress": table,
+        "faults": by_fault,
+        "margins": half_margins(by_fault, clean_of(units), chance_of(units)),
+        "conditions": conditions(units, target),
+        "learning": learning(with_hits),
+        "slices": slices(with_hits, target),
+    }
 
 
-def analyse(tags: dict[str, str], table: pd.DataFrame) -> Analysis:
-    """All tables of one run from its tags in MLflow and its table."""
-    table = table.assign(hit=table["true"] == table["predicted"])
-    table["subject"] = table["subject"].astype(str)
-    units = unharmed(table)
-    clean, chance = float(units["hit"].mean()), float(units["true"].value_counts(normalize=True).max())
-    by_fault = curves(table)
-    return Analysis(
-        tags["system"],
-        tags["seed"],
-        method_of(tags),
-        context_of(tags),
-        units,
-        clean,
-        chance,
-        by_fault,
-        half_margins(by_fault, clean, chance),
-        conditions(units, tags["target"]),
-        learning(table),
-        slices(table, tags["target"]),
-    )
+def clean_of(units: pd.DataFrame) -> float:
+    """Accuracy of the captures as they are."""
+    return float((units["true"] == units["predicted"]).mean())
 
 
-def metrics(one: Analysis) -> dict[str, float]:
-    """Tracked metrics of a run; ``half_margin.<fault>`` is left out if it is never reached."""
-    numbers = {"accuracy": one.clean, "chance": one.chance}
-    numbers |= {f"{name}_slices": int(one.slices[name].sum()) for name in ("failing", "tested")}
-    for fault, severity, accuracy in one.curves[["fault", "severity", "accuracy"]].itertuples(index=False):
+def chance_of(units: pd.DataFrame) -> float:
+    """Accuracy of always naming the most frequent class."""
+    return float(units["true"].value_counts(normalize=True).max())
+
+
+def metrics(tables: Mapping[str, pd.DataFrame]) -> dict[str, float]:
+    """Tracked metrics of a run; ``half_margin.<fault>`` is left out if it is never reached.
+
+    Args:
+        tables: `analysed` of its table.
+    """
+    units = unharmed(tables["stress"])
+    numbers = {"accuracy": clean_of(units), "chance": chance_of(units)}
+    numbers |= {f"{name}_slices": int(tables["slices"][name].sum()) for name in ("failing", "tested")}
+    for fault, severity, accuracy in tables["faults"][["fault", "severity", "accuracy"]].itertuples(index=False):
         numbers[f"accuracy.{fault}.{severity}"] = accuracy
-    for fault, loss, half_margin in one.margins[["fault", "loss", "half_margin"]].itertuples(index=False):
+    for fault, loss, half_margin in tables["margins"][["fault", "loss", "half_margin"]].itertuples(index=False):
         numbers |= {f"loss.{fault}": loss} | ({f"half_margin.{fault}": half_margin} if np.isfinite(half_margin) else {})
-    for count, accuracy in one.learning[["train_subjects", "accuracy"]].itertuples(index=False):
+    for count, accuracy in tables["learning"][["train_subjects", "accuracy"]].itertuples(index=False):
         numbers[f"accuracy.train_subjects.{count:g}"] = accuracy
-    worst = one.conditions.groupby("factor", sort=False)["accuracy"].min()
+    worst = tables["conditions"].groupby("factor", sort=False)["accuracy"].min()
     return numbers | {f"worst.{_plain(str(factor))}": accuracy for factor, accuracy in worst.items()}
 
 
@@ -166,13 +158,24 @@ def conditions(units: pd.DataFrame, target: str) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=names)
 
 
+def trained_on(clean: pd.DataFrame) -> pd.Series:
+    """Number of training subjects behind each label; whole training sets of different size count as their mean.
+
+    Args:
+        clean: labels of clean captures.
+    """
+    numbers, most = (
+        each.astype(float)
+        for each in (clean["train_subjects"], clean.groupby("fold")["train_subjects"].transform("max"))
+    )
+    return numbers.where(numbers < most, most[numbers == most].mean())
+
+
 def learning(table: pd.DataFrame) -> pd.DataFrame:
     """Clean accuracy by the number of training subjects; the last row is the method itself (a mean if folds differ)."""
     clean = table[table["fault"] == CLEAN]
-    most = clean.groupby("fold")["train_subjects"].transform("max")
-    count = clean["train_subjects"].where(clean["train_subjects"] < most, float(np.round(most.mean(), 1)))
     rows = []
-    for number, part in clean.groupby(count):
+    for number, part in clean.groupby(trained_on(clean).round(1)):
         sd = scores.per_subject(part)["accuracy"].std(ddof=1)
         rows.append([number, len(part), part["hit"].mean(), *scores.subject_interval(part), sd])
     return pd.DataFrame(rows, columns=["train_subjects", "captures", "accuracy", "low", "high", "subject_sd"])
@@ -310,24 +313,25 @@ def flipped(difference: np.ndarray) -> np.ndarray:
     return p
 
 
-def seeds(analyses: list[Analysis]) -> pd.DataFrame:
+def seeds(results: Sequence[Result]) -> pd.DataFrame:
     """Variation over seeds, a row per system: SD of its clean accuracy, and captures whose label changes."""
     rows = []
-    for system in dict.fromkeys(a.system for a in analyses):
-        same = [a for a in analyses if a.system == system]
+    for system in dict.fromkeys(r["system"] for r in results):
+        same = [r for r in results if r["system"] == system]
         if len(same) < 2:
             continue
-        labels = [a.units.set_index(["fold", "capture"])["predicted"].sort_index() for a in same]
+        units = [unharmed(r.tables["stress"]) for r in same]
+        labels = [each.set_index(["fold", "capture"])["predicted"].sort_index() for each in units]
         both = pd.concat(labels, axis=1, join="inner")
         changed = int((both.nunique(axis=1) > 1).sum())
-        accuracy = np.array([a.clean for a in same])
+        accuracy = np.array([r["accuracy"] for r in same])
         spread = accuracy.mean(), accuracy.std(ddof=1), accuracy.min(), accuracy.max()
-        rows.append([system, ", ".join(a.seed for a in same), *spread, len(both), changed, changed / len(both)])
+        rows.append([system, ", ".join(r["seed"] for r in same), *spread, len(both), changed, changed / len(both)])
     names = ["system", "seeds", "accuracy", "sd", "lowest", "highest", "captures", "changed", "share_changed"]
     return pd.DataFrame(rows, columns=names)
 
 
-def ranks(analyses: list[Analysis]) -> pd.DataFrame:
+def ranks(results: Sequence[Result]) -> pd.DataFrame:
     """Rank of each system (1 is best, ties share) when clean and under each fault, by mean accuracy over severities.
 
     Seeds of a system are averaged. ``kendall_tau`` compares the order with the clean one: 1 is the same, -1 the
@@ -336,10 +340,10 @@ def ranks(analyses: list[Analysis]) -> pd.DataFrame:
     from scipy.stats import kendalltau  # heavy
 
     rows = []
-    for a in analyses:
-        rows.append((a.system, CLEAN, a.clean))
-        by_fault = a.curves.groupby("fault", sort=False)["accuracy"].mean()
-        rows += [(a.system, str(fault), value) for fault, value in by_fault.items()]
+    for r in results:
+        rows.append((r["system"], CLEAN, r["accuracy"]))
+        by_fault = r.tables["faults"].groupby("fault", sort=False)["accuracy"].mean()
+        rows += [(r["system"], str(fault), value) for fault, value in by_fault.items()]
     table = pd.DataFrame(rows, columns=["system", "fault", "accuracy"])
     means = table.groupby(["fault", "system"], sort=False)["accuracy"].mean().unstack()
     means = means.reindex(index=table["fault"].unique(), columns=table["system"].unique())

@@ -5,20 +5,18 @@ Accuracies are of captures, in percent, [systems, subjects], averaged over the s
 One procedure decides every sentence and table: paired two-sided Wilcoxon tests of each system against the best one,
 with Holm's correction (`against_best`). `paired` and `pairs` use the same test for two systems and for all pairs. With
 10 subjects the smallest p is 0.002, so that from 8 systems on (28 pairs) a correction for all pairs leaves nothing
-below 0.05. Nemenyi's critical difference of mean ranks (Demsar 2006) is another procedure for all pairs, shown beside
-it: mean ranks depend on which other systems are in the table.
+below 0.05. The other statistics stand in statistics.csv alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 import pandas as pd
 from scipy import special, stats
 
-from bench.outcomes.comparable import MIXED
+from bench.comparable import MIXED
 from bench.paired import FEW_SUBJECTS as FEW_SUBJECTS
 from bench.paired import interval as interval
 
@@ -26,44 +24,19 @@ RANKED = 30  # systems that are compared in one table and diagram
 PAIRED = 12  # systems whose pairs stand in one matrix
 
 
-@dataclass(frozen=True)
-class Ranks:
-    """A Friedman test with Nemenyi's critical difference.
-
-    Attributes:
-        mean: mean rank of each system, best (1) first.
-        chi2: Friedman's statistic, NaN if it is not defined.
-        p: p-value of the test.
-        critical: smallest significant difference of mean ranks (5 %, all pairs).
-        subjects: number of them.
-    """
-
-    mean: pd.Series
-    chi2: float
-    p: float
-    critical: float
-    subjects: int
-
-
-def friedman(subjects: pd.DataFrame) -> Ranks:
+def friedman(subjects: pd.DataFrame) -> tuple[pd.Series, float]:
     """Rank the systems within each subject and test whether they differ at all.
 
     Args:
         subjects: [systems, subjects], three systems and two subjects or more.
+
+    Returns:
+        Mean rank of each system, best (1) first, and p of Friedman's test, NaN if it is not defined.
     """
     subjects = subjects.round(9)
-    ranks = subjects.rank(axis=0, ascending=False)
-    k, n = subjects.shape
     with np.errstate(invalid="ignore", divide="ignore"):  # NaN where all systems are equal on every subject
-        chi2, p = stats.friedmanchisquare(*subjects.to_numpy())
-    mean = ranks.mean(axis=1).sort_values(kind="stable")
-    return Ranks(mean, float(chi2), float(p), critical_difference(k, n), n)
-
-
-def critical_difference(systems: int, subjects: int, level: float = 0.05) -> float:
-    """Nemenyi's critical difference of mean ranks."""
-    q = stats.studentized_range.ppf(1 - level, systems, np.inf) / np.sqrt(2)
-    return float(q * np.sqrt(systems * (systems + 1) / (6 * subjects)))
+        p = stats.friedmanchisquare(*subjects.to_numpy()).pvalue
+    return subjects.rank(axis=0, ascending=False).mean(axis=1).sort_values(kind="stable"), float(p)
 
 
 def against_best(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TypedDict
 
 import numpy as np
 import pandas as pd
@@ -18,15 +17,6 @@ from bench.paired import mean_and_error, within_one_standard_error
 THRESHOLDS = (*np.round(np.arange(0.05, 0.96, 0.05), 2).tolist(), 0.97, 0.98, 0.99, 0.995, 0.999, np.inf)
 NO_SAVING = "no saving found by deciding early"
 SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
-
-
-class Curves(TypedDict):
-    """Curves of a replay: accuracy at instants and at thresholds, and at the learned one (``adaptive``)."""
-
-    instants: pd.DataFrame
-    stopping: pd.DataFrame
-    adaptive: dict[str, float]
-    start: str
 
 
 def standing(table: pd.DataFrame, frames: int) -> pd.DataFrame:

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from bench import contract
-from bench.arguments import PARTS, Values, convert, items, text_of
+from bench.amounts import convert, text_of
+from bench.arguments import PARTS, Values, items
 from bench.corpora import faults
 from bench.corpora.synth import generate
 from bench.errors import InputError, nearest

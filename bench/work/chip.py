@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -15,9 +16,11 @@ from bench.errors import InputError
 from bench.export.measure import compiled, lacking, measured, measured_watching, toolchain
 from bench.export.tables import check
 from bench.export.write import CODE, files_of
+from bench.measures import Measure, percent
 from bench.outcomes import scores
-from bench.outcomes.results import Findings, FoldResult, costs, table_of
+from bench.outcomes.results import FoldResult, costs, table_of
 from bench.progress import warn
+from bench.result import Result
 from bench.work.experiment import Experiment
 from bench.work.fold import batch_effects, computing, decisions, fitted, footprint
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
@@ -36,7 +39,7 @@ UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)
 
 
 @dataclass(frozen=True)
-class OnChip(Experiment[None]):
+class OnChip(Experiment):
     """Fit on the training captures, export, and let the C label the test captures.
 
     Attributes:
@@ -46,7 +49,20 @@ class OnChip(Experiment[None]):
     kind: ClassVar[str] = "chip"
     fold_kind: ClassVar[str] = "chip_fold"
     heading: ClassVar[str] = "Accuracy in percent of whole captures, in C and in Python; a Cortex-M4F, linked"
+    ranked: ClassVar[bool] = True
     columns: ClassVar[frozenset[str]] = frozenset({"python"})
+    shown: ClassVar[tuple[Measure, ...]] = (
+        Measure("bits", read="chip.bits"),
+        percent("accuracy", "in C", ends="accuracy"),
+        percent("python_accuracy", "in Python"),
+        Measure("other_labels", "other labels", form=",.0f", spare=4),
+        Measure("chip_flash_bytes", "flash kB", form=",.1f", per=1000),
+        Measure("chip_ram_bytes", "library RAM kB", form=",.1f", per=1000),
+        Measure("chip_program_ram_bytes", "program RAM kB", form=",.1f", per=1000),
+        Measure("chip_stack_bytes", "stack B", form=",.0f"),
+        Measure("chip_frame_instructions", "instructions a frame", form=",.0f", spare=3),
+        Measure("chip_most_instructions", "at most", form=",.0f"),
+    )
 
     bits: int = 32
 
@@ -143,31 +159,12 @@ class OnChip(Experiment[None]):
         """Accuracy in C and in Python, and costs."""
         return _compared([result]) | costs([result])
 
-    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[None]:
+    def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Accuracy in C and in Python over all folds, captures that they label otherwise, and costs."""
-        predictions = table_of(results)
+        predictions = table_of(folds)
         labelled = scores.captures(predictions)
-        metrics = scores.summary(predictions, plan.corpus.rate_hz) | _compared(results) | costs(results)
-        return Findings(metrics, {"predictions.parquet": predictions, "per_subject.csv": scores.per_subject(labelled)})
-
-    def row(self, metrics: dict[str, float]) -> dict[str, str]:
-        """Accuracies, and costs on the chip."""
-
-        def text(name: str, scale: float, digits: int = 1) -> str:
-            return f"{scale * metrics[name]:,.{digits}f}" if name in metrics else "-"
-
-        return {
-            "bits": str(self.bits),
-            "in C": text("accuracy", 100),
-            "in Python": text("python_accuracy", 100),
-            "other labels": text("other_labels", 1, 0),
-            "flash kB": text("chip_flash_bytes", 1e-3),
-            "library RAM kB": text("chip_ram_bytes", 1e-3),
-            "program RAM kB": text("chip_program_ram_bytes", 1e-3),
-            "stack B": text("chip_stack_bytes", 1, 0),
-            "instructions a frame": text("chip_frame_instructions", 1, 0),
-            "at most": text("chip_most_instructions", 1, 0),
-        }
+        metrics = scores.summary(predictions, plan.corpus.rate_hz) | _compared(folds) | costs(folds)
+        return Result(about, metrics, {"predictions": predictions, "per_subject": scores.per_subject(labelled)})
 
 
 def _unwatched(plan: Plan) -> str:

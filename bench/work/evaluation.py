@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import pandas as pd
 
 from bench import contract
+from bench.measures import Measure, columns, run_columns
 from bench.outcomes import scores
-from bench.outcomes.results import Findings, FoldResult, costs, measure, table_of
+from bench.outcomes.results import FoldResult, costs, measure, table_of
+from bench.result import Result
 from bench.work.experiment import Experiment
 from bench.work.fold import ALONE, batch_effects, computing, decisions, footprint, latency
 from bench.work.personal import met
@@ -21,13 +24,20 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Evaluation(Experiment[pd.DataFrame]):
+class Evaluation(Experiment):
     """Fit on the training captures, decide on the test captures, measure accuracy and costs."""
 
     kind: ClassVar[str] = "cell"
     fold_kind: ClassVar[str] = "fold"
     heading: ClassVar[str] = "Accuracy in percent; SD over subjects"
+    ranked: ClassVar[bool] = True
+    searches: ClassVar[bool] = True
     adapts: ClassVar[bool] = True
+
+    @classmethod
+    def measures(cls) -> list[Measure]:
+        """The columns of runs that a terminal shows."""
+        return columns(run_columns(), "terminal")
 
     def command(self, cell: Cell) -> str:
         """``run``, ``tune`` or ``choose``, as the cell is searched or not."""
@@ -64,30 +74,15 @@ class Evaluation(Experiment[pd.DataFrame]):
         """Scores and costs of one fold."""
         return scores.accuracies(result.table) | costs([result])
 
-    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[pd.DataFrame]:
+    def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Scores and costs of the whole run; confusions, subjects and classes."""
-        predictions = table_of(results)
+        predictions = table_of(folds)
         labelled, classes = scores.captures(predictions), scores.classes_of(predictions)
-        confusion = scores.confusion(labelled, classes)
         tables = {
-            "predictions.parquet": predictions,
-            "confusion.csv": confusion.rename_axis("true").reset_index(),
-            "per_subject.csv": scores.per_subject(labelled),
-            "per_class.csv": scores.per_class(labelled, classes),
+            "predictions": predictions,
+            "confusion": scores.confusion(labelled, classes).rename_axis("true").reset_index(),
+            "per_subject": scores.per_subject(labelled),
+            "per_class": scores.per_class(labelled, classes),
         }
         unit = "window" if len(predictions) > len(labelled) else "capture"
-        return Findings(measure(predictions, results, plan.corpus.rate_hz), tables, {"unit": unit}, confusion)
-
-    def row(self, metrics: dict[str, float]) -> dict[str, str]:
-        """Accuracy, its spread, and the time of a label."""
-
-        def percent(name: str) -> str:
-            return f"{100 * metrics[name]:.1f}" if name in metrics else "-"
-
-        return {
-            "captures": percent("accuracy"),
-            "SD": percent("subject_accuracy_sd"),
-            "macro-F1": percent("macro_f1"),
-            "windows": percent("window_accuracy"),
-            "predict ms": f"{metrics['predict_ms_p50']:.2f}" if metrics else "-",
-        }
+        return Result({**about, "unit": unit}, measure(predictions, folds, plan.corpus.rate_hz), tables)

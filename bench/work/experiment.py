@@ -1,15 +1,18 @@
 """The interface of a kind of run: evaluation, stress and stream are three of them, and a new one is one file.
 
-`bench.work.loop` does the rest once for all kinds: key, resuming, failed folds, Ctrl-C, progress, tracking, printing.
+`bench.work.loop` does the rest once for all kinds: key, resuming, failed folds, Ctrl-C, progress, tracking.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Generic
+from typing import TYPE_CHECKING, ClassVar
 
-from bench.outcomes.results import Findings, FoldResult, Shown
+from bench.measures import Measure
+from bench.outcomes.results import FoldResult
+from bench.result import Result
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
@@ -19,15 +22,16 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Experiment(Generic[Shown]):
+class Experiment:
     """A kind of run; its fields are its options, which are part of a run's identity.
-
-    In brackets behind its name is the type of what its command shows besides (`Findings.analysis`), if there is such.
 
     Attributes:
         kind: tag of its parent runs.
         fold_kind: tag of its folds.
-        heading: heading of the table of rows.
+        heading: heading of the table of its results.
+        shown: columns of that table.
+        ranked: True if the most accurate result of several is marked in it.
+        searches: True if what a search has chosen in each fold is printed.
         columns: further columns of its table of predictions; a corpus cannot have them.
         adapts: True if it passes calibration captures to systems; other kinds refuse protocols that have them.
     """
@@ -35,8 +39,16 @@ class Experiment(Generic[Shown]):
     kind: ClassVar[str]
     fold_kind: ClassVar[str]
     heading: ClassVar[str]
+    shown: ClassVar[tuple[Measure, ...]] = ()
+    ranked: ClassVar[bool] = False
+    searches: ClassVar[bool] = False
     columns: ClassVar[frozenset[str]] = frozenset()
     adapts: ClassVar[bool] = False
+
+    @classmethod
+    def measures(cls) -> list[Measure]:
+        """Columns of the table of its results, after system, data, subset and protocol."""
+        return [*cls.shown]
 
     def options(self) -> dict[str, object]:
         """Tracked as parameters, by default the fields under ``<kind>.``."""
@@ -80,20 +92,12 @@ class Experiment(Generic[Shown]):
         """Tracked numbers of one fold."""
         return result.metrics
 
-    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[Shown]:
+    def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Measure the run from the folds that went well, at least one, in the order of the protocol.
 
         Args:
             plan: plan of the run.
-            tags: tags of the run.
-            results: results of the folds.
-        """
-        raise NotImplementedError
-
-    def row(self, metrics: dict[str, float]) -> dict[str, str]:
-        """The printed row of a run after system, data, subset and protocol, by heading.
-
-        Args:
-            metrics: tracked metrics; empty if every fold failed.
+            about: tags and parameters of the run; tags that the result adds are stored, too.
+            folds: results of the folds.
         """
         raise NotImplementedError

@@ -6,22 +6,21 @@ import tempfile
 from collections import deque
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Generic
 
 from bench import contract
 from bench.arguments import HERE, Backend
+from bench.corpora.corpus import reserved
 from bench.corpora.duplicates import named
 from bench.corpora.read.limits import briefly
 from bench.errors import ClusterError, InputError
-from bench.outcomes.results import Findings, FoldResult, Shown
-from bench.outcomes.scores import RESERVED
 from bench.outcomes.store import Store, connect, only_one
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
 from bench.progress import console, warn
+from bench.result import Result
 from bench.work.bar import Bar
 from bench.work.experiment import Experiment
 from bench.work.tracking import Illustrate, TrackedRun, key_of
@@ -32,47 +31,7 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C after finished results were stored."""
 
 
-@dataclass(frozen=True)
-class Outcome(Generic[Shown]):
-    """The result of one plan.
-
-    Attributes:
-        plan: plan of the run.
-        experiment: kind of the run.
-        run_id: id of its run in the store.
-        tags: tags of the run.
-        findings: measurements, None if every fold failed.
-        results: folds that went well.
-        errors: location of the traceback of each failed fold, by fold name.
-    """
-
-    plan: Plan
-    experiment: Experiment[Shown]
-    run_id: str
-    tags: dict[str, str]
-    findings: Findings[Shown] | None
-    results: list[FoldResult]
-    errors: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def metrics(self) -> dict[str, float]:
-        """Measured metrics; empty if no fold succeeded."""
-        return self.findings.metrics if self.findings else {}
-
-    @property
-    def analysis(self) -> Shown:
-        """Further results of its kind of run; none if no fold succeeded."""
-        if self.findings is None or self.findings.analysis is None:
-            raise ValueError(f"nothing was found by {self.run_id}")
-        return self.findings.analysis
-
-    @property
-    def chosen(self) -> dict[str, dict[str, object]]:
-        """Values chosen on the training part, by fold."""
-        return {r.name: r.chosen for r in self.results if r.chosen}
-
-
-def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment[Shown]], jobs: int | None) -> Todo[Shown]:
+def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment], jobs: int | None) -> Todo:
     """Every cell with every experiment; all is checked before the first fold starts.
 
     Raises:
@@ -85,8 +44,7 @@ def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment[Shown]], jo
                 f"protocol={plan.cell.protocol}: bench {experiment.kind} does not adapt systems to a person; leave "
                 "protocol.shots= and protocol.unlabelled= out"
             )
-        taken = (RESERVED | experiment.columns) & set(plan.corpus.captures)
-        if taken:
+        if taken := reserved(map(str, plan.corpus.captures), experiment.columns):
             raise InputError(
                 f"{plan.corpus.name} has a column {min(taken)!r}, a name that tables of results use; rename "
                 "the column and import again"
@@ -95,7 +53,7 @@ def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment[Shown]], jo
     return todo
 
 
-def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate | None = None) -> list[Outcome[Shown]]:
+def execute(todo: Todo, backend: Backend = HERE, illustrate: Illustrate | None = None) -> list[Result]:
     """Run missing folds; stored ones are scored again from their tables.
 
     Args:
@@ -133,7 +91,7 @@ def execute(todo: Todo[Shown], backend: Backend = HERE, illustrate: Illustrate |
 
 
 @dataclass(eq=False)
-class Begun(Generic[Shown]):
+class Begun:
     """A run whose folds are under way.
 
     Attributes:
@@ -144,12 +102,12 @@ class Begun(Generic[Shown]):
     """
 
     index: int
-    run: TrackedRun[Shown]
+    run: TrackedRun
     waiting: deque[Fold]
     lock: ExitStack
 
 
-class Queue(Generic[Shown]):
+class Queue:
     """The folds of all plans, plan after plan; the run of a plan begins when workers have room for its first fold.
 
     Left with an exception (Ctrl-C, a cluster that is gone), it marks the runs that are under way as killed.
@@ -162,16 +120,14 @@ class Queue(Generic[Shown]):
         illustrate: function that draws the figures of a run.
     """
 
-    def __init__(
-        self, store: Store, todo: Todo[Shown], workers: Workers, bar: Bar, illustrate: Illustrate | None
-    ) -> None:
+    def __init__(self, store: Store, todo: Todo, workers: Workers, bar: Bar, illustrate: Illustrate | None) -> None:
         self.store, self.workers, self.bar, self.illustrate = store, workers, bar, illustrate
         self.plans = deque(enumerate(todo))
-        self.under_way: dict[str, Begun[Shown]] = {}  # by key of the run
-        self.outcomes: dict[int, Outcome[Shown]] = {}  # by index of the plan
+        self.under_way: dict[str, Begun] = {}  # by key of the run
+        self.results: dict[int, Result] = {}  # by index of the plan
         self.refusal: InputError | None = None
 
-    def __enter__(self) -> Queue[Shown]:
+    def __enter__(self) -> Queue:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None:
@@ -183,7 +139,7 @@ class Queue(Generic[Shown]):
             for begun in self.under_way.values():
                 begun.lock.close()
 
-    def work(self) -> list[Outcome[Shown]]:
+    def work(self) -> list[Result]:
         """Have all folds done, and measure each run as soon as its last fold is stored.
 
         Raises:
@@ -197,7 +153,7 @@ class Queue(Generic[Shown]):
             self.keep(self.workers.finished())
         if self.refusal:
             raise self.refusal
-        return [self.outcomes[index] for index in sorted(self.outcomes)]
+        return [self.results[index] for index in sorted(self.results)]
 
     def next(self) -> Task | None:
         """The next fold for the workers; None if they are full, must finish others first, or all are submitted."""
@@ -249,10 +205,8 @@ class Queue(Generic[Shown]):
         """Measure and end a run."""
         begun = self.under_way[key]
         run, plan = begun.run, begun.run.plan
-        findings, results = run.close(self.illustrate), run.results()
-        outcome = Outcome(plan, run.experiment, run.run_id, run.tags, findings, results, run.errors)
-        self.outcomes[begun.index] = outcome
-        if affected := next((r for r in results if r.batch_effects), None):
+        self.results[begun.index] = run.close(self.illustrate)
+        if affected := next((r for r in run.results() if r.batch_effects), None):
             warn(f"warning: {plan.cell.system()}: fold {affected.name}: {affected.batch_effects[0]}")
         self.bar.end(key)
         del self.under_way[key]

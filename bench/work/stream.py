@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from bench.errors import InputError
-from bench.outcomes.results import Findings, FoldResult, costs, table_of
-from bench.outcomes.stopping import SHOWN_MS, Curves, by_instant, by_threshold, learned_point, shown, stopped
+from bench.measures import Measure, percent
+from bench.outcomes.results import FoldResult, costs, table_of
+from bench.outcomes.stopping import SHOWN_MS, by_instant, by_threshold, learned_point, shown, stopped
+from bench.result import Result
 from bench.work.experiment import Experiment
 from bench.work.fold import SOME, batch_effects, computing, fitted, footprint, latency
 from bench.work.replay import (
@@ -29,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Stream(Experiment[Curves]):
+class Stream(Experiment):
     """Accuracy against touch seen, and adaptive stopping learned on training subjects.
 
     Attributes:
@@ -40,7 +43,22 @@ class Stream(Experiment[Curves]):
     kind: ClassVar[str] = "stream"
     fold_kind: ClassVar[str] = "stream_fold"
     heading: ClassVar[str] = "Accuracy in percent against touch seen; stopping learned on training subjects"
+    ranked: ClassVar[bool] = True
     columns: ClassVar[frozenset[str]] = frozenset({"instant", "confidence", "settled"})
+    shown: ClassVar[tuple[Measure, ...]] = (
+        Measure("start", read="stream.start", spare=10),
+        *(
+            percent(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare={2000: 6, 250: 5}.get(ms, 0))
+            for ms in SHOWN_MS
+        ),
+        percent("accuracy", "whole", ends="accuracy"),
+        Measure("mean_ms", "mean ms", form=".0f", spare=16),
+        percent("adaptive_accuracy", "early stop %"),
+        Measure("adaptive_ms", "at mean ms", form=".0f"),
+        Measure("decide_ms", "decision ms", tuple(f"decide_ms_p{p}" for p in (50, 95, 99)), spare=14),
+        Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
+        Measure("system_hop_ms", "system hop ms", form=".0f", spare=17),
+    )
 
     hop_ms: float | None = None
     start: str = "onset"
@@ -63,7 +81,7 @@ class Stream(Experiment[Curves]):
         """
         self.replay.check(plan.corpus.rate_hz)
         for fold in plan.folds:
-            if why := unlearnable(plan.cell.estimator(), plan.corpus[fold.train]):
+            if why := unlearnable(plan.cell.untrained, plan.corpus[fold.train]):
                 raise InputError(
                     f"protocol={plan.cell.protocol}: fold {fold.name} learns when to stop by leaving training subjects "
                     f"out, and {why}; choose another protocol or more captures"
@@ -110,39 +128,20 @@ class Stream(Experiment[Curves]):
             "adaptive_ms": point["mean_ms"],
         }
 
-    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[Curves]:
+    def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Accuracy of whole captures and of adaptive stopping, and the cost of a decision; both curves."""
-        predictions, rate_hz = table_of(results), plan.corpus.rate_hz
+        predictions, rate_hz = table_of(folds), plan.corpus.rate_hz
         instants, stopping = by_instant(predictions, rate_hz), by_threshold(predictions, rate_hz)
         end = instants.iloc[-1]
-        point = learned_point(predictions, thresholds(results), rate_hz)
-        metrics = costs(results)
+        point = learned_point(predictions, thresholds(folds), rate_hz)
+        metrics = costs(folds)
         metrics |= {"decisions_per_second": 1000 / metrics["decide_ms_p95"]}
         metrics |= {"accuracy": end["accuracy"], "accuracy_low": end["low"], "accuracy_high": end["high"]}
         metrics |= {"mean_ms": end["mean_ms"], "adaptive_ms": point["mean_ms"]}
         metrics |= {f"adaptive_{k}": point[k] for k in ("accuracy", "low", "high")}
         metrics |= {f"accuracy_at_{ms}_ms": value for ms, value in shown(predictions, rate_hz).items()}
-        tables = {"predictions.parquet": predictions, "instants.csv": instants, "stopping.csv": stopping}
-        curves: Curves = {"instants": instants, "stopping": stopping, "adaptive": point, "start": self.start}
-        return Findings({k: float(v) for k, v in metrics.items() if v == v}, tables, analysis=curves)
-
-    def row(self, metrics: dict[str, float]) -> dict[str, str]:
-        """Accuracy after some milliseconds, of whole captures and of stopping early; times."""
-
-        def text(name: str, scale: float = 1, digits: int = 0) -> str:
-            return f"{scale * metrics[name]:.{digits}f}" if name in metrics else "-"
-
-        return {
-            "start": self.start,
-            **{f"{ms} ms": text(f"accuracy_at_{ms}_ms", 100, 1) for ms in SHOWN_MS},
-            "whole": text("accuracy", 100, 1),
-            "mean ms": text("mean_ms"),
-            "stopped": text("adaptive_accuracy", 100, 1),
-            "after ms": text("adaptive_ms"),
-            "decision ms": " / ".join(text(f"decide_ms_p{p}", digits=1) for p in (50, 95, 99)),
-            "a second": text("decisions_per_second"),
-            "own hop ms": text("system_hop_ms"),
-        }
+        tables = {"predictions": predictions, "instants": instants, "stopping": stopping}
+        return Result(about, {k: float(v) for k, v in metrics.items() if v == v}, tables)
 
 
 def thresholds(results: list[FoldResult]) -> dict[str, float]:

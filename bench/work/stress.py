@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -20,11 +21,14 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import SEVERITIES, Fault, all_faults, as_shares, damaged
 from bench.errors import InputError
+from bench.measures import Cell as Shown
+from bench.measures import Measure, Row, percent, text
 from bench.outcomes import scores, stability
-from bench.outcomes.results import Findings, FoldResult, table_of
-from bench.outcomes.stability import CLEAN, Analysis
+from bench.outcomes.results import FoldResult, table_of
+from bench.outcomes.stability import CLEAN
+from bench.result import Result
 from bench.work.experiment import Experiment
-from bench.work.fold import SOME, batch_effects, computing, decisions
+from bench.work.fold import SOME, batch_effects, computing, decisions, fitted
 
 if TYPE_CHECKING:
     from bench.plan.cells import Cell
@@ -36,7 +40,7 @@ Columns = dict[str, np.ndarray | str | int]  # of every row the same, or a value
 
 
 @dataclass(frozen=True)
-class Stress(Experiment[Analysis]):
+class Stress(Experiment):
     """Accuracy under faults, and with fewer training subjects.
 
     Attributes:
@@ -97,9 +101,8 @@ class Stress(Experiment[Analysis]):
         name, train, test = fold.name, fold.train, fold.test
         estimator = cell.estimator()
         with computing(threads):
-            started = time.perf_counter()
-            estimator.fit(corpus[train], corpus.gestures[train])
-            fitted, cpu = time.perf_counter(), time.process_time()
+            fit_seconds = fitted(estimator, corpus[train])["fit_seconds"]
+            begun, cpu = time.perf_counter(), time.process_time()
             every: Columns = {"length": corpus.lengths[test], "train_subjects": len(set(corpus.subjects[train]))}
             clean: Columns = every | {"fault": CLEAN, "severity": 0, "amount": ""}
             parts = [labelled(estimator, corpus, name, test, clean)]
@@ -118,8 +121,8 @@ class Stress(Experiment[Analysis]):
                 estimator = cell.estimator().fit(corpus[part], corpus.gestures[part])
                 parts.append(labelled(estimator, corpus, name, test, clean | {"train_subjects": count}))
         metrics = {
-            "fit_seconds": fitted - started,
-            "fault_seconds": tested - fitted,
+            "fit_seconds": fit_seconds,
+            "fault_seconds": tested - begun,
             "fault_cpu_seconds": cpu,
             "refit_seconds": time.perf_counter() - tested,
             "faults_trained": sum(fault.name in trained for fault in self.faults),
@@ -135,26 +138,42 @@ class Stress(Experiment[Analysis]):
         clean = stability.unharmed(table)
         return {"accuracy": float((clean["true"] == clean["predicted"]).mean())} | named | result.metrics
 
-    def findings(self, plan: Plan, tags: dict[str, str], results: list[FoldResult]) -> Findings[Analysis]:
+    def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Failures of the system (`bench.outcomes.stability`), and mean seconds of a fold."""
-        table = table_of(results)
-        analysis = stability.analyse(tags, table)
-        means = {k: sum(r.metrics[k] for r in results) / len(results) for k in results[0].metrics}
-        trained = max(r.metrics["faults_trained"] for r in results)
-        metrics = stability.metrics(analysis) | means | {"faults_tested": len(self.faults), "faults_trained": trained}
-        return Findings(metrics, {"stress.parquet": table}, analysis=analysis)
+        table = table_of(folds)
+        tables = stability.analysed(table, about["target"])
+        means = {k: sum(r.metrics[k] for r in folds) / len(folds) for k in folds[0].metrics}
+        trained = max(r.metrics["faults_trained"] for r in folds)
+        metrics = stability.metrics(tables) | means | {"faults_tested": len(self.faults), "faults_trained": trained}
+        return Result(about, metrics, tables)
 
-    def row(self, metrics: dict[str, float]) -> dict[str, str]:
-        """Clean accuracy, mean loss over the faults, and the worst of them."""
-        losses = {k.removeprefix("loss."): v for k, v in metrics.items() if k.startswith("loss.")}
-        worst = max(losses, key=losses.__getitem__, default="")
-        return {
-            "clean": f"{100 * metrics['accuracy']:.1f}" if metrics else "-",
-            "mean loss": f"{100 * np.mean([*losses.values()]):.1f}" if losses else "-",
-            "trained on": f"{metrics['faults_trained']:.0f} of {metrics['faults_tested']:.0f}" if metrics else "-",
-            "worst fault": f"{worst.replace('_', ' ')} {100 * losses[worst]:.1f}" if losses else "-",
-            "failing slices": f"{metrics['failing_slices']:.0f} of {metrics['tested_slices']:.0f}" if metrics else "-",
-        }
+
+def losses(row: Row) -> dict[str, float]:
+    """Mean loss of accuracy under each fault, of a result."""
+    return {k.removeprefix("loss."): v for k, v in row.items() if k.startswith("loss.")}
+
+
+def _mean_loss(row: Row) -> Shown:
+    return 100 * float(np.mean([*losses(row).values()])) if losses(row) else None
+
+
+def _worst_fault(row: Row) -> Shown:
+    worst = max(losses(row), key=losses(row).__getitem__, default="")
+    return f"{worst.replace('_', ' ')} {100 * losses(row)[worst]:.1f}" if worst else None
+
+
+def _of(part: str, whole: str) -> Callable[[Row], Shown]:
+    """A number of a number."""
+    return lambda row: f"{row[part]:.0f} of {row[whole]:.0f}" if part in row else None
+
+
+Stress.shown = (
+    percent("accuracy", "clean"),
+    Measure("mean_loss", "mean loss", _mean_loss),
+    Measure("trained", "faults trained on", _of("faults_trained", "faults_tested"), spare=2),
+    text("worst_fault", "worst fault", _worst_fault),
+    Measure("failing", "failing groups", _of("failing_slices", "tested_slices")),
+)
 
 
 def labelled(estimator: contract.System, corpus: Corpus, fold: str, test: np.ndarray, columns: Columns) -> pd.DataFrame:

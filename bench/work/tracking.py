@@ -5,19 +5,23 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.outcomes.results import Findings, FoldResult, Shown
+from bench.outcomes.results import FoldResult
+from bench.outcomes.runs import ROOMS
 from bench.outcomes.store import Store
+from bench.outcomes.tables import file_of, read_table, write_table
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
+from bench.result import Result
 from bench.source import git_revision, source_digest, versions
 from bench.work.experiment import Experiment
 from bench.work.machine import Machine
@@ -25,7 +29,7 @@ from bench.work.machine import Machine
 if TYPE_CHECKING:
     from mlflow.entities import Run
 
-Illustrate = Callable[[str, dict[str, str], Findings, Path], None]  # kind, tags, findings, folder to draw into
+Illustrate = Callable[[Result, Path], None]  # result, folder to draw into
 
 
 def key_of(plan: Plan, experiment: Experiment) -> str:
@@ -75,7 +79,7 @@ def log_captures(store: Store, run_id: str, cell: Cell, corpus: Corpus, context:
     store.log_captures(run_id, cell.data, corpus.digest, source, len(corpus), frames, context)
 
 
-class TrackedRun(Generic[Shown]):
+class TrackedRun:
     """The parent run of a plan.
 
     Args:
@@ -90,6 +94,7 @@ class TrackedRun(Generic[Shown]):
         key: key that identifies the run.
         run_id: id of the parent run.
         tags: tags of the run.
+        params: parameters of the run.
         finished: True if an earlier command finished it.
         done: finished folds by name, as they were stored.
         errors: location of the traceback of each failed fold, by fold name.
@@ -97,11 +102,12 @@ class TrackedRun(Generic[Shown]):
         others: machine of each finished fold that was done elsewhere, by fold name.
     """
 
-    def __init__(self, store: Store, plan: Plan, experiment: Experiment[Shown], key: str) -> None:
+    def __init__(self, store: Store, plan: Plan, experiment: Experiment, key: str) -> None:
         self.store, self.plan, self.experiment, self.key = store, plan, experiment, key
         cell = plan.cell
         self.tags = tags_of(cell, plan.corpus) | plan.facts
         self.tags |= {"protocol": str(cell.protocol), "protocol_label": plan.label}
+        self.tags |= {"touchbench.kind": experiment.kind, "touchbench.cell": key}
         self.tags |= {"touchbench.command": experiment.command(cell)}
         if not cell.has_objects:  # an object cannot be typed
             self.tags["touchbench.arguments"] = json.dumps(cell.arguments() | experiment.arguments())
@@ -109,10 +115,11 @@ class TrackedRun(Generic[Shown]):
         if stored and stored.info.status != "FINISHED" and not (stored.inputs and stored.inputs.dataset_inputs):
             store.delete(stored.info.run_id)  # cut off while it was made
             stored = None
+        self.params: dict[str, str] = dict(stored.data.params) if stored else {}
         self.run_id = stored.info.run_id if stored else self._create(key)
+        self.started = stored.info.start_time if stored else int(time.time() * 1000)
         self.finished = stored is not None and stored.info.status == "FINISHED"
-        params = stored.data.params if stored else {}
-        self.machine = Machine(params["cpu"], params.get("simd", "")) if "cpu" in params else None
+        self.machine = Machine(self.params["cpu"], self.params.get("simd", "")) if "cpu" in self.params else None
         self.done: dict[str, FoldResult] = {}
         self.others: dict[str, Machine] = {}
         self.errors: dict[str, str] = {}
@@ -144,23 +151,20 @@ class TrackedRun(Generic[Shown]):
             f"{cell.system()} on {kind}corpus {cell.data} ({len(corpus)} captures, {len(set(corpus.subjects))} subjects"
             f"{', ' + cell.where if cell.where else ''}), {self.plan.label}"
         )
-        tags = {
-            "mlflow.note.content": note,
-            "mlflow.source.name": "bench",
-            "touchbench.kind": self.experiment.kind,
-            "touchbench.cell": key,
-        }
+        tags = {"mlflow.note.content": note, "mlflow.source.name": "bench"}
         run_id = self.store.create(f"{self.experiment.command(cell)} {cell.title()}", tags | self.tags)
         params = params_of(cell, corpus, self.plan.threads) | {"protocol": cell.protocol.name}
         params |= {f"protocol.{k}": v for k, v in (cell.protocol.parameters | cell.protocol.changed()).items()}
-        self.store.log(run_id, params=params | self.experiment.options())
+        params |= self.experiment.options()
+        self.params = {name: str(value) for name, value in params.items()}
+        self.store.log(run_id, params=params)
         log_captures(self.store, run_id, cell, corpus, "evaluation")
         return run_id
 
     def _load(self, child: Run) -> FoldResult:
         folder = self.store.fetched(child.info.run_id, "fold")
         timing = json.loads((folder / "timing.json").read_text())
-        trials = folder / "trials.csv"
+        trials = read_table(lambda name: folder / name if (folder / name).exists() else None, "trials")
         return FoldResult(
             child.data.tags["touchbench.fold"],
             pd.read_parquet(folder / "predictions.parquet"),
@@ -168,7 +172,7 @@ class TrackedRun(Generic[Shown]):
             timing["predict_ms"],
             timing["decide_ms"],
             chosen=timing["chosen"],
-            trials=pd.read_csv(trials, float_precision="round_trip") if trials.exists() else None,
+            trials=trials,
             batch_effects=timing["batch_effects"],
         )
 
@@ -181,6 +185,7 @@ class TrackedRun(Generic[Shown]):
         """
         if machine and self.machine is None:
             self.machine = machine
+            self.params |= machine._asdict()
             self.store.log(self.run_id, params=machine._asdict())
         tags = {
             "mlflow.parentRunId": self.run_id,
@@ -195,7 +200,7 @@ class TrackedRun(Generic[Shown]):
             if result.error:
                 (folder / "traceback.txt").write_text(result.error)
             else:
-                result.table.to_parquet(folder / "predictions.parquet", index=False)
+                write_table(result.table, folder / "predictions.parquet")
                 names = ("predict_ms", "decide_ms", "chosen", "batch_effects")
                 timing = {name: getattr(result, name) for name in names}
                 (folder / "timing.json").write_text(
@@ -204,7 +209,7 @@ class TrackedRun(Generic[Shown]):
                 chosen = {f"chosen.{k}": v for k, v in result.chosen.items()}
                 self.store.log(child, result.scored, chosen, result.history)
             if result.trials is not None:  # a system may tell what it chose and not among what
-                result.trials.to_csv(folder / "trials.csv", index=False)
+                write_table(result.trials, folder / "trials.parquet")
             self.store.keep(child, folder, "fold")
         self.store.end(child, "FAILED" if result.error else "FINISHED")
         if result.error:
@@ -227,32 +232,38 @@ class TrackedRun(Generic[Shown]):
         """The finished folds in the order of the protocol."""
         return [self.done[fold.name] for fold in self.plan.folds if fold.name in self.done]
 
-    def close(self, illustrate: Illustrate | None) -> Findings[Shown] | None:
+    def close(self, illustrate: Illustrate | None) -> Result:
         """Measure the run from its folds and end it.
 
         Args:
             illustrate: draws figures into a folder, which are kept with the run.
-
-        Returns:
-            None if no fold went well.
         """
         results, folds = self.results(), len(self.plan.folds)
         self.tags |= _batch_effects(results)
-        findings = self.experiment.findings(self.plan, self.tags, results) if results else None
+        about = self._about("FINISHED" if len(results) == folds else "FAILED")
+        result = self.experiment.result(self.plan, about, results) if results else Result(about, {}, {})
+        added = {name: text for name, text in result.about.items() if name not in about}
+        counts = {"folds": len(results), "folds_failed": folds - len(results)}
+        tables = {name: result.tables[name] for name in result.tables} | _choices(results)
+        result = Result(result.about, result.metrics | counts, tables, self.errors)
         if self.finished:  # nothing was run, nothing is written
-            return findings
-        if findings:
-            counts = {"folds": len(results), "folds_failed": folds - len(results)}
-            tags = findings.facts | self.tags | self._machines()
-            self.store.log(self.run_id, findings.metrics | counts, tags=tags)
+            return result
+        if results:
+            self.store.log(self.run_id, result.metrics, tags=added | self.tags | self._machines())
             with tempfile.TemporaryDirectory() as folder:
-                for name, table in (findings.tables | _choices(results)).items():
-                    write_table(table, Path(folder) / name)
+                for name, table in tables.items():
+                    write_table(table, Path(folder) / file_of(name))
                 if illustrate:
-                    illustrate(self.experiment.kind, self.tags, findings, Path(folder))
+                    illustrate(result, Path(folder))
                 self.store.keep(self.run_id, Path(folder))
-        self.store.end(self.run_id, "FINISHED" if len(results) == folds else "FAILED")
-        return findings
+        self.store.end(self.run_id, result["status"])
+        return result
+
+    def _about(self, status: str) -> dict[str, Any]:
+        """What a result of the run is of, as the store has it."""
+        about = self.params | self.tags | self._machines()
+        about |= {f"{part}_name": self.params.get(part, "") for part in ROOMS}
+        return about | {"run_id": self.run_id, "status": status, "started": self.started}
 
     def interrupt(self) -> None:
         """Mark the run as killed; stored folds stay and are found again."""
@@ -262,11 +273,6 @@ class TrackedRun(Generic[Shown]):
 def _plain(value: object) -> object:
     """A number of NumPy as JSON takes it; anything else as it is printed."""
     return value.item() if isinstance(value, np.generic) else str(value)
-
-
-def write_table(table: pd.DataFrame, path: Path) -> None:
-    """Write a table as parquet or CSV, as its name implies."""
-    table.to_parquet(path, index=False) if path.suffix == ".parquet" else table.to_csv(path, index=False)
 
 
 def _batch_effects(results: list[FoldResult]) -> dict[str, str]:
@@ -280,7 +286,7 @@ def _choices(results: list[FoldResult]) -> dict[str, pd.DataFrame]:
     """What was chosen on each training part, and what among, as far as systems tell."""
     tables: dict[str, pd.DataFrame] = {}
     if any(r.chosen for r in results):
-        tables["chosen.csv"] = pd.DataFrame([{"fold": r.name} | r.chosen for r in results])
+        tables["chosen"] = pd.DataFrame([{"fold": r.name} | r.chosen for r in results])
     if trials := [r.trials.assign(fold=r.name) for r in results if r.trials is not None]:
-        tables["trials.csv"] = pd.concat(trials, ignore_index=True)
+        tables["trials"] = pd.concat(trials, ignore_index=True)
     return tables

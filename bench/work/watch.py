@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
@@ -12,8 +13,11 @@ from bench import contract
 from bench.corpora.composer import BACKGROUND, check_background, composed, is_recorded, pieces, recorded
 from bench.corpora.recordings import Recordings
 from bench.errors import InputError
+from bench.measures import Measure, percent
 from bench.outcomes.events import REPORT, intervals, last_confidence, matched, per_subject, summary, unknown_scores
-from bench.outcomes.results import Findings, FoldResult, costs, table_of
+from bench.outcomes.results import FoldResult, costs, table_of
+from bench.result import Result
+from bench.usual import FALSE_ALARMS, NO_TOUCH
 from bench.work.detector import behind, cut, touched
 from bench.work.experiment import Experiment
 from bench.work.fold import SOME, TIMED_CAPTURES, batch_effects, computing, fitted, footprint, milliseconds
@@ -29,13 +33,12 @@ if TYPE_CHECKING:
 
 SEED = 0  # of the composed recordings
 QUIET = "quiet"  # background from the ends of captures
-USUAL = "notouch"  # class of background, where a corpus has it
 OFFSETS = np.arange(-4, 4.5, 0.5)  # from the learned bias, for the curve
 SHOWN_S = 120.0  # of a recording in each fold, for the timeline
 
 
 @dataclass(frozen=True)
-class Watch(Experiment[dict[str, pd.DataFrame]]):
+class Watch(Experiment):
     """Events in recordings of the test subjects; detector and post-processing are learned on training subjects.
 
     The corpus holds recordings, or they are composed of its captures (`bench.corpora.composer`). The stored table of
@@ -53,10 +56,24 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
     kind: ClassVar[str] = "watch"
     fold_kind: ClassVar[str] = "watch_fold"
     heading: ClassVar[str] = (
-        "Percent of touches found, correct when first reported and at the end; false alarms per hour of background"
+        "Percent of touches found, correct when first reported and at the end; false alarms per hour of background; "
+        "in brackets 95 % confidence intervals over subjects"
+    )
+    shown: ClassVar[tuple[Measure, ...]] = (
+        Measure("auroc", "AUROC", form=".2f", spare=1),
+        percent("rejected_unknown", "rejected unknown", spare=1),
+        percent("rejected_known", "rejected known", spare=1),
+        Measure("touches", form=".0f", spare=8),
+        percent("touches_found", "found"),
+        percent("first_correct", "first"),
+        percent("end_correct", "end", ends="end_correct"),
+        Measure("false_alarms_per_hour", "alarms/h", ends="false_alarms_per_hour"),
+        Measure("latency_s_p50", "latency s", form=".2f"),
+        Measure("latency_s_p90", "90 % s", form=".2f", spare=9),
+        Measure("fragments", "reports per touch", form=".2f", spare=7),
     )
 
-    false_alarms: float = 5.0
+    false_alarms: float = FALSE_ALARMS
     background: str = ""
     unknown: str = ""
 
@@ -70,7 +87,7 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
         """The background of a whole corpus of captures."""
         if is_recorded(corpus):
             return BACKGROUND
-        return self.background or (USUAL if USUAL in corpus.gestures else QUIET)
+        return self.background or (NO_TOUCH if NO_TOUCH in corpus.gestures else QUIET)
 
     def recordings(self, captures: Corpus, background: str) -> Recordings:
         """Recordings of the subjects of some captures: their own, or composed ones.
@@ -175,54 +192,25 @@ class Watch(Experiment[dict[str, pd.DataFrame]]):
         touches, reports, background_s = scored(result.table, rate_hz)
         return costs([result]) | _defined(summary(touches, reports, sum(background_s.values())))
 
-    def findings(
-        self, plan: Plan, tags: dict[str, str], results: list[FoldResult]
-    ) -> Findings[dict[str, pd.DataFrame]]:
+    def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Scores of all touches, with intervals over subjects; tables of touches, reports, subjects and the curve."""
-        rate_hz, table = plan.corpus.rate_hz, table_of(results)
+        rate_hz, table = plan.corpus.rate_hz, table_of(folds)
         touches, reports, background_s = scored(table, rate_hz)
         numbers = summary(touches, reports, sum(background_s.values())) | intervals(touches, reports, background_s)
         hours = sum(background_s.values()) / 3600
         counts = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms"]].sum()
         missed, alarms = 1 - counts["hits"] / max(len(touches), 1), counts["alarms"] / (hours or np.nan)
-        curve = pd.DataFrame({"missed": missed, "false_alarms_per_hour": alarms}).reset_index()
         tables = {
-            "predictions.parquet": table,
-            "touches.csv": touches,
-            "reports.csv": reports,
-            "per_subject.csv": per_subject(touches, reports, background_s),
-            "curve.csv": curve,
+            "predictions": table,
+            "touches": touches,
+            "reports": reports,
+            "per_subject": per_subject(touches, reports, background_s),
+            "curve": pd.DataFrame({"missed": missed, "false_alarms_per_hour": alarms}).reset_index(),
         }
         if self.unknown:
-            numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in results}, rate_hz)
-        metrics = _defined(numbers | {"background_minutes": 60 * hours}) | costs(results)
-        return Findings(metrics, tables, analysis=tables)
-
-    def row(self, metrics: dict[str, float]) -> dict[str, str]:
-        """Touches found and named, false alarms, latency."""
-
-        def number(name: str, digits: int = 2, scale: float = 1) -> str:
-            return f"{scale * metrics[name]:.{digits}f}" if name in metrics else "-"
-
-        def percent(name: str) -> str:
-            return number(name, 1, 100)
-
-        def between(name: str, digits: int, scale: float = 1) -> str:
-            low, high = (number(f"{name}_{side}", digits, scale) for side in ("low", "high"))
-            return "" if "-" in (low, high) else f" [{low}, {high}]"
-
-        rejection = {"AUROC": number("auroc")}
-        rejection |= {f"rejected {kind}": percent(f"rejected_{kind}") for kind in ("unknown", "known")}
-        return (rejection if self.unknown else {}) | {
-            "touches": number("touches", 0),
-            "found": percent("touches_found"),
-            "first": percent("first_correct"),
-            "end": percent("end_correct") + between("end_correct", 1, 100),
-            "alarms/h": number("false_alarms_per_hour", 1) + between("false_alarms_per_hour", 1),
-            "latency s": number("latency_s_p50"),
-            "90 % s": number("latency_s_p90"),
-            "per touch": number("fragments"),
-        }
+            numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
+        metrics = _defined(numbers | {"background_minutes": 60 * hours}) | costs(folds)
+        return Result(about, metrics, tables)
 
 
 def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:

@@ -10,11 +10,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.outcomes.results import FoldResult, Shown
+from bench.outcomes.results import FoldResult
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
 from bench.progress import forget, telling
@@ -23,7 +23,7 @@ from bench.work.fold import forget_peak
 from bench.work.machine import Machine, this_machine
 from bench.work.pool import Executor, pool
 
-Todo = list[tuple[Plan, Experiment[Shown]]]  # what a command is to run
+Todo = list[tuple[Plan, Experiment]]  # what a command is to run
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Task:
     """
 
     plan: Plan
-    experiment: Experiment[Any]
+    experiment: Experiment
     fold: Fold
     key: str
 

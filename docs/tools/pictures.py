@@ -21,10 +21,12 @@ sys.path.insert(0, str(DOCS.parent))
 
 import bench  # noqa: E402
 from bench.outcomes import statistics  # noqa: E402
-from bench.outcomes.runs import by_subject, predictions, tracked, with_groups  # noqa: E402
+from bench.outcomes.comparable import system_of  # noqa: E402
+from bench.outcomes.runs import by_subject, predictions, rows_of, tracked, with_groups  # noqa: E402
 from bench.outcomes.store import connect  # noqa: E402
 from bench.registry import load  # noqa: E402
-from reports import figures, speed  # noqa: E402
+from reports import candidates, figures, speed  # noqa: E402
+from reports.comparison import published  # noqa: E402
 
 SMALL = {"data__subjects": 6, "data__variants": ("normal",), "data__repetitions": 2}
 BLUE, RED, GREY = "#1f77b4", "#c23b22", "0.75"
@@ -135,57 +137,21 @@ def interval(folder: Path) -> None:
 
 
 def chart(data: str, budget: float, path: Path) -> None:
-    """Accuracy against flash: intervals over people, the front, a budget, and what ``bench choose`` takes within it.
+    """Accuracy against flash, as the report draws it, with a budget.
 
     Args:
         data: the corpus; LOSO runs of the store are drawn.
-        budget: bytes of flash.
+        budget: kB of flash.
         path: of the picture.
     """
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    people, runs = accuracies(data)
-    bounds = np.array([statistics.interval(row) for row in people.to_numpy(dtype=float)])
-    table = pd.DataFrame({"system": people.index, "accuracy": people.mean(axis=1).to_numpy()})
-    table["flash"] = (
-        table["system"].map(runs[runs["status"] == "FINISHED"].groupby("system")["flash_bytes"].mean()) / 1000
-    )
-    table[["low", "high"]] = bounds.clip(0, 100)
-    table = table.sort_values("accuracy").reset_index(drop=True)
-    choice = bench.choose(data=data, protocol="loso", max_flash=f"{budget / 1000:g}kB")
-    x, y = table["flash"].to_numpy(), table["accuracy"].to_numpy()
-    on = speed.front(x, y)
-    names = 0.95 * figures.width_of(table["system"], 9) + 0.35
-    figure, axes = figures.new_figure((8.3, max(3.4, 0.27 * len(table) + 1.2)), (1, 1), (0.65, names, 0.55, 0.75))
-    axis = axes[0, 0]
-    axis.axvspan(budget / 1000, 1e9, color="0.93", zorder=0)
-    bars = np.abs([y - table["low"], table["high"] - y])
-    axis.errorbar(x, y, yerr=bars, fmt="o", color=BLUE, ecolor=GREY, elinewidth=1, markersize=6, zorder=3)
-    axis.plot(x[on], y[on], color="0.2", linewidth=1.2, drawstyle="steps-post", zorder=2)
-    chosen = (table["system"] == choice.system).to_numpy()
-    axis.plot(x[chosen], y[chosen], "o", color=RED, markersize=10, zorder=4)
-    axis.set_xscale("log")
-    axis.set_xlim(x.min() / 1.6, x.max() * 1.6)
-    axis.set_ylim(np.floor(table["low"].min()) - 2, np.ceil(table["high"].max()) + 2)
-    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if x.max() < 50 * x.min() else (1,)))
-    axis.xaxis.set_minor_locator(NullLocator())
-    axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axis.set(xlabel="kB of flash: learnt numbers, without code", ylabel="captures labelled correctly, %")
-    axis.grid(alpha=0.25)
-    low, high = axis.get_ylim()
-    gap = (high - low) * 0.17 / (figure.get_figheight() - 1.3)
-    edge = x.max() * 1.6 * 1.06
-    for i, place in enumerate(figures.spread(y, gap, low + gap / 2, high - gap / 2)):
-        style = {"color": RED if chosen[i] else "black", "fontweight": "bold" if i in on else "normal"}
-        axis.text(edge, place, table["system"][i], fontsize=9, va="center", clip_on=False, **style)
-        axis.plot([x[i], edge], [y[i], place], color="0.8", linewidth=0.5, zorder=1, clip_on=False)
-    synthetic = runs["group"].str.contains("(synthetic)", regex=False).any()
-    shown = f"{data.upper() if not synthetic else data + ' (synthetic)'}, one of {people.shape[1]} subjects left out"
-    title = f"{shown}; bars: 95 % over subjects; bold and line: Pareto front"
-    figure.text(0.03, 1 - 0.27 / figure.get_figheight(), title, fontsize=9.5)
-    said = f"red: bench choose max_flash={budget / 1000:g}kB; grey: beyond that budget"
-    figure.text(0.03, 1 - 0.52 / figure.get_figheight(), said, fontsize=9.5, color=RED)
-    done(figure, path, synthetic)
+    store = connect()
+    runs = with_groups(tracked(store))
+    loso = runs[(runs["data"].str.split(" ").str[0] == data) & (runs["protocol_name"] == "loso")]
+    answer = candidates.considered(store, loso["group"].iloc[0], runs, {"flash": budget})
+    models = {system_of(run): str(run["model_name"]) for run in rows_of(runs)}
+    points = candidates.marks(answer, models, {*published()["system"]})
+    figure, _ = speed.speed_chart(answer.title, points, ["flash"], answer.budgets)
+    done(figure, path, "(synthetic)" in answer.title)
 
 
 def accuracies(data: str) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -214,7 +180,7 @@ def concepts(folder: Path) -> None:
         bench.run(model="lda", features="touch", model__window=0.5, **SMALL)
         for draw in (capture, unit, protocol, interval):
             draw(folder)
-        chart("synth", 64_000, folder / "front.png")
+        chart("synth", 64, folder / "front.png")
         os.chdir("/")
 
 
@@ -223,6 +189,6 @@ if __name__ == "__main__":
         case ["concepts"]:
             concepts(DOCS / "pictures")
         case ["speed"]:
-            chart("haart", 64_000, DOCS / "speed.png")
+            chart("haart", 64, DOCS / "speed.png")
         case _:
             sys.exit(__doc__)

@@ -10,7 +10,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.costs import quantity
+from bench.amounts import quantity
 from bench.errors import InputError
 from models.recipe import Recipe
 from models.search import portfolio
@@ -23,7 +23,7 @@ from models.search.trial_scores import Inner
 from models.search.trials import COSTS, summary, table_of, together
 from models.temperature import fit_temperature
 
-UNIT = {"flash": 1e3, "ram": 1e3, "predict": 1.0}  # of a limit, in those of the trials
+LIMITS = {"flash": ("kB", 1e3), "ram": ("kB", 1e3), "predict": ("ms", 1.0)}  # unit, and its factor
 GROWTH = 4.0  # how much more work than the best one of its model a trial may be
 SMALL = 0.3  # seconds of work that any model may begin with
 DRAWS = 20  # of the sampler, for one trial
@@ -112,12 +112,15 @@ class Auto(ClassifierMixin, BaseEstimator):
 
     def _limits(self) -> dict[str, float]:
         """What each cost must not exceed."""
-        texts = {cost: getattr(self, f"max_{cost}") for cost in COSTS}
-        return {COSTS[c]: UNIT[c] * quantity(f"max_{c}", text, "model.") for c, text in texts.items() if text}
+        limits = {}
+        for cost, (unit, factor) in LIMITS.items():
+            if text := getattr(self, f"max_{cost}"):
+                limits[COSTS[cost]] = factor * quantity(f"max_{cost}", text, unit, prefix="model.")
+        return limits
 
     def _touch(self) -> float | None:
         """Seconds of a touch that a decision may see."""
-        return quantity("max_decision", self.max_decision, "model.") / 1e3 if self.max_decision else None
+        return quantity("max_decision", self.max_decision, "ms", prefix="model.") / 1e3 if self.max_decision else None
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part before anything is run.

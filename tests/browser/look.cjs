@@ -17,7 +17,6 @@ async function opened(browser, found, width, scheme) {
   await page.emulateMediaFeatures([{name: "prefers-color-scheme", value: scheme}]);
   await page.setViewport({width, height: 900});
   await page.goto(address);
-  await page.waitForSelector("#chart svg path");
   return page;
 }
 
@@ -26,8 +25,6 @@ function measured() {  // in the page
   const table = document.querySelector(".switched table");
   const column = [...table.querySelectorAll("thead th")].findIndex(th => th.textContent === "verdict");
   const cells = [...table.querySelectorAll("tbody:not(.away) tr:not(.group)")].map(row => row.children[column]);
-  const plot = document.querySelector("#chart svg").getBoundingClientRect();
-  const bars = [...document.querySelectorAll("#chart .bar")].map(bar => bar.getBoundingClientRect());
   const size = text => {
     const svg = text.ownerSVGElement, scale = svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;
     return parseFloat(getComputedStyle(text).fontSize) * scale;
@@ -36,8 +33,7 @@ function measured() {  // in the page
   return {
     sideways: document.documentElement.scrollWidth - innerWidth,
     verdicts: cells.map(inView),
-    bars: bars.length,
-    cut: bars.filter(bar => bar.top < plot.top || bar.bottom > plot.bottom).length,
+    titles: [...document.querySelectorAll("figure svg title")].map(title => title.textContent),
     sizes: [...new Set([...[...document.querySelectorAll("svg text")].map(size), ...small].map(s => Math.round(s * 5) / 5))],
     first: document.querySelector("h2").getBoundingClientRect().top,
   };
@@ -45,27 +41,16 @@ function measured() {  // in the page
 
 async function keys(page) {
   const shown = () => page.$$eval(".switched tbody tr", rows => rows.filter(row => row.offsetParent).length);
-  const told = () => page.$eval("#chart p", p => p.textContent);
   const at = selector => page.evaluate(s => document.activeElement.matches(s), selector);
   const reach = async selector => {
     for (let i = 0; i < 200 && !await at(selector); i++) await page.keyboard.press("Tab");
     return at(selector);
   };
-  const found = {hint: await told()};
-  found.mark = await reach("#chart [role=img]");
-  found.first = await told();
-  await page.keyboard.press("ArrowRight");
-  found.second = await told();
-  found.rows = [await shown()];
+  const found = {rows: [await shown()]};
   found.switch = await reach(".switched input");
   for (let i = 0; i < 2; i++) {
     await page.keyboard.press("Space");
     found.rows.push(await shown());
-  }
-  found.costs = [];
-  for (const option of await page.$$eval("#chart label:nth-of-type(2) option", options => options.map(o => o.value))) {
-    await page.select("#chart label:nth-of-type(2) select", option);
-    found.costs.push(await page.$$eval("#chart [role=img]", marks => marks.length));
   }
   return found;
 }
@@ -87,7 +72,7 @@ async function keys(page) {
     await page.emulateMediaType("print");
     found.print = await page.evaluate(() => ({
       headings: [...document.querySelectorAll("h2, h3")].map(h => getComputedStyle(h).breakAfter),
-      whole: [...document.querySelectorAll("figure, .chart, tr")].map(e => getComputedStyle(e).breakInside),
+      whole: [...document.querySelectorAll("figure, tr")].map(e => getComputedStyle(e).breakInside),
       ink: getComputedStyle(document.body).color,
     }));
     await page.pdf({path: pdf, preferCSSPageSize: true});

@@ -80,21 +80,19 @@ class TestPage:
             assert view["sideways"] <= 0, name
             assert len(view["verdicts"]) > 5 and all(view["verdicts"]), name
 
-    def test_no_interval_is_cut_off_and_small_text_has_one_size(self, seen):
+    def test_small_text_has_one_size_and_marks_have_titles(self, seen):
         for name, view in seen["views"].items():
-            assert view["bars"] >= 4 and view["cut"] == 0, name
             assert all(12.5 < size < 13.5 for size in view["sizes"]), (name, view["sizes"])
+            assert all(any(title.startswith(f"{system}: ") for title in view["titles"]) for system in NAMES), name
 
     def test_the_verdict_is_what_one_sees_first(self, seen):
         assert all(view["first"] < 300 for view in seen["views"].values())
 
-    def test_switch_and_chart_work_by_keyboard(self, seen):
+    def test_the_switch_works_by_keyboard(self, seen):
         keys = seen["keys"]
-        assert keys["mark"] and keys["switch"]
-        assert len({keys["hint"], keys["first"], keys["second"]}) == 3 and "kB of flash" in keys["first"]
+        assert keys["switch"]
         few, many, again = keys["rows"]
         assert few == again and many - few > 40  # CoST has 55 published numbers
-        assert len(keys["costs"]) == 5 and all(keys["costs"])  # the error of the worst person is the fifth
 
     def test_it_prints(self, folder, seen):
         assert set(seen["print"]["headings"]) == set(seen["print"]["whole"]) == {"avoid"}

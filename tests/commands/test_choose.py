@@ -16,7 +16,7 @@ from bench.commands.choose import chosen
 from bench.commands.smallest import smallest
 from bench.errors import InputError
 from bench.options import SMALL
-from bench.outcomes.comparable import MARKED
+from bench.comparable import MARKED
 from bench.plan.cells import cells
 from tests.reports.store import made_up, stressed, tracked_run, watched
 

@@ -12,7 +12,7 @@ from bench.cli import main
 from bench.commands import printing
 from bench.commands.run import evaluated_values
 from bench.options import keys
-from bench.outcomes.comparable import BATCH, MARKED
+from bench.comparable import BATCH, MARKED
 from tests.conftest import SMALL, predictions, runs
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bench.work.loop as loop
-from bench.arguments import text_of
+from bench.amounts import text_of
 from bench.cli import main
 from bench.registry import load, names, parameters
 from tests.conftest import InProcess

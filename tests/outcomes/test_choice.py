@@ -1,16 +1,18 @@
-"""The choice among candidates against hand-made ones, and which runs become candidates, on hand-made tables of runs."""
+"""The choice among candidates against hand-made ones, and which results become candidates."""
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.stats import ttest_rel
 
-from bench.costs import quantity
+from bench.amounts import quantity
 from bench.errors import InputError
+from bench.measures import budgets
 from bench.outcomes.candidates import candidates, eligible
 from bench.outcomes.choice import decide, sentences
 from bench.outcomes.runs import NothingTracked, selected, without_runs
-from tests.reports.store import made_up
+from bench.result import Result
+from tests.results import evaluated, made_up, systems_of
 
 
 def table(accuracies, **costs):
@@ -116,49 +118,33 @@ def test_ties_and_one_subject():
     + [("clock", "64", None), ("clock", "MHz", None), ("clock", "-1MHz", None), ("clock", "nanMHz", None)],
 )
 def test_amounts_as_they_are_typed(key, text, expected):
+    units = {"clock": "MHz", "margin": ""}
+    typed = (lambda given: quantity(key, given, units[key])) if key in units else budgets()[key].typed
     if expected is None:
         with pytest.raises(InputError, match=f"{key}={text}: give a number above 0"):
-            quantity(key, text)
+            typed(text)
     else:
-        assert quantity(key, text) == pytest.approx(expected)
+        assert typed(text) == pytest.approx(expected)
 
 
 # Which runs are candidates
 
 
-class Folder:
-    """Tables of runs without MLflow: files of a folder."""
-
-    def __init__(self, folder):
-        self.folder, self.count = folder, 0
-
-    def path(self, run_id, artifacts, name):
-        path = self.folder / f"{run_id}.{name}"
-        return path if path.is_file() else None
-
-    def run(self, system, predictions=None, instants=None, **columns):
-        """A row as `bench.outcomes.runs.tracked` makes it."""
-        self.count += 1
-        (made_up(per_class=1) if predictions is None else predictions).to_parquet(
-            self.folder / f"{self.count}.predictions.parquet"
-        )
-        if instants is not None:
-            pd.DataFrame({"ms": instants}).to_csv(self.folder / f"{self.count}.instants.csv")
-        row = {"touchbench.kind": "cell", "status": "FINISHED", "run_id": str(self.count), "started": self.count}
-        row |= {"data": "synth", "synthetic": "true", "corpus_digest": "d" * 64, "subset": "all", "target": "gesture"}
-        row |= {"protocol": "loso", "protocol_name": "loso", "protocol_label": "LOSO", "cpu": "one", "artifacts": ""}
-        row |= {"mixes_subjects": "false", "test_over_train": "", "official_split": "", "flash_bytes": 4000.0}
-        row |= {"ram_bytes": 500.0, "predict_ms_p50": 2.0, "decide_ms_p50": 0.5, "capture_ms": 300.0, "system": system}
-        return row | {"observed_ms": 100.0, "touchbench.depends_on_batch": "false"} | columns
+def run(system, predictions=None, instants=None, **about):
+    """A result of some kind of run with round costs."""
+    kind = about.pop("touchbench.kind", "cell")
+    numbers = {"ram_bytes": 500.0, "predict_ms_p50": 2.0, "decide_ms_p50": 0.5, "capture_ms": 300.0}
+    numbers |= {"flash_bytes": 4000.0, "observed_ms": 100.0, "windows": np.nan}
+    numbers |= {k: about.pop(k) for k in [*about] if not isinstance(about[k], str)}
+    made = evaluated(system, predictions, kind=kind, metrics=numbers, **{"protocol_label": "LOSO"} | about)
+    if instants is None:
+        return made
+    tables = {name: made.tables[name] for name in made.tables} | {"instants": pd.DataFrame({"ms": instants})}
+    return Result(made.about, made.metrics, tables)
 
 
-@pytest.fixture
-def folder(tmp_path):
-    return Folder(tmp_path)
-
-
-def systems(rows, asked=None, **how):
-    return sorted(eligible([pd.DataFrame(rows)], asked or {}, **how)[0]["system"])
+def systems(results, asked=None, **how):
+    return sorted(systems_of(eligible(results, asked or {}, **how)[0]))
 
 
 def percents(labelled):
@@ -170,11 +156,11 @@ def percents(labelled):
     return {subject: 100 * np.mean(each) for subject, each in hits.items()}
 
 
-def test_seeds_are_averaged_and_a_mixed_protocol_is_mixed(folder):
+def test_seeds_are_averaged_and_a_mixed_protocol_is_mixed():
     tables = [made_up(per_class=2, seed=seed) for seed in (0, 1)]
-    rows = [folder.run("rf", table, flash_bytes=b) for table, b in zip(tables, (4000.0, 6000.0), strict=True)]
-    rows.append(folder.run("lda", mixes_subjects="true", **{"touchbench.conditions": "cover", "cpu": "two"}))
-    among = candidates(folder, {}, runs_of={"cell": pd.DataFrame(rows)})
+    seeds = [run("rf", table, flash_bytes=b) for table, b in zip(tables, (4000.0, 6000.0), strict=True)]
+    other = run("lda", mixes_subjects="true", **{"touchbench.conditions": "cover", "cpu": "two"})
+    among = candidates({"cell": [*seeds, other]}, {})
     assert among.table[["system", "unit", "flash", "conditions", "cpu"]].to_numpy().tolist() == [
         ["lda (uses cover)", "capture", 4.0, "cover", "two"],
         ["rf", "capture", 5.0, "", "one"],
@@ -182,26 +168,27 @@ def test_seeds_are_averaged_and_a_mixed_protocol_is_mixed(folder):
     assert among.table["decision"].tolist() == [300, 300] and among.table["predict"].tolist() == [2, 2]
     one, other = (percents(table) for table in tables)
     assert among.subjects.loc[1].to_dict() == pytest.approx({s: (one[s] + other[s]) / 2 for s in one})
+    assert among.runs[1] == seeds
     assert among.mixed and among.context == "synth (synthetic), all, LOSO"
-    assert not candidates(folder, {}, runs_of={"cell": pd.DataFrame(rows[:2])}).mixed
+    assert not candidates({"cell": seeds}, {}).mixed
 
 
-def test_windows_alone_are_scored_in_percent_of_windows(folder):
+def test_windows_alone_are_scored_in_percent_of_windows():
     predictions = made_up(per_class=1, windows=3)
-    rows = [folder.run("lda", predictions, windows=36.0), folder.run("svm", windows=np.nan)]
-    among = candidates(folder, {}, windows=True, runs_of={"cell": pd.DataFrame(rows), "chip": None})
+    results = [run("lda", predictions, windows=36.0), run("svm")]
+    among = candidates({"cell": results}, {}, windows=True)
     assert among.table[["system", "unit", "decision", "predict"]].to_numpy().tolist() == [["lda", "window", 100, 0.5]]
     assert among.subjects.loc[0].to_dict() == pytest.approx(percents(predictions))
     with pytest.raises(NothingTracked):
-        systems(rows[1:], windows=True)
+        systems(results[1:], windows=True)
 
 
-def test_a_replayed_system_decides_as_late_as_the_budget_allows(folder):
+def test_a_replayed_system_decides_as_late_as_the_budget_allows():
     early, late = made_up(per_class=1, seed=1).assign(instant=10), made_up(per_class=1, seed=2).assign(instant=20)
     replay = pd.concat([early, late], ignore_index=True)
-    row = folder.run("lda", replay, [100.0, 200.0], **{"touchbench.kind": "stream", "stream.start": "onset"})
-    other = folder.run("lda", replay, [150.0, 200.0], **{"touchbench.kind": "stream", "stream.start": "middle"})
-    runs_of = {"cell": pd.DataFrame([folder.run("lda")]), "stream": pd.DataFrame([row, other])}
+    onset = run("lda", replay, [100.0, 200.0], **{"touchbench.kind": "stream", "stream.start": "onset"})
+    other = run("lda", replay, [150.0, 200.0], **{"touchbench.kind": "stream", "stream.start": "middle"})
+    results = {"cell": [run("lda")], "stream": [onset, other]}
     for most, units in {
         None: ["capture"],
         np.inf: ["capture", "first 100 ms", "first 200 ms"],
@@ -209,21 +196,19 @@ def test_a_replayed_system_decides_as_late_as_the_budget_allows(folder):
         199.9: ["capture", "first 100 ms"],
         1.0: ["capture", "first 100 ms"],  # which says how far it is from that
     }.items():
-        among = candidates(folder, {}, most, runs_of=runs_of)
-        assert list(among.table["unit"]) == units, most
-    assert candidates(folder, {}, 200 * (1 - 1e-12), runs_of=runs_of).table["unit"][1] == "first 200 ms"  # rounding
-    among = candidates(folder, {}, np.inf, runs_of=runs_of)
+        assert list(candidates(results, {}, most).table["unit"]) == units, most
+    assert candidates(results, {}, 200 * (1 - 1e-12)).table["unit"][1] == "first 200 ms"  # rounding
+    among = candidates(results, {}, np.inf)
     assert among.table["decision"].tolist() == [300, 100, 200] and among.table["predict"].tolist() == [2, 0.5, 0.5]
     for place, seen in ((1, early), (2, late)):
         assert among.subjects.loc[place].to_dict() == pytest.approx(percents(seen))
 
 
-def test_c_is_a_candidate_with_its_own_size_and_cycles(folder):
+def test_c_is_a_candidate_with_its_own_size_and_cycles():
     chip = {"touchbench.kind": "chip", "chip_ram_bytes": 1000.0, "chip_most_instructions": 6e4}
     sizes = {"32": 9000.0, "8": 5000.0}
-    rows = [folder.run("lda", **chip, **{"chip_flash_bytes": size, "chip.bits": b}) for b, size in sizes.items()]
-    runs_of = {"cell": pd.DataFrame([folder.run("lda"), folder.run("svm")]), "chip": pd.DataFrame(rows)}
-    table = candidates(folder, {}, clock=0.5, runs_of=runs_of).table
+    in_c = [run("lda", **chip, **{"chip_flash_bytes": size, "chip.bits": b}) for b, size in sizes.items()]
+    table = candidates({"cell": [run("lda"), run("svm")], "chip": in_c}, {}, clock=0.5).table
     assert table[["unit", "flash", "linked", "decision"]].to_numpy().tolist() == [
         ["capture", 9, True, 300],  # of Python what is linked, which the count leaves code out of
         ["in C, 32 bits", 9, True, 420],  # 60,000 cycles at 0.5 MHz
@@ -233,71 +218,61 @@ def test_c_is_a_candidate_with_its_own_size_and_cycles(folder):
     assert table["cycles"].tolist()[1:3] == [60, 60] and table["cycles"].isna().tolist() == [True, False, False, True]
 
 
-def test_a_table_that_is_gone_is_named(folder):
-    row = folder.run("lda")
-    folder.path("1", "", "predictions.parquet").unlink()
-    with pytest.raises(InputError, match=r"predictions\.parquet of lda"):
-        candidates(folder, {}, runs_of={"cell": pd.DataFrame([row])})
+def test_runs_on_the_newest_corpus_of_a_name_win():
+    results = [run(system, corpus_digest=digest * 64) for system, digest in (("svm", "a"), ("rf", "a"), ("lda", "b"))]
+    kept, (note,) = eligible(results, {})
+    assert systems_of(kept) == ["lda"] and "2 older runs" in note and "aaaaaaaa" in note
+    asked = {name: [results[0][name]] for name in ("corpus_digest", "protocol_label")}  # as the page asks
+    assert systems(results, asked) == ["rf", "svm"]
 
 
-def test_runs_on_the_newest_corpus_of_a_name_win(folder):
-    rows = [
-        folder.run(system, corpus_digest=digest * 64) for system, digest in (("svm", "a"), ("rf", "a"), ("lda", "b"))
-    ]
-    kept, (note,) = eligible([pd.DataFrame(rows)], {})
-    assert list(kept["system"]) == ["lda"] and "2 older runs" in note and "aaaaaaaa" in note
-    asked = {name: [rows[0][name]] for name in ("corpus_digest", "protocol_label")}  # as the page asks
-    assert systems(rows, asked) == ["rf", "svm"]
-
-
-def test_arguments_tell_protocols_apart(folder):
-    rows = []
+def test_arguments_tell_protocols_apart():
+    results = []
     for seed in ("0", "1"):
-        name = {"protocol": "personal" + f"[seed={seed}]" * (seed == "1"), "protocol_name": "personal"}
+        name = {"protocol": "personal" + f"[seed={seed}]" * (seed == "1")}
         parameters = {"protocol.seed": seed, "protocol.shots": "3", "protocol.unlabelled": "False"}
-        rows.append(folder.run(f"lda {seed}", protocol_label=f"seed {seed}", **name, **parameters))
-    rows += [folder.run("svm"), folder.run("rf", target="hand")]
+        results.append(run(f"lda {seed}", protocol_label=f"seed {seed}", **name, **parameters))
+    results += [run("svm"), run("rf", target="hand")]
     with pytest.raises(InputError) as error:
-        systems(rows)
+        systems(results)
     options = str(error.value).partition("name one of: ")[2].split("; ")
     assert len(options) == 3 and len(str(error.value).splitlines()) == 1
     for option, system in zip(options, ("lda 0", "lda 1", "svm"), strict=True):
-        assert systems(rows, {key: [value] for key, _, value in (word.partition("=") for word in option.split())}) == [
-            system
-        ]
-    assert systems(rows, {"shots": ["3"], "protocol.seed": ["1"]}) == ["lda 1"]
-    assert systems(rows, {"target": ["hand"]}) == ["rf"]
+        words = dict(word.split("=") for word in option.split())
+        assert systems(results, {key: [value] for key, value in words.items()}) == [system]
+    assert systems(results, {"shots": ["3"], "protocol.seed": ["1"]}) == ["lda 1"]
+    assert systems(results, {"target": ["hand"]}) == ["rf"]
+    unlabelled = Result(results[1].about | {"protocol.unlabelled": "True"}, results[1].metrics, results[1].tables)
     with pytest.raises(NothingTracked):
-        systems([rows[1] | {"protocol.unlabelled": "True"}], {"shots": ["3"]})
+        systems([unlabelled], {"shots": ["3"]})
     with pytest.raises(InputError, match=r"protocol\.draws"):
-        systems(rows, {"protocol.draws": ["2"]})
+        systems(results, {"protocol.draws": ["2"]})
     with pytest.raises(NothingTracked):
-        systems(rows, {"shots": ["9"]})
+        systems(results, {"shots": ["9"]})
 
 
-def test_a_run_with_a_failed_fold_is_named(folder):
-    failed = {"status": "FAILED"}
-    rows = [folder.run("svm"), folder.run("lda"), folder.run("svm", **failed), folder.run("rf", **failed)]
-    rows.append(folder.run("xgb", **failed, corpus_digest="e" * 64))  # elsewhere
-    kept, (note,) = eligible([pd.DataFrame(rows)], {})
-    assert sorted(kept["system"]) == ["lda", "svm"] and "folds failed: rf." in note
+def test_a_run_with_a_failed_fold_is_named():
+    results = [run("svm"), run("lda"), run("svm", status="FAILED"), run("rf", status="FAILED")]
+    results.append(run("xgb", status="FAILED", corpus_digest="e" * 64))  # elsewhere
+    kept, (note,) = eligible(results, {})
+    assert sorted(systems_of(kept)) == ["lda", "svm"] and "folds failed: rf." in note
     with pytest.raises(NothingTracked, match="folds failed: rf"):
-        systems(rows, {"system": ["rf"]})
+        systems(results, {"system": ["rf"]})
 
 
-def test_a_system_whose_labels_depend_on_the_batch_is_a_candidate_only_if_asked_for(folder):
-    rows = [folder.run("svm"), folder.run("centred", **{"touchbench.depends_on_batch": "true"})]
-    kept, (note,) = eligible([pd.DataFrame(rows)], {})
-    assert list(kept["system"]) == ["svm"] and "centred" in note and "batch=yes" in note
-    kept, notes = eligible([pd.DataFrame(rows)], {}, batch=True)
-    assert sorted(kept["system"]) == ["centred", "svm"] and not notes
-    assert set(candidates(folder, {}, batch=True, runs_of={"cell": kept}).table["system"]) == {"centred †", "svm"}
+def test_a_system_whose_labels_depend_on_the_batch_is_a_candidate_only_if_asked_for():
+    results = [run("svm"), run("centred", **{"touchbench.depends_on_batch": "true"})]
+    kept, (note,) = eligible(results, {})
+    assert systems_of(kept) == ["svm"] and "centred" in note and "batch=yes" in note
+    kept, notes = eligible(results, {}, batch=True)
+    assert sorted(systems_of(kept)) == ["centred", "svm"] and not notes
+    assert set(candidates({"cell": kept}, {}, batch=True).table["system"]) == {"centred †", "svm"}
 
 
 def test_a_model_of_a_file_goes_by_its_file_and_by_its_name(tmp_path):
     names = [str(tmp_path / "mine.py:near"), "svm", str(tmp_path / "svm.py:svm")]
-    runs = pd.DataFrame({"model_name": names, "features_name": "touch"})
+    results = [run(name, model=name, features_name="touch") for name in names]
     for name, row in {"mine.py:near": 0, "near": 0, names[0]: 0, "svm": 1, "svm.svm": 2, "svm.py:svm": 2}.items():
-        assert list(selected(runs, {"model": [name]}).index) == [row], name
+        assert selected(results, {"model": [name]}) == [results[row]], name
     asked = {"model": ["other.py:near", "near", "rf"], "features": ["touch", "balli"]}
-    assert without_runs([runs], asked) == ["features=balli", "model=other.py:near", "model=rf"]
+    assert without_runs([results], asked) == ["features=balli", "model=other.py:near", "model=rf"]

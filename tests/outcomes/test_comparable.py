@@ -1,9 +1,8 @@
 """What makes runs comparable, and the facts of protocols."""
 
-from bench.outcomes.comparable import comparable
-from bench.outcomes.runs import tracked, with_groups
-from bench.outcomes.store import connect
-from tests.reports.store import made_up, tracked_run
+from bench.comparable import comparable
+from bench.outcomes.runs import grouped
+from tests.results import evaluated
 
 
 def test_runs_are_comparable_on_the_same_captures_under_the_same_protocol():
@@ -16,12 +15,11 @@ def test_runs_are_comparable_on_the_same_captures_under_the_same_protocol():
 
 
 def test_runs_on_other_splits_are_never_in_one_group():
-    store = connect()
     label = "10-fold, subjects mixed"
-    named = {"protocol": "kfold[seed=1]", "protocol_label": f"{label}, seed 1"}
-    for about in ({"protocol": "kfold", "protocol_label": label, "protocol.seed": "0"}, named | {"protocol.seed": "1"}):
-        tracked_run(store, "svm · jung54", made_up(), **about)
-    runs = with_groups(tracked(store))
-    assert runs["protocol"].tolist() == ["kfold", "kfold[seed=1]"]
-    assert runs["protocol_label"].tolist() == [label, f"{label}, seed 1"]
-    assert runs["group"].nunique() == 2
+    seeds = [
+        evaluated("svm", protocol="kfold", protocol_label=label, **{"protocol.seed": "0"}),
+        evaluated("svm", protocol="kfold[seed=1]", protocol_label=f"{label}, seed 1", **{"protocol.seed": "1"}),
+    ]
+    assert grouped(seeds) == {
+        f"synth (synthetic), all, {words}": [r] for words, r in zip((label, f"{label}, seed 1"), seeds, strict=True)
+    }

@@ -13,8 +13,9 @@ from scipy.stats import binom
 
 from bench.commands.check import understood
 from bench.errors import InputError
+from bench.options import options
 from bench.outcomes.baseline import Measured, read, text
-from bench.outcomes.gate import LIMITS, compare, drawn, held, interval, p_value, units_of
+from bench.outcomes.gate import compare, drawn, held, interval, p_value, units_of
 from bench.outcomes.results import FoldResult, costs
 
 NAMES = {
@@ -27,6 +28,7 @@ NAMES = {
     "seed": "none",
 }
 HERE = {"cpu": "x", "threads": "1", "version.numpy": "2"}
+LIMITS = {name: options("check")[name].default for name in ("error", "slower")}
 
 
 def measured(right, seed="none", costs=None, environment=HERE, subjects=None, **fields):

@@ -7,10 +7,11 @@ import pandas as pd
 import pytest
 
 from bench.outcomes.ranking import distinct, ranking
-from bench.outcomes.runs import tracked, with_groups
+from bench.outcomes.runs import grouped
 from bench.outcomes.store import connect
 from reports import page
-from tests.reports.store import tracked_run, with_hits
+from tests.reports.store import keep
+from tests.results import evaluated, with_hits
 
 ONE = {"a": [90, 80, 50], "b": [70, 80, 60], "c": [10, 20, 70]}  # accuracy of three people
 TWO = {"a": [40, 40], "b": [60, 40], "c": [50, 30]}
@@ -72,15 +73,14 @@ def test_a_system_without_results_on_a_corpus_is_left_out():
     assert ranking(results(one=ONE)) is None and ranking(results(one=ONE, two={"a": [1, 2]})) is None
 
 
-def test_the_report_ranks_over_corpora_of_different_people(monkeypatch):
-    """The section needs two of them; changed, joined and generated corpora do not count, nor does another protocol."""
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
-    store = connect()
+def corpora():
+    """Results of two systems on corpora, the newest last, and of one system on one of them."""
+    made = []
 
     def run(data, digest, hits, **more):
         for system, extra in (("good", 4), ("bad", 0)):
             about = {"data": data, "corpus_digest": digest * 64, "synthetic": "false"} | more
-            tracked_run(store, system, with_hits([h + extra for h in hits]), **about)
+            made.append(evaluated(system, with_hits([h + extra for h in hits]), **about))
 
     run("copy", "a", [10, 12, 14, 9])  # the newer of equal captures counts
     run("haart", "a", [10, 12, 14, 9])
@@ -88,15 +88,31 @@ def test_the_report_ranks_over_corpora_of_different_people(monkeypatch):
     run("haart+x", "c", [10, 12, 14, 9, 3])
     run("synth", "d", [10, 12], synthetic="true")
     run("other", "e", [10, 12], protocol="kfold", protocol_label="2-fold")
-    assert distinct(with_groups(tracked(store))) == []
+    others = len(made)
+    run("cuddlebot", "f", [5, 8, 16])
+    about = {"data": "cuddlebot", "corpus_digest": "f" * 64, "synthetic": "false"}
+    return made[:others], [*made[others:], evaluated("alone", with_hits([1, 2, 3]), **about)]
+
+
+def test_corpora_of_different_people_are_ranked_together():
+    """Changed, joined and generated corpora do not count, nor does another protocol."""
+    one, another = corpora()
+    assert distinct(grouped(one)) == []
+    ((groups, left_out),) = distinct(grouped([*one, *another]))
+    assert {*groups} == {"haart", "cuddlebot"} and {*left_out} == {"haart-aligned", "haart+x", "copy"}
+
+
+def test_the_report_ranks_over_two_corpora(monkeypatch):
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
+    store = connect()
+    one, another = corpora()
+    for r in one:
+        keep(store, r)
     page.write_report(store, Path("report"))
     assert "Over several corpora" not in Path("report/index.html").read_text()
     assert Path("report/ranking.csv").read_text().startswith("system,mean_rank,")
-
-    run("cuddlebot", "f", [5, 8, 16])
-    tracked_run(store, "alone", with_hits([1, 2, 3]), data="cuddlebot", corpus_digest="f" * 64, synthetic="false")
-    ((groups, left_out),) = distinct(with_groups(tracked(store)))
-    assert {*groups} == {"haart", "cuddlebot"} and {*left_out} == {"haart-aligned", "haart+x", "copy"}
+    for r in another:
+        keep(store, r)
     page.write_report(store, Path("report"))
     text, table = Path("report/comparison.md").read_text(), pd.read_csv("report/ranking.csv")
     assert "## Over several corpora" in text and "align=2:1" in text and "on haart: alone" in text

@@ -3,10 +3,9 @@
 import pandas as pd
 import pytest
 
-from bench.outcomes.runs import tracked, with_groups
 from bench.outcomes.same_wrong import agreement, agreements
 from bench.outcomes.store import connect, exists
-from tests.reports.store import tracked_run
+from tests.results import evaluated
 
 TRUE = {7: "pat", 3: "pat", 5: "rub", 9: "rub"}
 
@@ -42,38 +41,34 @@ def test_agreement_by_hand():
     assert agreement([*FIVE, table([[0.9], [0.9], [0.2]], captures=[7, 3, 5])])["capture"].tolist() == [3, 5, 7]
 
 
-def kept(store, tables):
-    """Store a run of each table, of models m0, m1, ..."""
-    for i, each in enumerate(tables):
-        tracked_run(store, f"m{i}", each)
+def kept(tables):
+    """A result of each table, of models m0, m1, ..."""
+    return [evaluated(f"m{i}", each) for i, each in enumerate(tables)]
 
 
-def listed(store):
-    found = agreements(store, {"all": with_groups(tracked(store))})
-    return [(each.systems, each.same_wrong["capture"].tolist()) for each in found]
+def listed(results):
+    return [(each.systems, each.same_wrong["capture"].tolist()) for each in agreements({"all": results})]
 
 
-def test_five_models_list_and_one_that_differs_removes(store):
-    kept(store, FIVE[:4])
-    tracked_run(store, "m0[x=1]", FIVE[4])  # another system, but no other model
-    assert listed(store) == []
-    tracked_run(store, "m4", FIVE[4])
-    ((systems, captures),) = listed(store)
+def test_five_models_list_and_one_that_differs_removes():
+    results = kept(FIVE[:4])
+    results.append(evaluated("m0[x=1]", FIVE[4]))  # another system, but no other model
+    assert listed(results) == []
+    results.append(evaluated("m4", FIVE[4]))
+    ((systems, captures),) = listed(results)
     assert captures == [7, 9] and sorted(systems) == ["m0", "m1", "m2", "m3", "m4"]
     for seed, pats in ((1, [[0.1]] * 4), (0, [[0.9], [0.9], [0.1], [0.9]])):  # the first seed counts
-        tracked_run(store, "m5", table(pats), seed=seed)
-    ((systems, captures),) = listed(store)
+        results.append(evaluated("m5", table(pats), seed=seed))
+    ((systems, captures),) = listed(results)
     assert captures == [9] and systems[0] == "m5"
 
 
-def test_a_more_accurate_system_of_a_model_and_incomplete_or_batch_runs(store):
-    kept(store, FIVE)
+def test_a_more_accurate_system_of_a_model_and_incomplete_or_batch_runs():
     right = table([[0.9], [0.9], [0.1], [0.1]])
-    tracked_run(store, "cut", right, failed=1)
-    tracked_run(store, "batch", right, **{"touchbench.depends_on_batch": "true"})
-    assert [captures for _, captures in listed(store)] == [[7, 9]]
-    tracked_run(store, "m0[x=1]", right)
-    assert [captures for _, captures in listed(store)] == [[]]
+    results = [*kept(FIVE), evaluated("cut", right, failed=1)]
+    results.append(evaluated("batch", right, **{"touchbench.depends_on_batch": "true"}))
+    assert [captures for _, captures in listed(results)] == [[7, 9]]
+    assert [captures for _, captures in listed([*results, evaluated("m0[x=1]", right)])] == [[]]
 
 
 def test_a_store_is_found_and_not_made(tmp_path, monkeypatch):

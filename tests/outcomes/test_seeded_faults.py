@@ -12,7 +12,7 @@ from bench.corpora.corpus import origin
 from bench.corpora.synth import generate
 from bench.outcomes import scores
 from bench.outcomes.baseline import Measured
-from bench.outcomes.gate import LIMITS, compare
+from bench.outcomes.gate import compare
 from bench.work.fold import decisions
 from features.jung54 import Jung54
 from models.classic.bayes import bayes
@@ -21,7 +21,7 @@ from models.classic.svm import svm
 from models.nets.cnn85 import CNN85
 from models.nets.training import Windows
 from protocols.subjects import LOSO
-from tests.outcomes.test_gate import HERE, NAMES
+from tests.outcomes.test_gate import HERE, LIMITS, NAMES
 
 
 @cache

@@ -7,18 +7,9 @@ import pandas as pd
 import pytest
 from scipy.stats import binomtest
 
-from bench.outcomes.stability import analyse, curves, flipped, half_margins, ranks, seeds, slices
+from bench.outcomes.stability import chance_of, curves, flipped, half_margins, metrics, ranks, seeds, slices, unharmed
 from reports.stability_tables import write
-
-TAGS = {
-    "system": "svm",
-    "seed": "0",
-    "data": "arm",
-    "synthetic": "false",
-    "subset": "all",
-    "target": "gesture",
-    "protocol_label": "LOSO",
-}
+from tests.results import under_stress
 
 
 def made_up(
@@ -60,8 +51,8 @@ def made_up(
     return pd.DataFrame(rows)
 
 
-def found_in(table, **tags):
-    return analyse(TAGS | tags, table).slices.set_index("slice")
+def found_in(table):
+    return under_stress(table).tables["slices"].set_index("slice")
 
 
 @pytest.mark.parametrize(
@@ -210,13 +201,13 @@ def test_ranks_and_seeds_by_hand():
     wrong.loc[(wrong["fault"] == "none") & (wrong["capture"] % 2 == 0), "predicted"] = "else"
     mid = table.assign(predicted=np.where(table["capture"] % 3 > 0, table["true"], "else"))
     mid.loc[mid["fault"] == "none", "predicted"] = "else"
-    methods = [analyse(TAGS | {"system": n}, t) for n, t in (("best", right), ("frail", wrong), ("firm", mid))]
+    methods = [under_stress(t, n) for n, t in (("best", right), ("frail", wrong), ("firm", mid))]
     found = ranks(methods).set_index("fault")
     assert found.loc["none", ["best", "frail", "firm"]].tolist() == [1, 2, 3]
     assert found.loc["noise", ["best", "frail", "firm"]].tolist() == [1, 3, 2]
     assert found.loc["noise", "kendall_tau"] == pytest.approx(1 / 3)  # two of three pairs keep their order
     assert np.isnan(ranks(methods[:1])["kendall_tau"]).all()
-    seeded = [*methods, analyse(TAGS | {"system": "best", "seed": "1"}, mid)]
+    seeded = [*methods, under_stress(mid, "best", seed="1")]
     assert ranks(seeded).columns.tolist() == ["fault", "best", "frail", "firm", "kendall_tau"]
     clean = ranks(seeded).set_index("fault").loc["none", ["best", "frail", "firm"]]
     assert clean.tolist() == [1.5, 1.5, 3]  # all right and all wrong are half, as frail's every other one
@@ -224,7 +215,7 @@ def test_ranks_and_seeds_by_hand():
     again = right.copy()
     changed = again.index[(again["fault"] == "none")][:7]
     again.loc[changed, "predicted"] = "else"
-    (row,) = seeds([analyse(TAGS, right), analyse(TAGS | {"seed": "1"}, again)]).to_dict("records")
+    (row,) = seeds([under_stress(right), under_stress(again, seed="1")]).to_dict("records")
     units = (table["fault"] == "none").sum()
     assert (row["changed"], row["captures"], row["seeds"]) == (7, units, "0, 1")
     assert row["sd"] == pytest.approx(7 / units / np.sqrt(2)) and seeds(methods).empty
@@ -233,22 +224,41 @@ def test_ranks_and_seeds_by_hand():
 def test_length_and_training_subjects():
     table = made_up(length=lambda rng: int(rng.integers(1, 200)))
     fewer = table[table["fault"] == "none"].assign(train_subjects=3, predicted="else")
-    one = analyse(TAGS, pd.concat([table, fewer], ignore_index=True))
-    frames = one.conditions[one.conditions["factor"] == "frames"]
-    assert len(frames) == 5 and frames["captures"].sum() == one.units["capture"].nunique()
+    tables = (one := under_stress(pd.concat([table, fewer], ignore_index=True))).tables
+    frames = tables["conditions"][tables["conditions"]["factor"] == "frames"]
+    units = unharmed(tables["stress"])
+    assert len(frames) == 5 and frames["captures"].sum() == units["capture"].nunique()
     ends = sorted(tuple(map(int, value.split(" to "))) for value in frames["value"])
     assert all(high < low for (_, high), (low, _) in zip(ends[:-1], ends[1:], strict=True))
-    assert one.learning["train_subjects"].tolist() == [3, 9] and one.learning["accuracy"].tolist() == [0, one.clean]
-    assert one.clean == pytest.approx(
+    assert tables["learning"]["train_subjects"].tolist() == [3, 9]
+    assert tables["learning"]["accuracy"].tolist() == [0, one["accuracy"]]
+    assert one["accuracy"] == pytest.approx(
         (table.query("fault == 'none'")["true"] == table.query("fault == 'none'")["predicted"]).mean()
     )
-    assert one.chance == 0.25 and "frames" not in set(analyse(TAGS, made_up()).conditions["factor"])
+    assert one["chance"] == chance_of(units) == 0.25
+    assert "frames" not in set(under_stress(made_up()).tables["conditions"]["factor"])
 
 
 @pytest.mark.parametrize("subjects", [1, 3])
 def test_everything_is_written_for_few_subjects_without_faults_and_marked_synthetic(subjects, tmp_path):
     table = made_up(subjects=subjects, faults=()).assign(length=50)
-    one = analyse(TAGS | {"synthetic": "true", "system": "svm[C=8 | x]"}, table)
-    paths = write([one], tmp_path / "out")
+    paths = write([under_stress(table, "svm[C=8 | x]")], tmp_path / "out")
     assert {p.name for p in paths} == {p.name for p in (tmp_path / "out").iterdir()}
     assert "(synthetic)" in (tmp_path / "out" / "stability.md").read_text()
+
+
+def test_numbers_of_a_run_are_those_of_its_tables():
+    one = under_stress(made_up(accuracy=0.8, failing=lambda r: 0.1 if r["severity"] > 3 else None))
+    by_fault, tables = one.tables["faults"].set_index(["fault", "severity"]), one.tables
+    assert one["accuracy.noise.4"] == by_fault.loc[("noise", 4), "accuracy"]
+    margins = tables["margins"].set_index("fault")
+    assert one["loss.noise"] == margins.loc["noise", "loss"] == by_fault.loc["noise", "loss"].mean()
+    assert one["half_margin.noise"] == margins.loc["noise", "half_margin"]
+    subjects = tables["conditions"].query("factor == 'subject'")
+    assert one["worst.subject"] == subjects["accuracy"].min()
+    assert (one["failing_slices"], one["tested_slices"]) == (
+        tables["slices"]["failing"].sum(),
+        tables["slices"]["tested"].sum(),
+    )
+    firm = {**tables, "margins": tables["margins"].assign(half_margin=np.inf)}
+    assert not any(name.startswith("half_margin.") for name in metrics(firm))

@@ -15,6 +15,7 @@ from bench.work.evaluation import Evaluation
 from bench.work.stream import Stream
 from bench.work.stress import Stress
 from bench.work.tracking import key_of
+from protocols import transfer
 
 ROOT = Path(source.__file__).parent.parent
 KINDS = {"run": Evaluation(), "stress": Stress((FAULTS["noise"],)), "stream": Stream()}
@@ -71,7 +72,16 @@ def code(text):
         ("bench/outcomes/stopping.py", code, {"stream"}),
         ("bench/outcomes/stability.py", code, {"stress"}),
         ("bench/outcomes/store.py", code, set()),
+        ("bench/outcomes/tables.py", code, set()),
+        ("bench/outcomes/resampling.py", code, {*KINDS}),
+        ("bench/measures.py", lambda text: text.replace(b'"flash kB"', b'"kB of flash"'), set()),  # a caption
+        ("bench/measures.py", code, set()),
+        ("bench/table.py", code, set()),
+        ("bench/result.py", code, set()),
+        ("bench/comparable.py", code, set()),
+        ("bench/usual.py", code, {"stress"}),
         ("bench/work/evaluation.py", code, {"run"}),
+        ("bench/work/stress.py", code, {"stress"}),
         ("bench/corpora/faults.py", code, {"stress"}),
         ("bench/work/loop.py", code, set()),
         ("bench/work/replay.py", code, {"stream"}),
@@ -85,6 +95,15 @@ def test_a_change_of_code_makes_those_runs_stale_that_depend_on_it(file, edit, s
     before = {name: key(kind) for name, kind in KINDS.items()}
     changed(file, edit)
     assert {name for name, kind in KINDS.items() if key(kind) != before[name]} == stale
+
+
+def test_no_protocol_depends_on_help_or_on_costs(changed):
+    before = source.source_digest(transfer)
+    for file in ("bench/options.py", "bench/arguments.py", "bench/measures.py"):
+        changed(file, code)
+        assert source.source_digest(transfer) == before
+    changed("bench/amounts.py", code)
+    assert source.source_digest(transfer) != before
 
 
 def test_a_searched_run_depends_on_the_search_and_its_selection(changed):

@@ -106,8 +106,8 @@ def test_searches_and_unions_over_captures_run(evaluated):
     union = make_pipeline(FeatureUnion([("a", Jung28()), ("b", Jung28())]), SVC())
     search = GridSearchCV(make_pipeline(Jung28(), SVC()), {"svc__C": [1, 2]}, cv=2)
     for outcome in evaluated(union, search):
-        assert len(outcome.results) == 3 and outcome.tags["features"] == "raw frames"
-        assert "touchbench.arguments" not in outcome.tags  # an object cannot be typed
+        assert outcome.folds == "3/3" and outcome["features"] == "raw frames"
+        assert "touchbench.arguments" not in outcome  # an object cannot be typed
     assert list(contract.features(make_pipeline(Jung28(), SVC()))) == ["jung28"]
 
 

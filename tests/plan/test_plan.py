@@ -10,6 +10,7 @@ from sklearn.model_selection import GroupKFold, KFold, PredefinedSplit
 
 from bench.arguments import KEYS, PARTS, parse
 from bench.errors import InputError
+from bench.options import keys
 from bench.plan.cells import Part, cells
 from bench.plan.plan import Fold, Plan, folds_of, planned, shared_ratio
 from bench.registry import load, names, parameters, required
@@ -140,7 +141,7 @@ def test_the_seed_of_a_feature_set_is_that_of_the_run_or_named():
 
 
 def test_commands_that_search_make_the_same_search_again(monkeypatch):
-    from bench.commands import choose, smallest, tune
+    from bench.commands import smallest, tune
     from bench.work.evaluation import Evaluation
 
     made = []
@@ -156,7 +157,7 @@ def test_commands_that_search_make_the_same_search_again(monkeypatch):
         ("model=rf features=hughes36 over=trees model.trees=5,10 seed=2 protocol=kfold protocol.seed=3", "choose"),
     ):
         search = {"tune": tune.searched, "choose": smallest.smallest}[verb]
-        known = {"tune": tune.KEYS, "choose": choose.KEYS}[verb]
+        known = keys(verb)
         search(parse(line.split(), known))
         (cell, *_) = made[-1]
         assert Evaluation().command(cell) == verb

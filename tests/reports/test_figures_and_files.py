@@ -11,9 +11,9 @@ import pytest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import survey
 from bench.errors import InputError
-from reports import corpus_page, details, speed
+from bench.table import write_sheet
+from reports import corpus_page, details, figures, speed
 from reports.provenance import command
-from reports.spreadsheet import write_sheet
 from tests.conftest import random_corpus
 from tests.reports.store import made_up
 
@@ -31,6 +31,26 @@ def test_front_by_a_plain_loop():
     expected = {(c, a) for c, a, b in zip(cost, accuracy, beaten, strict=True) if not b and np.isfinite(c)}
     on = speed.front(cost, accuracy)
     assert {(cost[i], accuracy[i]) for i in on} == expected and (np.diff(cost[on]) > 0).all()
+
+
+def test_the_chart_marks_the_choice_budgets_and_what_they_rule_out(tmp_path):
+    names = ["a<b", *(f"s{i}" for i in range(20))]
+    points = pd.DataFrame({"name": names, "kind": "other", "verdict": "v", "chosen": False, "out": False})
+    points = points.assign(accuracy=[90.0, *np.linspace(50, 80, 20)], low=[80.0, *[45.0] * 20], high=99.0)
+    points = points.assign(flash=range(1, 22), worst_person=[0.0, *range(10, 30)], ram=np.nan)
+    points.loc[0, "chosen"], points.loc[20, "out"] = True, True
+    figure, caption = speed.speed_chart("g", points, ["flash", "ram", "worst_person"], {"flash": 20.5}, left=3)
+    flash, worst = [ax for ax in figure.axes if ax.axison]
+    assert (flash.get_xscale(), worst.get_xscale()) == ("log", "linear") and worst.get_xlim()[0] < 0
+    assert flash.get_ylim()[0] < 45 and flash.get_ylim()[1] > 99  # no interval is cut off
+    assert {t.get_text() for t in flash.texts} == {"choice: a<b", "budget 20.5 kB"}  # the only one on the front
+    assert [line.get_alpha() for line in flash.lines if line.get_gid()].count(0.35) == 1
+    assert all(words in caption for words in ("Ring", "Dashed", "Pale", "3 less accurate"))
+    figures.save(figure, tmp_path, "c", "g", caption)
+    titles = re.findall("<title>(.*?)</title>", (tmp_path / "c.svg").read_text())
+    assert len(titles) == 2 * 21 and "a&lt;b: 90.0 [80.0, 99.0] %, 1 kB; v" in titles
+    few = speed.speed_chart("g", points[:16], ["flash"], {})[0].axes[0]
+    assert len(few.texts) == 16
 
 
 def test_calibration_by_a_plain_loop():

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.outcomes.comparable import MARK
+from bench.comparable import MARK
 from reports.latex import escaped, latex
 
 
@@ -53,10 +53,10 @@ def test_each_comparison_is_a_table_with_its_numbers_its_best_and_its_p():
     assert [r["accuracy"] for r in captures] == ["90.0", r"\textbf{85.0}", "80.0"] and windows[0]["accuracy"] == "70.0"
     assert [r[r"95\,\% interval"] for r in captures] == ["40.0--60.1", "40.0--60.1", "--"]
     assert [r["$p$ (Holm)"] for r in captures] == ["--", "--", "$<$ 0.001"] and "$p$ (Holm)" not in windows[0]
-    assert (captures[0]["kB"], captures[0]["ms"], captures[0]["SD"]) == ("4.0", "1.5", "2.0")
+    assert (captures[0]["kB"], captures[0]["ms"], captures[0]["SD"]) == ("4", "1.50", "2.0")
     for fact in (
         r"my\_arm",
-        r"a \textless{} 50 \% \#1",
+        r"a $<$ 50 \% \#1",
         "48 captures of 4 subjects",
         r"against b \& co",
         r"$^\dagger$",

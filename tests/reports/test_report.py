@@ -1,7 +1,6 @@
 """The report as a whole: golden tables of one store that holds what real ones hold, and what the page must not do."""
 
 import html
-import os
 import re
 import shutil
 import socket
@@ -13,16 +12,17 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
+from bench.comparable import BATCH, CONDITIONS, MARK
 from bench.errors import InputError
 from bench.leaderboard.tasks import HAART
-from bench.outcomes.comparable import BATCH, CONDITIONS, MARK
-from bench.outcomes.runs import independent, tracked, with_groups
+from bench.outcomes.runs import grouped
 from bench.outcomes.store import connect
-from reports import candidates, page, watching, what_if
-from reports.comparison import comparison, published
-from tests.reports.store import WATCHED, made_up, streamed, stressed, tracked_run, watched, with_hits
+from reports import candidates, page, watching
+from reports.comparison import comparison, published, shown
+from tests.reports.store import keep, tracked_run
+from tests.results import WATCHED, evaluated, made_up, result, streamed, stressed, watched, with_hits
 
-GOLDEN = Path(__file__).parent / "golden"  # TOUCHBENCH_GOLDEN=write writes it anew: read the difference
+GOLDEN = Path(__file__).parent / "golden"  # pytest --golden writes it anew: read the difference
 HOSTILE = 'svm[x=<script>alert(1)</script>|"&*_] · `a`'
 ON_HAART = {"data": "haart", "synthetic": "false"}
 LOSO = ON_HAART | {"corpus_digest": HAART, "protocol_label": "LOSO (10 subjects)"}
@@ -59,32 +59,36 @@ def folder(tmp_path_factory, empty_store):
         tracked_run(store, "ta2015_rf[trees=9]", made_up(3, seed=1), official_split="false", **challenge)
         tracked_run(store, "gaus2015_rf", made_up(8), failed=2, **challenge)
         tracked_run(store, HOSTILE, made_up(7), subset="variant == 'rough'")
-        stressed(store, "svm", 0.6, {"noise": 0.1, "shift": 0.234}, {"half_margin.shift": 2.25})
-        streamed(store, "svm", accuracy_at_500_ms=0.5)
+        keep(store, stressed("svm", 0.6, {"noise": 0.1, "shift": 0.234}, {"half_margin.shift": 2.25}))
+        keep(store, streamed("svm", metrics={"accuracy_at_500_ms": 0.5}))
         page.write_report(store, Path("report"), {"flash": 50.0})
     return place / "report"
 
 
-def check_golden(name, text):
-    if os.environ.get("TOUCHBENCH_GOLDEN") == "write":
-        GOLDEN.mkdir(exist_ok=True)
-        (GOLDEN / name).write_text(text)
-    assert text == (GOLDEN / name).read_text()
+@pytest.fixture
+def golden(request):
+    """Compare a text with the golden file of a name, or write it."""
+
+    def compared(name, text):
+        if request.config.getoption("golden"):
+            (GOLDEN / name).write_text(text)
+        assert text == (GOLDEN / name).read_text()
+
+    return compared
 
 
-def test_tables_of_markdown_and_latex_are_golden(folder):
+def test_tables_of_markdown_and_latex_are_golden(folder, golden):
     ids = dict.fromkeys(re.findall(r"\b[0-9a-f]{32}\b", (folder / "provenance.csv").read_text()), "ID")
     tables = "\n".join(re.findall(r"(?:^\|.*\n)+", (folder / "comparison.md").read_text(), re.M))
-    check_golden("tables.md", re.sub(r"\b[0-9a-f]{32}\b", lambda m: ids.get(m[0], m[0]), tables))
+    golden("tables.md", re.sub(r"\b[0-9a-f]{32}\b", lambda m: ids.get(m[0], m[0]), tables))
     tables = re.findall(r"\\begin\{tabular\}.*?\\end\{tabular\}", (folder / "comparison.tex").read_text(), re.DOTALL)
-    check_golden("tables.tex", "\n".join(tables) + "\n")
+    golden("tables.tex", "\n".join(tables) + "\n")
 
 
-@pytest.mark.parametrize("name", ["comparison", "published", "statistics", "pairs", "recomputed"])
-def test_csv_files_are_golden(folder, name):
+@pytest.mark.parametrize("name", ["comparison", "published", "statistics", "pairs"])
+def test_csv_files_are_golden(folder, name, request):
     table = pd.read_csv(folder / f"{name}.csv").drop(columns="run_id", errors="ignore")
-    if os.environ.get("TOUCHBENCH_GOLDEN") == "write":
-        GOLDEN.mkdir(exist_ok=True)
+    if request.config.getoption("golden"):
         table.to_csv(GOLDEN / f"{name}.csv", index=False, float_format="%.10g")
     pd.testing.assert_frame_equal(table, pd.read_csv(GOLDEN / f"{name}.csv"), rtol=1e-8, check_dtype=False)
 
@@ -122,9 +126,9 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(folder):
     text = (folder / "index.html").read_text(encoding="utf-8")
     parsed = Parsed(text)
     assert not parsed.open and not parsed.loaded and len(set(parsed.ids)) == len(parsed.ids)
-    assert "<script>alert" not in text and parsed.scripts == 4  # the chart, its data and those of two panels
+    assert "<script>alert" not in text and not parsed.scripts
     assert {link for link in re.findall(r'href="#([^"]+)"', text)} <= set(parsed.ids)
-    assert "default-src 'none'" in text and "http" not in "".join(
+    assert "default-src 'none'; style-src 'unsafe-inline'; img-src data:\"" in text and "http" not in "".join(
         re.findall(r"(?:src|href)\s*=\s*[\"']?([^\"'>]*)", text)
     )
     words = " ".join(" ".join(parsed.words).split())
@@ -138,8 +142,10 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(folder):
 def test_every_part_of_the_page_is_there(folder):
     text = (folder / "index.html").read_text(encoding="utf-8")
     heads = [*re.findall(r'<h2 id="([^"]+)"', text)]
-    wanted = "verdict accuracy-and-cost runs main-results published-numbers early-decisions faults people "
-    wanted += "statistics gestures published-numbers-recomputed provenance"
+    wanted = (
+        "verdict accuracy-and-cost other-budgets runs main-results published-numbers early-decisions faults people "
+    )
+    wanted += "statistics gestures provenance"
     assert heads == wanted.split() and text.index("<nav") > text.index(f'id="{heads[0]}"')
     files = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
     kinds = {Path(f).stem.rsplit("-", 1)[1] for f in files if f.endswith(".svg")}
@@ -152,7 +158,7 @@ def test_every_part_of_the_page_is_there(folder):
 
 def test_continuous_touch_on_the_page(quick, store):
     tracked_run(store, "a", made_up(3))
-    watched(store, HOSTILE, [0.5] * 3, alarms=40.0, latency=1.0)
+    keep(store, watched(HOSTILE, [0.5] * 3, alarms=40.0, latency=1.0))
     page.write_report(store, Path("report"))
     words = " ".join(html.unescape(Path("report/index.html").read_text()).split())
     assert 'id="continuous-touch"' in words and Path("report/figures/0-watch-1.png").exists()
@@ -162,10 +168,10 @@ def test_continuous_touch_on_the_page(quick, store):
 
 def test_the_timeline_shows_touches_reports_and_what_was_missed():
     assert watching.frame_rate(WATCHED, 1.5) == 50  # 90 s of background
-    row = {"system": "$a$", "seed": "0", "data": "d", "synthetic": "false", "subset": "all", "target": "gesture"}
-    row |= {"protocol_label": "LOSO", "predictions": WATCHED, "background_minutes": 1.5, "touches_found": 0.5}
+    numbers = {"background_minutes": 1.5, "touches_found": 0.5, "false_alarms_per_hour": 40.0}
     curve = pd.DataFrame({"offset": [0.0], "missed": [0.5], "false_alarms_per_hour": [40.0]})
-    figure = watching.watching_figure([row | {"curve": curve, "false_alarms_per_hour": 40.0}])
+    one = result("$a$", "watch", numbers, {"predictions": WATCHED, "curve": curve}, synthetic="false")
+    figure = watching.watching_figure([one])
     timeline, curves = figure.axes
     words = {text.get_text() for text in timeline.texts}
     assert words == {"pat", "rub (missed)", "tap → pat", "rub (false alarm)"}
@@ -187,14 +193,18 @@ def test_batch_and_references_in_the_tables(folder):
     assert seeds == sorted(seeds) and set(table["folds"].dropna()) >= {"8/10", "10/10"}
 
 
-def test_numbers_are_those_of_the_predictions(store):
-    tracked_run(store, "a", table := made_up(5, windows=3, seed=4), cost=2.0)
-    row = comparison(store, tracked(store), published()).set_index("combined").loc["mean probability"]
+def test_numbers_are_those_of_the_predictions():
+    one = evaluated("a", table := made_up(5, windows=3, seed=4), cost=2.0)
+    table_of_both = comparison({"g": [one]}, published())
+    row = table_of_both.set_index("combined").loc["mean probability"]
     probabilities = table.groupby("capture")[["p_pat", "p_rub", "p_tap"]].mean()
     hit = probabilities.idxmax(axis=1).str[2:] == table.groupby("capture")["true"].first()
     assert row["accuracy"] == pytest.approx(100 * hit.mean()) and row["low"] <= row["accuracy"] <= row["high"]
     people = hit.groupby(probabilities.index // 100).mean()
     assert row[["subject_mean", "subject_sd"]].tolist() == pytest.approx([100 * people.mean(), 100 * people.std()])
+    on_page = {each["windows combined by"]: each for each in shown(table_of_both, [], []).texts}["mean probability"]
+    assert on_page["accuracy % [95 %]"] == f"{row['accuracy']:.1f} [{row['low']:.1f}, {row['high']:.1f}]"
+    assert on_page["subjects: mean ± SD"] == f"{100 * people.mean():.1f} ± {100 * people.std():.1f}"
     assert (row["flash_bytes"], row["fit_seconds"], row["captures"], row["subjects"]) == (8000, 6, 60, 5)
 
 
@@ -260,58 +270,47 @@ def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypat
     assert files() != before and not left.exists()
 
 
-def test_corpora_of_one_name_newer_runs_and_seeds(store):
-    whole = tracked_run(store, "a", made_up(3), corpus_digest="1" * 64)
-    tracked_run(store, "a", made_up(3), corpus_digest="1" * 64, failed=1)  # newer, and hides no complete one
-    for seed in (10, 9, 100):
-        tracked_run(store, "b", made_up(3), corpus_digest="2" * 64, seed=seed)
-    runs = with_groups(tracked(store))
-    assert {g.rpartition(" ")[2] for g in runs["group"]} == {"1" * 8, "2" * 8}
-    assert runs.loc[runs["system"] == "a", "run_id"].tolist() == [whole]
-    table = comparison(store, runs, published())
+def test_corpora_of_one_name_and_seeds():
+    one = evaluated("a", made_up(3), corpus_digest="1" * 64)
+    seeds = [evaluated("b", made_up(3), corpus_digest="2" * 64, seed=seed) for seed in (10, 9, 100)]
+    groups = grouped([one, *seeds])
+    assert {name.rpartition(" ")[2]: members for name, members in groups.items()} == {"1" * 8: [one], "2" * 8: seeds}
+    table = comparison(groups, published())
     assert table.loc[table["system"] == "b", "seed"].tolist() == ["9", "10", "100"]
 
 
-def verdicts(store, budgets):
-    raw = tracked(store)
-    runs = with_groups(raw)
-    return candidates.considered(store, runs["group"].iloc[0], runs, budgets, {"cell": independent(raw)}), runs
+def verdict(results, budgets):
+    (name, members), *_ = grouped(results).items()
+    return candidates.considered(name, members, {"cell": results}, budgets)
 
 
 def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, capsys):
     """Costs are 4, 40 and 400 kB; the last is far more accurate, so that only a budget makes another the choice."""
+    results = []
     for i, system in enumerate(("svm", "rf", "ta2015_rf[trees=9]")):
-        about = {
-            "touchbench.command": "run",
-            "touchbench.arguments": f'{{"data": "synth", "protocol": "loso", "model": "{system}"}}',
-        }
-        tracked_run(store, system, made_up(8, skill=0.3 + 0.25 * i, seed=i), cost=10.0**i, **about)
+        arguments = f'{{"data": "synth", "protocol": "loso", "model": "{system}"}}'
+        about = {"touchbench.command": "run", "touchbench.arguments": arguments}
+        results.append(evaluated(system, made_up(8, skill=0.3 + 0.25 * i, seed=i), cost=10.0**i, **about))
+        keep(store, results[-1])
     worst = {"flash": 100.0, "worst_person": 100.0}
     cases = (({}, "ta2015_rf[trees=9]"), ({"flash": 100.0}, "rf"), ({"flash": 10.0}, "svm"), (worst, "rf"))
     for budget, system in cases:
-        answer, runs = verdicts(store, budget)
+        answer = verdict(results, budget)
         assert answer.choice.table["system"][answer.choice.chosen] == system in answer.lines[0]
         words = [f"max_{k}={v:g}" + "kB" * (k == "flash") for k, v in budget.items()]
         assert answer.command == " ".join(["bench choose data=synth where=all target=gesture protocol=loso", *words])
         assert main(answer.command.split()[1:]) == 0
         printed = capsys.readouterr().out
         assert all(line in printed for line in answer.lines)
-    answer, runs = verdicts(store, {"flash": 100.0})
-    data = candidates.chart_data([answer], dict(zip(runs["system"], runs["model_name"], strict=True)), published())
-    (group,) = data["groups"]
-    flash = [c.startswith("kB of flash") for c in data["costs"]].index(True)
-    assert [b for b in group["budgets"] if b] == [group["budgets"][flash]] == [100]
+    answer = verdict(results, {"flash": 100.0})
+    models = {r.system: r["model_name"] for r in results}
+    points = candidates.marks(answer, models, {*published()["system"]}).set_index("name")
     least = 100 - min(answer.among.subjects.loc[answer.choice.chosen])
-    assert data["linear"][-1] and [p["x"][-1] for p in group["points"] if p["chosen"]] == [pytest.approx(least, 1e-4)]
-    marks = {p["name"]: (p["chosen"], p["out"], p["kind"], p["x"][flash]) for p in group["points"]}
-    assert marks == {
-        "svm": (False, False, "other", 4.0),
-        "rf": (True, False, "other", 40.0),
-        "ta2015_rf[trees=9]": (False, True, "changed", 400.0),
+    assert points.loc[points["chosen"], "worst_person"].tolist() == pytest.approx([least])
+    assert points[["chosen", "out", "kind", "flash"]].T.to_dict("list") == {
+        "svm": [False, False, "other", 4.0],
+        "rf": [True, False, "other", 40.0],
+        "ta2015_rf[trees=9]": [False, True, "changed", 400.0],
     }
-    (panel,) = what_if.panels(store, [answer], {}).values()
-    assert [len(row["tables"]) for row in panel["rows"]] == [1, 1, 1] and not panel["note"]
-    (panel,) = what_if.panels(store, [answer], {}, most=1000).values()  # as if the page were full
-    assert not any(row["tables"] for row in panel["rows"]) and not panel["classes"] and "0.001 MB" in panel["note"]
-    tracked_run(store, "svm", made_up(8), corpus_digest="e" * 64)
-    assert verdicts(store, {})[0].command == ""  # its words would mean runs on another version of the corpus, too
+    other = evaluated("svm", made_up(8), corpus_digest="e" * 64)
+    assert verdict([*results, other], {}).command == ""  # its words would mean runs on another version of it, too

@@ -8,13 +8,11 @@ import pytest
 from scipy import stats
 
 from bench.cli import main
-from bench.outcomes.runs import of_kinds, tracked
-from reports import new_person
 from reports.fault_curves import contexts, stream_sections, stress_sections
 from reports.new_person import WITHOUT, curve_of, curves_of, enough, new_person_sections
 from reports.run_groups import Group
 from reports.summary import early, shots, told_apart
-from tests.reports.store import made_up, streamed, stressed, tracked_run
+from tests.results import evaluated, made_up, result, streamed, stressed
 
 EVEN, ODD, BOTH = [70, 60] * 6, [60, 70] * 6, {"noise": 0.1, "shift": 0.234}
 
@@ -53,50 +51,56 @@ def test_who_beats_whom(rows, facts, absent):
     assert all(fact in words for fact in facts) and not any(word in words for word in absent)
 
 
-def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lowest_seed(store, tmp_path):
-    stressed(store, "svm", 0.5, BOTH)
-    whole = stressed(store, "svm", 0.6, BOTH, {"half_margin.shift": 2.25})
-    stressed(store, "svm", 0.6, {"noise": 0.3})
-    stressed(store, "svm", 0.9, BOTH, status="FAILED")
-    stressed(store, "svm", 0.9, BOTH, seed="1")
-    forest = stressed(store, "rf", 0.7, {"noise": 0.05})
-    stressed(store, "rf", 0.7, BOTH, subset="cover == 'none'")
-    stressed(store, "rf", 0.7, BOTH, data="synth", synthetic="true")
-    named = contexts(of_kinds(store, ["stress"])["stress"])
+def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lowest_seed(tmp_path):
+    results = [
+        stressed("svm", 0.5, BOTH),
+        whole := stressed("svm", 0.6, BOTH, {"half_margin.shift": 2.25}),
+        stressed("svm", 0.6, {"noise": 0.3}),
+        stressed("svm", 0.9, BOTH, status="FAILED"),
+        stressed("svm", 0.9, BOTH, seed="1"),
+        forest := stressed("rf", 0.7, {"noise": 0.05}),
+        stressed("rf", 0.7, BOTH, subset="cover == 'none'"),
+        stressed("rf", 0.7, BOTH, data="synth", synthetic="true"),
+    ]
+    named = contexts(results)
     (first, runs), *rest = named.items()
-    assert [r["run_id"] for r in runs] == [forest, whole] and first.endswith("only the lowest seed of each system")
+    assert runs == [forest, whole] and first.endswith("only the lowest seed of each system")
     assert ["cover" in name for name, _ in rest] == [True, False] and "(synthetic)" in rest[1][0]
     _, picture, table = stress_sections(named, tmp_path)[0]
     drawn = picture.paths[1].read_text()
     assert all(f">{text}</text>" in drawn for text in ("23", "10", "5", "-", "svm (60 % clean)", "rf (70 % clean)"))
-    row = table.frame.set_index("system").loc["svm"]
+    row = table.shown().set_index("system").loc["svm"]
     assert row["half of the margin is lost at"] == "shift 2.2" and row["failing of tested groups"] == "3 of 40"
-    assert row["worst subject"] == "30.0" and table.frame["system"].tolist() == ["rf", "svm"]
+    assert row["worst subject"] == "30.0" and table.shown()["system"].tolist() == ["rf", "svm"]
 
 
-def test_early_decisions_by_start_and_hop(store, tmp_path):
+def test_early_decisions_by_start_and_hop(tmp_path):
+    results = []
     for start, hop, system in (("onset", "None", "svm"), ("onset", "None", "rf"), ("middle", "125.0", "svm")):
-        streamed(store, system, start, hop, accuracy_at_500_ms=0.5, adaptive_accuracy=0.66 if system == "svm" else 0.6)
-    named = contexts(tracked(store, "stream"))
-    (first, picture, table), (second, *_) = stream_sections(store, named, tmp_path)
-    assert set(table.frame["system"]) == {"rf", "svm"} and picture.paths[0].exists() and "middle" not in first
+        numbers = {"accuracy_at_500_ms": 0.5, "adaptive_accuracy": 0.66 if system == "svm" else 0.6}
+        results.append(streamed(system, start, hop, metrics=numbers))
+    named = contexts(results)
+    (first, picture, table), (second, *_) = stream_sections(named, tmp_path)
+    assert set(table.shown()["system"]) == {"rf", "svm"} and picture.paths[0].exists() and "middle" not in first
     assert "middle" in second and "125.0 ms" in second
-    row = table.frame.set_index("system").loc["svm"]
+    row = table.shown().set_index("system").loc["svm"]
     assert (row["250 ms"], row["500 ms"], row["adaptive"], row["after ms"]) == ("-", "50.0", "66.0", "812")
     assert row["decision ms p50 / p95"] == "1.0 / 2.0"
     words = early(named)
     assert re.findall(r"svm|rf|\b\d+\.\d|\d+ ms", words) == ["svm", "70.0", "66.0", "812 ms"]
-    late = {"here": [run | {"adaptive_ms": 900.0} for run in next(iter(named.values()))]}
+    late = {"here": [streamed("svm", metrics={"adaptive_accuracy": 0.66, "adaptive_ms": 900.0})]}
     assert "66.0" not in early(late) and "saving" in early(late) and early({}) == ""
 
 
-def test_gains_of_shots_are_paired_and_who_loses_is_named(monkeypatch):
+def test_gains_of_shots_are_paired_and_who_loses_is_named():
     by_known = {"0": [80.0, 60.0, 70.0], "2": [90.0, 70.0, 65.0], WITHOUT: [82.0, 58.0, 70.0]}
     shots_of = {"0": ("0", "False"), "2": ("2", "False"), WITHOUT: ("0", "True")}
-    rows = [{"protocol.shots": s, "protocol.unlabelled": u, "of": k, "seed": "0"} for k, (s, u) in shots_of.items()]
-    found = lambda store, row: dict(zip("abc", by_known[row["of"]], strict=True))  # noqa: E731
-    monkeypatch.setattr(new_person, "subject_accuracy", found)
-    long = curve_of(None, pd.DataFrame(rows))
+    results = []
+    for known, (number, unlabelled) in shots_of.items():
+        people = pd.DataFrame({"subject": [*"abc"], "accuracy": np.array(by_known[known]) / 100})
+        about = {"protocol.shots": number, "protocol.unlabelled": unlabelled}
+        results.append(result("s", tables={"per_subject": people}, **about))
+    long = curve_of(results)
     curve = long.set_index("known")
     assert curve.index.tolist() == ["0", WITHOUT, "2"] and curve["accuracy"].tolist() == pytest.approx([70, 70, 75])
     gain = np.array([10.0, 10, -5])
@@ -115,7 +119,8 @@ def test_the_fewest_shots_that_are_enough():
     assert enough(table.assign(**{"1": [81.0, 82, 81]})) == "1"
 
 
-def test_runs_of_a_new_person_become_curves_with_those_that_are_drawn_alike(store, tmp_path):
+def test_runs_of_a_new_person_become_curves_with_those_that_are_drawn_alike(tmp_path):
+    results, others = [], []
     for shots_, unlabelled, draws in (
         ("0", False, 5),
         ("0", True, 5),
@@ -125,17 +130,17 @@ def test_runs_of_a_new_person_become_curves_with_those_that_are_drawn_alike(stor
     ):
         about = {"protocol.shots": shots_, "protocol.unlabelled": unlabelled, "protocol.draws": draws}
         about |= {"protocol.weight": 10, "protocol.seed": 0, "protocol.source": "", "protocol.classes": ""}
-        name = f"personal[{shots_}, {unlabelled}, {draws}]"
-        about |= {"protocol": name, "protocol_label": name}
-        tracked_run(store, "lda", made_up(3, skill=0.5 + 0.1 * int(shots_)), **about)
-    runs = tracked(store).assign(protocol_name="personal")
-    curves = curves_of(store, runs)
+        table, values = made_up(3, skill=0.5 + 0.1 * int(shots_)), f"[{shots_}, {unlabelled}, {draws}]"
+        for protocol, members in (("personal", results), ("loso", others)):
+            name = protocol + values
+            members.append(evaluated("lda", table, **about, protocol=name, protocol_label=name))
+    curves = curves_of(results)
     known = [by_system["lda"]["known"].tolist() for _, by_system in curves]
     assert known == [["0", WITHOUT, "1", "3"], ["0", WITHOUT, "1"]]
-    assert curves_of(store, runs[:1]) == [] == curves_of(store, runs.assign(protocol_name="loso"))
+    assert curves_of(results[:1]) == [] == curves_of(others)
     _, picture, table = new_person_sections(curves, tmp_path)[0]
     assert "Synthetic" in picture.caption and all(path.exists() for path in picture.paths)
-    assert table.frame["gain"][0] == "-" and table.frame["enough"][0] in ("0", "1", "3")
+    assert table.texts[0]["gain"] == "-" and table.texts[0]["enough"] in ("0", "1", "3")
 
 
 @pytest.mark.parametrize("command", ["stress", "stream"])

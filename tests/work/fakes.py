@@ -13,7 +13,8 @@ import pandas as pd
 from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 
-from bench.outcomes.results import Findings, FoldResult, table_of
+from bench.outcomes.results import FoldResult, table_of
+from bench.result import Result
 from bench.work.experiment import Experiment
 
 
@@ -26,7 +27,7 @@ class Memory:
     def create(self, name, tags):
         run_id = str(next(self.ids))
         data = SimpleNamespace(tags=dict(tags), params={}, metrics={})
-        info = SimpleNamespace(run_id=run_id, status="RUNNING", run_name=name)
+        info = SimpleNamespace(run_id=run_id, status="RUNNING", run_name=name, start_time=int(run_id))
         folder = Path(mkdtemp())
         self.runs[run_id] = SimpleNamespace(info=info, data=data, inputs=None, folder=folder)
         return run_id
@@ -72,6 +73,7 @@ class Memory:
 
 
 DONE = []  # (number, fold) in the order in which they were done
+MEASURED = {}  # folds that a run was measured from, by number
 
 
 @dataclass(frozen=True)
@@ -92,8 +94,9 @@ class Echo(Experiment):
         table = pd.DataFrame({"fold": fold.name, "capture": corpus.index[fold.test], "value": 8 / (1 + fold.test)})
         return FoldResult(fold.name, table, {"tested": len(fold.test), "third": 1 / 3}, [0.1], [0.2])
 
-    def findings(self, plan, tags, results):
-        return Findings({"captures": sum(r.metrics["tested"] for r in results)}, {"all.parquet": table_of(results)})
+    def result(self, plan, about, folds):
+        MEASURED[self.number] = folds
+        return Result(about, {"captures": sum(r.metrics["tested"] for r in folds)}, {"all": table_of(folds)})
 
 
 class Level(ClassifierMixin, BaseEstimator):

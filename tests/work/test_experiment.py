@@ -7,11 +7,14 @@ from typing import ClassVar
 import pandas as pd
 import pytest
 
-from bench.commands.printing import show
+from bench.commands.printing import runs_table, show
 from bench.errors import InputError
+from bench.measures import Measure, percent
 from bench.outcomes import scores
-from bench.outcomes.results import Findings, FoldResult, table_of
+from bench.outcomes.results import FoldResult, table_of
+from bench.outcomes.runs import stored
 from bench.plan.cells import cells
+from bench.result import Result
 from bench.work.experiment import Experiment
 from bench.work.fold import computing, decisions
 from bench.work.loop import execute, prepared
@@ -25,6 +28,7 @@ class Learning(Experiment):
     kind: ClassVar[str] = "learning"
     fold_kind: ClassVar[str] = "learning_fold"
     heading: ClassVar[str] = "Accuracy in percent by training captures of each class"
+    shown: ClassVar[tuple[Measure, ...]] = tuple(percent(str(n), read=f"accuracy.{n}", spare=n) for n in (1, 2, 3))
     columns: ClassVar[frozenset[str]] = frozenset({"each"})
 
     counts: tuple[int, ...] = (1, 2)
@@ -46,15 +50,12 @@ class Learning(Experiment):
                 tables.append(decisions(estimator, corpus, fold.name, fold.test).assign(each=each))
         return FoldResult(fold.name, pd.concat(tables, ignore_index=True))
 
-    def findings(self, plan, tags, results):
-        captures = {each: scores.captures(part) for each, part in table_of(results).groupby("each")}
+    def result(self, plan, about, folds):
+        captures = {each: scores.captures(part) for each, part in table_of(folds).groupby("each")}
         rows = [{"each": each, "accuracy": (t["true"] == t["predicted"]).mean()} for each, t in captures.items()]
         metrics = {f"accuracy.{row['each']}": row["accuracy"] for row in rows}
-        tables = {"predictions.parquet": table_of(results), "curve.csv": pd.DataFrame(rows)}
-        return Findings(metrics | {"accuracy": rows[-1]["accuracy"]}, tables)
-
-    def row(self, metrics):
-        return {str(each): f"{100 * metrics[f'accuracy.{each}']:.1f}" if metrics else "-" for each in self.counts}
+        tables = {"predictions": table_of(folds), "curve": pd.DataFrame(rows)}
+        return Result(about, metrics | {"accuracy": rows[-1]["accuracy"]}, tables)
 
 
 SMALL = {"model": "bayes", "data.subjects": "4", "data.variants": "normal", "data.repetitions": "2"}
@@ -65,13 +66,18 @@ def done(**options):
 
 
 def test_it_runs_is_tracked_and_printed(capsys):
-    (outcome,) = done()
-    assert show([outcome]) == 0
+    (result,) = done()
+    assert show([result], Learning) == 0
     out = capsys.readouterr().out
+    (texts,) = runs_table([result], Learning).texts
+    assert [*texts] == ["system", "1", "2", "folds"]  # no run has three, so there is no such column
+    assert texts["2"] == f"{100 * result['accuracy.2']:.1f}" and texts["2"] in out
     assert Learning.heading in out and "4/4" in out and "synthetic" in out
     store, (run,) = runs("learning")
     assert run.info.status == "FINISHED" and run.data.params["learning.counts"] == "(1, 2)"
-    curve = pd.read_csv(store.fetched(run.info.run_id, "curve.csv"))
+    (again,) = stored(store, "learning")
+    assert again.metrics == result.metrics and again.comparable == result.comparable
+    curve = again.tables["curve"]
     assert curve["each"].tolist() == [1, 2]
     assert curve["accuracy"].iloc[-1] == pytest.approx(run.data.metrics["accuracy"])
     done()

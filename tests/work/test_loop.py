@@ -18,7 +18,7 @@ from bench.work.loop import Interrupted, execute, prepared
 from bench.work.machine import Machine
 from bench.work.workers import Done
 from tests.conftest import InProcess, predictions, runs
-from tests.work.fakes import DONE, Echo, Memory
+from tests.work.fakes import DONE, MEASURED, Echo, Memory
 from tests.work.wayward import Wayward
 
 SMALL = ["data.subjects=4", "data.variants=normal", "jobs=2"]
@@ -77,27 +77,28 @@ def todo(plan, *numbers):
 
 
 def tables(outcomes):
-    return [outcome.findings.tables["all.parquet"] for outcome in outcomes]
+    return [outcome.tables["all"] for outcome in outcomes]
 
 
 @pytest.mark.parametrize("workers", [Workers, Several])
 def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protocol(workers, store, plan, monkeypatch):
     monkeypatch.setattr(loop, "Processes", workers)
     outcomes = execute(todo(plan, 0, 1, 2))
-    assert [o.experiment.number for o in outcomes] == [0, 1, 2] and store.statuses() == ["FINISHED"] * 3
-    assert [r.name for o in outcomes for r in o.results] == ["1", "2", "3", "4"] * 3
+    assert [o["echo.number"] for o in outcomes] == ["0", "1", "2"] and store.statuses() == ["FINISHED"] * 3
+    assert [r.name for number in range(3) for r in MEASURED[number]] == ["1", "2", "3", "4"] * 3
     assert sorted(DONE) == [(n, f) for n in range(3) for f in "1234"] and len(store.runs) == 3 + 12
     assert (Workers.most > 1) == workers.overlap
     for outcome, table in zip(outcomes, tables(outcomes), strict=True):
         assert table["capture"].tolist() == [int(i) for i in plan.corpus.index]
-        assert outcome.metrics == {"captures": len(plan.corpus)} and not outcome.errors
+        assert table["fold"].unique().tolist() == ["1", "2", "3", "4"] and outcome.complete and not outcome.errors
+        assert outcome.metrics == {"captures": len(plan.corpus), "folds": 4, "folds_failed": 0}
 
 
 def test_the_same_run_twice_in_one_command_is_computed_once(store, plan, monkeypatch, capsys):
     monkeypatch.setattr(loop, "Processes", Several)
     outcomes = execute(todo(plan, 0, 0, 1))
     assert sorted(DONE) == [(n, f) for n in (0, 1) for f in "1234"] and len(store.parents("echo")) == 2
-    assert outcomes[0].run_id == outcomes[1].run_id != outcomes[2].run_id
+    assert outcomes[0]["run_id"] == outcomes[1]["run_id"] != outcomes[2]["run_id"]
     assert re.search(r"all 4 folds .*stored", capsys.readouterr().err)
 
 
@@ -113,18 +114,19 @@ def test_what_is_cut_off_goes_on_and_ends_the_same(workers, how, error, store, p
     monkeypatch.setattr(Workers, "stop", -1)
     resumed = execute(todo(plan, 0, 1))
     assert len(DONE) == 8 and len({*DONE}) == 8 and store.statuses() == ["FINISHED"] * 2
+    folds = {**MEASURED}
     monkeypatch.setattr(loop, "connect", Memory)
-    for a, b in zip(resumed, execute(todo(plan, 0, 1)), strict=True):
-        assert a.findings.tables["all.parquet"].equals(b.findings.tables["all.parquet"])
-        assert [vars(r) | {"predictions": 0, "seconds": 0, "scored": 0} for r in a.results] == [
-            vars(r) | {"predictions": 0, "seconds": 0, "scored": 0} for r in b.results
+    for number, (a, b) in enumerate(zip(resumed, execute(todo(plan, 0, 1)), strict=True)):
+        assert a.tables["all"].equals(b.tables["all"]) and a.metrics == b.metrics
+        assert [vars(r) | {"predictions": 0, "seconds": 0, "scored": 0} for r in folds[number]] == [
+            vars(r) | {"predictions": 0, "seconds": 0, "scored": 0} for r in MEASURED[number]
         ]
 
 
 def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(store, plan, monkeypatch, capsys):
     monkeypatch.setattr(Echo, "fails", {"2": SystemExit("enough"), "3": ValueError("not finite")})
     (outcome,) = execute(todo(plan, 0))
-    assert [r.name for r in outcome.results] == ["1", "4"] and set(outcome.errors) == {"2", "3"}
+    assert [r.name for r in MEASURED[0]] == ["1", "4"] and not outcome.complete and set(outcome.errors) == {"2", "3"}
     assert "ValueError: not finite" in open(outcome.errors["3"]).read()
     (run,) = store.parents("echo")
     assert run.info.status == "FAILED" and (run.data.metrics["folds"], run.data.metrics["folds_failed"]) == (2, 2)
@@ -142,7 +144,7 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
     assert DONE == [(0, "2"), (0, "3")] and not outcome.errors and store.statuses() == ["FINISHED"]
     monkeypatch.setattr(Echo, "fails", {f: ValueError() for f in "1234"})
     (outcome,) = execute(todo(plan, 1))
-    assert outcome.findings is None and outcome.metrics == {} and store.statuses()[1] == "FAILED"
+    assert not outcome.scored and outcome.metrics == {"folds": 0, "folds_failed": 4} and store.statuses()[1] == "FAILED"
 
 
 def test_a_run_of_another_process_ends_the_command_after_those_before_it(store, plan, monkeypatch):
@@ -232,7 +234,7 @@ def test_a_run_is_tracked_whole(capsys):
     assert svm.data.metrics["accuracy"] == pytest.approx(right.mean())
     child = store.folds(cnn.info.run_id)[0]
     assert [m.step for m in store.client.get_metric_history(child.info.run_id, "loss")] == [1, 2]
-    files = "predictions.parquet confusion.csv confusion.png confusion.svg per_subject.csv per_class.csv"
+    files = "predictions.parquet confusion.csv confusion.png confusion.svg per_subject.parquet per_class.csv"
     assert {a.path for a in store.client.list_artifacts(svm.info.run_id)} == {*files.split()}
     assert main(["run", "model=svm", *SMALL]) == 0  # the same again computes nothing
     assert "already stored" in capsys.readouterr().err and len(runs("cell")[1]) == 2

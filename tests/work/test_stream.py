@@ -337,7 +337,7 @@ def test_captures_that_cannot_teach_when_to_stop_are_refused_in_words():
             raise InputError("give 99 captures")
 
     plan = SimpleNamespace(cell=cell_of(Demanding), corpus=corpus, folds=[Fold("7", np.arange(12), np.arange(12, 24))])
-    plan.cell.protocol = "loso"
+    plan.cell.protocol, plan.cell.untrained = "loso", Demanding()
     with pytest.raises(InputError, match="^give 99 captures"):
         Stream().refuse(plan)
 
@@ -354,15 +354,15 @@ def test_a_fold_scores_whole_captures_as_bench_run_and_stops_as_it_has_learned(l
     assert metrics["adaptive_accuracy"] == (early["true"] == early["predicted"]).mean()
     assert metrics["adaptive_ms"] == 10 * early["frames"].mean() and result.batch_effects == []
     plan = SimpleNamespace(corpus=corpus)
-    findings = Stream(100.0).findings(plan, {}, [result])
-    assert findings.metrics["accuracy"] == accuracy and findings.metrics["adaptive_ms"] == metrics["adaptive_ms"]
-    assert findings.metrics["mean_ms"] == 10 * corpus.lengths[fold.test].mean()
-    assert findings.metrics["decisions_per_second"] == 1000 / findings.metrics["decide_ms_p95"]
+    run = Stream(100.0).result(plan, {}, [result])
+    assert run.metrics["accuracy"] == accuracy and run.metrics["adaptive_ms"] == metrics["adaptive_ms"]
+    assert run.metrics["mean_ms"] == 10 * corpus.lengths[fold.test].mean()
+    assert run.metrics["decisions_per_second"] == 1000 / run.metrics["decide_ms_p95"]
     by_hand = standing(result.table, 25)  # a quarter of a second at 100 Hz
-    assert findings.metrics["accuracy_at_250_ms"] == (by_hand["true"] == by_hand["predicted"]).mean()
-    assert set(findings.tables) == {"predictions.parquet", "instants.csv", "stopping.csv"}
-    row = Stream(100.0).row(findings.metrics)
-    assert row["whole"] == f"{100 * accuracy:.1f}" and row["after ms"] == f"{metrics['adaptive_ms']:.0f}"
+    assert run.metrics["accuracy_at_250_ms"] == (by_hand["true"] == by_hand["predicted"]).mean()
+    assert set(run.tables) == {"predictions", "instants", "stopping"}
+    row = {measure.name: measure.of(run) for measure in Stream.measures()}
+    assert row["whole"] == f"{100 * accuracy:.1f}" and row["at mean ms"] == f"{metrics['adaptive_ms']:.0f}"
 
 
 def test_a_replay_from_the_middle_sees_no_first_half(leveled):

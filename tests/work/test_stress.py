@@ -115,12 +115,13 @@ def test_metrics_are_those_of_the_table(stressed):
     assert metrics["accuracy.noise.3"] == noisy and metrics["accuracy"] == clean
     tags = {"system": "Level", "seed": "0", "data": "random", "synthetic": "false"}
     tags |= {"subset": "all", "target": "gesture", "protocol_label": "LOSO"}
-    measured = stress.findings(SimpleNamespace(), tags, [result]).metrics
+    run = stress.result(SimpleNamespace(), tags, [result])
+    measured = run.metrics
     assert measured["accuracy.noise.3"] == noisy and measured["accuracy"] == clean
     assert measured["faults_tested"] == 2 and measured["faults_trained"] == 0
     assert {"loss.noise", "loss.early_end", "chance", "failing_slices", "accuracy.train_subjects.2"} <= set(measured)
     worst = max((measured["loss.noise"], "noise"), (measured["loss.early_end"], "early end"))
-    assert stress.row(measured)["worst fault"] == f"{worst[1]} {100 * worst[0]:.1f}"
+    assert {m.name: m.of(run) for m in stress.measures()}["worst fault"] == f"{worst[1]} {100 * worst[0]:.1f}"
     alone = Stress((), (1,)).fold(cell_of(Level), CORPUS, FOLD, 1)  # the learning curve alone
     assert alone.table["fault"].eq("none").all() and set(alone.table["train_subjects"]) == {1, 3}
     assert Stress((), (1,)).arguments() == {"faults": "none", "train_subjects": "1"}

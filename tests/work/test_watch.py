@@ -196,11 +196,12 @@ def test_the_command_stores_what_it_prints_and_goes_on(capsys):
     printed = capsys.readouterr().out
     assert "42" in printed and "3/3" in printed  # 14 gestures of 3 people
     (run,) = runs("watch")[1]
-    touches = pd.read_csv(connect().fetched(run.info.run_id, "touches.csv"))
+    touches = pd.read_parquet(connect().fetched(run.info.run_id, "touches.parquet"))
     metrics = run.data.metrics
     assert len(touches) == metrics["touches"] == 42
     assert touches["found"].mean() == pytest.approx(metrics["touches_found"])
-    label = pd.read_csv(connect().fetched(run.info.run_id, "reports.csv")).drop_duplicates("touch", keep="last")
+    reports = pd.read_parquet(connect().fetched(run.info.run_id, "reports.parquet"))
+    label = reports.drop_duplicates("touch", keep="last")
     label = label[label["touch"] >= 0].set_index("touch")["label"]
     right = sum(touches["gesture"][i] == name for i, name in label.items())
     assert right <= touches["found"].sum() and metrics["end_correct"] <= metrics["touches_found"]

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from bench.corpora.corpus import RESERVED, Corpus
+from bench.corpora.corpus import Corpus, reserved
 from bench.corpora.read.channel_columns import channels_of
 from bench.corpora.read.csv_text import FrameFile
 from bench.corpora.read.frame_rows import capture_starts, check_types, labels_and_values, words_of
@@ -81,7 +81,7 @@ def described(corpus: Corpus, path: Path, warnings: list[str], name: str) -> Cor
         InputError: a condition has a reserved name, or a mark ``synthetic`` is neither true nor false.
     """
     captures = corpus.captures
-    if taken := [name for name in captures if name in RESERVED or name.startswith("p_")]:
+    if taken := reserved(captures):
         name = short(taken[0])
         raise InputError(f"{called(path)}: a condition cannot be called {name}, which predictions need; rename it")
     for label in ("subject", "gesture"):

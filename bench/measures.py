@@ -1,0 +1,520 @@
+"""Measures: every number that is tracked, printed or chosen by, with all that is known of it, once.
+
+A column of a table is a `Measure`. A number by which systems are chosen is a `Cost`; `costs` has them all, also those
+of installed packages (entry points ``touchbench.costs``, each a `Cost`). Budgets, ``by=``, help, scene files, chart
+axes, sentences and columns read them. Nothing heavy is imported, so that help comes at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from bench.amounts import UNITS, quantity
+
+if TYPE_CHECKING:
+    import numpy as np
+
+Row = Mapping[str, Any]  # of a run or of a table: values by name; nan or None for what is unknown
+NONE = "-"  # printed for an unknown value
+
+
+class Interval(NamedTuple):
+    """A number with the ends of its 95 % confidence interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+Cell = float | int | str | Interval | tuple[float | None, ...] | None  # None: unknown
+Form = str | Callable[[float], str]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number of a run, or of a row of a table, and how it is shown.
+
+    Attributes:
+        key: name in tables of numbers (CSV, Python).
+        heading: heading of its column; empty for the key.
+        read: name of the value in a row, several names, or a function of the row; empty for the key.
+        form: format of a number, or a function that writes it.
+        times: factor from the stored to the shown number, such as 100 for percent.
+        per: divisor, such as 1000 for kB. (Division: 90.064 is not 90064 * 0.001.)
+        ends: beginning of the names ``<ends>_low`` and ``<ends>_high`` of its interval; empty without one.
+        join: text between several numbers.
+        left: True for text, which is aligned left.
+        code: True for a command.
+        spare: 0 for a column that every table shows; else a narrow terminal leaves out the highest first, and a column
+            without any value is not shown.
+        latex: its heading in LaTeX; empty for the usual one.
+        shows: outputs that have this column: terminal, page, latex, csv.
+    """
+
+    key: str
+    heading: str = ""
+    read: str | tuple[str, ...] | Callable[[Any], Cell] = ""
+    form: Form = ".1f"
+    times: float = 1.0
+    per: float = 1.0
+    ends: str = ""
+    join: str = " / "
+    left: bool = False
+    code: bool = False
+    spare: int = 0
+    latex: str = ""
+    shows: tuple[str, ...] = ("terminal", "page")
+
+    @property
+    def name(self) -> str:
+        """Heading of its column."""
+        return self.heading or self.key
+
+    def cell(self, row: Row) -> Cell:
+        """Its value in a row, in the shown unit; None if it is unknown."""
+        read = self.read or self.key
+        if callable(read):
+            return known(read(row))
+        if isinstance(read, tuple):
+            values = tuple(self._shown(row.get(name)) for name in read)
+            return None if all(v is None for v in values) else values
+        value = self._shown(row.get(read))
+        if value is None or not self.ends:
+            return value
+        low, high = (self._shown(row.get(f"{self.ends}_{side}")) for side in ("low", "high"))
+        return value if low is None or high is None else Interval(value, low, high)
+
+    def text(self, cell: Cell) -> str:
+        """A value as text."""
+        if cell is None:
+            return NONE
+        if isinstance(cell, str):
+            return cell
+        if isinstance(cell, Interval):
+            return f"{self._number(cell.value)} [{self._number(cell.low)}, {self._number(cell.high)}]"
+        if isinstance(cell, tuple):
+            cell = cell[:1] if all(v is None for v in cell[1:]) else cell  # such as a mean without its SD
+            return self.join.join(NONE if v is None else self._number(v) for v in cell)
+        return self._number(cell)
+
+    def of(self, row: Row) -> str:
+        """Its value in a row as text."""
+        return self.text(self.cell(row))
+
+    def _shown(self, stored: Any) -> Any:
+        value = known(stored)
+        if value is None or isinstance(value, str) or (self.times == 1 and self.per == 1):
+            return value
+        return self.times * value / self.per
+
+    def _number(self, value: float | str) -> str:
+        if isinstance(value, str):
+            return value
+        return format(value, self.form) if isinstance(self.form, str) else self.form(value)
+
+
+def known(value: Any) -> Any:
+    """A value, or None for one that is unknown: None, NaN, or a missing value of pandas."""
+    try:
+        return None if value is None or value != value else value
+    except TypeError:  # pandas.NA is neither equal nor unequal to itself
+        return None
+
+
+def percent(key: str, heading: str = "", read: str = "", **more: Any) -> Measure:
+    """A stored share, shown in percent."""
+    return Measure(key, heading, read, times=100, **more)
+
+
+def text(key: str, heading: str = "", read: str | Callable[[Any], Cell] = "", **more: Any) -> Measure:
+    """Text, aligned left."""
+    return Measure(key, heading, read, left=True, **more)
+
+
+def p_value(value: float) -> str:
+    """A p-value."""
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def whole(value: float) -> str:
+    """A whole number with spaces between the thousands."""
+    return f"{value:,.0f}".replace(",", " ")
+
+
+def three(value: float) -> str:
+    """A number with three digits that count."""
+    return f"{value:.3g}" if value < 100 else whole(value)
+
+
+# Costs: what a system takes, by which systems are chosen.
+
+
+class People(Protocol):
+    """The people of each drawing, from whom a cost may be computed; `bench.outcomes.pick` has them.
+
+    ``drawn`` holds the numbers of the subjects in each drawing, int [drawings, people].
+    """
+
+    def error(self, drawn: np.ndarray, count: int) -> np.ndarray:
+        """100 less the mean of the lowest ``count`` scores in percent, float [drawings, candidates]."""
+
+    def loss(self, drawn: np.ndarray) -> np.ndarray:
+        """Mean points lost under each fault at each severity, float [drawings, candidates, circumstances]."""
+
+    def alarm_rate(self, drawn: np.ndarray) -> np.ndarray:
+        """False alarms per hour of background, float [drawings, candidates]."""
+
+
+@dataclass(frozen=True)
+class Cost(Measure):
+    """A measure by which systems are chosen: what a system takes, loses or raises.
+
+    Its value is read from a run of ``bench run``, unless it depends on which people are counted (`among`).
+
+    Attributes:
+        unit: unit of its amounts. One of `bench.amounts.UNITS` is typed with a unit, any other as a plain number.
+        noun: name in a sentence.
+        words: words behind an amount of it.
+        axis: label of its axis in figures.
+        unknown: reason why it may be unknown.
+        help: help of its budget.
+        better: ``low`` or ``high``: a budget is the most of the former (``max_<key>``), the least of the latter
+            (``min_<key>``).
+        runs: runs that have it: those on ``captures``, or on ``recordings`` alone.
+        watched: False if runs of ``bench watch`` do not have it.
+        stress: True for a loss under faults, which needs runs of ``bench stress``.
+        command: command that measures it, if that is not ``bench run``.
+        among: its amount for drawings of people, from `People` and the numbers of the drawn subjects
+            [drawings, people]: float [drawings, candidates].
+        linear: True for a linear axis in figures.
+        zero: True if 0 is a budget.
+        line: section and key of its budget in a scene file.
+        mirrored: True if that line is the least score instead: 100 less this.
+        column: True for a column of the tables of runs.
+        spare: number of `Measure`; by default a cost is left out before other columns.
+        last: place among the columns of a choice that a narrow terminal leaves out, the highest first.
+    """
+
+    spare: int = 18
+    shows: tuple[str, ...] = ("terminal", "page", "latex", "csv")
+    unit: str = ""
+    noun: str = ""
+    words: str = ""
+    axis: str = ""
+    unknown: str = "it was not measured"
+    help: str = ""
+    better: str = "low"
+    runs: str = "captures"
+    watched: bool = True
+    stress: bool = False
+    command: str = ""
+    among: Callable[[People, np.ndarray], np.ndarray] | None = None
+    linear: bool = False
+    zero: bool = False
+    line: tuple[str, str] = ("", "")
+    mirrored: bool = False
+    column: bool = True
+    last: int = 6
+
+    @property
+    def title(self) -> str:
+        """Its name in tables and verdicts."""
+        return self.key.replace("_", " ")
+
+    @property
+    def budget(self) -> str:
+        """Key of its budget."""
+        return f"{'max' if self.better == 'low' else 'min'}_{self.key}"
+
+    @property
+    def limit(self) -> str:
+        """Words before a budget."""
+        return "at most" if self.better == "low" else "at least"
+
+    @property
+    def extreme(self) -> str:
+        """The best amount in words."""
+        return "lowest" if self.better == "low" else "highest"
+
+    @property
+    def section(self) -> tuple[str, str]:
+        """Section and key of its line in a scene file."""
+        section, key = self.line
+        return section or "budget", key or self.key
+
+    @property
+    def personal(self) -> bool:
+        """True if it depends on which people are counted."""
+        return self.among is not None
+
+    def typed(self, given: object) -> float:
+        """A typed budget.
+
+        Raises:
+            InputError: it is no amount of this cost.
+        """
+        return quantity(self.budget, given, self.unit, self.zero)
+
+    def argument(self, value: float) -> str:
+        """A budget as it is typed."""
+        return f"{self.budget}={value:g}{self.unit if self.unit in UNITS else ''}"
+
+    def burden(self, amount: Any) -> Any:
+        """An amount, or an array of them, turned so that less is better."""
+        return amount if self.better == "low" else -amount
+
+    def amount(self, value: float) -> str:
+        """An amount with its unit, as people read it."""
+        if not abs(value) < float("inf"):
+            return NONE
+        return f"{value:.3g} {self.unit}".rstrip() if value < 100 else f"{value:.0f} {self.unit}".rstrip()
+
+    def apart(self, one: float, other: float) -> tuple[str, str]:
+        """Two amounts with enough digits to differ."""
+        texts, digits = (self.amount(one), self.amount(other)), 4
+        while texts[0] == texts[1] and one != other and digits < 17:
+            texts = (f"{one:.{digits}g} {self.unit}".rstrip(), f"{other:.{digits}g} {self.unit}".rstrip())
+            digits += 1
+        return texts
+
+
+_LOSS = {
+    "last": 0,
+    "unit": "points",
+    "unknown": "losses are of whole captures, in runs of bench stress with all these faults",
+    "stress": True,
+    "command": "stress",
+    "linear": True,
+    "zero": True,
+    "column": False,
+}
+_PERSON = {"unit": "%", "unknown": "a person has no score", "linear": True, "zero": True, "column": False}
+_PERSON |= {"mirrored": True, "last": 0}
+BUILT_IN = (
+    Cost(
+        "flash",
+        "flash kB",
+        "flash_bytes",
+        three,
+        per=1000,
+        unit="kB",
+        noun="flash",
+        words="of flash",
+        axis="kB of flash (learnt and stored numbers; in C, linked code)",
+        unknown="their size cannot be counted",
+        help="largest flash, such as 256kB or 256KiB",
+        spare=0,
+        latex="kB",
+        last=1,
+    ),
+    Cost(
+        "ram",
+        "RAM kB",
+        "ram_bytes",
+        three,
+        per=1000,
+        unit="kB",
+        noun="RAM",
+        words="of RAM",
+        axis="kB of RAM during one decision",
+        unknown="their memory cannot be counted",
+        help="largest RAM, such as 32kB",
+        spare=0,
+        shows=("page", "csv"),
+        last=3,
+    ),
+    Cost(
+        "predict",
+        read="predict_ms_p50",
+        unit="ms",
+        noun="computing time",
+        words="of computing time",
+        axis="ms to compute a label (p50, one thread)",
+        unknown="no timing is available for exported C",
+        help="longest computing time per label on this machine, such as 2ms",
+        column=False,
+        last=4,
+    ),
+    Cost(
+        "decision",
+        read="capture_ms",
+        unit="ms",
+        noun="decision time",
+        words="until the decision",
+        axis="ms of touch before the label",
+        help="longest touch before the decision, such as 1s",
+        watched=False,
+        column=False,
+        last=2,
+    ),
+    Cost(
+        "cycles",
+        read="chip_most_instructions",
+        per=1000,
+        unit="k",
+        noun="instruction count",
+        words="instructions",
+        axis="thousand instructions of the costliest frame in C",
+        unknown="only bench chip counts them",
+        help="most instructions for the costliest frame, such as 600k",
+        watched=False,
+        command="chip",
+        column=False,
+        last=5,
+    ),
+    Cost(
+        "fault_loss",
+        noun="mean loss under faults",
+        words="lost under faults",
+        axis="points lost under faults (mean of all faults and severities)",
+        help="largest mean loss under faults, in points of bench stress",
+        among=lambda people, drawn: people.loss(drawn).mean(axis=2),
+        line=("faults", "loss"),
+        **_LOSS,
+    ),
+    Cost(
+        "worst_fault",
+        noun="loss under the worst fault",
+        words="lost under the worst fault",
+        axis="points lost under the worst fault",
+        help="largest loss under the worst fault and severity, in points",
+        among=lambda people, drawn: people.loss(drawn).max(axis=2),
+        line=("faults", "worst"),
+        **_LOSS,
+    ),
+    Cost(
+        "worst_person",
+        noun="error of the worst person",
+        words="wrong for the worst person",
+        axis="% of captures wrong for the worst person",
+        help="largest error of the worst person, in percent",
+        among=lambda people, drawn: people.error(drawn, 1),
+        line=("people", "worst"),
+        **_PERSON,
+    ),
+    Cost(
+        "worst_tenth",
+        noun="error of the worst tenth of people",
+        words="wrong for the worst tenth of people",
+        axis="% of captures wrong for the worst tenth of people",
+        help="largest error of the worst tenth of people, in percent",
+        among=lambda people, drawn: people.error(drawn, -(-drawn.shape[1] // 10)),
+        line=("people", "worst_tenth"),
+        **_PERSON,
+    ),
+    Cost(
+        "false_alarms",
+        unit="per hour",
+        noun="false-alarm rate",
+        words="of false alarms",
+        axis="false alarms per hour of background",
+        unknown="the recordings have no background",
+        help="false alarms per hour of background; compares runs of bench watch",
+        runs="recordings",
+        among=lambda people, drawn: people.alarm_rate(drawn),
+        line=("stream", "false_alarms"),
+        column=False,
+        last=0,
+    ),
+    Cost(
+        "latency",
+        read="latency_s_p50",
+        times=1000,
+        unit="ms",
+        noun="latency",
+        words="of latency",
+        axis="ms until half of the touches are reported",
+        unknown="no touch was found",
+        help="median latency, such as 1s; compares runs of bench watch",
+        runs="recordings",
+        line=("stream", "latency"),
+        column=False,
+        last=0,
+    ),
+)
+
+
+@cache
+def plugged(group: str) -> list[Any]:
+    """What installed packages add, by the name of a group of entry points: ``costs`` or ``columns``."""
+    return [entry.load() for entry in entry_points(group=f"touchbench.{group}")]
+
+
+@cache
+def costs() -> dict[str, Cost]:
+    """All costs by name: built-in ones, then those of installed packages."""
+    return {cost.key: cost for cost in (*BUILT_IN, *plugged("costs"))}
+
+
+def costs_of(recordings: bool) -> dict[str, Cost]:
+    """The costs of runs of ``bench watch``, or of all others."""
+    return {k: c for k, c in costs().items() if (c.watched if recordings else c.runs != "recordings")}
+
+
+def budgets() -> dict[str, Cost]:
+    """Costs by the key of their budget."""
+    return {cost.budget: cost for cost in costs().values()}
+
+
+def columns(measures: Iterable[Measure], output: str) -> list[Measure]:
+    """The measures that an output shows."""
+    return [measure for measure in measures if output in measure.shows]
+
+
+def framed(measure: Measure) -> Measure:
+    """The measure, read from a table of numbers that `bench.table.Table.frame` made of the columns of CSV files."""
+    if isinstance(measure, Cost) or isinstance(measure.read, tuple):  # these are there as they are stored
+        return measure
+    if "csv" not in measure.shows:  # it is not there; what it reads is
+        return measure
+    return replace(measure, read=measure.key, times=1.0, per=1.0, ends=measure.key if measure.ends else "")
+
+
+def run_columns() -> list[Measure]:
+    """Columns of the tables of evaluations: of the terminal, the page, LaTeX and comparison.csv.
+
+    A new column is an entry here. `reports.comparison.views` gives the rows, one for each way to score a run; a number
+    that the run tracks is read by its name.
+    """
+    page, csv, every = ("page",), ("csv",), ("terminal", "page", "latex", "csv")
+
+    def mean_with_sd(row: Row) -> Cell:
+        mean, sd = (known(row.get(f"subject_{name}")) for name in ("mean", "sd"))
+        return None if mean is None else f"{mean:.1f}" + ("" if sd is None else f" ± {sd:.1f}")
+
+    return [
+        percent(
+            "accuracy", "accuracy %", ends="accuracy", latex="accuracy", shows=("terminal", "page", "latex", "csv")
+        ),
+        Measure("difference", form="+.1f", shows=csv),
+        Measure("p_holm", "p Holm", form=p_value, latex="$p$ (Holm)", spare=1, shows=("page", "latex", "csv")),
+        text("against", shows=csv),
+        text("unit", shows=csv),
+        text("combined", "windows combined by", spare=1, shows=("page", "csv")),
+        text("seed", shows=("page", "csv")),
+        text("source", shows=csv),
+        percent("subject_mean", read="subject_accuracy_mean", shows=csv),
+        percent("subject_sd", "SD", "subject_accuracy_sd", spare=11, shows=("terminal", "latex", "csv")),
+        percent("macro_f1", "macro-F1 %", latex="macro-F1", spare=12, shows=every),
+        percent("macro_precision", shows=csv),
+        percent("window_accuracy", "window accuracy %", spare=13, shows=("terminal",)),
+        Measure("fit_seconds", "fit s", form=".2f", spare=1, shows=("page", "csv")),
+        Measure("predict_ms_p50", "predict ms", form=".2f", latex="ms", shows=("terminal", "latex", "csv")),
+        Measure("predict_ms_p95", shows=csv),
+        *(cost for cost in costs().values() if cost.column),
+        Measure("predict", "predict ms p50 / p95", ("predict_ms_p50", "predict_ms_p95"), ".2f", spare=1, shows=page),
+        Measure("decision_ms", "decision ms", form=".0f", spare=1, shows=("page", "csv")),
+        text("people", "subjects: mean ± SD", mean_with_sd, shows=page),
+        Measure("parameters", form=whole, spare=1, shows=("page", "csv")),
+        Measure("peak_rss_bytes", shows=csv),
+        Measure("captures", form=".0f", shows=csv),
+        Measure("subjects", "n", form=whole, shows=("page", "csv")),
+        text("published", "published %", spare=1, shows=("page", "csv")),
+        *plugged("columns"),
+        text("folds", shows=("page", "csv")),
+        *(text(name, shows=csv) for name in ("run_id", "group", "subset", "data", "protocol")),
+    ]

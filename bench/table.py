@@ -1,0 +1,190 @@
+"""A table: its columns are measures, its rows are results or other values; one path writes it to every output.
+
+`texts` writes the cells once; terminal, Markdown, HTML and LaTeX show these. `frame` has the numbers for CSV and
+Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.measures import NONE, Interval, Measure, Row, text
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+WORDS = 34  # columns of a terminal for text, before it takes more lines rather than the place of another column
+FORMULA = ("=", "+", "-", "@", "\t", "\r")  # begins a formula in a spreadsheet, at the start of a cell
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of values with the measures that are their columns.
+
+    Attributes:
+        columns: measures; a column with ``spare`` that has no value in any row is not shown.
+        rows: values by name.
+        title: heading.
+        bold: numbers of highlighted rows.
+        remarks: footnotes of each row; equal remarks share a number.
+        groups: heading of each row, shared with its neighbours.
+        away: True for each row that is hidden until its switch is on.
+        switch: the words of that switch.
+    """
+
+    columns: Sequence[Measure]
+    rows: Sequence[Row]
+    title: str = ""
+    bold: Collection[int] = ()
+    remarks: list[list[str]] = field(default_factory=list)
+    groups: list[str] = field(default_factory=list)
+    away: list[bool] = field(default_factory=list)
+    switch: str = ""
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @cached_property
+    def texts(self) -> list[dict[str, str]]:
+        """The cells of each row by heading."""
+        every = [{measure.name: measure.of(row) for measure in self.columns} for row in self.rows]
+        empty = [m.name for m in self.columns if m.spare and all(row[m.name] in (NONE, "") for row in every)]
+        return [{name: cell for name, cell in row.items() if name not in empty} for row in every]
+
+    @cached_property
+    def headings(self) -> list[str]:
+        """Headings of the shown columns."""
+        return [*self.texts[0]] if self.texts else [measure.name for measure in self.columns]
+
+    @cached_property
+    def code(self) -> set[str]:
+        """Headings of columns that hold commands."""
+        return {measure.name for measure in self.columns if measure.code}
+
+    @cached_property
+    def notes(self) -> list[str]:
+        """The footnotes, numbered from 1."""
+        return list(dict.fromkeys(note for row in self.remarks for note in row))
+
+    @cached_property
+    def shown_notes(self) -> set[int]:
+        """Numbers of the footnotes of rows that need no switch."""
+        return {mark for line in self.lines if not line["away"] for mark in line["marks"]}
+
+    @cached_property
+    def lines(self) -> list[dict[str, Any]]:
+        """Each row for templates: its cells by heading, its group, the numbers of its footnotes, whether it is away."""
+        n = len(self.rows)
+        remarks, groups, away = self.remarks or [[]] * n, self.groups or [""] * n, self.away or [False] * n
+        marks = [[self.notes.index(note) + 1 for note in row] for row in remarks]
+        names = ("cells", "group", "marks", "away")
+        return [dict(zip(names, row, strict=True)) for row in zip(self.texts, groups, marks, away, strict=True)]
+
+    def print(self, out: Console) -> None:
+        """Print it so that it fits; headings of columns without room follow below it."""
+        from rich.cells import cell_len
+        from rich.markup import escape
+        from rich.table import Table as Grid
+
+        names, left = [*self.headings], {m.name for m in self.columns if m.left}
+        spare = sorted((m for m in self.columns if m.spare and m.name in names), key=lambda m: -m.spare)
+        wide = {n: max(cell_len(cell) for cell in (n, *(row[n] for row in self.texts))) for n in names}
+        wide |= {n: min(wide[n], WORDS) for n in left if n in wide}  # words go on in the next line
+        dropped: list[str] = []
+        for measure in spare:
+            if sum(wide[n] + 3 for n in names) + 1 <= out.width:
+                break
+            names.remove(measure.name)
+            dropped.append(measure.name)
+        grid = Grid()
+        for name in names:
+            grid.add_column(escape(name), justify="left" if name in left else "right", overflow="fold")
+        for i, row in enumerate(self.texts):  # rich would take svm[C=8.0] for markup
+            grid.add_row(*(escape(row[n]) for n in names), style="bold" if i in self.bold else None)
+        out.print(self.title, style="bold", markup=False, highlight=False)
+        out.print(grid)
+        if dropped:
+            needed = sum(wide[n] + 3 for n in [*names, *dropped]) + 1
+            words = f"columns left out: {', '.join(dropped)}; a terminal of {needed} columns shows them"
+            out.print(words, style="dim", markup=False, highlight=False)
+
+    def frame(self) -> pd.DataFrame:
+        """The numbers by key; an interval takes three columns, ``<key>``, ``<key>_low`` and ``<key>_high``."""
+        import pandas as pd
+
+        rows = []
+        for row in self.rows:
+            values: dict[str, Any] = {}
+            for measure in self.columns:
+                cell = measure.cell(row)
+                if isinstance(cell, Interval):
+                    values |= {
+                        measure.key: cell.value,
+                        f"{measure.key}_low": cell.low,
+                        f"{measure.key}_high": cell.high,
+                    }
+                elif isinstance(cell, tuple) and isinstance(measure.read, tuple):
+                    values |= dict(zip(measure.read, cell, strict=True))
+                else:
+                    values[measure.key] = cell
+            rows.append(values)
+        return pd.DataFrame(rows, columns=None if rows else [m.key for m in self.columns])
+
+    def csv(self, path: Path) -> Path:
+        """Write the numbers as CSV for people (`write_sheet`)."""
+        write_sheet(self.frame(), path)
+        return path
+
+    def shown(self) -> pd.DataFrame:
+        """The cells as text."""
+        import pandas as pd
+
+        return pd.DataFrame(self.texts, columns=self.headings)
+
+
+def of_text(frame: pd.DataFrame, code: Collection[str] = (), **more: Any) -> Table:
+    """A table of text as it is.
+
+    Args:
+        frame: text by heading.
+        code: headings of columns that hold commands.
+        more: further attributes of `Table`.
+    """
+    columns = [text(str(name), str(name), code=name in code) for name in frame]
+    rows = [dict(zip(map(str, frame), row, strict=True)) for row in frame.values.tolist()]
+    return Table(columns, rows, **more)
+
+
+def write_sheet(table: pd.DataFrame, path: Path, float_format: str | None = None) -> None:
+    """Write a table for people; a text or a heading that would start a formula is led by an apostrophe.
+
+    Numbers stay as they are. What programs read back (artifacts of runs, features, exported corpora) is not written
+    here, as there the apostrophe would be wrong.
+    """
+    from pandas.api.types import is_numeric_dtype
+
+    harmless = table.apply(lambda column: column if is_numeric_dtype(column) else column.map(_harmless))
+    harmless.rename(columns=_harmless).to_csv(path, index=False, float_format=float_format)
+
+
+def _harmless(value: object) -> object:
+    return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) and not _numeric(value) else value
+
+
+def _numeric(value: str) -> bool:
+    """A number typed as text, such as -1.5, calculates nothing; a dash alone stands for nothing in our tables."""
+    try:
+        float(value)
+    except ValueError:
+        return value == "-"
+    return True
+
+
+def rows_of(table: pd.DataFrame) -> list[Row]:
+    """The rows of a DataFrame."""
+    return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]

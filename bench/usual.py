@@ -1,0 +1,6 @@
+"""Values that several parts share, once."""
+
+CLEAN = "none"  # the fault of captures without one
+SEVERITIES = 5  # of each fault
+FALSE_ALARMS = 5.0  # per hour of background, which bench watch accepts on training subjects unless told otherwise
+NO_TOUCH = "notouch"  # class of background, where captures have it and no other is named

@@ -1,0 +1,71 @@
+"""The choice for every budget of each cost, as a table of the page and a CSV file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from bench.comparable import COMPARABLE
+from bench.errors import InputError
+from bench.measures import Measure, costs, text
+from bench.outcomes.candidates import Candidates, candidates
+from bench.outcomes.choice import named
+from bench.outcomes.steps import steps
+from bench.result import Result
+from bench.table import Table, rows_of
+from reports.candidates import BY, Considered
+
+COLUMNS = ["group", "cost", "unit", "least", "choice", "accuracy", BY]
+NOTHING = "nothing fits"
+
+
+def by_budget(answers: Sequence[Considered], results: Mapping[str, Sequence[Result]]) -> pd.DataFrame:
+    """A row for each step of the choice, by group and cost; groups with a single candidate have none.
+
+    Args:
+        answers: candidates of each group.
+        results: results by kind of run.
+    """
+    found = []
+    for answer in answers:
+        for cost in answer.costs if len(answer.among.table) > 1 else []:
+            among = _replayed(answer, results) if cost == "decision" and "stream" in results else answer.among
+            rows = rows_of(among.table.round({"accuracy": 9}))  # as bench choose prints it
+            replays = [
+                str(runs[0]["run_id"]) if row["kind"] == "stream" else ""
+                for runs, row in zip(among.runs, rows, strict=True)
+            ]
+            for least, i in steps(among.people, BY, cost, answer.budgets, replays):
+                choice = (named(rows[i]), rows[i]["accuracy"], rows[i][BY]) if i >= 0 else (NOTHING, np.nan, np.nan)
+                found.append((answer.title, cost, costs()[cost].unit, least, *choice))
+    return pd.DataFrame(found, columns=COLUMNS)
+
+
+def _replayed(answer: Considered, results: Mapping[str, Sequence[Result]]) -> Candidates:
+    """The candidates of an answer and every instant of each replay; without these if their tables are missing."""
+    asked = {name: [answer.among.first[name]] for name in COMPARABLE}
+    try:
+        return candidates(results, asked, np.inf, faults=answer.faults)
+    except InputError:
+        return answer.among
+
+
+def budget_tables(table: pd.DataFrame) -> list[tuple[str, Table]]:
+    """Each group and its steps.
+
+    Args:
+        table: table of `by_budget`.
+    """
+    by = costs()[BY]
+    columns = [
+        text("budget", read=lambda row: f"from {costs()[row['cost']].amount(row['least'])} on"),
+        text("choice"),
+        Measure("accuracy", "accuracy %"),
+        Measure(BY, by.noun, lambda row: by.amount(row[BY])),
+    ]
+    return [
+        (str(group), Table(columns, rows_of(rows), groups=[costs()[name].noun for name in rows["cost"]]))
+        for group, rows in table.groupby("group", sort=False)
+    ]

@@ -1,0 +1,216 @@
+"""Commands whose output and files are golden: what is asked of the store of `tests.net.build`, and mistakes."""
+
+from bench.options import COMMANDS
+from tests.net.build import PEOPLE, RATE, SYNTH, TABLE, THREE
+
+ON = ["data=people", "where=all", "target=gesture", "protocol=loso"]
+DAY = ["data=day"]
+NEW = ["data=people", "protocol=personal"]
+SCENES = {
+    "robot.toml": """
+by = "ram"
+unlisted = "ignored"
+[reactions]
+calm = ["stroke", "rub"]
+alert = ["pat", "tap"]
+[costs]
+silence = 0.5
+alert = { calm = 3 }
+[budget]
+flash = "64kB"
+board = "nano33ble"
+share = 0.5
+[faults]
+names = ["noise", "dead_taxels"]
+severity = 3
+loss = 60
+worst = 80
+[people]
+worst = 5
+worst_tenth = 5
+""",
+    "new.toml": 'margin = 10\n[people]\nshots = 1\n[reactions]\ncalm = ["stroke", "rub"]\n',
+    "stream.toml": '[stream]\nfalse_alarms = 20\nlatency = "3s"\n[reactions]\ncalm = ["stroke", "rub"]\n',
+}
+LDA = [*SYNTH[:-1], "model=lda", "features=touch", "model.window=0.5"]
+TREE = ["model=tree", "features=jung28"]
+STEPS = {  # each list in a copy of the store
+    "help": [["--help"], *([name, "--help"] for name in COMMANDS)],
+    "systems": [["systems"]],
+    "choose": [
+        ["choose"],
+        ["choose", *ON],
+        ["choose", *ON, "max_flash=5kB", "max_ram=40kB", "by=ram"],
+        ["choose", *ON, "max_flash=1B", "max_ram=1kB", "max_decision=9s"],
+        ["choose", *ON, "model=tree,bayes,lda", "margin=5"],
+        ["choose", *ON, "unit=window"],
+        ["choose", *ON, "batch=yes", "features=jung28"],
+        ["choose", *ON, "by=fault_loss", "max_worst_fault=60"],
+        ["choose", *ON, "by=worst_person", "max_worst_tenth=70"],
+        ["choose", *ON, "by=cycles"],
+        ["choose", *NEW, "shots=1"],
+        ["choose", *NEW, "protocol.shots=0"],
+        ["choose", "data=people", "protocol=transfer"],
+        ["choose", "data=three", "protocol=loso", "target=gesture+variant"],
+        ["choose", "data=synth"],
+        ["choose", *ON, "model=svm"],
+    ],
+    "choose_watched": [
+        ["choose", *DAY, "max_false_alarms=5", "max_latency=2s"],
+        ["choose", *DAY, "by=latency"],
+        ["choose", *DAY, "by=false_alarms", "max_flash=25kB"],
+        ["choose", *DAY, "max_latency=1ms"],
+        ["choose", "data=three", "max_false_alarms=9", "by=ram"],
+    ],
+    "choose_scenes": [
+        ["choose", *ON, "scene=robot.toml"],
+        ["choose", "data=people", "scene=new.toml"],
+        ["choose", *DAY, "scene=stream.toml"],
+        ["choose", "data=synth", "scene=toy"],
+    ],
+    "scene": [["scene", *ON], ["scene", "data=synth", "out=other"], ["scene", *ON, *TREE], ["scene", *ON, "batch=yes"]],
+    "report": [["report", "max_flash=64kB", "max_worst_person=90"]],
+    "audit": [["audit", "model=tree", "features=jung28"], ["audit", "model=mine.py:Batch"]],
+    "check": [
+        ["check", "update=yes", *PEOPLE, "model=tree,bayes", "features=jung28", "baseline=b.json"],
+        ["check", "update=yes", *SYNTH, *TREE, "baseline=b.json"],
+        ["check", "run=no", "baseline=b.json", "slower=99", "junit=check.xml"],
+    ],
+    "submit": [["submit", "task=haart-loso-v1", "who=me", "out=sent", *TREE]],
+    "leaderboard": [["leaderboard", "out=board.html"]],
+    "data": [
+        ["data"],
+        ["data", "show", "people", "where=subject != '4'", "target=variant"],
+        ["data", "show", "day"],
+        ["data", "export", "synth", "o.csv", "subjects=1", "repetitions=1", "variants=normal", *RATE],
+        ["data", "import", "table", "o.csv", "name=mine", *TABLE],
+        ["data", "verify", "people"],
+        ["extract", "data=three", "features=jung28", "out=f.csv"],
+    ],
+    "fit": [
+        ["fit", *LDA, "stopping=no", "out=rec"],
+        ["export", "rec", "out=rec_c"],
+        ["predict", "rec", "three.csv", "out=p.csv"],
+        ["adapt", "rec", "one.csv", "out=rec_1"],
+    ],
+}
+FILES = {  # golden files of what commands write, by the step that writes them
+    "report": ["report/comparison.csv", "report/pairs.csv", "report/provenance.csv", "report/ranking.csv"]
+    + ["report/same_wrong_label.csv", "report/statistics.csv", "report/comparison.md", "report/comparison.tex"]
+    + ["report/index.html"],
+    "scene": ["scene/groups.csv"],
+    "data": ["f.csv", "look/index.html"],
+    "check": ["check.xml"],
+    "leaderboard": ["board.html"],
+    "fit": ["p.csv", "rec_c/touch.h"],
+}
+STRESS = ["conditions", "faults", "half_margins", "learning", "ranks", "seeds", "slices"]
+BUILT = [  # by the runs of the store
+    *(f"{folder}/stability_{name}.csv" for folder in ("stress", "seeds") for name in STRESS),
+    *("stress/stability.md", "seeds/stability.md"),
+    *(f"{folder}/{name}.csv" for folder in ("report", "middle") for name in ("streaming", "stopping")),
+]
+LINES = {  # of scene files, each a mistake, by its name
+    "a": "colour = 3",
+    "b": "[budget]\nflash = 64",
+    "c": '[budget]\nboard = "nano34ble"',
+    "d": "[budget]\nshare = 0.5",
+    "e": '[faults]\nnames = ["nois"]',
+    "f": "[faults]\nseverity = 9",
+    "g": "[people]\nshots = 1\n[stream]\nfalse_alarms = 5",
+    "h": '[stream]\nlatency = "1"',
+    "i": "[people]\nworst = 101",
+    "j": '[reactions]\ncalm = ["rub"]\nalert = ["rub"]',
+    "k": "[costs]\ncalm = 3",
+    "l": '[reactions]\ncalm = ["rub"]\n[costs]\ncalm = { calm = 3 }',
+    "m": 'unlisted = "no"',
+    "n": "budget = 3",
+    "o": "by = ",
+    "p": '[reactions]\ncalm = ["purr"]',
+    "q": '[budget]\ndecision = "1s"\n[stream]\nfalse_alarms = 5',
+    "r": "[costs]\nsilence = -1",
+}
+WRONG = [  # commands that are refused
+    ["rum"],
+    ["run", "modle=svm"],
+    ["run", "--model", "svm"],
+    ["run", "svm"],
+    ["run", "model=svn"],
+    ["run", "model=nowhere.py:Mine"],
+    ["run", "model=mine.py:Mine"],
+    ["run", "features=jung55"],
+    ["run", "data=nowhere"],
+    ["run", "data=haart"],
+    ["run", "protocol=losso"],
+    ["run", *PEOPLE, "model.c=3"],
+    ["run", *PEOPLE, "model.C=-1"],
+    ["run", *PEOPLE, "where=variant=='loud'"],
+    ["run", *PEOPLE, "target=mood"],
+    ["run", "data=people", "jobs=0"],
+    ["run", *PEOPLE, "jobs=2"],
+    ["run", *PEOPLE, "seed=x"],
+    ["run", *PEOPLE, "protocol=challenge", "protocol.seed=-1"],
+    ["run", *PEOPLE, "protocol=transfer"],
+    ["run", *PEOPLE, "protocol=personal", "protocol.shots=-1"],
+    ["run", *PEOPLE, "model.repair=hope"],
+    ["run", "data=day"],
+    ["tune", *PEOPLE, "model=lda", "model.window=x"],
+    ["tune", *PEOPLE, *TREE, "model.level=1,9", "trials=0"],
+    ["tune", *PEOPLE, *TREE, "inner=0"],
+    ["stress", *PEOPLE, *TREE, "faults=nois"],
+    ["stress", *PEOPLE, *TREE, "train_subjects=0"],
+    ["stress", *PEOPLE, *TREE, "train_subjects=9", "faults=none"],
+    ["stream", *PEOPLE, *TREE, "hop_ms=-1"],
+    ["stream", *PEOPLE, *TREE, "start=end"],
+    ["stream", "source=-"],
+    ["watch", *DAY, *TREE, "background=quiet"],
+    ["watch", *DAY, *TREE, "unknown=purr"],
+    ["watch", *DAY, *TREE, "where=subject == '1'"],
+    ["watch", *PEOPLE, *TREE, "false_alarms=0"],
+    ["chip", *THREE, *TREE, "bits=4"],
+    ["choose", "max_flash=64"],
+    ["choose", "max_ram=lots"],
+    ["choose", "by=price"],
+    ["choose", "unit=frame"],
+    ["choose", "margin=0"],
+    ["choose", "clock=64"],
+    ["choose", "batch=maybe"],
+    ["choose", "jobs=2"],
+    ["choose", "max_flsh=64kB"],
+    ["choose", *NEW, "shots=-1"],
+    ["choose", "data=people", "protocol=loso", "shots=1"],
+    ["choose", *DAY, "max_latency=1s", "by=cycles"],
+    ["choose", *DAY, "max_latency=1s", "unit=window"],
+    ["choose", *DAY, "max_latency=1s", "max_decision=1s"],
+    ["choose", *DAY, "max_latency=1s", "clock=64MHz"],
+    ["choose", *DAY, "max_false_alarms=-1"],
+    ["choose", *ON, "unit=window", "by=fault_loss"],
+    ["choose", *PEOPLE, *TREE, "over=depth"],
+    ["choose", *PEOPLE, *TREE, "over=level", "by=ram"],
+    ["choose", "scene=nowhere.toml"],
+    *(["choose", *ON, f"scene={name}.toml"] for name in LINES),
+    ["scene", "data=people", "protocol=losso"],
+    ["report", "max_flash=64"],
+    ["report", "max_latency=1s"],
+    ["check", "baseline=nowhere.json"],
+    ["check", "error=0"],
+    ["check", "run=no", "update=yes"],
+    ["check", *PEOPLE, "baseline=b.json"],
+    ["submit", "task=haart-loso-v2", "who=me", "out=sent", *TREE],
+    ["submit", "task=haart-loso-v1", "out=sent", *TREE],
+    ["leaderboard", "nowhere"],
+    ["leaderboard", "rerun=nobody"],
+    ["systems", "all"],
+    ["audit", "model=svm,nobody"],
+    ["data", "sow"],
+    ["data", "show", "nowhere"],
+    ["data", "show", "people", "capture=99"],
+    ["data", "import", "table", "nowhere.csv", "name=x", "grid=8x8", "rate_hz=45"],
+    ["data", "import", "table", "people.csv", "name=x", "grid=8x9", "rate_hz=45"],
+    ["data", "import", "table", "people.csv", "name=x"],
+    ["extract", "data=people", "features=jung28"],
+    ["fit", *THREE[:1], "model=svm,rf"],
+    ["predict", "nowhere", "three.csv"],
+    ["export", "nowhere", "out=c"],
+    ["completion", "cmd"],
+]

@@ -1,0 +1,54 @@
+/* touchbench: 14 classes of synthetic touch on 8x8 taxels at 45 Hz */
+#ifndef TOUCH_H
+#define TOUCH_H
+
+#include <stdint.h>
+
+#define TOUCH_ROWS 8
+#define TOUCH_COLS 8
+#define TOUCH_TAXELS 64
+#define TOUCH_CLASSES 14
+#define TOUCH_RATE_HZ 45.0
+#define TOUCH_FULL_SCALE 1023.0f
+#define TOUCH_STOPPING 0
+#define TOUCH_WATCH 0
+
+/* Return codes below 0. */
+#define TOUCH_BAD -1   /* no state or frame, or a reading that is not within 0 and the full scale */
+#define TOUCH_LONG -2  /* the capture is longer than any that was learnt from: begin a new one */
+#define TOUCH_EMPTY -3 /* nothing was touched yet */
+
+/* What the taxels did in a part of a window. */
+typedef struct {
+    int n;
+    float mean[64], m2[64], most[64];
+} part_t;
+
+typedef struct {
+    int seen;  /* frames */
+    float frame[64];  /* this one, repaired */
+    float before[64];  /* the last one */
+    float signals[22][19];  /* of the last window, a ring */
+    part_t parts[2];  /* halves of the last window */
+    float sum[14]; int windows;  /* of decisions */
+    float series[22], sorted[22], centre[22], taxels[64];  /* to work in */
+    float cosine[64], sine[64], power[32]; int points;  /* of spectra */
+    float features[427], proba[14];
+} touch_t;
+
+/* Begin a capture; the state is all the memory that is needed. */
+int touch_init(touch_t *t);
+
+/* Take a frame, row by row, readings from 0 to TOUCH_FULL_SCALE: 1 if there is a new decision, 0 if not yet, or a code.
+   A frame that is refused changes nothing. */
+int touch_push(touch_t *t, const float *frame);
+
+/* The class of what has been seen since the beginning, or a code; and probabilities of all classes.
+   settled: always 0, because training found no saving by deciding early.
+   settled may be NULL. */
+int touch_label(touch_t *t, float *probabilities, float *settled);
+
+/* What a class is called. */
+const char *touch_name(int label);
+
+#endif

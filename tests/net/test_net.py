@@ -1,0 +1,125 @@
+"""The net under changes of structure: whatever users see of one store of every kind of run, as golden files.
+
+``pytest --golden`` writes them anew; read the difference. What is masked stands in `tests.net.masks`.
+"""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import bench
+from tests.export.compiled import lacking
+from tests.net import masks
+from tests.net.build import CHIP, RUNS, build, step
+from tests.net.commands import BUILT, FILES, LINES, ON, SCENES, STEPS, WRONG
+
+GOLDEN = Path(__file__).parent / "golden"
+TOOLS = lacking("arm-none-eabi-gcc", "qemu-system-arm")
+FORMS = {".csv": masks.csv_of, ".html": masks.page_of}
+
+
+@pytest.fixture
+def work(in_net):
+    """A copy of the store, with scenes and captures of one person."""
+    for name, text in SCENES.items() | {(f"{name}.toml", text) for name, text in LINES.items()}:
+        (in_net / name).write_text(text)
+    table = pd.read_csv("three.csv")
+    table[table["subject"] == 1].to_csv("one.csv", index=False)
+    return in_net
+
+
+@pytest.fixture
+def golden(request, net_store, tmp_path):
+    """Compare a text with the golden file of a name, or write it."""
+
+    def compared(name, text):
+        path = GOLDEN / name
+        if request.config.getoption("golden"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+        assert text == path.read_text()
+
+    compared.folders = (tmp_path / "net", net_store, tmp_path)
+    return compared
+
+
+def compare_files(golden, folder, names):
+    for name in names:
+        form = FORMS.get(Path(name).suffix, masks.lines_of)
+        kept = name.replace(".html", ".txt")
+        golden(f"files/{kept}", form((folder / name).read_text(), golden.folders))
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_runs_print_what_they_printed(name, net_store, golden):
+    golden(f"runs/{name}.txt", masks.lines_of((net_store / f"printed/{name}.txt").read_text(), golden.folders))
+
+
+def test_runs_write_what_they_wrote(net_store, golden):
+    compare_files(golden, net_store, BUILT)
+    names = [path.name for folder in ("stress", "seeds", "report", "middle") for path in (net_store / folder).iterdir()]
+    golden("files/built.txt", "\n".join(sorted(names)) + "\n")
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_commands_print_and_write_what_they_did(name, work, golden):
+    text = "".join(map(step, STEPS[name]))
+    golden(f"steps/{name}.txt", masks.lines_of(text, golden.folders))
+    compare_files(golden, work, FILES.get(name, ()))
+
+
+def test_mistakes_are_refused_in_the_same_words(work, golden):
+    golden("refusals.txt", masks.lines_of("".join(map(step, WRONG)), golden.folders))
+
+
+@pytest.mark.skipif(bool(TOOLS), reason=TOOLS)
+def test_systems_as_c_print_what_they_printed(work, golden):
+    build(work, CHIP)
+    text = (work / "printed/chip.txt").read_text() + step(["choose", "data=three", *ON[1:], "by=cycles"])
+    golden("chip.txt", masks.chip_of(text, golden.folders))
+
+
+def test_the_api_returns_what_it_returned(work, golden):
+    """Objects as they are printed, their tables as columns, types and rows."""
+    on = dict(key.split("=", 1) for key in ON)
+    people, jung = {"data": "people", "jobs": 1}, {"features": "jung28"}
+    objects = {
+        "run": bench.run(model=["tree", "bayes"], **jung, **people),
+        "tune": bench.tune(model="tree", model__level=[1, 9], inner=2, **jung, **people),
+        "stress": bench.stress(model=["tree", "bayes"], faults=["noise", "dead_taxels"], **jung, **people),
+        "stream": bench.stream(model="tree", start="middle", data="three", jobs=1, **jung),
+        "watch": bench.watch(model=["tree", "bayes"], data="day", jobs=1, **jung),
+        "over": bench.choose(model="tree", over="level", model__level=[1, 3], inner=2, **jung, **people),
+        "results": bench.results(data="people"),
+        "results_full": bench.results(full=True),
+        "choose": bench.choose(**on, max_flash="64kB"),
+        "choose_watched": bench.choose(data="day", max_false_alarms=5),
+        "scene": bench.scene(data="synth"),
+        "compare": bench.compare("tree · jung28", {"model": "bayes", "features": "jung28"}, **on),
+        "corpus": bench.corpus("people"),
+    }
+    for name, value in objects.items():
+        golden(f"api/{name}.txt", shown(value, golden.folders))
+
+
+def shown(value, folders):
+    """An object of the API as a text."""
+    if isinstance(value, pd.DataFrame):
+        runs, tables = getattr(value, "runs", []), getattr(value, "tables", {})
+        own = (
+            {}
+            if all(r.kind == "cell" for r in runs)
+            else {name: tables[name] for name in tables if name != "predictions"}
+        )
+        named = {"": value, **({"full": value.full} if own else {}), **own}
+        return "\n".join(f"{name}\n{masks.table_of(table, folders)}".lstrip("\n") for name, table in named.items())
+    parts = [
+        type(value).__name__,
+        masks.repr_of(f"{value!s}\n{value!r}" if hasattr(value, "choice") else repr(value), folders),
+    ]
+    tables = {}
+    if hasattr(value, "choice"):
+        tables = {"choice.table": value.choice.table}
+    tables = {name: table for name, table in tables.items() if isinstance(table, pd.DataFrame)}
+    return "\n".join([*parts, *(f"{name}\n{masks.table_of(table, folders)}" for name, table in tables.items())])

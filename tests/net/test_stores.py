@@ -1,0 +1,118 @@
+"""The comparison of two stores finds what differs in the last digit, and nothing in what may differ."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.outcomes.store import connect
+from tests.net import stores
+from tests.net.build import copy, inside
+from tests.reports.store import made_up, tracked_run
+
+
+@pytest.fixture(scope="module")
+def before(tmp_path_factory, empty_store):
+    """A folder with a store of one run."""
+    folder = tmp_path_factory.mktemp("stores") / "before"
+    folder.mkdir()
+    with inside(folder, empty_store):
+        tracked_run(connect(), "svm", made_up(subjects=2, per_class=1), history=[0.5, 0.25], **{"model.C": 8})
+    return folder
+
+
+@pytest.fixture
+def after(before, tmp_path):
+    """A copy of the store to change, its run and the folder of its files."""
+    with inside(copy(before, tmp_path / "after")):
+        store = connect()
+        (run,) = store.of_kind("cell")
+        yield store, run.info.run_id, Path(run.info.artifact_uri)
+
+
+def compared(capsys, before, code):
+    assert stores.main(str(before), ".") == code
+    return capsys.readouterr().out.splitlines()
+
+
+def next_metric(store, run, name):
+    store.log(run, {name: np.nextafter(store.run(run).data.metrics[name], 2)})
+
+
+def fold(store, run):
+    return store.folds(run)[0].info.run_id
+
+
+def next_cell(files):
+    table = pd.read_csv(files / "per_class.csv", float_precision="round_trip")
+    table.loc[1, "recall"] = np.nextafter(table.loc[1, "recall"], 2)
+    table.to_csv(files / "per_class.csv", index=False)
+
+
+def rewritten(path, change):
+    change(pd.read_parquet(path)).to_parquet(path, index=False)
+
+
+DIFFERENCES = {  # changes of the second store, and the words of the one line that tells of each
+    "a number in its last digit": (lambda s, r, f: next_metric(s, r, "macro_f1"), "macro_f1: 0."),
+    "a number of a fold": (lambda s, r, f: next_metric(s, fold(s, r), "accuracy"), "fold 2: accuracy: "),
+    "a step of a history": (
+        lambda s, r, f: s.log(fold(s, r), history=[{"loss": 0.125}] * 3),
+        "fold 2: loss: [(1, 0.5)",
+    ),
+    "a new number": (lambda s, r, f: s.log(r, {"f2": 1}), "number f2 only after"),
+    "a tag": (lambda s, r, f: s.log(r, tags={"mixes_subjects": "true"}), "tags mixes_subjects: 'false' -> 'true'"),
+    "a parameter": (lambda s, r, f: s.log(r, params={"model.gamma": 1}), "params model.gamma only after"),
+    "a status": (lambda s, r, f: s.end(r, "FAILED"), "status: 'FINISHED' -> 'FAILED'"),
+    "a missing fold": (lambda s, r, f: s.delete(fold(s, r)), "fold 2 only before"),
+    "a missing table": (lambda s, r, f: (f / "per_class.csv").unlink(), "file per_class only before"),
+    "a cell in its last digit": (lambda s, r, f: next_cell(f), "per_class: column recall differs in 1 rows, row 1: "),
+    "a text": (
+        lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t.assign(subject="0" + t["subject"])),
+        "predictions: column subject differs in 6 rows, row 0: '1' -> '01'",
+    ),
+    "a type": (
+        lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t.assign(start=t["start"].astype(str))),
+        "predictions: column start is number -> text",
+    ),
+    "the order of rows": (
+        lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t.iloc[[1, 0, *range(2, len(t))]]),
+        "predictions: column capture differs in 2 rows",
+    ),
+    "the number of rows": (lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t[1:]), "6 rows -> 5"),
+    "another run": (lambda s, r, f: tracked_run(s, "lda", made_up(2, 1)), "run only after"),
+    "a text file": (lambda s, r, f: (f / "stability.md").write_text("new"), "file stability.md only after"),
+}
+
+
+@pytest.mark.parametrize("name", DIFFERENCES)
+def test_a_difference_is_told(name, before, after, capsys):
+    change, words = DIFFERENCES[name]
+    change(*after)
+    *told, counts, total = compared(capsys, before, 1)
+    assert any(words in line for line in told), told
+    assert len(told) == 1 or name == "the order of rows", told
+    assert total == f"{len(told)} differences" and counts.startswith("compared: ")
+
+
+def test_what_may_differ_is_no_difference(before, after, capsys):
+    """Other ids, times and places; CSV files that have become Parquet."""
+    store, run, files = after
+    store.log(run, {"predict_ms_p50": 99.0, "fit_seconds": 0.1, "peak_rss_bytes": 3})
+    store.log(run, tags={"touchbench.cell": "other"})
+    for name in ("per_class", "per_subject"):
+        table = pd.read_csv(files / f"{name}.csv", float_precision="round_trip", dtype={"subject": str})
+        table.to_parquet(files / f"{name}.parquet")
+        (files / f"{name}.csv").unlink()
+    counts, total = compared(capsys, before, 0)[-2:]
+    assert total == "0 differences" and "3 tables" in counts and "3 runs" in counts
+
+
+def test_nothing_equals_nothing_is_no_result(tmp_path, empty_store, capsys):
+    for name in ("before", "after"):
+        (tmp_path / name).mkdir()
+        with inside(tmp_path / name, empty_store):
+            connect()
+    assert stores.main(str(tmp_path / "before"), str(tmp_path / "after")) == 1
+    assert capsys.readouterr().out.splitlines()[-2:] == ["compared: nothing", "0 differences"]

@@ -1,0 +1,116 @@
+"""Stored runs as results: which of equal ones counts, what they hold, and tables that are gone."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.errors import InputError
+from bench.outcomes.runs import NothingTracked, by_subject, grouped, of_kinds, stored
+from bench.outcomes.tables import file_of, write_table
+from bench.result import COUNTS, SMALL
+from tests.reports.store import keep
+from tests.results import evaluated, made_up, result, stressed, watched, with_hits
+
+
+def artifact(result, name):
+    """The stored file of a table."""
+    return Path(result["artifacts"].removeprefix("file://")) / file_of(name)
+
+
+def test_a_result_is_stored_and_read_as_it_was(store):
+    made = [
+        evaluated("svm · jung54", made_up(3, windows=2), **{"touchbench.conditions": "cover"}),
+        watched("svm", [0.5, 1.0], alarms=2.0, latency=0.5),
+        stressed("svm", 0.7, {"noise": 0.1}),
+    ]
+    ids = [keep(store, one) for one in made]
+    for one, run_id in zip(made, ids, strict=True):
+        (found,) = stored(store, one.kind)
+        assert found.metrics == pytest.approx(one.metrics) and found["run_id"] == run_id
+        same = one.about.keys() - {"run_id", "started", "features_name"}
+        assert {k: found[k] for k in same} == {k: one[k] for k in same}
+        assert (found.kind, found.system, found.context, found.folds) == (one.kind, one.system, one.context, one.folds)
+        assert found.complete and found.alone and found.scored
+        for name in one.tables:
+            pd.testing.assert_frame_equal(found.tables[name], one.tables[name])
+
+
+def test_the_newest_of_equal_runs_counts_and_complete_ones_first(store):
+    keep(store, evaluated("a", made_up(3)))
+    whole = keep(store, evaluated("a", made_up(3)))
+    keep(store, evaluated("a", made_up(3), failed=1))  # newer, and hides no complete one
+    broken = keep(store, evaluated("b", made_up(3), failed=1))
+    keep(store, result("c", metrics=dict.fromkeys(COUNTS, 0)))  # every fold failed
+    found = stored(store)
+    assert [r["run_id"] for r in found] == [whole, broken] and [r.complete for r in found] == [True, False]
+    assert of_kinds(store, ["cell", "stress"]).keys() == {"cell"}
+    with pytest.raises(NothingTracked, match="bench stress model=svm"):
+        stored(store, "stress")
+
+
+def test_options_and_seeds_make_other_runs(store):
+    for about in ({"seed": "0"}, {"seed": "1"}, {"protocol": "kfold"}, {"corpus_digest": "e" * 64}):
+        keep(store, evaluated("a", made_up(3), **about))
+    for faults in ("noise", "noise, shift"):
+        keep(store, result("a", "stress", {"accuracy": 0.5}, faults=faults))
+    assert len(stored(store)) == 4 and [r["faults"] for r in stored(store, "stress")] == ["noise", "noise, shift"]
+
+
+def test_text_stays_text_in_tables(store, tmp_path):
+    """Subjects and classes may be numbers, or words that pandas takes for nothing."""
+    table = made_up(3).assign(subject="01").replace({"true": {"pat": "NA", "rub": "7"}})
+    keep(store, evaluated("a", table))
+    (one,) = stored(store)
+    assert {*one.tables["predictions"]["true"]} == {"NA", "7", "tap"} and {*one.tables["per_subject"]["subject"]} == {
+        "01"
+    }
+    for name in ("predictions", "per_subject"):  # as earlier versions stored some of them
+        frame = one.tables[name]
+        artifact(one, name).unlink()
+        frame.to_csv(artifact(one, name).with_suffix(".csv"), index=False)
+    (again,) = stored(store)
+    for name in ("predictions", "per_subject"):
+        pd.testing.assert_frame_equal(again.tables[name], one.tables[name], check_dtype=False)
+    write_table(pd.DataFrame({"value": [1, "a", 0.5, None]}), tmp_path / "mixed.parquet")
+    values = pd.read_parquet(tmp_path / "mixed.parquet")["value"]
+    assert values[:3].tolist() == ["1", "a", "0.5"] and values.isna().tolist() == [False, False, False, True]
+
+
+def test_a_table_is_read_once_if_it_is_small(store):
+    keep(store, evaluated("a", made_up(3)))
+    (one,) = stored(store)
+    assert [*one.tables] == [] and "nothing" not in one.tables
+    first = one.tables["per_subject"]
+    assert one.tables["per_subject"] is first and [*one.tables] == ["per_subject"]
+    large = evaluated("b", made_up(9, per_class=SMALL // 9))
+    keep(store, large)
+    two = stored(store)[1]
+    assert len(two.tables["predictions"]) > SMALL and two.tables["predictions"] is not two.tables["predictions"]
+
+
+def test_a_table_that_is_gone_is_named(store):
+    run_id = keep(store, evaluated("lda", made_up(3)))
+    (one,) = stored(store)
+    artifact(one, "predictions").unlink()
+    assert one.tables.get("predictions") is None
+    with pytest.raises(InputError, match=f"predictions of lda .run {run_id}. is missing"):
+        one.tables["predictions"]
+
+
+def test_accuracy_by_subject_is_of_complete_results_of_all_subjects():
+    results = [
+        evaluated("worse", with_hits([10, 12])),
+        evaluated("better", with_hits([20, 16]), seed=0),
+        evaluated("better", with_hits([18, 20]), seed=1),
+        evaluated("cut", with_hits([20, 20]), failed=1),
+        evaluated("one", with_hits([20])),
+    ]
+    table, seeds = by_subject(results)
+    assert table.index.tolist() == ["better", "worse"] and seeds.tolist() == [2, 1]
+    np.testing.assert_allclose(table.to_numpy(), [[95, 90], [50, 60]])
+    assert [*grouped(results)] == [
+        "synth (synthetic), all, LOSO (2 subjects)",
+        "synth (synthetic), all, LOSO (1 subjects)",
+    ]

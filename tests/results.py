@@ -1,0 +1,166 @@
+"""Results without running anything and without a store, as the commands would make them."""
+
+from itertools import count
+
+import numpy as np
+import pandas as pd
+
+from bench.outcomes import scores, stability
+from bench.outcomes.results import FoldResult, measure
+from bench.result import Result
+
+GESTURES = ("pat", "rub", "tap")
+NAMES = ("fold", "capture", "start", "frames", "true", "subject", *(f"p_{g}" for g in GESTURES))
+_started = count(1)  # later results are newer
+
+
+def made_up(subjects=4, per_class=4, skill=0.7, seed=0, windows=1, gestures=GESTURES, hard=False, folds=None):
+    """A predictions table; a subject's captures are right with a probability around ``skill``."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for s in range(subjects):
+        level = np.clip(skill + 0.15 * np.sin(s), 0, 1)
+        for c, gesture in enumerate(list(gestures) * per_class):
+            truth = c % len(gestures)
+            for w in range(windows):
+                p = rng.dirichlet(np.ones(len(gestures)))
+                said = truth if rng.random() < level else int(rng.integers(len(gestures)))
+                p[[said, p.argmax()]] = p[[p.argmax(), said]]
+                if hard:
+                    p = np.eye(len(gestures))[said]
+                fold = str(s + 1) if folds is None else str(s % folds + 1)
+                rows.append((fold, 100 * s + c, 10 * w, 10, gesture, str(s + 1), *p))
+    return pd.DataFrame(rows, columns=[*NAMES[:6], *(f"p_{g}" for g in gestures)])
+
+
+def with_hits(hits, of=20):
+    """A predictions table in which of each subject's ``of`` captures as many are right as ``hits`` says."""
+    rows = []
+    for s, right in enumerate(hits, 1):
+        for c in range(of):
+            truth = c % len(GESTURES)
+            p = np.full(len(GESTURES), 0.1)
+            p[truth if c < right else (truth + 1) % len(GESTURES)] = 0.8
+            rows.append((str(s), 100 * s + c, 0, 10, GESTURES[truth], str(s), *p))
+    return pd.DataFrame(rows, columns=NAMES)
+
+
+def result(system="svm", kind="cell", metrics=(), tables=None, failed=0, **about):
+    """A result of a kind of run with these numbers and tables.
+
+    Args:
+        system: name of the system.
+        kind: kind of the run.
+        metrics: numbers by name.
+        tables: tables by name.
+        failed: number of failed folds.
+        about: tags and parameters besides the usual ones; ``model_name`` and ``protocol_name`` are parameters.
+    """
+    number = next(_started)
+    usual = {
+        "touchbench.kind": kind,
+        "touchbench.depends_on_batch": "false",
+        **{"data": "synth", "synthetic": "true", "corpus_digest": "d" * 64, "subset": "all", "target": "gesture"},
+        **{"protocol": "loso", "protocol_label": "LOSO", "system": system, "model": system.split(" · ")[0]},
+        **{"features": "jung54", "features_name": "jung54", "seed": "0"},
+        **{"mixes_subjects": "false", "test_over_train": "", "official_split": ""},
+        **{"git": "abc", "cpu": "one", "threads": "1", "version.python": "3"},
+        **{"run_id": f"run{number}", "started": number, "status": "FAILED" if failed else "FINISHED"},
+    }
+    about = usual | {k: v if k == "started" else str(v) for k, v in about.items()}
+    parts = {f"{part}_name": about[part].split("[")[0] for part in ("model", "protocol")}
+    counts = {"folds": 10, "folds_failed": failed}
+    return Result(parts | about, counts | dict(metrics), tables or {})
+
+
+def evaluated(system="svm", predictions=None, failed=0, cost=1.0, kind="cell", metrics=(), **about):
+    """A result of ``bench run`` with these predictions.
+
+    Args:
+        system: name of the system.
+        predictions: table of predictions, such as `made_up` gives.
+        failed: number of failed folds.
+        cost: factor of its times and sizes.
+        kind: another kind of run with such predictions.
+        metrics: numbers besides those of the predictions and the usual costs.
+        about: tags and parameters besides the usual ones.
+    """
+    predictions = made_up(per_class=1) if predictions is None else predictions
+    sizes = {"fit_seconds": 3.0, "parameters": 1000, "flash_bytes": 4000, "ram_bytes": 500, "peak_rss_bytes": 2e8}
+    names = [*predictions["fold"].unique()]
+    folds = [
+        FoldResult(
+            name,
+            metrics={k: cost * v for k, v in sizes.items()},
+            predict_ms=[1.0 * cost, 2.0 * cost],
+            decide_ms=[0.5 * cost],
+        )
+        for name in names
+    ]
+    labelled = scores.captures(predictions)
+    tables = {
+        "predictions": predictions,
+        "per_subject": scores.per_subject(labelled),
+        "per_class": scores.per_class(labelled, scores.classes_of(predictions)),
+    }
+    every = len(names) + failed
+    usual = {"protocol_label": f"LOSO ({predictions['subject'].nunique()} subjects)"}
+    usual |= {"test_over_train": repr(1 / (every - 1)) if every > 1 else ""}
+    numbers = measure(predictions, folds, 50.0) | {"folds": len(names), "folds_failed": failed} | dict(metrics)
+    return result(system, kind, numbers, tables, failed, **usual | about)
+
+
+def under_stress(table, system="svm", **about):
+    """A result of ``bench stress`` with this table, analysed as the command does."""
+    tables = stability.analysed(table, about.get("target", "gesture"))
+    return result(system, "stress", stability.metrics(tables), tables, **about)
+
+
+HAART = {"data": "haart", "synthetic": "false", "corpus_digest": "d", "protocol_label": "LOSO (10 subjects)"}
+
+
+def stressed(system, accuracy, losses, more=(), tables=None, **about):
+    """A result of ``bench stress`` with losses by fault."""
+    metrics = {"accuracy": accuracy, "failing_slices": 3, "tested_slices": 40, "worst.subject": accuracy / 2}
+    metrics |= {f"loss.{fault}": loss for fault, loss in losses.items()} | dict(more)
+    return result(system, "stress", metrics, tables, **HAART | {"faults": ", ".join(losses)} | about)
+
+
+WATCHED = pd.DataFrame(  # 100 s at 50 Hz, 10 s of it touched; one touch is found, one missed, one false alarm raised
+    [("recording", np.nan, 5000, None, np.nan, None, None, np.nan)]
+    + [("touch", 500, 750, "pat", np.nan, None, None, np.nan), ("touch", 1000, 1250, "rub", np.nan, None, None, np.nan)]
+    + [("report", np.nan, 755, None, 550, "tap", "pat", 0.8), ("report", np.nan, 2000, None, 1900, "rub", "rub", 0.6)]
+    + [("probability", np.nan, np.nan, None, seen, None, None, 0.1) for seen in range(20, 5000, 100)],
+    columns=["kind", "start", "end", "gesture", "reported", "first", "label", "confidence"],
+).assign(recording=0, subject="1", fold="1")
+
+
+def watched(system, end_correct, alarms, latency, flash=4000.0, tables=None, **about):
+    """A result of ``bench watch`` with the shares of touches of each subject that end with the correct label."""
+    metrics = {"end_correct": sum(end_correct) / len(end_correct), "touches_found": 0.9, "first_correct": 0.5}
+    metrics |= {"false_alarms_per_hour": alarms, "latency_s_p50": latency, "flash_bytes": flash, "ram_bytes": 900.0}
+    metrics |= {"touches": 2.0, "background_minutes": 1.5}
+    hours = {"false_alarms_per_hour": alarms, "background_s": 90.0 / len(end_correct)}
+    names = map(str, range(1, len(end_correct) + 1))
+    usual = {
+        "predictions": WATCHED,
+        "per_subject": pd.DataFrame({"subject": names, "end_correct": end_correct, **hours}),
+        "curve": pd.DataFrame({"offset": [-1, 0], "missed": [0.5, 0.0], "false_alarms_per_hour": [0.0, 40]}),
+    }
+    options = {"watch.false_alarms": "5.0", "watch.background": "", "watch.unknown": ""}
+    return result(system, "watch", metrics, usual | (tables or {}), **HAART | options | about)
+
+
+def streamed(system, start="onset", hop="None", tables=None, metrics=(), **about):
+    """A result of ``bench stream``, with its tables."""
+    numbers = {"accuracy": 0.7, "adaptive_accuracy": 0.65, "adaptive_ms": 812.0, "mean_ms": 900.0}
+    numbers |= {"decide_ms_p50": 1.04, "decide_ms_p95": 2.0} | dict(metrics)
+    table = pd.DataFrame({"ms": [100.0, 900], "mean_ms": [100.0, 900], "accuracy": [0.4, 0.7], "low": 0.3, "high": 0.8})
+    usual = {"instants": table, "stopping": table}
+    options = {"stream.start": start, "stream.hop_ms": hop}
+    return result(system, "stream", numbers, usual | (tables or {}), **HAART | options | about)
+
+
+def systems_of(results):
+    """Names of the systems of some results, in their order."""
+    return [r["system"] for r in results]

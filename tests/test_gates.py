@@ -1,0 +1,104 @@
+"""Gates of the design: a new cost, and a new column, are one entry and the line that measures them."""
+
+import re
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from bench import measures
+from bench.measures import Cost, Measure
+from bench.options import help_of
+from tests.conftest import SMALL, done
+
+ENTRY = Cost(
+    "energy",
+    unit="mJ",
+    noun="energy",
+    words="of energy",
+    axis="mJ to compute a label",
+    help="most energy of a label, such as 2",
+    latex="mJ",
+)
+AMONG = Cost(
+    "worst_half",
+    unit="%",
+    noun="error of the worse half of people",
+    words="wrong for the worse half",
+    axis="% wrong for the worse half of people",
+    help="largest error of the worse half of people",
+    column=False,
+    zero=True,
+    among=lambda people, drawn: people.error(drawn, drawn.shape[1] // 2),
+)
+LASTS = Cost(
+    "battery", unit="h", noun="battery life", words="of battery life", better="high", help="least battery life"
+)
+COLUMN = Measure("hums", "hum dB", form=".3f", shows=("terminal", "page", "latex", "csv"))
+MEASURED = {"energy": 1.25, "battery": 40.0, "hums": 3.14159}
+
+
+@pytest.fixture
+def entered(monkeypatch):
+    """The entries, as a package would plug them in, and the line that measures them in each fold."""
+    groups = {"costs": [ENTRY, AMONG, LASTS], "columns": [COLUMN]}
+    monkeypatch.setattr(measures, "plugged", lambda group: groups[group])
+    from bench.work import evaluation
+
+    footprint = evaluation.footprint
+    scaled = lambda estimator: 2.0 if "Tree" in repr(estimator) else 1.0  # noqa: E731
+
+    def measured(estimator, corpus):
+        more = {name: value * scaled(estimator) for name, value in MEASURED.items()}
+        return footprint(estimator, corpus) | more
+
+    monkeypatch.setattr(evaluation, "footprint", measured)
+    monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
+    measures.costs.cache_clear()
+    yield
+    measures.costs.cache_clear()
+
+
+def test_a_new_cost_and_a_new_column_appear_everywhere(entered):
+    code, printed = done(["run", *SMALL, "model=tree,lda", "features=jung28"])
+    assert code == 0
+    cells = [[cell.strip() for cell in re.split("[│┃]", line)] for line in printed.splitlines() if line[:1] in "│┃"]
+    table = pd.DataFrame(cells[1:], columns=cells[0])
+    assert [*table["energy"]] == ["2.5", "1.2"] and [*table["hum dB"]] == ["6.283", "3.142"]  # 1.25 is rounded to even
+
+    code, printed = done(["choose", "by=energy"])
+    assert code == 0 and "with 1.25 mJ of energy." in printed and "lowest energy first" in printed
+    assert done(["choose", "max_energy=2"])[1].count("ruled out: energy 2.5 mJ > 2 mJ") == 1
+    assert done(["choose", "max_energy=1"])[0] == 1
+    printed = done(["choose", "min_battery=50"])[1]
+    assert "ruled out: battery 40 h < 50 h" in printed and "battery at least 50 h" in printed
+    printed = done(["choose", "by=battery", "min_battery=90"])[1]
+    assert "highest battery first" in printed and "The highest battery life is 80 h" in printed
+    code, printed = done(["choose", "max_worst_half=0"])
+    assert code == 1 and "for error of the worse half of people rules out 2 of 2 systems" in printed
+
+    Path("robot.toml").write_text("by = 'energy'\n[budget]\nenergy = 2\nbattery = 30\n")
+    code, printed = done(["choose", "scene=robot.toml"])
+    assert code == 0 and "energy at most 2 mJ, battery at least 30 h" in printed
+    Path("robot.toml").write_text("[budget]\nenergy = 'much'\n")
+    assert done(["choose", "scene=robot.toml"])[0] == 2
+
+    for command in ("choose", "report"):
+        assert re.search("max_energy= +most energy of a label, such as 2", help_of(command))
+        assert "min_battery=" in help_of(command)
+    assert "worst_half" in help_of("choose")
+
+    assert done(["report", "max_energy=2"])[0] == 0
+    csv = pd.read_csv("report/comparison.csv").set_index("system")
+    assert csv["energy"].to_dict() == {"tree · jung28": 2.5, "lda · jung28": 1.25}
+    assert csv["hums"]["lda · jung28"] == MEASURED["hums"]
+    latex = Path("report/comparison.tex").read_text()
+    assert re.search(r"system & .*\bmJ\b.* & hum dB", latex) and "3.142" in latex
+    page = Path("report/index.html").read_text()
+    for words in ('<th scope="col">energy</th>', "<td>6.283</td>", "mJ to compute a label", "max_energy=2"):
+        assert words in page
+    steps = pd.read_csv("report/budgets.csv")
+    assert {"energy", "battery", "worst_half"} <= {*steps["cost"]}
+    assert [*steps.query("cost == 'battery'")["least"]] == sorted(
+        steps.query("cost == 'battery'")["least"], reverse=True
+    )

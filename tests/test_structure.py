@@ -1,0 +1,159 @@
+"""Modules import in one direction, and what help and results need loads nothing heavy.
+
+An import counts wherever it stands: in a function and for types alone, too. Parts that a registry loads by name do not.
+"""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bench
+
+ROOT = Path(bench.__file__).parents[1]
+PACKAGES = ("bench", "features", "models", "protocols", "reports")
+
+# Rooms from the bottom to the top: modules, or packages with all below them, and the rooms that they may import.
+GROUND = "bench.amounts bench.errors bench.memory bench.paired bench.pareto bench.progress bench.registry "
+GROUND += "bench.scratch bench.source bench.usual"
+VALUES = "bench.arguments bench.comparable bench.measures bench.options bench.result bench.table"
+ROOMS = {
+    "ground": (GROUND, ""),
+    "values": (VALUES, "ground"),
+    "corpora": ("bench.corpora", "ground"),
+    "features": ("features", "ground corpora"),
+    "contract": ("bench.contract models.search.space", "ground corpora features"),  # with the types that it names
+    "models": ("models", "ground corpora features contract"),
+    "protocols": ("protocols", "ground corpora"),
+    "plan": ("bench.plan", "ground values corpora contract models"),
+    "outcomes": ("bench.outcomes bench.scene_file", "ground values corpora"),
+    "leaderboard": ("bench.leaderboard", "ground values corpora outcomes plan"),
+    "reports": ("reports", "ground values corpora outcomes leaderboard"),
+    "work": ("bench.work", "ground values corpora features contract models plan outcomes"),
+    "export": ("bench.export", "ground corpora features contract models work"),
+}
+FRONT = "bench bench.api bench.cli bench.commands"  # may import every room
+EXCEPTIONS = {  # importing module, imported room: reason
+    ("bench.work.chip", "export"): "a kind of run that tests exported C",
+}
+HEAVY = {"numpy", "pandas", "scipy", "sklearn", "torch", "mlflow", "matplotlib", "rich"}
+LIGHT = ["bench.measures", "bench.table", "bench.result", "bench.options", "bench.cli"]
+
+
+def modules():
+    """The file of each module, by name."""
+    named = {}
+    for path in (path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        named[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return named
+
+
+def imported(source, named):
+    """The modules that a source imports; of a package only where one of its own names is imported."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, "relative imports are not followed"
+            full = {alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {name if name in named else node.module for name in full.values()}
+    return found & {*named}
+
+
+def circle(graph):
+    """Modules each of which imports the next one, and the last one the first; empty if there are none."""
+    done, path = set(), []
+
+    def visit(name):
+        if name in path:
+            return path[path.index(name) :]
+        if name in done:
+            return []
+        path.append(name)
+        found = next(filter(None, map(visit, sorted(graph[name]))), [])
+        path.remove(name)
+        done.add(name)
+        return found
+
+    return next(filter(None, map(visit, sorted(graph))), [])
+
+
+def room_of(name):
+    """The room of a module, by the longest prefix that a room names."""
+    prefixes = {prefix: room for room, (listed, _) in ROOMS.items() for prefix in listed.split()}
+    prefixes |= dict.fromkeys(FRONT.split()[1:], "front")
+    parts = name.split(".")
+    found = (".".join(parts[:count]) for count in range(len(parts), 0, -1))
+    return "front" if name == "bench" else next((prefixes[prefix] for prefix in found if prefix in prefixes), None)
+
+
+@pytest.fixture(scope="module")
+def graph():
+    named = modules()
+    return {name: imported(path.read_bytes(), named) - {name} for name, path in named.items()}
+
+
+def test_every_import_counts_and_a_circle_is_found():
+    named = {"a", "a.b", "c", "d"}
+    source = "from a import b\nif TYPE_CHECKING:\n    import c\ndef f():\n    from d import g\n    import numpy\n"
+    assert imported(source, named) == {"a.b", "c", "d"} and imported("from a import PARTS", named) == {"a"}
+    assert circle({"a": {"b", "d"}, "b": {"c"}, "c": {"d", "b"}, "d": set()}) == ["b", "c"]
+    assert circle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
+
+
+def test_no_modules_import_each_other_in_a_circle(graph):
+    assert len(graph) > 200 and " -> ".join(circle(graph)) == ""
+
+
+def test_rooms_import_only_those_below_them(graph):
+    below = list(ROOMS)
+    for i, (room, (_, allowed)) in enumerate(ROOMS.items()):
+        assert {*allowed.split()} <= {*below[:i]}, room
+    assert [name for name in graph if room_of(name) is None] == []  # a new module belongs to a room
+    wrong, used = [], set()
+    for name, targets in graph.items():
+        room = room_of(name)
+        for target in (target for target in targets if room != "front" and room_of(target) != room):
+            key = name, room_of(target)
+            if key in EXCEPTIONS:
+                used.add(key)
+            elif key[1] not in ROOMS[room][1].split():
+                wrong.append(f"{name} ({room}) imports {target} ({key[1]})")
+    assert wrong == [] and used == {*EXCEPTIONS}
+
+
+@pytest.mark.parametrize("name", LIGHT)
+def test_values_and_help_load_nothing_heavy(name):
+    code = f"import sys, {name}; print(*sorted({HEAVY!r} & {{part.split('.')[0] for part in sys.modules}}))"
+    said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert said.stdout.split() == []
+
+
+def seconds(code):
+    """The least processor time of three processes that run some code."""
+    spent = []
+    for _ in range(3):
+        before = children()
+        subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, check=True)
+        spent.append(children() - before)
+    return min(spent)
+
+
+def children():
+    import resource
+
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no resource module")
+def test_help_comes_at_once():
+    code = "import sys; from bench.cli import main; sys.argv = ['bench', 'stress', '--help']; sys.exit(main())"
+    before, spent, after = (seconds(each) for each in ("pass", code, "pass"))
+    if (bare := max(before, after)) > 0.035:
+        pytest.skip(f"a bare Python takes {bare:.3f} s of this machine")
+    assert spent < 0.15
