@@ -4,6 +4,8 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import partial
+from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on two threads than on one
 
@@ -16,6 +18,7 @@ from hypothesis import HealthCheck, settings
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
 from bench.outcomes.store import connect, create
+from bench.work.fold import batch_effects
 
 # The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
 BENCH = [
@@ -96,7 +99,7 @@ def folds_here(request, monkeypatch):
 
 @pytest.fixture(autouse=True)
 def brief_measurements(request, monkeypatch):
-    """A fold times and repeats few predictions, except in tests marked ``measured`` or ``pool``."""
+    """Folds time and repeat few predictions, and no run is drawn, except in tests marked ``measured`` or ``pool``."""
     if not any(map(request.node.get_closest_marker, ("measured", "pool"))):
         shorten_measurements(monkeypatch)
 
@@ -110,7 +113,19 @@ def shorten_measurements(patch):
     for name in ("stress", "stream", "watch"):
         patch.setattr(f"bench.work.{name}.SOME", 2)
     patch.setattr("bench.work.evaluation.ALONE", 4)
-    patch.setattr("bench.work.fold.batch_effects.__defaults__", (None, 4))
+    for name in ("chip", "stream", "stress"):  # and the audit says of how many predictions
+        patch.setattr(f"bench.work.{name}.batch_effects", partial(batch_effects, most=4))
+    for name in ("run", "stream", "watch"):
+        patch.setattr(f"bench.commands.{name}.illustrate", undrawn)
+
+
+def undrawn(result, folder):
+    """The figures of a run as `reports.illustrations.illustrate` makes them; their files hold nothing."""
+    from reports.illustrations import illustrate
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
+        illustrate(result, folder)
 
 
 class InProcess:
