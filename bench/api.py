@@ -46,7 +46,7 @@ SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in
 
 
 class Joined(Mapping[str, pd.DataFrame]):
-    """The tables of some results by name, those of all results below each other; each is put together when asked for."""
+    """The tables of some results by name, those of all results below each other; each is made when asked for."""
 
     def __init__(self, runs: Sequence[Result]) -> None:
         self._runs = [*runs]
@@ -84,7 +84,7 @@ class Results(pd.DataFrame):
     @property
     def full(self) -> pd.DataFrame:
         """The same rows with every number that was measured; accuracies in percent."""
-        return table_of(self.runs)
+        return table_of(self.runs) if self.runs else pd.DataFrame(self)  # reference results have no runs
 
 
 def corpus(data: str = "synth", where: str = "", target: str = "gesture", **parameters: object) -> Corpus:

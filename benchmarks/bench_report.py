@@ -20,8 +20,11 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
+import pandas as pd
 
+from bench.outcomes import scores
 from bench.outcomes.store import connect
+from bench.outcomes.tables import write_table
 from tests.reports.store import made_up, tracked_run
 
 GROUPS = [("cost", 31, 14), ("haart", 10, 7), ("synth", 31, 14), ("synth", 10, 7)]
@@ -63,11 +66,16 @@ def fill(runs: int) -> None:
             store,
             "system0",
             table,
-            history=[2.0, 1.5, 1.2],
             data=data,
             synthetic=str(not real).lower(),
             features="raw frames",
         )
+        for fold in table["fold"].unique():
+            tags = {"mlflow.parentRunId": name, "touchbench.kind": "fold", "touchbench.fold": fold}
+            child = store.create(fold, tags)
+            metrics = scores.accuracies(table[table["fold"] == fold])
+            store.log(child, metrics, history=[{"loss": loss} for loss in (2.0, 1.5, 1.2)])
+            store.end(child, "FINISHED")
         templates.append((name, Path(store.run(name).info.artifact_uri)))
     with sqlite3.connect("mlflow.db") as db:
         for source, folder in templates:
@@ -79,13 +87,10 @@ def fill(runs: int) -> None:
                 name = copy(db, source, {"system": f"system{i // 5}", "seed": str(i % 5)}, level, cost)
                 target = folder.parents[1] / name / "artifacts"
                 shutil.copytree(folder, target, copy_function=os.link)
-                lines = (folder / "per_subject.csv").read_text().splitlines()
-                moved = [
-                    f"{s},{min(1.0, float(a) * level * rng.uniform(0.9, 1.1))},{n}"
-                    for s, a, n in (line.split(",") for line in lines[1:])
-                ]
-                (target / "per_subject.csv").unlink()
-                (target / "per_subject.csv").write_text("\n".join([lines[0], *moved]) + "\n")
+                people = pd.read_parquet(folder / "per_subject.parquet")
+                moved = (people["accuracy"] * level * rng.uniform(0.9, 1.1, len(people))).clip(upper=1.0)
+                (target / "per_subject.parquet").unlink()
+                write_table(people.assign(accuracy=moved), target / "per_subject.parquet")
                 for child in children:
                     copy(db, child, {"mlflow.parentRunId": name})
         assert (

@@ -16,7 +16,7 @@ from bench.outcomes.ranking import Ranking, distinct, ranking
 from bench.result import Result
 from bench.table import Table, rows_of
 from reports.figures import LINE, bars, new_figure, plain, width_of
-from reports.numbers import listed, notes_on, number
+from reports.numbers import listed, notes_on
 
 if TYPE_CHECKING:
     from reports.reference_rows import BySubject
@@ -91,7 +91,7 @@ def section(
         f"{title}. Unit: whole captures, one label each. Accuracies are those of {total} people: {counts}. "
         + ("" if "(synthetic)" in title else "Whether any person is in more than one corpus is unknown. ")
         + "Each person gives every system a rank, 1 for the most accurate. Ranks depend on which systems are compared.",
-        *(f"Kendall's tau of the orders on {a} and {b} is {number(tau, 2)}." for a, b, tau in found.taus if tau == tau),
+        *(f"Kendall's tau of the orders on {a} and {b} is {tau:.2f}." for a, b, tau in found.taus if tau == tau),
     ]
     lacking: dict[str, list[str]] = {}
     for system, corpora in found.lacking.items():

@@ -9,11 +9,13 @@ import pandas as pd
 
 from bench.comparable import MARK, MARKED
 from bench.errors import InputError, nearest
+from bench.measures import NONE, Measure, p_value
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
 from bench.result import Result
-from reports.numbers import p_value, span
 from reports.reference_rows import accuracies, references
+
+P = Measure("p", form=p_value)
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,9 +63,10 @@ class Compared:
 
     def __repr__(self) -> str:
         points = f"{abs(self.difference):.1f} points {'more' if self.difference >= 0 else 'less'} accurate"
+        span = f"[{self.low:+.1f}, {self.high:+.1f}]" if self.low == self.low else NONE
         lines = [
             f"On {self.on}: {self.system} is {points} than {self.other}.",
-            f"95 % interval {span(self.low, self.high)}, p = {p_value(self.p)} (paired two-sided Wilcoxon test).",
+            f"95 % interval {span}, p = {P.of({'p': self.p})} (paired two-sided Wilcoxon test).",
             f"{self.subjects} subjects: {_counted(self.gain, 'gain')}, {_counted(self.lose, 'lose')}.",
         ]
         if self.subjects < statistics.FEW_SUBJECTS:

@@ -23,14 +23,13 @@ def command(result: Result) -> str:
 
 
 def provenance(groups: Mapping[str, Sequence[Result]]) -> pd.DataFrame:
-    """Origin of each run, a row each: its name, command, corpus, revision, machine and MLflow id."""
+    """Origin of each run, a row each, oldest first: its name, command, corpus, revision, machine and MLflow id."""
     rows = []
-    for group, results in groups.items():
-        for r in results:
-            git, cpu, threads = (r.get(name) or "-" for name in MACHINE)
-            about = {"group": group, "system": r.system, "seed": r["seed"], "command": command(r)}
-            about |= {"corpus digest": r["corpus_digest"][:16], "git": git, "CPU, threads": f"{cpu}, {threads}"}
-            rows.append(about | {"run": r["run_id"]})
+    for group, r in sorted(((g, r) for g, results in groups.items() for r in results), key=lambda p: p[1]["started"]):
+        git, cpu, threads = (r.get(name) or "-" for name in MACHINE)
+        about = {"group": group, "system": r.system, "seed": r["seed"], "command": command(r)}
+        about |= {"corpus digest": r["corpus_digest"][:16], "git": git, "CPU, threads": f"{cpu}, {threads}"}
+        rows.append(about | {"run": r["run_id"]})
     return pd.DataFrame(rows)
 
 

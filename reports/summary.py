@@ -7,12 +7,13 @@ from collections import Counter
 import numpy as np
 
 from bench.comparable import several
+from bench.measures import Measure
 from bench.outcomes import statistics
 from bench.outcomes.stopping import NO_SAVING, saves
 from bench.result import Result
 from reports.fault_curves import context_words, under
 from reports.new_person import WITHOUT, Curves
-from reports.numbers import bounded, listed
+from reports.numbers import listed
 from reports.run_groups import Group
 
 EARLY, FAULTS, PEOPLE, STATISTICS = "Early decisions", "Faults", "People", "Statistics"
@@ -93,7 +94,7 @@ def shots(curves: list[Curves]) -> str:
         system, curve = next(iter(by_system.items()))
         row = curve[curve["known"] != WITHOUT].iloc[-1]
         if np.isfinite(row.get("gain", np.nan)):
-            gain = bounded(row["gain"], row["gain_low"], row["gain_high"], sign=True)
+            gain = Measure("gain", form="+.1f", ends="gain").of(row)
             return (
                 f"On {context}: {row['known']} labelled captures of each class change the accuracy of {system} by "
                 f"{gain} points."

@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.measures import Measure, percent
 from bench.outcomes.events import FALSE_ALARM, matched
 from bench.result import Result
 from reports.fault_curves import context_words, contexts
 from reports.figures import DASHES, LINE, MARKERS, WIDEST, Picture, plain, save
-from reports.numbers import bounded, number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,6 +23,12 @@ SHORTEST_S, LONGEST_S, TOUCHES = 60.0, 120.0, 6  # of a timeline, which shows so
 TRUTH, REPORTED = 1.3, -0.5  # heights of the bars; the probability has 0 to 1
 HIGH = 0.2  # of a bar
 ALARMS = "false alarms per hour of background"
+TOLD = (
+    percent("touches_found", ends="touches_found"),
+    percent("end_correct", ends="end_correct"),
+    Measure("false_alarms_per_hour", ends="false_alarms_per_hour"),
+    Measure("latency_s_p50", form=".2f"),
+)
 Section = tuple[str, Picture, list[str]]  # a context in words, its figure, and a sentence on each system
 
 
@@ -44,15 +50,11 @@ def watch_sections(results: Sequence[Result], folder: Path) -> list[Section]:
 
 def sentence(run: Result) -> str:
     """The scores of a system: data, protocol and unit first."""
-    found, end, alarms = (
-        tuple(scale * run.get(f"{name}{side}", np.nan) for side in ("", "_low", "_high"))
-        for name, scale in (("touches_found", 100), ("end_correct", 100), ("false_alarms_per_hour", 1))
-    )
+    found, end, alarms, latency = (measure.of(run) for measure in TOLD)
     return (
         f"{context_words(run)}, {run['touches']:.0f} touches in {run['background_minutes']:.0f} minutes of background: "
-        f"{run.method} finds {bounded(*found)} percent of the touches, and {bounded(*end)} percent have the "
-        f"correct label at the end. It raises {bounded(*alarms)} {ALARMS}. Its median latency is "
-        f"{number(run.get('latency_s_p50', np.nan), 2)} s; brackets are 95 % intervals over subjects."
+        f"{run.method} finds {found} percent of the touches, and {end} percent have the correct label at the end. "
+        f"It raises {alarms} {ALARMS}. Its median latency is {latency} s; brackets are 95 % intervals over subjects."
     )
 
 

@@ -286,7 +286,11 @@ def _choices(results: list[FoldResult]) -> dict[str, pd.DataFrame]:
     """What was chosen on each training part, and what among, as far as systems tell."""
     tables: dict[str, pd.DataFrame] = {}
     if any(r.chosen for r in results):
-        tables["chosen"] = pd.DataFrame([{"fold": r.name} | r.chosen for r in results])
+        chosen = pd.DataFrame([{"fold": r.name} | r.chosen for r in results], dtype=object)
+        # Where a fold lacks a value, whole numbers of others stay whole.
+        tables["chosen"] = pd.DataFrame(
+            {name: each if each.hasnans else each.infer_objects() for name, each in chosen.items()}
+        )
     if trials := [r.trials.assign(fold=r.name) for r in results if r.trials is not None]:
         tables["trials"] = pd.concat(trials, ignore_index=True)
     return tables

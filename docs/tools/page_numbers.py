@@ -101,7 +101,7 @@ def chip(**values: str) -> Any:
 
 def leaderboard() -> Any:
     """The reference results, by task and name."""
-    return bench.results("reference").table.set_index(["task", "name"])
+    return bench.results("reference").set_index(["task", "name"])
 
 
 def accuracy(found: list[Any]) -> list[float]:

@@ -14,18 +14,17 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 DOCS = Path(__file__).parent.parent
 sys.path.insert(0, str(DOCS.parent))
 
 import bench  # noqa: E402
 from bench.outcomes import statistics  # noqa: E402
-from bench.outcomes.comparable import system_of  # noqa: E402
-from bench.outcomes.runs import by_subject, predictions, rows_of, tracked, with_groups  # noqa: E402
+from bench.outcomes.runs import by_subject, grouped, of_kinds, stored  # noqa: E402
 from bench.outcomes.store import connect  # noqa: E402
 from bench.registry import load  # noqa: E402
-from reports import candidates, figures, speed  # noqa: E402
+from bench.result import Result  # noqa: E402
+from reports import candidates, figures, page, speed  # noqa: E402
 from reports.comparison import published  # noqa: E402
 
 SMALL = {"data__subjects": 6, "data__variants": ("normal",), "data__repetitions": 2}
@@ -88,10 +87,7 @@ def colours() -> object:
 
 def unit(folder: Path) -> None:
     """The decisions of a system on windows along one capture, and the label of the whole."""
-    store = connect()
-    runs = tracked(store)
-    run = runs[runs["system"].str.contains("window")].iloc[0].to_dict()
-    table = predictions(store, run)
+    table = next(r for r in stored(connect()) if "window" in r["system"]).tables["predictions"]
     classes = [c for c in table if c.startswith("p_")]
     table = table.assign(predicted=table[classes].idxmax(axis=1).str.removeprefix("p_"))
     counts = table.groupby("capture").size()
@@ -120,7 +116,8 @@ def unit(folder: Path) -> None:
 
 def interval(folder: Path) -> None:
     """Accuracy of each person of each system, the mean, and its interval over people."""
-    table, _ = accuracies("synth")
+    _, results = loso(stored(connect()), "synth")
+    table, _ = by_subject(results)
     figure, axes = figures.new_figure((8, 0.42 * len(table) + 1.2), (1, 1), (2.6, 0.2, 0.6, 0.4))
     axis = axes[0, 0]
     for place, (_, people) in enumerate(table.iloc[::-1].iterrows()):
@@ -144,22 +141,23 @@ def chart(data: str, budget: float, path: Path) -> None:
         budget: kB of flash.
         path: of the picture.
     """
-    store = connect()
-    runs = with_groups(tracked(store))
-    loso = runs[(runs["data"].str.split(" ").str[0] == data) & (runs["protocol_name"] == "loso")]
-    answer = candidates.considered(store, loso["group"].iloc[0], runs, {"flash": budget})
-    models = {system_of(run): str(run["model_name"]) for run in rows_of(runs)}
+    every = of_kinds(connect(), page.KINDS)
+    alone = {kind: [r for r in results if r.alone] for kind, results in every.items()}
+    title, results = loso(every["cell"], data)
+    answer = candidates.considered(title, results, alone, {"flash": budget})
+    models = {r.system: str(r["model_name"]) for r in every["cell"]}
     points = candidates.marks(answer, models, {*published()["system"]})
     figure, _ = speed.speed_chart(answer.title, points, ["flash"], answer.budgets)
     done(figure, path, "(synthetic)" in answer.title)
 
 
-def accuracies(data: str) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Percent [systems, subjects] of the LOSO runs on a corpus, and these runs."""
-    store = connect()
-    runs = with_groups(tracked(store))
-    runs = runs[(runs["data"].str.split(" ").str[0] == data) & (runs["protocol_name"] == "loso")]
-    return by_subject(store, runs)[0], runs
+def loso(results: list[Result], data: str) -> tuple[str, list[Result]]:
+    """The first group of results on a corpus with LOSO, and its name."""
+    return next(
+        (name, members)
+        for name, members in grouped(results).items()
+        if members[0]["data"] == data and members[0]["protocol_name"] == "loso"
+    )
 
 
 def done(figure: object, path: Path, synthetic: bool) -> None:

@@ -9,8 +9,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.validation import check_is_fitted
 
 from bench import contract
-from bench.corpora.corpus import Corpus
 from bench.amounts import quantity
+from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from models.recipe import Recipe
 from models.search import portfolio

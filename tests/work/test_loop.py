@@ -2,12 +2,14 @@
 
 import os
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from filelock import FileLock
 
 from bench.cli import main
+from bench.commands.printing import choices_table
 from bench.errors import ClusterError, InputError, StoreError
 from bench.plan.cells import cells
 from bench.plan.plan import planned, share_cores
@@ -240,6 +242,17 @@ def test_a_run_is_tracked_whole(capsys):
     assert main(["run", "model=svm", *SMALL]) == 0  # the same again computes nothing
     assert "already stored" in capsys.readouterr().err and len(runs("cell")[1]) == 2
     assert runs("cell")[1][0].data.metrics == svm.data.metrics
+
+
+def test_a_whole_number_that_only_some_folds_choose_is_stored_and_shown_whole(store, plan, monkeypatch):
+    fold, chosen = Echo.fold, {"1": {"trees": 20000, "C": 0.5}, "2": {"level": True, "C": 40000.0}}
+    monkeypatch.setattr(Echo, "fold", lambda *all: replace(fold(*all), chosen=chosen.get(all[3].name, {"C": 1})))
+    (result,) = execute(todo(plan, 0))
+    texts = choices_table(result).texts
+    assert [row["trees"] for row in texts] == ["20000", "", "", ""] and texts[1]["level"] == "True"
+    assert [row["C"] for row in texts] == ["0.5", "4e+04", "1", "1"] and result.tables["chosen"]["C"].dtype == float
+    lines = (store.runs[result["run_id"]].folder / "chosen.csv").read_text().splitlines()
+    assert lines[:3] == ["fold,trees,C,level", "1,20000,0.5,", "2,,40000.0,True"]
 
 
 def test_peak_memory_is_that_of_the_fold_alone():
