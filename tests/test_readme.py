@@ -99,4 +99,4 @@ def check_site(out, **variables):
 @pytest.mark.skipif(find_spec("mkdocs") is None, reason="needs the extra docs")
 def test_the_site_is_built_with_the_examples_of_some_pages_run(tmp_path):
     """All are run by the workflow of the documentation at every push, and by tests/nightly/test_site.py."""
-    check_site(tmp_path / "site", PAGES="index.md,chip.md,your_data.md")
+    check_site(tmp_path / "site", PAGES="index.md,your_data.md")
