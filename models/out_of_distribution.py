@@ -71,14 +71,16 @@ class Guarded(MostProbable):
 
     def doubts(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Weight of the network, 0 to 1 [rows]; missing values are unusual."""
-        usual = np.abs(np.asarray(X, dtype=np.float32) - self.mean_) <= np.float32(UNUSUAL) * self.sd_
+        with np.errstate(over="ignore"):  # beyond float32 is unusual, too
+            usual = np.abs(np.asarray(X, dtype=np.float32) - self.mean_) <= np.float32(UNUSUAL) * self.sd_
         return np.minimum((~usual).mean(axis=1) / self.doubt, 1)
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
-        values = np.asarray(X, dtype=np.float32)
-        doubt = self.doubts(values)[:, None]
-        linear = np.where(doubt < 1, self.linear_.predict_proba(values), 0)  # of an endless feature, no number
+        doubt = self.doubts(X)[:, None]
+        with np.errstate(over="ignore", invalid="ignore"):  # of an endless feature, no number, which is not used
+            values = np.asarray(X, dtype=np.float32)
+            linear = np.where(doubt < 1, self.linear_.predict_proba(values), 0)
         return (1 - doubt) * linear + doubt * self.robust_.predict_proba(values)
 
     @property

@@ -4,6 +4,8 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import partial
+from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on two threads than on one
 
@@ -16,6 +18,7 @@ from hypothesis import HealthCheck, settings
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
 from bench.outcomes.store import connect, create
+from bench.work.fold import batch_effects
 
 # The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
 BENCH = [
@@ -32,6 +35,24 @@ settings.register_profile("nightly", parent=settings(), max_examples=1000, **pat
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
+def pytest_configure(config):
+    """numba compiles for half a minute; with the few kernels of these tests, Python is faster."""
+    if "not live" in config.option.markexpr and "not nightly" in config.option.markexpr:
+        os.environ.setdefault("NUMBA_DISABLE_JIT", "1")
+
+
+# Files that take longest begin first, so that none of them is alone at the end; the longest of all is first.
+LONG = (
+    "test_readme.py test_package.py test_server.py test_net.py test_api.py test_report.py test_export.py "
+    "test_same_wrong.py test_watch.py test_on_a_cluster.py test_chip.py test_leaderboard.py test_systems.py"
+).split()
+
+
+def pytest_collection_modifyitems(items):
+    """Order the files; `--no-loadscope-reorder` leaves it so."""
+    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+
+
 def pytest_addoption(parser):
     parser.addoption("--golden", action="store_true", help="write tests/net/golden anew: what users see")
 
@@ -45,12 +66,17 @@ def own_folders(tmp_path, monkeypatch):
 
 
 @pytest.fixture(scope="session")
-def empty_store(tmp_path_factory):
+def shared(tmp_path_factory):
+    """The folder of all processes of tests."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+
+@pytest.fixture(scope="session")
+def empty_store(shared):
     """MLflow's tables, made once for all tests and processes of tests: it takes seconds."""
-    shared = tmp_path_factory.getbasetemp().parent if "PYTEST_XDIST_WORKER" in os.environ else None
-    folder = shared or tmp_path_factory.getbasetemp()
-    path = folder / "template.db"
-    with FileLock(folder / "template.lock"):
+    path = shared / "template.db"
+    with FileLock(shared / "template.lock"):
         if not path.exists():
             create(path)
     return path
@@ -69,6 +95,37 @@ def folds_here(request, monkeypatch):
     """Folds are done in this process, but for tests that are marked ``pool``: starting workers takes seconds."""
     if not request.node.get_closest_marker("pool"):
         monkeypatch.setattr("bench.work.loop.Processes", InProcess)
+
+
+@pytest.fixture(autouse=True)
+def brief_measurements(request, monkeypatch):
+    """Folds time and repeat few predictions, and no run is drawn, except in tests marked ``measured`` or ``pool``."""
+    if not any(map(request.node.get_closest_marker, ("measured", "pool"))):
+        shorten_measurements(monkeypatch)
+
+
+def shorten_measurements(patch):
+    """Time 3 captures instead of 20, and predict 4 alone instead of 32: most of the time of a small fold."""
+    for name in ("fold", "replay", "watch"):
+        patch.setattr(f"bench.work.{name}.TIMED_CAPTURES", 3)
+    patch.setattr("bench.work.fold.REFERENCES", 1)
+    patch.setattr("bench.work.fold.WARM_UP", 1)
+    for name in ("stress", "stream", "watch"):
+        patch.setattr(f"bench.work.{name}.SOME", 2)
+    patch.setattr("bench.work.evaluation.ALONE", 4)
+    for name in ("chip", "stream", "stress"):  # and the audit says of how many predictions
+        patch.setattr(f"bench.work.{name}.batch_effects", partial(batch_effects, most=4))
+    for name in ("run", "stream", "watch"):
+        patch.setattr(f"bench.commands.{name}.illustrate", undrawn)
+
+
+def undrawn(result, folder):
+    """The figures of a run as `reports.illustrations.illustrate` makes them; their files hold nothing."""
+    from reports.illustrations import illustrate
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
+        illustrate(result, folder)
 
 
 class InProcess:
@@ -153,7 +210,9 @@ def net_store(tmp_path_factory, empty_store):
     folder = empty_store.parent / "net"
     with FileLock(folder.with_suffix(".lock")):
         if not (folder / "done").exists():
-            build(folder, RUNS, empty_store)
+            with pytest.MonkeyPatch.context() as patch:
+                shorten_measurements(patch)
+                build(folder, RUNS, empty_store)
             (folder / "done").touch()
     return folder
 

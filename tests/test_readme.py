@@ -56,7 +56,7 @@ def test_a_recogniser_of_ones_own_runs_from_its_file_with_its_sizes():
     assert level.data.metrics["ram_bytes"] == 4 * (64 * corpus.lengths.max() + 14)
     # it has no probabilities, and can be searched all the same
     assert main(["tune", "model=my.py:Level", "model.power=0.5,2", "inner=2", *small]) == 0
-    assert main(["fit", "model=my.py:Level", "out=saved", *small]) == 0
+    assert main(["fit", "model=my.py:Level", "out=saved", "stopping=no", *small]) == 0
     Path("my.py").unlink()  # the model has it inside
     code = "import mlflow, sys; print(mlflow.pyfunc.load_model('saved').unwrap_python_model().estimator)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -80,12 +80,9 @@ def test_an_adapter_is_less_than_five_lines_and_runs(name, capsys):
     assert run.data.metrics["flash_bytes"] > 0 and run.data.metrics["ram_bytes"] > 0
 
 
-@pytest.mark.live
-@pytest.mark.skipif(find_spec("mkdocs") is None, reason="needs the extra docs")
-def test_the_site_is_built_with_every_example_run(tmp_path):
-    """MkDocs runs examples and notebook; warnings, such as a link to nowhere, are errors."""
-    out = tmp_path / "site"
-    variables = os.environ | {"PYTHONPATH": str(ROOT)}
+def check_site(out, **variables):
+    """MkDocs runs examples; warnings, such as a link to nowhere, are errors."""
+    variables = os.environ | {"PYTHONPATH": str(ROOT)} | variables
     variables.pop("TOUCHBENCH_HOME")
     site = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(out)]
     done = subprocess.run(site, cwd=ROOT, env=variables, capture_output=True, text=True)
@@ -96,3 +93,10 @@ def test_the_site_is_built_with_every_example_run(tmp_path):
     assert not loaded, "pages that load something from elsewhere"
     book = json.loads((ROOT / "docs" / "walk.ipynb").read_text())
     assert not any(cell.get("outputs") for cell in book["cells"]), "the notebook is stored without output"
+
+
+@pytest.mark.live
+@pytest.mark.skipif(find_spec("mkdocs") is None, reason="needs the extra docs")
+def test_the_site_is_built_with_the_examples_of_some_pages_run(tmp_path):
+    """All are run by the workflow of the documentation at every push, and by tests/nightly/test_site.py."""
+    check_site(tmp_path / "site", PAGES="index.md,your_data.md")

@@ -75,8 +75,8 @@ def ui(arguments: list[str]) -> int:
     # MLflow's front page is about language models; this one is the table of runs.
     page = f"http://{HERE}:{port}/#/experiments/{store.experiment_id}/runs?workflowType=machine_learning&{shown}"
     print("starting MLflow's server, which takes up to half a minute; Ctrl-C stops it", flush=True)
-    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store_uri(), "--port", port, "--host", HERE]
-    server = subprocess.Popen(command)
+    words = ["--backend-store-uri", store_uri(), "--port", port, "--host", HERE, "--workers", "1"]  # for one user
+    server = subprocess.Popen([sys.executable, "-m", "mlflow", "ui", *words])
     before = signal.signal(signal.SIGTERM, lambda *_: server.terminate())  # else it would outlive this process
     try:
         while server.poll() is None and not _answers(port):

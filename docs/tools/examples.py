@@ -8,12 +8,11 @@ page say what is special; they are not shown.
     <!-- output -->              after a block: what it printed is shown there (also: first 9 lines, last 9 lines)
 
 A Python block that begins with ``# name.py`` is a file for the blocks after it. As a command, runs the pages named (by
-default all of them) and ends with 1 if a block fails; ``out=FILE`` keeps what they printed, for the site.
+default all of them) and ends with 1 if a block fails.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -152,7 +151,7 @@ def printed(block: Block, folder: Path, variables: dict[str, str]) -> str:
     return done.stdout.replace(str(folder.resolve()), "/home/you").replace(str(folder), "/home/you")
 
 
-def _named(page: Path) -> str:
+def site_name(page: Path) -> str:
     """A page as the site names it: its place below docs/."""
     return page.relative_to(DOCS).as_posix() if page.is_relative_to(DOCS) else page.name
 
@@ -173,16 +172,12 @@ def run(pages: Iterable[Path]) -> dict[str, list[str] | str]:
 
         pages = list(pages)
         with ThreadPoolExecutor(2) as threads:
-            return dict(zip(map(_named, pages), threads.map(result, pages), strict=True))
+            return dict(zip(map(site_name, pages), threads.map(result, pages), strict=True))
 
 
 def main(arguments: list[str]) -> int:
     """Run the pages named, or all; 1 if a block fails."""
-    out = [a.partition("=")[2] for a in arguments if a.startswith("out=")]
-    named = [DOCS / a for a in arguments if not a.startswith("out=")]
-    found = run(named or sorted(DOCS.rglob("*.md")))
-    if out:
-        Path(out[0]).write_text(json.dumps(found))
+    found = run([DOCS / name for name in arguments] or sorted(DOCS.rglob("*.md")))
     failed = [said for said in found.values() if isinstance(said, str)]
     print(*failed, sep="\n", end="\n" if failed else "")
     print(f"{len(found) - len(failed)} of {len(found)} pages run")

@@ -1,7 +1,7 @@
 """What MkDocs does for this site: it runs the examples of every page and the notebook, and puts in what they print.
 
-An example that fails ends the build. ``EXAMPLES`` names a file of ``docs/tools/examples.py out=FILE``, so that what the
-tests have just run is not run again.
+An example that fails ends the build. ``PAGES``, names with commas between them, are the only pages whose examples are
+run then, and the notebook is not run either: for a quick look at the site.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import html
 import io
-import json
 import os
 import re
 import sys
@@ -36,19 +35,21 @@ printed: dict[str, list[str] | str] = {}
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Run everything; add the page of the notebook and its pictures."""
     pages = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
-    given = os.environ.get("EXAMPLES")
-    printed.update(json.loads(Path(given).read_text()) if given else examples.run(pages))
+    few = os.environ.get("PAGES", "").split(",") if "PAGES" in os.environ else None
+    printed.update(examples.run(page for page in pages if few is None or examples.site_name(page) in few))
+    if few and (unknown := set(few) - set(printed)):
+        raise PluginError(f"PAGES: there is no page {', '.join(sorted(unknown))}")
     if failed := [said for said in printed.values() if isinstance(said, str)]:
         raise PluginError("\n".join(failed))
-    for name, content in notebook(TOOLS.parent / "walk.ipynb").items():
+    for name, content in notebook(TOOLS.parent / "walk.ipynb", runs=few is None).items():
         files.append(File.generated(config, name, content=content))
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Put what the blocks of a page printed below them, and why a block was not run."""
-    if page.file.src_uri not in printed:  # the notebook's, which has its outputs
-        return markdown
+    if page.file.src_uri not in printed:  # the notebook's, which has its outputs, or left out by PAGES
+        return markdown.replace("<!-- help of every command -->", helped())
     outputs = iter(printed[page.file.src_uri])
 
     def replaced(match: re.Match[str]) -> str:
@@ -97,8 +98,8 @@ def progress(output: dict) -> bool:
     return output.get("name") == "stderr" or (output["output_type"] == "display_data" and "image/png" not in shown)
 
 
-def notebook(path: Path) -> dict[str, str | bytes]:
-    """Run a notebook in a folder of its own; its page and pictures by name.
+def notebook(path: Path, runs: bool = True) -> dict[str, str | bytes]:
+    """Run a notebook in a folder of its own, or leave it as it is; its page and pictures by name.
 
     Raises:
         PluginError: a cell raises.
@@ -115,7 +116,8 @@ def notebook(path: Path) -> dict[str, str | bytes]:
         os.environ.pop("MLFLOW_TRACKING_URI", None)
         os.environ.update(examples.environment(folder))
         try:
-            NotebookClient(book, timeout=300, resources={"metadata": {"path": name}}).execute()
+            if runs:
+                NotebookClient(book, timeout=300, resources={"metadata": {"path": name}}).execute()
         except CellExecutionError as e:
             raise PluginError(f"{path.name}: {e}") from e
         finally:

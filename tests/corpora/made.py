@@ -59,7 +59,7 @@ def cost_csv(folder, *lines, end="\n", header=COST_HEADER):
     return csv(folder, *lines, header=header, name="CoST.csv", end=end)
 
 
-def training(*captures, frames=haart.FRAMES):
+def training_csv(*captures, frames=haart.FRAMES):
     """The training file of HAART: captures as (participant, gesture)."""
     rows = [f'ParticipantNo, "Substrate", "Cover", "Gesture",{",".join(haart.CELLS)}']
     for i, (who, gesture) in enumerate(captures):
@@ -67,7 +67,7 @@ def training(*captures, frames=haart.FRAMES):
     return "\n".join(rows) + "\n"
 
 
-def testing(*captures, frames=haart.FRAMES):
+def held_out_csv(*captures, frames=haart.FRAMES):
     """The test file of HAART."""
     rows = [f"ParticipantID,Substrate,Cover,Gesture,Sequence,{','.join(haart.CELLS)}"]
     for i, (who, gesture) in enumerate(captures):
@@ -75,7 +75,7 @@ def testing(*captures, frames=haart.FRAMES):
     return "\n".join(rows) + "\n"
 
 
-TRAINING, TESTING = training(("P4", "pat")), testing(("T9", "rub"))
+TRAINING, TESTING = training_csv(("P4", "pat")), held_out_csv(("T9", "rub"))
 
 
 def archive(folder, *others, name="r.zip", at="{}", packing=zipfile.ZIP_DEFLATED, parts=None):

@@ -6,13 +6,13 @@ import numpy as np
 
 from bench.corpora.read import haart
 from bench.corpora.read.haart import read
-from tests.corpora.made import archive, testing, training
+from tests.corpora.made import archive, held_out_csv, training_csv
 
 
 def test_folder_parent_and_zip_give_the_same(tmp_path):
     parts = {
-        "training.csv": training(("P4", "constant"), ("P4", "pat"), ("P10", "pat")),
-        "testWITHLABELS.csv": testing(("T9", "rub"), ("T1", "pat")),
+        "training.csv": training_csv(("P4", "constant"), ("P4", "pat"), ("P10", "pat")),
+        "testWITHLABELS.csv": held_out_csv(("T9", "rub"), ("T1", "pat")),
     }
     path = archive(tmp_path, at="HAART DataSet/{}", parts=parts)
     corpus = read(path)

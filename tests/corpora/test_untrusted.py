@@ -27,7 +27,7 @@ from tests.corpora.made import (
     npz,
     parquet,
     read,
-    training,
+    training_csv,
 )
 
 LONG = "x" * 20_000
@@ -209,7 +209,7 @@ def without(text, at):
     return "\n".join(lines[:at] + lines[at + 1 :])
 
 
-TWO = training(("P4", "pat"), ("P10", "pat"))
+TWO = training_csv(("P4", "pat"), ("P10", "pat"))
 RELEASES = [
     ({}, ["training.csv"]),
     ({"testWITHLABELS.csv": TESTING}, ["training.csv"]),

@@ -5,7 +5,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ from features.jung28 import Jung28
 from features.touch import TouchFeatures
 from models.classic.bayes import bayes
 from models.classic.lda import lda
+from models.classic.perceptron import Perceptron
 from models.classic.rf import et, rf
 from models.classic.softmax import softmax
 from models.classic.svm import svm
@@ -185,9 +186,11 @@ class Library:
 
 
 def fitted(model, corpus, stopping=False):
-    """A saved system, as `bench fit` makes one."""
-    taught = learned(lambda: model, corpus, np.arange(len(corpus)), Replay())[0] if stopping else None
-    return Recogniser(model.fit(corpus, corpus.gestures), corpus, taught)
+    """A saved system, as `bench fit` makes one; the network inside reflex learns for a shorter time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("models.out_of_distribution.Perceptron", partial(Perceptron, updates=300))
+        taught = learned(lambda: model, corpus, np.arange(len(corpus)), Replay())[0] if stopping else None
+        return Recogniser(model.fit(corpus, corpus.gestures), corpus, taught)
 
 
 @cache

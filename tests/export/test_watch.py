@@ -289,7 +289,7 @@ def test_what_is_no_frame_changes_nothing(tmp_path):
 
 @pytest.mark.live
 @pytest.mark.skipif(bool(measure.lacking()), reason=", ".join(measure.lacking()))
-@pytest.mark.parametrize("name", ["lda", "reflex"])
+@pytest.mark.parametrize("name", ["lda", pytest.param("reflex", marks=pytest.mark.nightly)])
 def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
     folder = written(watching(name), tmp_path, 8)
     captures, counted = measure.measured(folder), measure.measured_watching(folder)
@@ -301,13 +301,3 @@ def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
     detector, hop = watching(name).watcher.detector.classifier_, watching(name).watcher.clock.hop
     weights = detector.coef_.size  # of 8 bits; each is multiplied and added once in a window
     assert weights < counted["chip_watch_flash_bytes"] and most > weights and mean < most < hop * mean
-
-
-@pytest.mark.live
-def test_ten_minutes_of_silence_and_an_hour_of_touch(tmp_path):
-    recogniser, (_, streams) = watching("reflex"), recordings()
-    hour = np.concatenate([*streams.corpus] * 20)[: round(3600 * recogniser.rate_hz)]
-    assert len(hour) == 3600 * recogniser.rate_hz
-    watched = Watched(recogniser, tmp_path)
-    check_equal(events_of(watched.start()(hour), recogniser.classes), reports(recogniser, hour), wrong=0.02)
-    check_silence(watched, recogniser, 600, hour)

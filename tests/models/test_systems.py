@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 from sklearn.neighbors import KNeighborsClassifier
+from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 from torch import nn
@@ -76,9 +77,11 @@ def made(name, **options):
 
 @pytest.fixture(autouse=True)
 def few_updates(monkeypatch):
-    """The network inside reflex learns for a shorter time than it does for a user."""
+    """The networks inside reflex and mlp learn for a shorter time than they do for a user."""
     few = lambda *args, **kwargs: Perceptron(*args, updates=50, **kwargs)  # noqa: E731
     monkeypatch.setattr("models.out_of_distribution.Perceptron", few)
+    short = lambda *args, **kwargs: MLPClassifier(*args, **kwargs | {"max_iter": 20})  # noqa: E731
+    monkeypatch.setattr("models.classic.mlp.MLPClassifier", short)
 
 
 @pytest.mark.parametrize("name", [*DAILY, *(pytest.param(n, marks=pytest.mark.nightly) for n in SLOW - {"auto"})])

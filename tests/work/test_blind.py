@@ -31,6 +31,7 @@ from models.classic.lda import Discriminants
 from tests.conftest import random_corpus
 from tests.work.fakes import Level, Memory, cell_of
 
+pytestmark = pytest.mark.measured
 HIDDEN = ("captures", "gestures", "subjects", "index", "name", "digest", "info", "path", "target", "steps", "piece")
 FEW = random_corpus(subjects=3, per_class=2, grid=(4, 4))
 TRAIN, TEST = np.flatnonzero(FEW.subjects != "1"), np.flatnonzero(FEW.subjects == "1")

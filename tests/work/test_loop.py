@@ -216,6 +216,7 @@ def test_a_system_and_a_protocol_are_built_once_before_the_first_fold(store, mon
     assert len(Counting.made) == 1 + 4 and len(Splits.made) == 1
 
 
+@pytest.mark.measured
 def test_a_run_is_tracked_whole(capsys):
     assert main(["run", "model=svm,cnn85", "model.epochs=2", *SMALL]) == 0
     out = capsys.readouterr().out

@@ -144,14 +144,14 @@ def begun(command, **how):
 
 
 def test_folds_of_all_cells_are_done_there_and_are_the_same_bit_for_bit(two, tmp_path, monkeypatch, capsys):
-    command = ["run", "model=svm,rf,cnn85", "model.trees=10", "model.epochs=2", "features=jung54", *SMALL]
+    command = ["run", "model=svm,cnn85", "model.epochs=1", "features=jung28", *SMALL]
     assert main([*command, f"cluster={two}"]) == 0
     found, (store, there) = stored(), runs("cell")
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")
     monkeypatch.setattr("bench.plan.plan.share_cores", lambda jobs, folds: (1, 1))  # as many threads as there
     assert main(command) == 0
     store, here = runs("cell")
-    assert len(there) == 3 and {r.data.tags["touchbench.cell"] for r in there} == {
+    assert len(there) == 2 and {r.data.tags["touchbench.cell"] for r in there} == {
         r.data.tags["touchbench.cell"] for r in here
     }
     assert all(table.equals(found[name]) for name, table in stored().items())
@@ -192,6 +192,7 @@ def test_something_else_that_listens_and_a_cluster_without_workers(monkeypatch, 
         assert f"has no worker; start some, such as: dask worker {place}" in capsys.readouterr().err
 
 
+@pytest.mark.nightly
 def test_a_worker_that_is_killed_loses_no_fold(two, slow, capsys):
     command, folder = slow
     process = begun([*command, "model.seconds=4", f"cluster={two}"])

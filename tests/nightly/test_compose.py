@@ -21,7 +21,7 @@ def services():
     return yaml.safe_load((FOLDER / "compose.yaml").read_text())["services"]
 
 
-@pytest.mark.live
+@pytest.mark.nightly
 @pytest.mark.real_store
 def test_its_commands_work_together(tmp_path, monkeypatch, capsys):
     pytest.importorskip("distributed")
