@@ -64,7 +64,13 @@ def lines_of(text: str, folders: tuple[Path, ...] = (), masked: re.Pattern = MAS
         for pattern, word in SAME.items():
             line = re.sub(pattern, word, line)
         lines.append(line.rstrip())
-    return "\n".join(lines) + "\n"
+    return _without_budgets_of_time("\n".join(lines) + "\n")
+
+
+def _without_budgets_of_time(text: str) -> str:
+    """The same without the choices for budgets of computing time, which depend on the machine."""
+    text = re.sub(r"(?m)^\| computing time \| from .*\n", "", text)
+    return re.sub(r"(?m)^(\| computing time \|\n)(\| from .*\n)+", r"\1", text)
 
 
 def chip_of(text: str, folders: tuple[Path, ...] = ()) -> str:
