@@ -52,23 +52,25 @@ class Joined(Mapping[str, pd.DataFrame]):
         self._runs = [*runs]
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        parts = [r.tables[name].assign(system=r.method) for r in self._runs if name in r.tables]
+        tables = [(r, r.tables.get(name)) for r in self._runs]
+        parts = [table.assign(system=r.method) for r, table in tables if table is not None]
         if not parts:
-            raise KeyError(f"no table is called {name!r}; {nearest(name, [*self])}")
+            raise KeyError(f"no table is called {name!r}; {nearest(name, sorted(self))}")
         return pd.concat(parts, ignore_index=True)
 
     def __iter__(self) -> Iterator[str]:
         return iter(dict.fromkeys(name for r in self._runs for name in r.tables))
 
     def __len__(self) -> int:
-        return len([*self])
+        return sum(1 for _ in self)
 
 
 class Results(pd.DataFrame):
     """A row for each run with the columns that matter; all that is known of the runs is one attribute away.
 
     Attributes:
-        runs: the `bench.result.Result` behind each row, with its ``tables``.
+        runs: the `bench.result.Result` of each run behind the rows, with its ``tables``. In `bench.results` a run may
+            have several rows, and reference results have none.
         tables: tables of all runs below each other by name, each with the column ``system`` (with the seed, where that
             is not the usual one).
     """
@@ -79,11 +81,14 @@ class Results(pd.DataFrame):
 
     @property
     def _constructor(self) -> type[pd.DataFrame]:
-        return pd.DataFrame  # what is cut out of it is a plain table
+        return pd.DataFrame  # what is cut out of it or copied is a plain table
+
+    def __reduce__(self) -> str | tuple[object, ...]:
+        return pd.DataFrame(self).__reduce__()  # so is what is pickled: a store is of one process
 
     @property
     def full(self) -> pd.DataFrame:
-        """The same rows with every number that was measured; accuracies in percent."""
+        """A row for each run with every number that was measured; accuracies in percent."""
         return table_of(self.runs) if self.runs else pd.DataFrame(self)  # reference results have no runs
 
 

@@ -467,9 +467,8 @@ def columns(measures: Iterable[Measure], output: str) -> list[Measure]:
 
 def framed(measure: Measure) -> Measure:
     """The measure, read from a table of numbers that `bench.table.Table.frame` made of the columns of CSV files."""
-    if isinstance(measure, Cost) or isinstance(measure.read, tuple):  # these are there as they are stored
-        return measure
-    if "csv" not in measure.shows:  # it is not there; what it reads is
+    as_stored = isinstance(measure, Cost) and isinstance(measure.read, str)
+    if as_stored or isinstance(measure.read, tuple) or "csv" not in measure.shows:  # what it reads is there
         return measure
     return replace(measure, read=measure.key, times=1.0, per=1.0, ends=measure.key if measure.ends else "")
 
@@ -514,7 +513,9 @@ def run_columns() -> list[Measure]:
         Measure("captures", form=".0f", shows=csv),
         Measure("subjects", "n", form=whole, shows=("page", "csv")),
         text("published", "published %", spare=1, shows=("page", "csv")),
-        *plugged("columns"),
+        *(
+            replace(m, shows=tuple(dict.fromkeys((*m.shows, "csv")))) for m in plugged("columns")
+        ),  # page and LaTeX read it
         text("folds", shows=("page", "csv")),
         *(text(name, shows=csv) for name in ("run_id", "group", "subset", "data", "protocol")),
     ]

@@ -7,7 +7,7 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from bench.comparable import comparable, context_of, depends_on_batch, method_of, system_of
@@ -27,6 +27,7 @@ class Tables(Mapping[str, "pd.DataFrame"]):
         kept: tables in memory.
         read: reads a table that is not in memory; None where there is none of its name.
         missing: words behind ``<table> of``, for a table that is absent.
+        names: names of the tables that are not in memory.
     """
 
     def __init__(
@@ -34,8 +35,9 @@ class Tables(Mapping[str, "pd.DataFrame"]):
         kept: Mapping[str, pd.DataFrame],
         read: Callable[[str], pd.DataFrame | None] = lambda name: None,
         missing: str = "this run is missing; run it again",
+        names: Callable[[], Iterable[str]] = tuple,
     ) -> None:
-        self._kept, self._read, self._missing = dict(kept), read, missing
+        self._kept, self._read, self._missing, self._names = dict(kept), read, missing, names
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         """A table.
@@ -63,10 +65,10 @@ class Tables(Mapping[str, "pd.DataFrame"]):
         return self.get(str(name)) is not None
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._kept)
+        return iter(dict.fromkeys((*self._names(), *self._kept)))
 
     def __len__(self) -> int:
-        return len(self._kept)
+        return sum(1 for _ in self)
 
 
 class Result(Mapping[str, Any]):

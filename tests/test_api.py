@@ -1,6 +1,7 @@
 """The Python API: the names of the command line, tables that show what the store holds."""
 
 import itertools
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -163,6 +164,12 @@ def test_stress_stream_fit_and_tune():
     found = bench.stress(faults=["noise", "shift"], **bayes)
     assert set(found.tables["faults"]["fault"]) == {"noise", "shift"} and "loss.noise" in found.full
     assert set(found.tables["stress"]["fault"]) == {"none", "noise", "shift"}
+    assert {"faults", "stress"} < {*found.tables} == {*found.runs[0].tables} and len(found.tables) == len(
+        [*found.tables]
+    )
+    with pytest.raises(KeyError, match="did you mean faults"):
+        found.tables["fault"]
+    pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(found)), pd.DataFrame(found))
     assert {*found.tables["faults"]["system"]} == {*found["system"]} == {found.runs[0].method}
     replayed = bench.stream(hop_ms=600, **bayes)
     assert replayed.tables["instants"]["accuracy"].iloc[-1] == pytest.approx(replayed["accuracy"][0] / 100)

@@ -99,7 +99,7 @@ def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
         asked.append(name)
         return pd.DataFrame({"n": range({"small": 3, "large": SMALL + 1}.get(name, 0))}) if name != "none" else None
 
-    tables = Tables({"kept": pd.DataFrame({"n": [1]})}, read, "s (run 7) is missing")
+    tables = Tables({"kept": pd.DataFrame({"n": [1]})}, read, "s (run 7) is missing", lambda: ["small", "large"])
     result = Result(about, {"accuracy": 0.5, "folds": 2, "folds_failed": 1}, tables, {"f": "traceback"})
     assert result["accuracy"] == 0.5 and dict(result)["accuracy"] == 0.5  # a number before a text of the same name
     assert len(result) == len(dict(result)) == len([*result]) == len(about) + 2
@@ -108,7 +108,9 @@ def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
     assert not Result(about | {"touchbench.depends_on_batch": "true"}, {}, {}).alone
     for name in ("kept", "small", "small", "large", "large"):
         assert len(result.tables[name])
-    assert asked == ["small", "large", "large"] and [*result.tables] == ["kept", "small"]
+    assert asked == ["small", "large", "large"]
+    assert [*result.tables] == ["small", "large", "kept"] and len(result.tables) == 3  # without reading
+    assert asked == ["small", "large", "large"]
     with pytest.raises(InputError, match=r"none of s \(run 7\) is missing"):
         result.tables["none"]
     assert "none" not in result.tables and result.tables.get("none", 0) == 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -38,11 +38,15 @@ def result_of(store: Store, run: Run) -> Result:
     def read(name: str) -> pd.DataFrame | None:
         return read_table(lambda file: store.path(info.run_id, info.artifact_uri, file), name)
 
+    def names() -> list[str]:
+        files = map(PurePosixPath, store.names(info.run_id, info.artifact_uri))
+        return [*dict.fromkeys(file.stem for file in files if file.suffix in (".csv", ".parquet"))]
+
     missing = (
         f"{about.get('system', 'this system')} (run {info.run_id}) is missing in the store; restore it, or delete "
     )
     missing += "the run in bench ui and run it again"
-    return Result(about, data.metrics, Tables({}, read, missing))
+    return Result(about, data.metrics, Tables({}, read, missing, names))
 
 
 def stored(store: Store, kind: str = "cell") -> list[Result]:

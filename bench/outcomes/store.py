@@ -165,6 +165,18 @@ class Store:
             return None
 
     @patient
+    def names(self, run_id: str, artifacts: str) -> list[str]:
+        """Names of a run's artifacts, without those in folders, sorted.
+
+        Args:
+            run_id: id of the run.
+            artifacts: their address.
+        """
+        if (folder := _local(artifacts)) is not None:
+            return sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+        return sorted(item.path for item in self.client.list_artifacts(run_id))
+
+    @patient
     def fetched(self, run_id: str, name: str) -> Path:
         """An artifact, or a folder of them, that must be there, as local files."""
         return Path(self.client.download_artifacts(run_id, name))
