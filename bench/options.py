@@ -194,7 +194,7 @@ COMMANDS = {
         "half and all of the default. max_false_alarms= and max_latency= compare runs of bench watch instead, by the "
         "share of touches whose label is correct at the end.",
         "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB\n"
-        "bench choose data=haart protocol=loso max_false_alarms=5 max_latency=1s\n"
+        f"bench choose data=haart protocol=loso max_false_alarms={FALSE_ALARMS:g} max_latency=1s\n"
         "bench choose data=haart protocol=loso model=cnn85 over=frames",
     ),
     "report": Command(

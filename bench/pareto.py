@@ -15,6 +15,16 @@ def front(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
     return np.isfinite(cost) & ~(better & strictly).any(axis=0)
 
 
+def staircase(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """Positions of the points of `front`, cheapest first, only the first of equal points; int [corners].
+
+    A chart draws its line through them and names each once.
+    """
+    on = np.flatnonzero(front(accuracy, cost))
+    _, first = np.unique(cost[on], return_index=True)
+    return on[first]
+
+
 def dominated_by(accuracy: np.ndarray, costs: np.ndarray) -> np.ndarray:
     """For each point, another one that is at least as good in everything and better in something; -1 without one.
 

@@ -17,10 +17,10 @@ from bench.outcomes import statistics
 from bench.outcomes.candidates import STRESS, Candidates, Faults, candidates
 from bench.outcomes.choice import Choice, decide, named, sentences
 from bench.outcomes.expected import expectation, expected
+from bench.pareto import staircase
 from bench.result import Result
 from bench.scene_file import EVERY
 from bench.table import rows_of
-from reports.speed import front
 
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
 MOST = 40  # candidates that the chart draws, besides those of a front
@@ -145,7 +145,7 @@ def drawn(choice: Choice) -> pd.DataFrame:
     """The most accurate candidates, with all that are on a front or chosen."""
     table = choice.table
     accuracy = table["accuracy"].to_numpy()
-    best = {i for name in costs_of(recordings=False) for i in table.index[front(_burden(table, name), accuracy)]}
+    best = {i for name in costs_of(recordings=False) for i in table.index[staircase(accuracy, _burden(table, name))]}
     best |= {choice.chosen, *table.sort_values("accuracy", ascending=False).index[:MOST]}
     return table[table.index.isin(best)]
 

@@ -132,10 +132,13 @@ def _reference(name: str, answer: Submission) -> dict[str, object]:
 
 
 def _published(result: Result, units: Sequence[str], numbers: Mapping[tuple, list]) -> str:
-    """Published numbers that may stand beside a row, each with its unit and id."""
+    """Published numbers that may stand beside a row, each with its unit and id.
+
+    Systems that depend on the batch or use conditions have none: their marked names match no published system.
+    """
     if result["synthetic"] == "true":
         return ""
-    same = numbers.get(tuple(result[k.removesuffix("_key")] for k in SAME), [])
+    same = numbers.get((*(result[k.removesuffix("_key")] for k in SAME[:-1]), result.system), [])
     return "; ".join(f"{r.accuracy:g} ({r.unit_key}, {r.id})" for r in same if r.unit_key in units)
 
 

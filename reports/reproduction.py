@@ -60,8 +60,8 @@ def against(papers: pd.DataFrame, results: Sequence[Result]) -> pd.DataFrame:
         as_printed |= {"table4": correction.table4, "table4_sd": correction.table4_sd}
         notes = [correction.correction] if isinstance(correction.correction, str) else []
         runs_of = sorted(ours.get(tuple(getattr(paper, k) for k in SAME), []), key=lambda run: seed_number(run["seed"]))
-        measured = [m for run in runs_of if run["system"] == paper.system and (m := _measured(run, paper))]
-        others = sorted({run["system"] for run in runs_of} - {paper.system})
+        measured = [m for run in runs_of if run.system == paper.system and (m := _measured(run, paper))]
+        others = sorted({run.system for run in runs_of} - {paper.system})
         for each in measured or [_nothing(paper, here, others)]:
             rows.append(as_printed | NOTHING | each | {"note": "\n".join(notes + each["note"])})
     return pd.DataFrame(rows)

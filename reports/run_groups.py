@@ -68,7 +68,7 @@ def largest_groups(groups: Mapping[str, Sequence[Result]]) -> tuple[dict[str, Se
         mixed = any(facts_of(r).mixes_subjects for r in results)
         synthetic = max(r["synthetic"] for r in results)
         subjects = max(r.get("subjects", 0) for r in results)
-        return synthetic, mixed, -subjects, -len({r["system"] for r in results}), name
+        return synthetic, mixed, -subjects, -len({r.system for r in results}), name
 
     names = sorted(groups, key=order)
     return {name: groups[name] for name in names[:GROUPS]}, names[GROUPS:]

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench import pareto
 from bench.measures import Cost, costs
+from bench.pareto import staircase
 from reports.figures import LINE, TEXT, TITLE, WIDEST, bars, log_ticks, new_figure, plain, spread, width_of
 
 if TYPE_CHECKING:
@@ -26,16 +26,6 @@ MARKS = {  # of a candidate: marker, face, edge
 CHOICE, BUDGET = "#2e8b57", "#b85c00"
 NAMED = 16  # points of a chart that all have a name beside it
 PANEL = 2.2, 4.5  # narrowest and widest panel in inches
-
-
-def front(cost: np.ndarray, accuracy: np.ndarray) -> np.ndarray:
-    """Positions of the points that no other beats in both, cheapest first; those without a cost are never among them.
-
-    A point is beaten by one that is as cheap or cheaper and more accurate, or cheaper and as accurate.
-    """
-    on = np.flatnonzero(pareto.front(accuracy, cost))
-    _, first = np.unique(cost[on], return_index=True)  # of equal points the first one
-    return on[first]
 
 
 def speed_chart(
@@ -72,7 +62,7 @@ def speed_chart(
 def _with_names(points: pd.DataFrame, cost: Cost) -> pd.DataFrame:
     """Points, whether each is on the front, and the name beside it, empty for none."""
     burden = cost.burden(points[cost.key].to_numpy(float))
-    best = np.isin(np.arange(len(points)), front(burden, points["accuracy"].to_numpy()))
+    best = np.isin(np.arange(len(points)), staircase(points["accuracy"].to_numpy(), burden))
     names = points["name"].where(~points["chosen"], "choice: " + points["name"])
     shown = best | points["chosen"] | (len(points) <= NAMED)
     return points.assign(best=best, label=names.where(shown, ""))
@@ -122,7 +112,7 @@ def _panel(ax: Axes, points: pd.DataFrame, cost: Cost, budget: float | None, inc
     bottom, top = (lowest + highest) / 2 - reach, (lowest + highest) / 2 + reach
     ax.set(xlim=(low, right), ylim=(bottom, top), ylabel="correctly classified captures, %")
     ax.set_xlabel(textwrap.fill(cost.axis or cost.title, int((inches[0] + 0.8) / (TEXT * 0.0075))))
-    best = front(cost.burden(x), y)
+    best = staircase(y, cost.burden(x))
     ax.plot(x[best], y[best], color="0.2", linewidth=1, drawstyle="steps-post", zorder=2)
     for i, point in enumerate(points.itertuples()):
         marker, face, edges = MARKS[point.kind]

@@ -12,6 +12,7 @@ from bench.errors import InputError
 from bench.options import keys
 from bench.plan.cells import Cell, cells
 from bench.result import Result
+from bench.usual import FALSE_ALARMS
 from bench.work.loop import execute, prepared
 from bench.work.watch import Watch
 from reports.illustrations import illustrate
@@ -26,7 +27,7 @@ def watch(arguments: list[str]) -> int:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
     code = show(watched(parse(arguments, keys("watch"))), Watch)
-    then("bench choose max_false_alarms=5 max_latency=1s")
+    then(f"bench choose max_false_alarms={FALSE_ALARMS:g} max_latency=1s")
     return code
 
 

@@ -23,6 +23,7 @@ CUDDLEBOT = "3b64981c717155af5277d8945cc9cc94d7f573998c1d5f65c55e5f05c7b9620e"
 RATE_HZ = 54.0  # of HAART
 INSTANTS_MS = (500, 1000, 2000, 4000, 8000)
 DRAWS = 5
+# Frozen with the tasks, so not that of bench.usual: another default of bench watch must not change a task.
 FALSE_ALARMS = 5.0  # per hour of background, at most, where touches are found in recordings
 CLEAN = "none"
 

@@ -77,11 +77,11 @@ def agreements(groups: Mapping[str, Sequence[Result]]) -> list[Agreement]:
         seeds: dict[str, Result] = {}
         for r in sorted(results, key=lambda r: seed_number(r["seed"])):
             if r.complete and r.alone:
-                seeds.setdefault(r["system"], r)
+                seeds.setdefault(r.system, r)
         models: dict[str, Result] = {}
         for r in sorted(seeds.values(), key=lambda r: -r["accuracy"]):
             models.setdefault(r["model_name"], r)
-        tables = {r["system"]: t for r in models.values() if (t := r.tables.get("predictions")) is not None}
+        tables = {r.system: t for r in models.values() if (t := r.tables.get("predictions")) is not None}
         best = next(iter(models.values()), None)
         if best is not None and len(tables) >= LEAST and best["corpus_digest"] not in found:
             found[best["corpus_digest"]] = Agreement(group, best, list(tables), agreement(tables.values()))

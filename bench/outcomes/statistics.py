@@ -122,7 +122,7 @@ def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[floa
         return np.nan, np.nan, np.nan
     mean = differences.mean()
     error = np.sqrt((1 / n + test_over_train) * differences.var(ddof=1))
-    half = stats.t.ppf(0.975, n - 1) * error
+    half = stats.t.ppf(0.975, n - 1) * error  # bench.paired.interval has the usual error, not this one
     p = 2 * stats.t.sf(abs(mean) / error, n - 1) if error > 0 else (1.0 if mean == 0 else 0.0)
     return float(mean - half), float(mean + half), float(p)
 

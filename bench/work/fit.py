@@ -141,7 +141,7 @@ def _watcher(estimator: contract.System, corpus: Corpus, watch: Watch) -> Watche
 def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
     """How sure the system of a cell may be, and when it can decide; None where its captures cannot teach it."""
     try:
-        why = unlearnable(cell.estimator(), corpus)
+        why = unlearnable(cell.untrained, corpus)
     except InputError as e:
         why = str(e)
     if why:

@@ -71,6 +71,11 @@ def test_a_more_accurate_system_of_a_model_and_incomplete_or_batch_runs():
     assert [captures for _, captures in listed([*results, evaluated("m0[x=1]", right)])] == [[]]
 
 
+def test_a_system_that_uses_conditions_is_listed_with_them():
+    ((systems, _),) = listed([*kept(FIVE[:4]), evaluated("m4", FIVE[4], **{"touchbench.conditions": "cover"})])
+    assert "m4 (uses cover)" in systems and "m4" not in systems
+
+
 def test_a_store_is_found_and_not_made(tmp_path, monkeypatch):
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     monkeypatch.chdir(tmp_path)

@@ -11,6 +11,7 @@ import pytest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import survey
 from bench.errors import InputError
+from bench.pareto import staircase
 from bench.table import write_sheet
 from reports import corpus_page, details, figures, speed
 from reports.provenance import command
@@ -29,7 +30,7 @@ def test_front_by_a_plain_loop():
         for c, a in zip(cost, accuracy, strict=True)
     ]
     expected = {(c, a) for c, a, b in zip(cost, accuracy, beaten, strict=True) if not b and np.isfinite(c)}
-    on = speed.front(cost, accuracy)
+    on = staircase(accuracy, cost)
     assert {(cost[i], accuracy[i]) for i in on} == expected and (np.diff(cost[on]) > 0).all()
 
 

@@ -56,6 +56,15 @@ def test_which_run_stands_beside_which_number():
     assert shown[("synth (synthetic)", "ta2015_rf")] == {""} == shown[("haart", "hughes2017_cnn[epochs=3]")]
 
 
+@pytest.mark.parametrize("mark", [{"touchbench.depends_on_batch": "true"}, {"touchbench.conditions": "subject"}])
+def test_a_run_on_the_batch_or_on_conditions_is_no_published_system(mark):
+    results, table = beside(("ta2015_rf", made_up(3), mark))
+    (shown,) = comparison(grouped(results), published()).itertuples()
+    assert shown.system == results[0].system != "ta2015_rf" and shown.published == ""
+    row = table.loc["ta2015-haart-test"]
+    assert row["verdict"] == "not run" and results[0].system in row["note"]
+
+
 def test_units_and_their_intervals():
     predictions = made_up(6, windows=3, skill=0.5)
     _, table = beside(("cnn85", predictions, {"data": "cost", "protocol": "loso"}))
