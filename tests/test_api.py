@@ -137,6 +137,7 @@ def test_a_run_is_compared_with_a_reference_result(store):
     reference = results.tables["haart-loso-v1/reflex"]
     own = (reference["true"] == reference["predicted"]).groupby(reference["subject"]).mean().mean()
     assert found.difference == pytest.approx(90 - 100 * own)
+    assert results.full.equals(pd.DataFrame(results)) and not results.runs
     assert "haart-loso-v1" in repr(results) and "reflex" in results._repr_html_()
 
 

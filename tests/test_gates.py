@@ -1,5 +1,7 @@
 """Gates of the design: a new cost, and a new column, are one entry and the line that measures them."""
 
+import contextlib
+import io
 import re
 from pathlib import Path
 
@@ -7,9 +9,10 @@ import pandas as pd
 import pytest
 
 from bench import measures
+from bench.cli import main
 from bench.measures import Cost, Measure
 from bench.options import help_of
-from tests.conftest import SMALL, done
+from tests.conftest import SMALL
 
 ENTRY = Cost(
     "energy",
@@ -57,6 +60,12 @@ def entered(monkeypatch):
     measures.costs.cache_clear()
     yield
     measures.costs.cache_clear()
+
+
+def done(arguments):
+    """Exit code and output of a command."""
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        return main(arguments), out.getvalue()
 
 
 def test_a_new_cost_and_a_new_column_appear_everywhere(entered):

@@ -140,18 +140,6 @@ class Store:
         """The child runs of a run, newest first."""
         return self.runs(f"tags.`mlflow.parentRunId` = '{run_id}'")
 
-    def finished_folds(self, run_id: str) -> list[Run]:
-        """The finished child runs, in the order in which they were stored."""
-        return sorted((f for f in self.folds(run_id) if f.info.status == "FINISHED"), key=lambda f: f.info.start_time)
-
-    def fold_accuracy(self, run_id: str) -> dict[str, float]:
-        """Accuracy of the captures of each fold, in percent."""
-        return {
-            f.data.tags["touchbench.fold"]: 100 * f.data.metrics["accuracy"]
-            for f in self.finished_folds(run_id)
-            if "accuracy" in f.data.metrics
-        }
-
     @patient
     def path(self, run_id: str, artifacts: str, name: str) -> Path | None:
         """A run's artifact as a local file: where it lies if the store is on this machine, else fetched.

@@ -1,0 +1,138 @@
+"""The values behind everything that is shown and chosen, against values by hand: measures, costs, tables, results."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from bench.errors import InputError
+from bench.measures import Cost, Interval, Measure, costs, percent, text, three
+from bench.outcomes.tables import file_of, read_table, write_table
+from bench.result import SMALL, Result, Tables
+from bench.table import Table, of_text
+
+ROW = {"share": 0.8125, "share_low": 0.75, "share_high": 0.9, "bytes": 90064, "p50": 1.5, "p95": None, "name": "a"}
+
+
+@pytest.mark.parametrize(
+    ("measure", "cell", "words"),
+    [
+        (percent("share"), 81.25, "81.2"),
+        (percent("accuracy", read="share", ends="share"), Interval(81.25, 75.0, 90.0), "81.2 [75.0, 90.0]"),
+        (percent("share", ends="bytes"), 81.25, "81.2"),  # no interval of this name
+        (Measure("kB", read="bytes", per=1000), 90.064, "90.1"),
+        (Measure("kB", read="bytes", form=three, per=1000), 90.064, "90.1"),
+        (Measure("B", read="bytes", form=three), 90064, "90 064"),
+        (Measure("ms", read=("p50", "p95"), form=".2f"), (1.5, None), "1.50"),
+        (Measure("ms", read=("p95", "p50")), (None, 1.5), "- / 1.5"),
+        (Measure("ms", read=("p95", "none")), None, "-"),
+        (Measure("sum", read=lambda row: row["p50"] + 1), 2.5, "2.5"),
+        (text("name"), "a", "a"),
+        (Measure("missing"), None, "-"),
+        (Measure("nan", read=lambda row: np.nan), None, "-"),
+        (Measure("nothing", read=lambda row: pd.NA), None, "-"),
+        (Measure("zero", read=lambda row: 0.0), 0.0, "0.0"),
+        (Measure("signed", read="p50", form="+.1f"), 1.5, "+1.5"),
+    ],
+)
+def test_a_measure_reads_and_writes_a_value(measure, cell, words):
+    assert measure.cell(ROW) == cell and measure.of(ROW) == words
+
+
+def test_costs_have_their_budgets_units_and_lines():
+    every = costs()
+    assert list(every)[:5] == ["flash", "ram", "predict", "decision", "cycles"] and len(every) == 11
+    assert every["flash"].typed("1MiB") == pytest.approx(1048.576) and every["flash"].cell({"flash_bytes": 2500}) == 2.5
+    assert every["latency"].cell({"latency_s_p50": 0.25}) == 250 and every["latency"].typed("1s") == 1000
+    assert every["cycles"].cell({"chip_most_instructions": 1_224_240}) == 1224.24
+    assert {c.budget for c in every.values()} == {f"max_{name}" for name in every}
+    assert every["worst_person"].section == ("people", "worst") and every["ram"].section == ("budget", "ram")
+    assert every["fault_loss"].typed("0") == 0
+    for key, given_amount in (("flash", "3ms"), ("ram", "0kB"), ("latency", "1"), ("false_alarms", "0")):
+        with pytest.raises(InputError, match=f"max_{key}="):
+            every[key].typed(given_amount)
+    assert every["flash"].amount(64) == "64 kB" and every["flash"].amount(1234.5) == "1234 kB"
+    assert every["flash"].amount(np.nan) == every["flash"].amount(np.inf) == "-"
+    assert every["flash"].apart(64.001, 64.002) == ("64.001 kB", "64.002 kB")
+    assert every["flash"].apart(64, 64) == ("64 kB", "64 kB")
+    last = Cost("battery", unit="h", better="high")
+    assert (last.budget, last.limit, last.extreme, last.burden(3.0)) == ("min_battery", "at least", "highest", -3.0)
+    assert (
+        every["flash"].argument(64) == "max_flash=64kB" and every["worst_fault"].argument(2.5) == "max_worst_fault=2.5"
+    )
+
+
+def test_a_table_shows_what_fits_and_keeps_all_numbers(tmp_path):
+    columns = [
+        text("name", "system"),
+        percent("share", "accuracy %", ends="share"),
+        Measure("bytes", form=",.0f", spare=1),
+    ]
+    columns += [Measure("p95", "p95 ms", spare=3), text("code", code=True, spare=2)]
+    rows = [ROW | {"code": "bench run"}, {"name": "=b", "share": 0.5, "code": ""}]
+    table = Table(columns, rows, "Title", [1], remarks=[["x", "y"], ["y"]], groups=["g", "g"])
+    assert table.headings == ["system", "accuracy %", "bytes", "code"]  # nothing is known of p95
+    assert table.texts[1] == {"system": "=b", "accuracy %": "50.0", "bytes": "-", "code": ""}
+    assert table.notes == ["x", "y"] and [line["marks"] for line in table.lines] == [[1, 2], [2]]
+    frame = table.frame()
+    assert [*frame] == ["name", "share", "share_low", "share_high", "bytes", "p95", "code"]
+    assert frame["share"].tolist() == [81.25, 50]
+    assert frame["share_low"].tolist()[0] == 75 and frame["share_low"].isna()[1]
+    lines = table.csv(tmp_path / "t.csv").read_text().splitlines()
+    assert lines[2].startswith("'=b,50.0")  # no formula in a spreadsheet
+    out = Console(width=38, record=True)  # system, accuracy % and bytes take 39 columns, code another 12
+    table.print(out)
+    printed = out.export_text()
+    assert "columns left out: code, bytes; a terminal of 51 columns" in " ".join(printed.split())
+    assert "81.2 [75.0, 90.0]" in printed
+    assert of_text(pd.DataFrame({"a": ["1"]}), code=["a"]).code == {"a"}
+
+
+def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
+    about = {"system": "s", "seed": "1", "data": "d", "synthetic": "true", "subset": "all", "target": "gesture"}
+    about |= {"protocol_label": "LOSO", "touchbench.kind": "cell", "status": "FAILED", "accuracy": "text"}
+    asked = []
+
+    def read(name):
+        asked.append(name)
+        return pd.DataFrame({"n": range({"small": 3, "large": SMALL + 1}.get(name, 0))}) if name != "none" else None
+
+    tables = Tables({"kept": pd.DataFrame({"n": [1]})}, read, "s (run 7) is missing")
+    result = Result(about, {"accuracy": 0.5, "folds": 2, "folds_failed": 1}, tables, {"f": "traceback"})
+    assert result["accuracy"] == 0.5 and dict(result)["accuracy"] == 0.5  # a number before a text of the same name
+    assert len(result) == len(dict(result)) == len([*result]) == len(about) + 2
+    assert (result.method, result.context[0], result.folds) == ("s, seed 1", "d (synthetic)", "2/3")
+    assert not result.complete and result.alone and result.scored and not Result(about, {"folds": 0}, {}).scored
+    assert not Result(about | {"touchbench.depends_on_batch": "true"}, {}, {}).alone
+    for name in ("kept", "small", "small", "large", "large"):
+        assert len(result.tables[name])
+    assert asked == ["small", "large", "large"] and [*result.tables] == ["kept", "small"]
+    with pytest.raises(InputError, match=r"none of s \(run 7\) is missing"):
+        result.tables["none"]
+    assert "none" not in result.tables and result.tables.get("none", 0) == 0
+
+
+words = st.sampled_from(["NA", "null", "nan", "03", "1.0", "1", "", "True", "a,b", 'a"b', "ü ", "inf"]) | st.text(
+    "aé,\" '"
+)
+
+
+@given(labels=st.lists(words, min_size=1, max_size=5))
+def test_stored_text_stays_text(tmp_path_factory, labels):
+    folder = tmp_path_factory.mktemp("tables")
+    find = lambda name: folder / name if (folder / name).exists() else None  # noqa: E731
+    table = pd.DataFrame({"subject": labels, "gesture": labels, "label": labels[::-1], "share": 0.1 + 0.2})
+    write_table(table, folder / file_of("touches"))
+    assert file_of("touches") == "touches.parquet"
+    pd.testing.assert_frame_equal(read_table(find, "touches"), table, check_dtype=False)
+    table.to_csv(folder / "reports.csv", index=False)  # as earlier versions stored it
+    pd.testing.assert_frame_equal(read_table(find, "reports"), table, check_dtype=False)
+    assert read_table(find, "curve") is None
+
+
+def test_a_column_of_several_types_is_stored_as_text(tmp_path):
+    mixed = pd.DataFrame({"value": pd.Series([8, "auto", None, 0.5], dtype=object), "fold": "1"})
+    write_table(mixed, tmp_path / "tried.parquet")
+    assert read_table(lambda name: tmp_path / name, "tried")["value"].fillna("-").tolist() == ["8", "auto", "-", "0.5"]
