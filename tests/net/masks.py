@@ -18,7 +18,7 @@ import pandas as pd
 
 MASKED = re.compile(  # headings of columns of times, memory, identity and versions, in all formats
     "((predict|decision|decide|reference|capture_decision|system hop)[ _]ms|fit s)([ _].*)?|(.*_)?seconds|fit s"
-    "|decisions[ _]per[ _]s(econd)?|predict_relative|predict|decision|peak_rss_bytes|started|artifacts"
+    "|decisions[ _]per[ _]s(econd)?|predict_relative|predict|peak_rss_bytes|started|artifacts"
     "|touchbench[.]cell|run|run_id|git|cpu|simd|CPU, threads|threads|version[.].*"
     "|numpy|optuna|pandas|python|scikit-learn|scipy|torch|touchbench|xgboost(-cpu)?"
 )
@@ -198,7 +198,7 @@ def data_lines(text: str) -> list[str]:
     """Data of a script in lines; costs of time masked, numbers in base64 as their count and weighted sum."""
     data = json.loads(text)
     costs = [c.get("key", "") if isinstance(c, dict) else c for c in data.get("costs", [])]
-    timed = {i for i, name in enumerate(costs) if name in ("predict", "decision") or name.startswith("ms ")}
+    timed = {i for i, name in enumerate(costs) if name == "predict" or name.startswith("ms to compute")}
     return [f"data {line}" for line in _walk("", _masked(data, timed))]
 
 

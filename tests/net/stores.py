@@ -238,7 +238,8 @@ def compare_tables(found: Found, where: str, before: Path, after: Path) -> None:
         if None not in kinds and kinds[0] != kinds[1]:
             found.differences.append(f"{where}: column {name} is {kinds[0]} -> {kinds[1]}")
         kind = kinds[0] or kinds[1] or _guessed(*(table[name] for table in tables))
-        columns = [[_value(value, kind) for value in table[name]] for table in tables]
+        told = before.suffix == after.suffix == ".parquet"
+        columns = [[_value(value, kind, told) for value in table[name]] for table in tables]
         found.counts["values"] += len(columns[0])
         wrong = [i for i, (a, b) in enumerate(zip(*columns, strict=True)) if not same(a, b)]
         if wrong:
@@ -273,9 +274,12 @@ def _guessed(*columns: pd.Series) -> str:
     return "number"
 
 
-def _value(value: Any, kind: str) -> object:
-    if value is None or value == "" or (not isinstance(value, str) and pd.isna(value)):
+def _value(value: Any, kind: str, told: bool) -> object:
+    """A value to compare; an empty text, None and NaN are apart if both files tell them apart, as CSV does not."""
+    if value is None or (value == "" and not told):
         return None
+    if not isinstance(value, str) and pd.isna(value):
+        return math.nan if told else None
     if kind == "number":
         return float(value)
     if kind == "short number":

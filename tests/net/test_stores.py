@@ -18,9 +18,8 @@ def before(tmp_path_factory, empty_store):
     folder = tmp_path_factory.mktemp("stores") / "before"
     folder.mkdir()
     with inside(folder, empty_store):
-        run = tracked_run(
-            store := connect(), "svm", made_up(subjects=2, per_class=1), history=[0.5, 0.25], **{"model.C": 8}
-        )
+        table = made_up(subjects=2, per_class=1).assign(note="")
+        run = tracked_run(store := connect(), "svm", table, history=[0.5, 0.25], **{"model.C": 8})
         Path("figure.png").write_bytes(b"a")
         store.keep(run, Path("figure.png"))
     return folder
@@ -75,6 +74,10 @@ DIFFERENCES = {  # changes of the second store, and the words of the one line th
     "a text": (
         lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t.assign(subject="0" + t["subject"])),
         "predictions: column subject differs in 6 rows, row 0: '1' -> '01'",
+    ),
+    "an empty text that is missing": (
+        lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t.assign(note=t["note"].replace("", None))),
+        "predictions: column note differs in 6 rows, row 0: '' -> nan",
     ),
     "a type": (
         lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t.assign(start=t["start"].astype(str))),
