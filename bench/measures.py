@@ -10,16 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from bench.amounts import UNITS, quantity
+from bench.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
 
 Row = Mapping[str, Any]  # of a run or of a table: values by name; nan or None for what is unknown
 NONE = "-"  # printed for an unknown value
+OUTPUTS = ("terminal", "page", "latex", "csv")
+SECTIONS = ("budget", "faults", "people", "stream")  # of a scene file, with budgets
 
 
 class Interval(NamedTuple):
@@ -177,9 +180,9 @@ class Cost(Measure):
 
     Attributes:
         unit: unit of its amounts. One of `bench.amounts.UNITS` is typed with a unit, any other as a plain number.
-        noun: name in a sentence.
-        words: words behind an amount of it.
-        axis: label of its axis in figures.
+        noun: name in a sentence; empty for the key with spaces.
+        words: words behind an amount of it; empty for "of" and the noun.
+        axis: label of its axis in figures; empty for the noun and the unit.
         unknown: reason why it may be unknown.
         help: help of its budget.
         better: ``low`` or ``high``: a budget is the most of the former (``max_<key>``), the least of the latter
@@ -220,6 +223,30 @@ class Cost(Measure):
     column: bool = True
     last: int = 6
 
+    def __post_init__(self) -> None:
+        """Refuse what no budget, sentence or scene file could use, and fill in the words that were left out.
+
+        Raises:
+            ValueError: a value is none of those that are described above.
+        """
+        if not self.key.isidentifier():
+            raise ValueError(f"key={self.key!r}: give a name of letters, digits and _")
+        if self.better not in ("low", "high"):
+            raise ValueError(f"better={self.better!r}: give low or high")
+        if self.runs not in ("captures", "recordings"):
+            raise ValueError(f"runs={self.runs!r}: give captures or recordings")
+        if isinstance(self.read, tuple):
+            raise ValueError(f"read={self.read!r}: a cost is one number; give one name")
+        if self.section[0] not in SECTIONS:
+            raise ValueError(
+                f"line={self.line!r}: no section of a scene file is called {self.section[0]}; "
+                f"known: {', '.join(SECTIONS)}"
+            )
+        noun = self.noun or self.title
+        axis = f"{noun} ({self.unit})" if self.unit else noun
+        for name, usual in (("noun", noun), ("words", f"of {noun}"), ("axis", axis)):
+            object.__setattr__(self, name, getattr(self, name) or usual)  # the class is frozen
+
     @property
     def title(self) -> str:
         """Its name in tables and verdicts."""
@@ -239,6 +266,11 @@ class Cost(Measure):
     def extreme(self) -> str:
         """The best amount in words."""
         return "lowest" if self.better == "low" else "highest"
+
+    @property
+    def needs(self) -> str:
+        """Words before a worse amount, which is set against a better one."""
+        return "needs" if self.better == "low" else "has only"
 
     @property
     def section(self) -> tuple[str, str]:
@@ -272,6 +304,10 @@ class Cost(Measure):
         if not abs(value) < float("inf"):
             return NONE
         return f"{value:.3g} {self.unit}".rstrip() if value < 100 else f"{value:.0f} {self.unit}".rstrip()
+
+    def reach(self, budget: str) -> str:
+        """A budget and all looser ones in words."""
+        return f"from {budget} on" if self.better == "low" else f"up to {budget}"
 
     def apart(self, one: float, other: float) -> tuple[str, str]:
         """Two amounts with enough digits to differ."""
@@ -438,16 +474,62 @@ BUILT_IN = (
 )
 
 
+KINDS = {"costs": Cost, "columns": Measure}  # what installed packages add, by the name of a group of entry points
+
+
 @cache
 def plugged(group: str) -> list[Any]:
-    """What installed packages add, by the name of a group of entry points: ``costs`` or ``columns``."""
-    return [entry.load() for entry in entry_points(group=f"touchbench.{group}")]
+    """What installed packages add: a group of `KINDS`.
+
+    Raises:
+        InputError: an entry point cannot be loaded, or is something else.
+    """
+    return [_loaded(entry, KINDS[group]) for entry in entry_points(group=f"touchbench.{group}")]
+
+
+def _loaded(entry: EntryPoint, kind: type[Measure]) -> Measure:
+    try:
+        measure = entry.load()
+    except Exception as e:  # a module of somebody else's may raise anything
+        raise InputError(
+            f"{_name(entry)} cannot be loaded from {entry.value}: {type(e).__name__}: {e}; repair or remove the package"
+        ) from e
+    if not isinstance(measure, kind):
+        raise InputError(
+            f"{_name(entry)}: {entry.value} is no bench.measures.{kind.__name__} but {type(measure).__name__}; repair "
+            "or remove the package"
+        )
+    return measure
+
+
+def _name(entry: EntryPoint) -> str:
+    package = f" of the package {entry.dist.name}" if entry.dist else ""
+    return f"the entry point {entry.name} in {entry.group}{package}"
+
+
+def _taken(name: str, measures: Iterable[Measure]) -> InputError:
+    """The refusal of a name that several measures have; those that are plugged in are at fault."""
+    entries = (entry for group in KINDS for entry in entry_points(group=f"touchbench.{group}"))
+    wrong = [_name(entry) for entry in entries if any(entry.load() is measure for measure in measures)]
+    return InputError(f"{' and '.join(wrong)}: {name} is taken; choose another one, or remove the package")
 
 
 @cache
 def costs() -> dict[str, Cost]:
-    """All costs by name: built-in ones, then those of installed packages."""
-    return {cost.key: cost for cost in (*BUILT_IN, *plugged("costs"))}
+    """All costs by name: built-in ones, then those of installed packages.
+
+    Raises:
+        InputError: one of a package cannot be used, or its key or its line in a scene file is taken.
+    """
+    every: dict[str, Cost] = {}
+    lines: dict[tuple[str, str], Cost] = {}
+    for cost in (*BUILT_IN, *plugged("costs")):
+        if cost.key in every:
+            raise _taken(f"the key {cost.key}", (every[cost.key], cost))
+        if cost.section in lines:
+            raise _taken("the line [{}] {}".format(*cost.section), (lines[cost.section], cost))
+        every[cost.key] = lines[cost.section] = cost
+    return every
 
 
 def costs_of(recordings: bool) -> dict[str, Cost]:
@@ -461,8 +543,29 @@ def budgets() -> dict[str, Cost]:
 
 
 def columns(measures: Iterable[Measure], output: str) -> list[Measure]:
-    """The measures that an output shows."""
-    return [measure for measure in measures if output in measure.shows]
+    """The measures that an output shows.
+
+    Raises:
+        InputError: one of an installed package has the heading of another one, which it would replace.
+    """
+    shown = [measure for measure in measures if output in measure.shows]
+    heads: dict[str, Measure] = {"system": Measure("system")}  # which every table has
+    for measure in shown:
+        head = {"csv": measure.key, "latex": measure.latex or measure.name}.get(output, measure.name)
+        if head in heads:
+            raise _taken(f"the heading {head}", (heads[head], measure))
+        heads[head] = measure
+    return shown
+
+
+def check_plugged() -> None:
+    """Refuse costs and columns of installed packages that cannot be used, before any work.
+
+    Raises:
+        InputError: there is one.
+    """
+    for output in OUTPUTS:
+        columns(run_columns(), output)
 
 
 def framed(measure: Measure) -> Measure:

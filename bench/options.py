@@ -407,15 +407,20 @@ COMMANDS = {
 
 def options(command: str) -> dict[str, Option]:
     """The keys of a command by name; those of all its actions for one that has some."""
-    rows = [o for o in _every() if any(c == command or c.startswith(f"{command}-") for c in o.commands.split())]
+    rows = [o for o in _every(command) if any(c == command or c.startswith(f"{command}-") for c in o.commands.split())]
     return {option.key: option for option in rows}
 
 
-def _every() -> Iterator[Option]:
-    """All options; behind ``by`` those of the budgets."""
+def _every(command: str) -> Iterator[Option]:
+    """All options; behind ``by`` those of the budgets, of a command that has some.
+
+    Others do without the costs of installed packages, so that their help comes even where one cannot be loaded.
+    """
     for option in OPTIONS:
         if option.key != "by":
             yield option
+            continue
+        if command not in CHOICE.split():
             continue
         yield replace(option, values=tuple(costs()))
         for key, cost in budgets().items():

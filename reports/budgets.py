@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
 import numpy as np
 import pandas as pd
 
 from bench.comparable import COMPARABLE
 from bench.errors import InputError
-from bench.measures import Measure, costs, text
+from bench.measures import Measure, Row, costs, known, text
 from bench.outcomes.candidates import Candidates, candidates
 from bench.outcomes.choice import named
 from bench.outcomes.steps import steps
@@ -59,8 +60,9 @@ def budget_tables(table: pd.DataFrame) -> list[tuple[str, Table]]:
         table: table of `by_budget`.
     """
     by = costs()[BY]
+    table = table.assign(looser=table.groupby(["group", "cost"], sort=False)["least"].shift(-1))
     columns = [
-        text("budget", read=lambda row: f"from {costs()[row['cost']].amount(row['least'])} on"),
+        text("budget", read=_reach),
         text("choice"),
         Measure("accuracy", "accuracy %"),
         Measure(BY, by.noun, lambda row: by.amount(row[BY])),
@@ -69,3 +71,17 @@ def budget_tables(table: pd.DataFrame) -> list[tuple[str, Table]]:
         (str(group), Table(columns, rows_of(rows), groups=[costs()[name].noun for name in rows["cost"]]))
         for group, rows in table.groupby("group", sort=False)
     ]
+
+
+def _reach(row: Row) -> str:
+    """The budgets of a step in words, which end before those of the next step; each gives its choice as printed.
+
+    Amounts are rounded to the looser side, with as many digits as keep them apart from the next step.
+    """
+    cost, least, looser = costs()[row["cost"]], row["least"], known(row["looser"])
+    exact = Decimal(f"{least:.12g}")  # without the noise of floats, which counts as no excess
+    for digits in range(max(3, len(f"{least:.0f}")), 13):
+        rounded = Context(digits, ROUND_CEILING if cost.better == "low" else ROUND_FLOOR).plus(exact)
+        if looser is None or cost.burden(float(rounded)) < cost.burden(looser):
+            break
+    return cost.reach(f"{rounded.normalize():f} {cost.unit}".rstrip())

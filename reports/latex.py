@@ -70,7 +70,7 @@ def _one(part: pd.DataFrame, position: int) -> str:
         values = [measure.cell(row) for row in rows]
         if all(value is None for value in values) and measure.spare:
             continue
-        heading, plain = measure.latex or measure.name, replace(measure, ends="")
+        heading, plain = measure.latex or escaped(measure.name), replace(measure, ends="")
         cells[heading] = [escaped(plain.of(row)) for row in rows]
         if any(isinstance(value, Interval) for value in values):
             ends = [value if isinstance(value, Interval) else None for value in values]

@@ -153,7 +153,5 @@ def children():
 @pytest.mark.skipif(sys.platform == "win32", reason="no resource module")
 def test_help_comes_at_once():
     code = "import sys; from bench.cli import main; sys.argv = ['bench', 'stress', '--help']; sys.exit(main())"
-    before, spent, after = (seconds(each) for each in ("pass", code, "pass"))
-    if (bare := max(before, after)) > 0.035:
-        pytest.skip(f"a bare Python takes {bare:.3f} s of this machine")
-    assert spent < 0.15
+    # 0.1 s where a bare Python takes 0.025 s: a busy or a slow machine takes longer for both
+    assert any(seconds(code) < 4 * seconds("pass") for _ in range(3))

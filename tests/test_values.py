@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from bench.errors import InputError
-from bench.measures import Cost, Interval, Measure, costs, percent, text, three
+from bench.measures import SECTIONS, Cost, Interval, Measure, costs, percent, text, three
 from bench.outcomes.tables import file_of, read_table, write_table
 from bench.result import SMALL, Result, Tables
+from bench.scene_file import OTHER
 from bench.table import Table, of_text
 
 ROW = {"share": 0.8125, "share_low": 0.75, "share_high": 0.9, "bytes": 90064, "p50": 1.5, "p95": None, "name": "a"}
@@ -62,6 +63,17 @@ def test_costs_have_their_budgets_units_and_lines():
     assert (
         every["flash"].argument(64) == "max_flash=64kB" and every["worst_fault"].argument(2.5) == "max_worst_fault=2.5"
     )
+
+
+def test_a_cost_fills_in_its_words_and_refuses_what_nothing_can_use():
+    plain = Cost("battery_life", unit="h")
+    assert (plain.noun, plain.words, plain.axis) == ("battery life", "of battery life", "battery life (h)")
+    assert {*OTHER} == {*SECTIONS}
+    for wrong in ({"better": "higher"}, {"line": ("robot", "acc")}, {"runs": "all"}, {"read": ("a", "b")}):
+        with pytest.raises(ValueError, match=f"{next(iter(wrong))}="):
+            Cost("battery", **wrong)
+    with pytest.raises(ValueError, match="key="):
+        Cost("battery.life")
 
 
 def test_a_table_shows_what_fits_and_keeps_all_numbers(tmp_path):

@@ -13,7 +13,7 @@ import pandas as pd
 from bench.arguments import quoted, typed
 from bench.comparable import COMPARABLE, CONDITIONS, Row, context_of, facts_of, several
 from bench.errors import InputError
-from bench.measures import costs, costs_of
+from bench.measures import Interval, costs, costs_of
 from bench.outcomes.pick import People, within
 from bench.outcomes.reactions import Reactions, by_capture, by_decision
 from bench.outcomes.runs import COLUMNS, NothingTracked, selected, subject_accuracy
@@ -475,7 +475,8 @@ def _amounts(run: Row, **stored: str) -> dict[str, Any]:
     amounts: dict[str, Any] = {}
     for name, cost in costs().items():
         if not cost.personal and stored.get(name) != "":
-            amounts[name] = (replace(cost, read=stored[name]) if name in stored else cost).cell(run)
+            cell = (replace(cost, read=stored[name]) if name in stored else cost).cell(run)
+            amounts[name] = cell.value if isinstance(cell, Interval) else cell
     return amounts
 
 

@@ -199,8 +199,8 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
         more, less = cost.apart(better[by], chosen[by])
         gain = points(better["accuracy"] - chosen["accuracy"], np.nan)
         lines.append(
-            f"The next better system, {named(better)}, gains {gain} points but needs {more} {cost.words} instead of "
-            f"{less}."
+            f"The next better system, {named(better)}, gains {gain} points but {cost.needs} {more} {cost.words} "
+            f"instead of {less}."
         )
     if choice.unranked:
         first = rows[choice.unranked[0]]

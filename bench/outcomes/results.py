@@ -9,6 +9,7 @@ from typing import SupportsFloat
 import numpy as np
 import pandas as pd
 
+from bench import measures
 from bench.outcomes import scores
 
 
@@ -70,15 +71,20 @@ def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float
 
 
 def costs(results: list[FoldResult]) -> dict[str, float]:
-    """Seconds are means over folds, milliseconds quantiles over their timed captures, sizes the largest.
+    """Seconds are means over folds, milliseconds quantiles over their timed captures.
 
-    Of the reference workload and of what is told as a multiple of it, the median fold counts.
+    Sizes and other amounts are those of the worst fold: the largest, or the smallest of a cost that should be high. Of
+    the reference workload and of what is told as a multiple of it, the median fold counts.
     """
     names = dict.fromkeys(name for r in results for name in r.metrics)  # a fold may have one that another has not
     metrics = {k: [r.metrics[k] for r in results if k in r.metrics] for k in names}
     kinds: dict[str, Callable[[list[float]], SupportsFloat]]
     kinds = {"seconds": np.mean, "reference_ms": np.median, "predict_relative": np.median}
-    numbers = {k: float(next((f for end, f in kinds.items() if k.endswith(end)), max)(v)) for k, v in metrics.items()}
+    high = {cost.read or cost.key for cost in measures.costs().values() if cost.better == "high"}
+    numbers = {}
+    for name, values in metrics.items():
+        combine = next((f for end, f in kinds.items() if name.endswith(end)), min if name in high else max)
+        numbers[name] = float(combine(values))
     for name in ("predict_ms", "decide_ms"):
         spent = np.concatenate([getattr(r, name) for r in results])
         if len(spent):

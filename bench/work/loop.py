@@ -16,6 +16,7 @@ from bench.corpora.corpus import reserved
 from bench.corpora.duplicates import named
 from bench.corpora.read.limits import briefly
 from bench.errors import ClusterError, InputError
+from bench.measures import check_plugged
 from bench.outcomes.store import Store, connect, only_one
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
@@ -35,8 +36,10 @@ def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment], jobs: int
     """Every cell with every experiment; all is checked before the first fold starts.
 
     Raises:
-        InputError: something in the cells, the data or the experiments cannot be used.
+        InputError: something in the cells, the data, the experiments or the costs and columns of installed packages
+            cannot be used.
     """
+    check_plugged()
     todo = [(plan, experiment) for plan in planned(list(cells), jobs) for experiment in experiments]
     for plan, experiment in todo:
         if not experiment.adapts and any(fold.known for fold in plan.folds):

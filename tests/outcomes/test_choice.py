@@ -5,9 +5,10 @@ import pandas as pd
 import pytest
 from scipy.stats import ttest_rel
 
+from bench import measures
 from bench.amounts import quantity
 from bench.errors import InputError
-from bench.measures import budgets
+from bench.measures import Cost, budgets
 from bench.outcomes.candidates import candidates, eligible
 from bench.outcomes.choice import decide, sentences
 from bench.outcomes.runs import NothingTracked, selected, without_runs
@@ -38,6 +39,15 @@ def test_the_cheapest_within_one_standard_error_is_chosen():
     assert choice.table.loc[2, ["loss", "error"]].tolist() == pytest.approx([0.5, np.sqrt(17 / 3) / 2])
     for fact in ("s2: 74.5 %", "9 kB", "(s0, 75.0 %)", "0.5 ± 1.2", "gains 0.5 points", "50 kB", "Only 4 subjects"):
         assert fact in words(choice)
+
+
+def test_a_better_system_has_only_a_smaller_amount_where_more_is_better(monkeypatch):
+    every = measures.costs() | {"battery": Cost("battery", unit="h", better="high")}
+    for module in ("choice", "pick"):
+        monkeypatch.setattr(f"bench.outcomes.{module}.costs", lambda: every)
+    rows, subjects = table([[80, 70, 60, 90], [77, 71, 58, 92]], battery=[40.0, 80.0])
+    said = " ".join(sentences(decide(rows, subjects, "battery", {}, None), "battery", None, 4))
+    assert "s0, gains 0.5 points but has only 40 h of battery instead of 80 h." in said
 
 
 def test_budgets_rule_out_what_is_over_them_or_not_known():

@@ -1,13 +1,16 @@
 """The table of other budgets against ``bench choose`` with each of them."""
 
 import json
+import re
 
+import numpy as np
 import pandas as pd
+import pytest
 
 from bench.amounts import UNITS
 from bench.arguments import parse
 from bench.commands.choose import chosen
-from bench.measures import costs
+from bench.measures import Cost, costs
 from bench.options import keys
 from bench.outcomes.choice import named
 from reports.budgets import budget_tables, by_budget
@@ -55,3 +58,29 @@ def test_every_step_is_the_choice_of_bench_choose(store):
             assert budgets or typed({costs()[cost]: below[cost] * 0.99}).chosen is None
     ((_, shown),) = budget_tables(table)
     assert shown.texts[0]["budget"] == "from 4 kB on" and shown.groups[0] == "flash"
+
+
+@pytest.mark.parametrize(
+    ("better", "steps", "words"),
+    [
+        ("low", [27.41, 27.44, 27.46], ["from 27.41 h on", "from 27.44 h on", "from 27.5 h on"]),
+        (
+            "low",
+            [0.1 + 0.2, 99.96, 100.4, 999.4],
+            ["from 0.3 h on", "from 100 h on", "from 101 h on", "from 1000 h on"],
+        ),
+        ("high", [80.0, 40.06, 40.04], ["up to 80 h", "up to 40.06 h", "up to 40 h"]),
+    ],
+)
+def test_a_printed_budget_gives_the_choice_of_its_step(monkeypatch, better, steps, words):
+    cost = Cost("battery", unit="h", better=better)
+    monkeypatch.setattr("reports.budgets.costs", lambda: costs() | {"battery": cost})
+    table = pd.DataFrame(
+        {"group": "g", "cost": "battery", "least": steps, "choice": "s", "accuracy": 1.0, "flash": 1.0}
+    )
+    ((_, shown),) = budget_tables(table)
+    assert [row["budget"] for row in shown.texts] == words
+    typed_in = [cost.burden(float(re.search(r"[\d.]+", text)[0])) for text in words]
+    turned = [cost.burden(least) for least in steps]
+    for typed_amount, least, looser in zip(typed_in, turned, [*turned[1:], np.inf], strict=True):
+        assert least - 1e-9 <= typed_amount < looser

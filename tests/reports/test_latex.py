@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from bench.comparable import MARK
+from bench.measures import Cost, Measure, run_columns
 from reports.latex import escaped, latex
 
 
@@ -70,6 +71,13 @@ def test_text_is_escaped_and_control_characters_are_gone():
         r"a\_b \& 50 \% \{x\} \#1 \$2 \textasciitilde{} \textasciicircum{} \textbackslash{}"
     )
     assert escaped("a\nb\x1bc\u202e") == "a bc"
+
+
+def test_headings_without_latex_are_escaped(monkeypatch):
+    every = [*run_columns(), Cost("battery_life"), Measure("hum", "hum %", shows=("latex",))]
+    monkeypatch.setattr("reports.latex.run_columns", lambda: every)
+    ((_, (shown,)),) = tables_of(latex(pd.DataFrame([row("a", 50.0, battery_life=2.0, hum=1.0)])))
+    assert (shown[r"battery\_life"], shown[r"hum \%"]) == ("2.0", "1.0")
 
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")
