@@ -510,7 +510,7 @@ def _name(entry: EntryPoint) -> str:
 def _taken(name: str, measures: Iterable[Measure]) -> InputError:
     """The refusal of a name that several measures have; those that are plugged in are at fault."""
     entries = (entry for group in KINDS for entry in entry_points(group=f"touchbench.{group}"))
-    wrong = [_name(entry) for entry in entries if any(entry.load() is measure for measure in measures)]
+    wrong = [_name(entry) for entry in entries if entry.load().key in {measure.key for measure in measures}]
     return InputError(f"{' and '.join(wrong)}: {name} is taken; choose another one, or remove the package")
 
 

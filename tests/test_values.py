@@ -9,7 +9,7 @@ from rich.console import Console
 
 from bench.errors import InputError
 from bench.measures import SECTIONS, Cost, Interval, Measure, costs, percent, text, three
-from bench.outcomes.tables import file_of, read_table, write_table
+from bench.outcomes.tables import file_of, read_table, uniform, write_table
 from bench.result import SMALL, Result, Tables
 from bench.scene_file import OTHER
 from bench.table import Table, of_text
@@ -150,3 +150,42 @@ def test_a_column_of_several_types_is_stored_as_text(tmp_path):
     mixed = pd.DataFrame({"value": pd.Series([8, "auto", None, 0.5], dtype=object), "fold": "1"})
     write_table(mixed, tmp_path / "tried.parquet")
     assert read_table(lambda name: tmp_path / name, "tried")["value"].fillna("-").tolist() == ["8", "auto", "-", "0.5"]
+
+
+def test_a_column_is_stored_as_numbers_or_as_text(tmp_path):
+    values = {
+        "class": [int, None, str],
+        "tuple": [(1, "a"), (2, 3), None],
+        "list": [[1], [], ["a"]],
+        "whole": [8, None, 9],
+        "truth": [True, None, False],
+        "text": ["03", None, ""],
+        "none": [None] * 3,
+        "number": [0.5, None, 2.0],
+        "all whole": [8, 2, 3],
+        "whole and not": [8, 0.5, 3],
+    }
+    table = pd.DataFrame({name: pd.Series(column, dtype=object) for name, column in values.items()})
+    write_table(table, tmp_path / "odd.parquet")
+    read = read_table(lambda name: tmp_path / name, "odd")
+    pd.testing.assert_frame_equal(read, uniform(table), check_dtype=False)
+    pd.testing.assert_frame_equal(uniform(read), read)
+    lists = {name: column.astype(object).where(column.notna(), None).tolist() for name, column in read.items()}
+    assert lists["class"] == ["<class 'int'>", None, "<class 'str'>"] and lists["tuple"] == ["(1, 'a')", "(2, 3)", None]
+    assert lists["list"] == ["[1]", "[]", "['a']"] and lists["whole"] == ["8", None, "9"]
+    assert lists["truth"] == ["True", None, "False"] and lists["text"] == ["03", None, ""]
+    for name in ("none", "number", "all whole", "whole and not"):
+        assert lists[name] == values[name]
+    assert [read[name].dtype.kind for name in ("number", "all whole", "whole and not")] == ["f", "i", "f"]
+    twice = uniform(pd.DataFrame([[1, "a", 2, 3]], columns=["a", "a.1", "a", 4]))
+    assert [*twice] == ["a", "a.1", "a.2", "4"] and twice.iloc[0].tolist() == [1, "a", 2, 3]
+
+
+@pytest.mark.parametrize("name", ["chosen", "trials", "confusion", "per_class"])
+def test_a_stored_table_has_its_types(name, tmp_path):
+    """Words that look like numbers or like nothing, and a class that is called as a column of text is."""
+    table = pd.DataFrame({"fold": ["01", "2"], "C": ["None", "03"], "first": [1, 2], "share": [0.1 + 0.2, 1]})
+    write_table(table, tmp_path / file_of(name))
+    find = lambda name: tmp_path / name if (tmp_path / name).exists() else None  # noqa: E731
+    pd.testing.assert_frame_equal(read_table(find, name), table, check_dtype=False)
+    assert read_table(find, name)["first"].dtype.kind == "i"

@@ -1,7 +1,8 @@
 """The tables that are stored with a run: one writer and one reader, so that types survive.
 
-What is read back is parquet. CSV has the tables that people look at on MLflow's page, which shows no parquet; they are
-not read back. Runs of earlier versions stored other tables as CSV, too; the reader keeps their text text.
+All are parquet, which is what is read back. Some are beside it as CSV, too, for people who look at MLflow's page, which
+shows no parquet. Runs of earlier versions stored these, and others, as CSV alone; columns of it that are known to be
+text are read as text.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 
-FOR_PEOPLE = ("confusion", "per_class", "chosen", "trials")  # written as CSV
+FOR_PEOPLE = ("confusion", "per_class", "chosen", "trials")  # as CSV, too
 TEXT = (
     "subject",
     "gesture",
@@ -25,12 +26,12 @@ TEXT = (
 
 def file_of(name: str) -> str:
     """The file of a table of a run."""
-    return f"{name}.{'csv' if name in FOR_PEOPLE else 'parquet'}"
+    return f"{name}.parquet"
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
-    """Write a table as CSV or parquet, as the name of the file implies."""
-    table.to_csv(path, index=False) if path.suffix == ".csv" else _uniform(table).to_parquet(path, index=False)
+    """Write a table as parquet."""
+    uniform(table).to_parquet(path, index=False)
 
 
 def read_table(find: Callable[[str], Path | None], name: str) -> pd.DataFrame | None:
@@ -49,7 +50,24 @@ def read_table(find: Callable[[str], Path | None], name: str) -> pd.DataFrame | 
     return table.astype({"subject": str}) if "subject" in table else table
 
 
-def _uniform(table: pd.DataFrame) -> pd.DataFrame:
-    """The same with text where a column holds values of several types, which parquet has not."""
-    mixed = [str(n) for n in table if table[n].dtype == object and table[n].dropna().map(type).nunique() > 1]
-    return table.assign(**{n: table[n].map(lambda v: v if pd.isna(v) else str(v)) for n in mixed}) if mixed else table
+def uniform(table: pd.DataFrame) -> pd.DataFrame:
+    """The same as parquet can hold it: numbers or text in each column, each name once.
+
+    What is in memory and what is stored are the same if both went through this.
+    """
+    names: list[str] = []
+    for name in map(str, table):
+        names.append(next(n for n in (name, *(f"{name}.{i}" for i in range(1, 2 + len(names)))) if n not in names))
+    return pd.DataFrame({name: _uniform(table.iloc[:, i]) for i, name in enumerate(names)}, index=table.index)
+
+
+def _uniform(column: pd.Series) -> pd.Series:
+    """The same as numbers, or as text where it holds anything else; what is missing stays so."""
+    if column.dtype != object:
+        return column
+    known = column[column.notna()]
+    kind = known.infer_objects().dtype.kind
+    if kind == "f" or (kind in "biu" and len(known) == len(column)):  # whole numbers with gaps: text, 8 and not 8.0
+        return column.infer_objects()
+    missing = column.isna()
+    return pd.Series([None if gone else str(v) for v, gone in zip(column, missing, strict=True)], column.index)

@@ -7,6 +7,7 @@ import json
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ from bench.corpora.corpus import Corpus
 from bench.outcomes.results import FoldResult
 from bench.outcomes.runs import ROOMS
 from bench.outcomes.store import Store
-from bench.outcomes.tables import file_of, read_table, write_table
+from bench.outcomes.tables import FOR_PEOPLE, file_of, read_table, uniform, write_table
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
 from bench.result import Result
@@ -192,6 +193,13 @@ class TrackedRun:
             "touchbench.kind": self.experiment.fold_kind,
             "touchbench.fold": result.name,
         }
+        if not result.error:
+            result = replace(
+                result,
+                predictions=uniform(result.table),
+                trials=None if result.trials is None else uniform(result.trials),
+                chosen={str(name): _plain(value) for name, value in result.chosen.items()},
+            )
         child = self.store.create(result.name, tags)
         if machine and machine != self.machine:
             self.store.log(child, params=machine._asdict())
@@ -202,10 +210,8 @@ class TrackedRun:
             else:
                 write_table(result.table, folder / "predictions.parquet")
                 names = ("predict_ms", "decide_ms", "chosen", "batch_effects")
-                timing = {name: getattr(result, name) for name in names}
-                (folder / "timing.json").write_text(
-                    json.dumps(timing | {"metrics": list(result.metrics)}, default=_plain)
-                )
+                timing = {name: getattr(result, name) for name in names} | {"metrics": list(result.metrics)}
+                (folder / "timing.json").write_text(json.dumps(timing, default=_plain))
                 chosen = {f"chosen.{k}": v for k, v in result.chosen.items()}
                 self.store.log(child, result.scored, chosen, result.history)
             if result.trials is not None:  # a system may tell what it chose and not among what
@@ -253,6 +259,8 @@ class TrackedRun:
             with tempfile.TemporaryDirectory() as folder:
                 for name, table in tables.items():
                     write_table(table, Path(folder) / file_of(name))
+                    if name in FOR_PEOPLE:
+                        table.to_csv(Path(folder) / f"{name}.csv", index=False)
                 if illustrate:
                     illustrate(result, Path(folder))
                 self.store.keep(self.run_id, Path(folder))
@@ -271,8 +279,10 @@ class TrackedRun:
 
 
 def _plain(value: object) -> object:
-    """A number of NumPy as JSON takes it; anything else as it is printed."""
-    return value.item() if isinstance(value, np.generic) else str(value)
+    """A value as JSON gives it back: a text, a number, a truth or None; anything else as it is printed."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    return value if value is None or type(value) in (str, int, float, bool) else str(value)
 
 
 def _batch_effects(results: list[FoldResult]) -> dict[str, str]:
@@ -286,11 +296,7 @@ def _choices(results: list[FoldResult]) -> dict[str, pd.DataFrame]:
     """What was chosen on each training part, and what among, as far as systems tell."""
     tables: dict[str, pd.DataFrame] = {}
     if any(r.chosen for r in results):
-        chosen = pd.DataFrame([{"fold": r.name} | r.chosen for r in results], dtype=object)
-        # Where a fold lacks a value, whole numbers of others stay whole.
-        tables["chosen"] = pd.DataFrame(
-            {name: each if each.hasnans else each.infer_objects() for name, each in chosen.items()}
-        )
+        tables["chosen"] = uniform(pd.DataFrame([{"fold": r.name} | r.chosen for r in results], dtype=object))
     if trials := [r.trials.assign(fold=r.name) for r in results if r.trials is not None]:
-        tables["trials"] = pd.concat(trials, ignore_index=True)
+        tables["trials"] = uniform(pd.concat(trials, ignore_index=True))
     return tables

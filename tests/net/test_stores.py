@@ -22,6 +22,9 @@ def before(tmp_path_factory, empty_store):
         run = tracked_run(store := connect(), "svm", table, history=[0.5, 0.25], **{"model.C": 8})
         Path("figure.png").write_bytes(b"a")
         store.keep(run, Path("figure.png"))
+        per_class = Path(store.run(run).info.artifact_uri) / "per_class.parquet"
+        pd.read_parquet(per_class).to_csv(per_class.with_suffix(".csv"), index=False)
+        per_class.unlink()  # as earlier versions stored it
     return folder
 
 

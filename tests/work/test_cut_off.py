@@ -10,6 +10,7 @@ import pytest
 
 from bench.cli import main
 from bench.outcomes.store import connect
+from bench.outcomes.tables import read_table
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work import loop
@@ -69,6 +70,35 @@ def test_trials_of_a_finished_fold_are_read_back_to_the_last_bit(store, monkeypa
     (run,) = store.parents("echo")
     table = pd.read_csv(store.fetched(run.info.run_id, "trials.csv"), float_precision="round_trip")
     assert table["accuracy"].tolist() == among["accuracy"].tolist() * 3
+
+
+def test_trials_and_choices_of_any_type_are_the_same_in_memory_and_after_a_resume(store, monkeypatch):
+    """Also where names are there twice; a finished fold is not lost."""
+    rows = [[Echo, ("stuck", "dead"), "auto", 1, 0.5, None], [Echo, ("stuck", 3), 8, 2, 0.25, "03"]]
+    among = pd.DataFrame(rows, columns=["kind", "states", "C", 7, "score", "C"])
+    told = {"trials": among, "chosen": {"states": ("stuck", "dead"), "C": "None", "n": np.int64(3), 7: None}}
+    add, tables = TrackedRun.add, []
+    for killed in (True, False):
+        with monkeypatch.context() as patched:
+            patched.setattr(TrackedRun, "add", lambda self, result, *by: add(self, replace(result, **told), *by))
+            if killed:
+                killed_in(patched, TrackedRun, "close", command)
+            (result,) = command()
+        tables.append([result.tables[name] for name in ("trials", "chosen")])
+        (run,) = store.parents("echo")
+        for name, table in zip(("trials", "chosen"), tables[-1], strict=True):
+            stored = read_table(lambda file, run=run: store.fetched(run.info.run_id, file), name)
+            pd.testing.assert_frame_equal(stored, table, check_dtype=False)
+            lines = store.fetched(run.info.run_id, f"{name}.csv").read_text().splitlines()
+            assert lines == table.to_csv(index=False).splitlines()
+        store.runs.clear()
+    for one, other in zip(*tables, strict=True):
+        pd.testing.assert_frame_equal(one, other, check_dtype=False)
+    trials, chosen = tables[0]
+    assert [*trials] == ["kind", "states", "C", "7", "score", "C.1", "fold"]
+    assert trials["states"][0] == chosen["states"][0] == "('stuck', 'dead')" and trials["C"][1] == "8"
+    assert trials["7"].tolist() == [1, 2] * 3 and trials["score"].dtype == float and trials["C.1"][1] == "03"
+    assert chosen["C"][0] == "None" and chosen["n"].tolist() == [3] * 3 and chosen["7"].isna().all()
 
 
 def test_a_fit_that_is_cut_off_can_be_repeated(monkeypatch):
