@@ -12,8 +12,12 @@ import pytest
 
 from bench import measures
 from bench.cli import main
+from bench.commands.choose import Chosen
 from bench.options import help_of
+from bench.outcomes.candidates import candidates
+from bench.outcomes.choice import decide
 from tests.conftest import SMALL
+from tests.results import evaluated, with_hits
 
 PLUGGED = """
 from bench.measures import Cost, Measure
@@ -108,6 +112,17 @@ def done(arguments):
     """Exit code and output of a command."""
     with contextlib.redirect_stdout(io.StringIO()) as out:
         return main(arguments), out.getvalue()
+
+
+def test_of_some_costs_more_is_better(entered):
+    """Equally accurate systems that last 40 and 80 hours."""
+    lasting = [evaluated(name, with_hits([10, 12]), metrics={"battery": h}) for name, h in (("a", 40.0), ("b", 80.0))]
+    among = candidates({"cell": lasting}, {})
+    loose, tight = (decide(among.table, among.subjects, "battery", {"battery": h}, None) for h in (40.0, 80.0))
+    assert loose.chosen == tight.chosen == 1 and tight.budgets[0].over == 1 and loose.budgets[0].over == 0
+    assert tight.table["verdict"].to_dict() == {1: "chosen", 0: "ruled out: battery 40 h < 80 h"}
+    said = str(Chosen(loose, among, "battery", {"battery": 40.0}, None))
+    assert "Choose b: 55.0 % with 80 h" in said and "score and battery life: a (by b)." in said
 
 
 def test_a_new_cost_and_a_new_column_appear_everywhere(entered):

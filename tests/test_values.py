@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from bench.errors import InputError
-from bench.measures import SECTIONS, Cost, Interval, Measure, costs, percent, text, three
+from bench.measures import SECTIONS, Cost, Interval, Measure, costs, percent, run_columns, text, three
+from bench.outcomes.resampling import drawn, ratio_interval, weights
 from bench.outcomes.tables import file_of, read_table, uniform, write_table
 from bench.result import SMALL, Result, Tables
 from bench.scene_file import OTHER
@@ -48,6 +49,10 @@ def test_costs_have_their_budgets_units_and_lines():
     assert every["flash"].typed("1MiB") == pytest.approx(1048.576) and every["flash"].cell({"flash_bytes": 2500}) == 2.5
     assert every["latency"].cell({"latency_s_p50": 0.25}) == 250 and every["latency"].typed("1s") == 1000
     assert every["cycles"].cell({"chip_most_instructions": 1_224_240}) == 1224.24
+    run = {"flash_bytes": 2500, "ram_bytes": 512, "predict_ms_p50": 1.5, "predict_ms_p95": 9, "capture_ms": 300}
+    run |= {"observed_ms": 100, "peak_rss_bytes": 7, "chip_most_instructions": 1_224_240, "latency_s_p50": 0.25}
+    amounts = {"flash": 2.5, "ram": 0.512, "predict": 1.5, "decision": 300, "cycles": 1224.24, "latency": 250}
+    assert {name: cost.cell(run) for name, cost in every.items() if not cost.personal} == amounts
     assert {c.budget for c in every.values()} == {f"max_{name}" for name in every}
     assert every["worst_person"].section == ("people", "worst") and every["ram"].section == ("budget", "ram")
     assert every["fault_loss"].typed("0") == 0
@@ -74,6 +79,25 @@ def test_a_cost_fills_in_its_words_and_refuses_what_nothing_can_use():
             Cost("battery", **wrong)
     with pytest.raises(ValueError, match="key="):
         Cost("battery.life")
+
+
+def test_columns_of_runs_by_hand():
+    run = {"accuracy": 0.8, "subject_accuracy_mean": 0.75, "subject_accuracy_sd": 0.125, "fit_seconds": 1.234}
+    columns = {measure.key: measure for measure in run_columns()}
+    found = {name: columns[name].of(run) for name in ("accuracy", "subject_mean", "subject_sd", "fit_seconds")}
+    assert found == {"accuracy": "80.0", "subject_mean": "75.0", "subject_sd": "12.5", "fit_seconds": "1.23"}
+    people = columns["people"]  # of a table of numbers, in percent
+    assert people.of({"subject_mean": 75.0, "subject_sd": 12.5}) == "75.0 ± 12.5"
+    assert people.of({"subject_mean": 75.0, "subject_sd": np.nan}) == "75.0" and people.of({}) == "-"
+
+
+def test_people_are_drawn_with_the_usual_seed():
+    people = np.random.default_rng(0).integers(0, 4, (2000, 4))
+    assert drawn(4).tolist() == people.tolist()
+    assert weights([4], 9)[0].tolist() == np.random.default_rng(0).multinomial(4, [0.25] * 4, 9).tolist()
+    hits, captures = np.array([5, 0, 3, 1]), np.array([5, 1, 4, 2])
+    shares = [sum(hits[each]) / sum(captures[each]) for each in people]
+    assert ratio_interval(np.stack([hits, captures], axis=1)) == pytest.approx(np.quantile(shares, [0.025, 0.975]))
 
 
 def test_a_table_shows_what_fits_and_keeps_all_numbers(tmp_path):
@@ -123,6 +147,8 @@ def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
     assert asked == ["small", "large", "large"]
     assert [*result.tables] == ["small", "large", "kept"] and len(result.tables) == 3  # without reading
     assert asked == ["small", "large", "large"]
+    other = Result(about, {}, Tables({}, lambda name: pd.DataFrame({"n": range(2)})))
+    assert (len(other.tables["small"]), len(result.tables["small"])) == (2, 3)  # each reads its own
     with pytest.raises(InputError, match=r"none of s \(run 7\) is missing"):
         result.tables["none"]
     assert "none" not in result.tables and result.tables.get("none", 0) == 0
@@ -137,7 +163,8 @@ words = st.sampled_from(["NA", "null", "nan", "03", "1.0", "1", "", "True", "a,b
 def test_stored_text_stays_text(tmp_path_factory, labels):
     folder = tmp_path_factory.mktemp("tables")
     find = lambda name: folder / name if (folder / name).exists() else None  # noqa: E731
-    table = pd.DataFrame({"subject": labels, "gesture": labels, "label": labels[::-1], "share": 0.1 + 0.2})
+    names = ("subject", "gesture", "first", "fold", "true", "predicted")
+    table = pd.DataFrame(dict.fromkeys(names, labels) | {"label": labels[::-1], "share": 0.1 + 0.2})
     write_table(table, folder / file_of("touches"))
     assert file_of("touches") == "touches.parquet"
     pd.testing.assert_frame_equal(read_table(find, "touches"), table, check_dtype=False)

@@ -13,7 +13,7 @@ from bench.commands.choose import chosen
 from bench.measures import Cost, costs
 from bench.options import keys
 from bench.outcomes.choice import named
-from reports.budgets import budget_tables, by_budget
+from reports.budgets import NOTHING, budget_tables, by_budget
 from reports.candidates import considered
 from tests.reports.store import keep
 from tests.results import HAART, evaluated, made_up, streamed
@@ -35,7 +35,7 @@ def typed(budgets):
     return chosen(parse(["data=haart", "protocol=loso", *words], keys("choose"))).choice
 
 
-def test_every_step_is_the_choice_of_bench_choose(store):
+def test_every_step_is_the_choice_of_bench_choose(store, monkeypatch):
     results = {"cell": [], "stream": [replayed("rf")]}
     for i, (system, skill) in enumerate((("svm", 0.4), ("rf", 0.6), ("cnn", 0.95))):
         arguments = json.dumps({"data": "haart", "protocol": "loso", "model": system})
@@ -58,6 +58,14 @@ def test_every_step_is_the_choice_of_bench_choose(store):
             assert budgets or typed({costs()[cost]: below[cost] * 0.99}).chosen is None
     ((_, shown),) = budget_tables(table)
     assert shown.texts[0]["budget"] == "from 4 kB on" and shown.groups[0] == "flash"
+    units = {noun: cells["budget"].split()[2] for noun, cells in zip(shown.groups, shown.texts, strict=True)}
+    expected = {"flash": "kB", "RAM": "kB", "computing time": "ms", "decision time": "ms"}
+    assert units == expected | {"error of the worst person": "%"}
+    monkeypatch.setattr("reports.budgets.steps", lambda *_: [(2.5, -1)])
+    table = by_budget([answer], results)
+    assert {*table["choice"]} == {NOTHING} and table[["accuracy", "flash"]].isna().all(axis=None)
+    ((_, shown),) = budget_tables(table)
+    assert [*shown.texts[0].values()] == ["from 2.5 kB on", NOTHING, "-", "-"]
 
 
 @pytest.mark.parametrize(
