@@ -3,6 +3,7 @@
 import os
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -129,7 +130,7 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
     monkeypatch.setattr(Echo, "fails", {"2": SystemExit("enough"), "3": ValueError("not finite")})
     (outcome,) = execute(todo(plan, 0))
     assert [r.name for r in MEASURED[0]] == ["1", "4"] and not outcome.complete and set(outcome.errors) == {"2", "3"}
-    assert "ValueError: not finite" in open(outcome.errors["3"]).read()
+    assert "ValueError: not finite" in Path(outcome.errors["3"]).read_text()
     (run,) = store.parents("echo")
     assert run.info.status == "FAILED" and (run.data.metrics["folds"], run.data.metrics["folds_failed"]) == (2, 2)
     assert {f.data.tags["touchbench.fold"]: f.info.status for f in store.folds(run.info.run_id)} == {
