@@ -46,7 +46,7 @@ SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in
 
 
 class Joined(Mapping[str, pd.DataFrame]):
-    """The tables of some results by name, those of all results below each other; each is made when asked for."""
+    """Tables by name, each of all results below each other; a table is made when it is asked for."""
 
     def __init__(self, runs: Sequence[Result]) -> None:
         self._runs = [*runs]

@@ -1,8 +1,8 @@
 """Measures: every number that is tracked, printed or chosen by, with all that is known of it, once.
 
-A column of a table is a `Measure`. A number by which systems are chosen is a `Cost`; `costs` has them all, also those
-of installed packages (entry points ``touchbench.costs``, each a `Cost`). Budgets, ``by=``, help, scene files, chart
-axes, sentences and columns read them. Nothing heavy is imported, so that help comes at once.
+A column of a table is a `Measure`. A number by which systems are chosen is a `Cost`; `costs` has them all, also
+what installed packages add (entry points ``touchbench.costs``, each a `Cost`). Budgets, ``by=``, help, scene files,
+chart axes, sentences and columns read them. Nothing heavy is imported, so that help comes at once.
 """
 
 from __future__ import annotations
@@ -203,7 +203,7 @@ class Cost(Measure):
     """
 
     spare: int = 18
-    shows: tuple[str, ...] = ("terminal", "page", "latex", "csv")
+    shows: tuple[str, ...] = OUTPUTS
     unit: str = ""
     noun: str = ""
     words: str = ""
@@ -516,7 +516,7 @@ def _taken(name: str, measures: Iterable[Measure]) -> InputError:
 
 @cache
 def costs() -> dict[str, Cost]:
-    """All costs by name: built-in ones, then those of installed packages.
+    """All costs by name: the built-in ones, then what installed packages add.
 
     Raises:
         InputError: one of a package cannot be used, or its key or its line in a scene file is taken.
@@ -582,16 +582,14 @@ def run_columns() -> list[Measure]:
     A new column is an entry here. `reports.comparison.views` gives the rows, one for each way to score a run; a number
     that the run tracks is read by its name.
     """
-    page, csv, every = ("page",), ("csv",), ("terminal", "page", "latex", "csv")
+    page, csv, every = ("page",), ("csv",), OUTPUTS
 
     def mean_with_sd(row: Row) -> Cell:
         mean, sd = (known(row.get(f"subject_{name}")) for name in ("mean", "sd"))
         return None if mean is None else f"{mean:.1f}" + ("" if sd is None else f" ± {sd:.1f}")
 
     return [
-        percent(
-            "accuracy", "accuracy %", ends="accuracy", latex="accuracy", shows=("terminal", "page", "latex", "csv")
-        ),
+        percent("accuracy", "accuracy %", ends="accuracy", latex="accuracy", shows=every),
         Measure("difference", form="+.1f", shows=csv),
         Measure("p_holm", "p Holm", form=p_value, latex="$p$ (Holm)", spare=1, shows=("page", "latex", "csv")),
         text("against", shows=csv),

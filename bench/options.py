@@ -98,7 +98,7 @@ OPTIONS = (
     Option("budget", "tune", "number", None, "seconds after which a fold starts no new combination"),
     Option("inner", "tune choose", "text", "3", "inner folds: number of groups of training subjects, or loso"),
     Option("scene", "choose", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
-    Option("by", "choose", "text", "flash", "cost to minimise"),  # its values are those of `bench.measures.costs`
+    Option("by", "choose", "text", "flash", "cost to minimise"),  # its values: `bench.measures.costs`
     Option("clock", "choose", "text", "", "clock rate of the chip, such as 64MHz; adds its cycles to decision times"),
     Option(
         "margin",
@@ -412,7 +412,7 @@ def options(command: str) -> dict[str, Option]:
 
 
 def _every(command: str) -> Iterator[Option]:
-    """All options; behind ``by`` those of the budgets, of a command that has some.
+    """All options; a command with budgets has them behind ``by``.
 
     Others do without the costs of installed packages, so that their help comes even where one cannot be loaded.
     """

@@ -74,7 +74,7 @@ def budget_tables(table: pd.DataFrame) -> list[tuple[str, Table]]:
 
 
 def _reach(row: Row) -> str:
-    """The budgets of a step in words, which end before those of the next step; each gives its choice as printed.
+    """The budgets of a step in words; a budget as it is printed gives the choice of its row.
 
     Amounts are rounded to the looser side, with as many digits as keep them apart from the next step.
     """

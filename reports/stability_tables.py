@@ -11,9 +11,10 @@ import pandas as pd
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.outcomes import scores
-from bench.outcomes.stability import ALPHA, CLEAN, FAMILIES, families, ranks, seeds, unharmed
+from bench.outcomes.stability import ALPHA, FAMILIES, families, ranks, seeds, unharmed
 from bench.result import Result
 from bench.table import Table, of_text, rows_of, write_sheet
+from bench.usual import CLEAN
 from reports import stability_figures as figures
 from reports.layout import markdown
 

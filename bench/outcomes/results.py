@@ -73,8 +73,8 @@ def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float
 def costs(results: list[FoldResult]) -> dict[str, float]:
     """Seconds are means over folds, milliseconds quantiles over their timed captures.
 
-    Sizes and other amounts are those of the worst fold: the largest, or the smallest of a cost that should be high. Of
-    the reference workload and of what is told as a multiple of it, the median fold counts.
+    For sizes and other amounts the worst fold counts: the largest, or the smallest of a cost that should be high. For
+    the reference workload, and for times as a multiple of it, the median fold counts.
     """
     names = dict.fromkeys(name for r in results for name in r.metrics)  # a fold may have one that another has not
     metrics = {k: [r.metrics[k] for r in results if k in r.metrics] for k in names}

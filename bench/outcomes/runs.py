@@ -125,7 +125,7 @@ def _absolute(name: str) -> str:
 
 
 def grouped(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """The results by captures and protocol in words; only those of one group are compared.
+    """The results by captures and protocol in words; only results of one group are compared.
 
     Generated captures say so; where several corpora go by one name, the digest tells them apart.
     """

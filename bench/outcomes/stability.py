@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from bench.outcomes import scores
-from bench.usual import CLEAN as CLEAN
+from bench.usual import CLEAN
 
 if TYPE_CHECKING:
     from bench.result import Result

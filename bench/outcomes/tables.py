@@ -13,15 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 FOR_PEOPLE = ("confusion", "per_class", "chosen", "trials")  # as CSV, too
-TEXT = (
-    "subject",
-    "gesture",
-    "label",
-    "first",
-    "fold",
-    "true",
-    "predicted",
-)  # columns that are text, whatever they hold
+TEXT = ("subject", "gesture", "label", "first", "fold", "true", "predicted")  # columns of text, whatever they hold
 
 
 def file_of(name: str) -> str:

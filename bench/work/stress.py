@@ -25,8 +25,8 @@ from bench.measures import Cell as Shown
 from bench.measures import Measure, Row, percent, text
 from bench.outcomes import scores, stability
 from bench.outcomes.results import FoldResult, table_of
-from bench.outcomes.stability import CLEAN
 from bench.result import Result
+from bench.usual import CLEAN
 from bench.work.experiment import Experiment
 from bench.work.fold import SOME, batch_effects, computing, decisions, fitted
 
