@@ -6,15 +6,15 @@ import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from bench.amounts import convert, text_of
 from bench.errors import InputError, nearest
 from bench.measures import budgets
-from bench.options import keys, options
+from bench.options import Option, options
 
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
 BACKEND = {"jobs", "cluster"}  # where folds are done, which changes no result
-KEYS = keys("run")
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 
 
@@ -79,9 +79,16 @@ def setting(command: str, key: str, values: Values) -> object:
         InputError: it is no such value, or none of those that the table lists.
     """
     option = options(command)[key]
-    if key not in values:
-        return option.default
-    value = values[key]
+    return value_of(option, values[key]) if key in values else option.default
+
+
+def value_of(option: Option, value: object) -> Any:
+    """A typed value of an option.
+
+    Raises:
+        InputError: it is no such value, or none of those that are listed.
+    """
+    key = option.key
     if option.type == "number":
         return number(key, value)
     if option.type == "amount":

@@ -1,7 +1,7 @@
 """Measures: every number that is tracked, printed or chosen by, with all that is known of it, once.
 
-A column of a table is a `Measure`. A number by which systems are chosen is a `Cost`; `costs` has them all, also
-what installed packages add (entry points ``touchbench.costs``, each a `Cost`). Budgets, ``by=``, help, scene files,
+A column of a table is a `Measure`. A number by which systems are chosen is a `Cost`; `costs` has them all: those of
+kinds and circumstances stand in their files, installed packages add others (entry points ``touchbench.costs``). Budgets, ``by=``, help, scene files,
 chart axes, sentences and columns read them. Nothing heavy is imported, so that help comes at once.
 """
 
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from bench.amounts import UNITS, quantity
 from bench.errors import InputError
+from bench.registry import classes
 
 if TYPE_CHECKING:
     import numpy as np
@@ -188,9 +189,10 @@ class Cost(Measure):
         better: ``low`` or ``high``: a budget is the most of the former (``max_<key>``), the least of the latter
             (``min_<key>``).
         runs: runs that have it: those on ``captures``, or on ``recordings`` alone.
-        watched: False if runs of ``bench watch`` do not have it.
-        stress: True for a loss under faults, which needs runs of ``bench stress``.
+        watched: False if runs on recordings do not have it.
+        losses: True for points lost, which are taken over the faults of the choice.
         command: command that measures it, if that is not ``bench run``.
+        asks: arguments of that command, from the faults over which losses are taken (`bench.candidate.Losses`).
         among: its amount for drawings of people, from `People` and the numbers of the drawn subjects
             [drawings, people]: float [drawings, candidates].
         linear: True for a linear axis in figures.
@@ -213,8 +215,9 @@ class Cost(Measure):
     better: str = "low"
     runs: str = "captures"
     watched: bool = True
-    stress: bool = False
+    losses: bool = False
     command: str = ""
+    asks: Callable[[Any], dict[str, str]] | None = None
     among: Callable[[People, np.ndarray], np.ndarray] | None = None
     linear: bool = False
     zero: bool = False
@@ -318,19 +321,9 @@ class Cost(Measure):
         return texts
 
 
-_LOSS = {
-    "last": 0,
-    "unit": "points",
-    "unknown": "losses are of whole captures, in runs of bench stress with all these faults",
-    "stress": True,
-    "command": "stress",
-    "linear": True,
-    "zero": True,
-    "column": False,
-}
 _PERSON = {"unit": "%", "unknown": "a person has no score", "linear": True, "zero": True, "column": False}
 _PERSON |= {"mirrored": True, "last": 0}
-BUILT_IN = (
+OF_SYSTEMS = (  # costs of every run
     Cost(
         "flash",
         "flash kB",
@@ -375,53 +368,8 @@ BUILT_IN = (
         column=False,
         last=4,
     ),
-    Cost(
-        "decision",
-        read="capture_ms",
-        unit="ms",
-        noun="decision time",
-        words="until the decision",
-        axis="ms of touch before the label",
-        help="longest touch before the decision, such as 1s",
-        watched=False,
-        column=False,
-        last=2,
-    ),
-    Cost(
-        "cycles",
-        read="chip_most_instructions",
-        per=1000,
-        unit="k",
-        noun="instruction count",
-        words="instructions",
-        axis="thousand instructions of the costliest frame in C",
-        unknown="only bench chip counts them",
-        help="most instructions for the costliest frame, such as 600k",
-        watched=False,
-        command="chip",
-        column=False,
-        last=5,
-    ),
-    Cost(
-        "fault_loss",
-        noun="mean loss under faults",
-        words="lost under faults",
-        axis="points lost under faults (mean of all faults and severities)",
-        help="largest mean loss under faults, in points of bench stress",
-        among=lambda people, drawn: people.loss(drawn).mean(axis=2),
-        line=("faults", "loss"),
-        **_LOSS,
-    ),
-    Cost(
-        "worst_fault",
-        noun="loss under the worst fault",
-        words="lost under the worst fault",
-        axis="points lost under the worst fault",
-        help="largest loss under the worst fault and severity, in points",
-        among=lambda people, drawn: people.loss(drawn).max(axis=2),
-        line=("faults", "worst"),
-        **_LOSS,
-    ),
+)
+OF_PEOPLE = (
     Cost(
         "worst_person",
         noun="error of the worst person",
@@ -442,38 +390,10 @@ BUILT_IN = (
         line=("people", "worst_tenth"),
         **_PERSON,
     ),
-    Cost(
-        "false_alarms",
-        unit="per hour",
-        noun="false-alarm rate",
-        words="of false alarms",
-        axis="false alarms per hour of background",
-        unknown="the recordings have no background",
-        help="false alarms per hour of background; compares runs of bench watch",
-        runs="recordings",
-        among=lambda people, drawn: people.alarm_rate(drawn),
-        line=("stream", "false_alarms"),
-        column=False,
-        last=0,
-    ),
-    Cost(
-        "latency",
-        read="latency_s_p50",
-        times=1000,
-        unit="ms",
-        noun="latency",
-        words="of latency",
-        axis="ms until half of the touches are reported",
-        unknown="no touch was found",
-        help="median latency, such as 1s; compares runs of bench watch",
-        runs="recordings",
-        line=("stream", "latency"),
-        column=False,
-        last=0,
-    ),
 )
 
 
+ROOMS = ("circumstances", "kinds")  # of the registry, whose classes have costs of their own
 KINDS = {"costs": Cost, "columns": Measure}  # what installed packages add, by the name of a group of entry points
 
 
@@ -516,14 +436,15 @@ def _taken(name: str, measures: Iterable[Measure]) -> InputError:
 
 @cache
 def costs() -> dict[str, Cost]:
-    """All costs by name: the built-in ones, then what installed packages add.
+    """All costs by name: those of every run, of circumstances, of people and of kinds, then what installed packages add.
 
     Raises:
         InputError: one of a package cannot be used, or its key or its line in a scene file is taken.
     """
     every: dict[str, Cost] = {}
     lines: dict[tuple[str, str], Cost] = {}
-    for cost in (*BUILT_IN, *plugged("costs")):
+    of_circumstances, of_kinds = ([cost for c in classes(room).values() for cost in c.costs] for room in ROOMS)
+    for cost in (*OF_SYSTEMS, *of_circumstances, *OF_PEOPLE, *of_kinds, *plugged("costs")):
         if cost.key in every:
             raise _taken(f"the key {cost.key}", (every[cost.key], cost))
         if cost.section in lines:
@@ -533,7 +454,7 @@ def costs() -> dict[str, Cost]:
 
 
 def costs_of(recordings: bool) -> dict[str, Cost]:
-    """The costs of runs of ``bench watch``, or of all others."""
+    """The costs of runs on recordings, or of all others."""
     return {k: c for k, c in costs().items() if (c.watched if recordings else c.runs != "recordings")}
 
 

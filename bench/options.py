@@ -65,7 +65,8 @@ class Command:
     module: str = ""
 
 
-FOLDS = "run tune stress stream watch chip choose check"
+MAKERS = "run makers"  # bench run, and other commands of kinds and circumstances (`makers`)
+FOLDS = f"{MAKERS} tune choose check"
 CHOICE = "choose report"
 OPTIONS = (
     Option(
@@ -114,20 +115,7 @@ OPTIONS = (
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
     Option("over", "choose", "text", "", "parameter of model= to make as small as possible, or features"),
     Option("out", "scene", "text", "scene", "folder for groups.csv and the figure"),
-    Option("faults", "stress", "text", "all", "faults to apply", (*FAULTS.split(), "none")),
-    Option("train_subjects", "stress", "count", None, "numbers of training subjects for a learning curve"),
-    Option("out", "stress", "text", "stress", "folder for tables and figures"),
-    Option("hop_ms", "stream", "number", None, "ms between decisions; default: each uses 1.41 times as much touch"),
-    Option("start", "stream", "text", "onset", "start of the replay; middle skips half a capture", ("onset", "middle")),
-    Option("source", "stream", "text", "", "- classifies frames from standard input"),
-    Option("events", "stream", "yes", True, "source=-: report touches of an endless stream; no: classify captures"),
-    Option("out", "stream", "text", "report", "folder for streaming.csv, stopping.csv and figures"),
-    Option("false_alarms", "watch", "number", FALSE_ALARMS, "false alarms per hour of background accepted in training"),
-    Option(
-        "background", "watch", "text", "", "class without touch, or quiet: ends of captures; default notouch or quiet"
-    ),
-    Option("unknown", "watch", "text", "", "gesture to leave out of training; its touches should be labelled unknown"),
-    Option("bits", "chip export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
+    Option("bits", "export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
     Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams"),
     Option("out", "fit", "text", "", "folder for a copy of the model; new or empty"),
@@ -162,7 +150,7 @@ OPTIONS = (
     Option("port", "ui", "text", "5000", "port of the server"),
 )
 TRUSTED = "Loading a model runs its code: use only models that you or someone you trust saved."
-COMMANDS = {
+OWN = {  # commands that are no kind of run
     "demo": Command(
         "start here",
         "see a complete comparison in two minutes, on generated captures",
@@ -256,53 +244,6 @@ COMMANDS = {
         "it stopped.",
         "bench tune data=haart protocol=loso model=svm features=jung54 trials=50\n"
         "bench tune data=haart protocol=challenge model=rf,xgb features=ta273",
-    ),
-    "stress": Command(
-        "compare",
-        "find faults, subjects and conditions under which systems fail",
-        "Trains every fold once and tests it on clean captures and under every fault at five severities. Lists "
-        "subjects, classes, conditions and faults whose accuracy is significantly below that of the system. With "
-        "several seeds, it also counts captures whose label changes. An interrupted command continues where it "
-        "stopped.",
-        "bench stress data=haart protocol=loso model=svm,rf features=jung54\n"
-        "bench stress data=haart protocol=loso model=rf seed=0,1,2 faults=noise,shift train_subjects=2,4,8",
-    ),
-    "stream": Command(
-        "compare",
-        "replay captures in time, or classify frames from standard input",
-        "Replays captures and measures accuracy against milliseconds of touch, and computing time per decision. "
-        "Adaptive stopping decides as soon as the expected gain from waiting is small, as learned on training "
-        "subjects. source=- reads one frame per line: values in row-major order, separated by commas or blanks, at "
-        "most 32 characters each. If the model can watch an endless stream, each news of a touch (reported, changed, "
-        "ended) prints ms, news, label and confidence. Otherwise, or with events=no, an empty line ends a capture, and "
-        "each decision prints capture, ms, label, confidence and settled. settled is yes once waiting would gain too "
-        "little. MODEL is a model that bench fit saved.",
-        "bench stream data=haart protocol=loso model=svm,rf features=jung54\n"
-        "bench stream data=haart model=svm start=onset,middle hop_ms=125\n"
-        "sensor | bench stream source=- model=models:/m-0123456789abcdef",
-        "[key=value ...]\nsource=- model=MODEL [events=no] [hop_ms=125]",
-    ),
-    "watch": Command(
-        "compare",
-        "find touches in continuous recordings: false alarms, misses, latency",
-        "Each fold trains on captures, and learns when to report a touch from recordings of training subjects. It then "
-        "watches the recordings of the test subjects. data=synth and imported recordings are used as they are. From "
-        "other corpora, one recording per subject is composed: excerpts of 2 to 6 s of each capture, with 3 to 10 s of "
-        "background between them. Prints touches found, correct gestures when first reported and at the end, false "
-        "alarms per hour of background, latency and reports per touch.",
-        f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2",
-    ),
-    "chip": Command(
-        "compare",
-        "measure accuracy and cost of systems as C on a microcontroller",
-        "Each fold trains, exports as bench export does, and classifies the test captures in C and in Python. The C is "
-        "linked for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM. QEMU counts instructions: the mean per "
-        "frame, and the costliest frame with its label. library RAM is the state of touch.c. program RAM is the whole "
-        "program with 4096 bytes for heap and stack. A second table has the costs of touch_watch, if the system can "
-        "watch a stream. Needs cc, make, arm-none-eabi-gcc and qemu-system-arm (Debian: gcc make gcc-arm-none-eabi "
-        "libnewlib-arm-none-eabi qemu-system-arm).",
-        "bench chip data=haart protocol=loso model=reflex bits=32,8\n"
-        "bench choose data=haart protocol=loso max_flash=64kB max_ram=32kB max_cycles=1M",
     ),
     "scene": Command(
         "compare",

@@ -15,12 +15,14 @@ from collections.abc import Callable
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 from bench.errors import InputError, nearest
 
 ROOMS = {"corpora": "bench.corpora", "features": "features", "models": "models", "protocols": "protocols"}
+ROOMS |= {"kinds": "bench.kinds", "circumstances": "bench.circumstances"}
 FILE_MODULE = "touchbench_file_"  # what modules of files are called
-KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}
+KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts of a cell
 
 
 def check_rooms() -> None:
@@ -77,6 +79,30 @@ def load(room: str, name: str) -> Callable:
         return getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError) as e:
         raise InputError(f"{KEYS[room]}={name} cannot be loaded from {registered[name]}: {e}") from e
+
+
+@cache
+def classes(room: str) -> dict[str, Any]:
+    """All classes of ``kinds`` or ``circumstances`` by name, in the order of the registry, those of packages last.
+
+    Raises:
+        InputError: one of an installed package cannot be loaded.
+    """
+    own = importlib.import_module(ROOMS[room]).PARTS
+    order = [*own, *(name for name in names(room) if name not in own)]
+    return {name: _class(room, name) for name in order}
+
+
+def _class(room: str, name: str) -> Any:
+    place = names(room)[name]
+    module, _, attribute = place.partition(":")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except Exception as e:  # a module of somebody else's may raise anything
+        raise InputError(
+            f"the entry point {name} in touchbench.{room} cannot be loaded from {place}: {type(e).__name__}: {e}; "
+            "repair or remove the package"
+        ) from e
 
 
 def _from_file(argument: str, path: Path, attribute: str) -> Callable:

@@ -206,6 +206,11 @@ def imported() -> list[str]:
     return sorted(p.parent.name for p in (home() / "corpora").glob("*/current") if re.fullmatch(NAME, p.parent.name))
 
 
+def holds_recordings(name: str) -> bool:
+    """Return True for imported recordings."""
+    return name in imported() and isinstance(stored_value(name), Recordings)
+
+
 def overview() -> list[dict[str, object]]:
     """Summary of each imported corpus, or its defect under ``damaged``."""
     rows: list[dict[str, object]] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -80,6 +81,14 @@ def files_of(recogniser: Recogniser, bits: int, title: str) -> dict[str, str]:
         "touch.c": _code(chip),
         **{name: _fixed(name) for name in ("main.c", "count.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")},
     }
+
+
+def digest() -> str:
+    """Hash of the C that is the same for all systems."""
+    h = hashlib.sha256()
+    for path in sorted(CODE.iterdir()):
+        h.update(path.read_bytes())
+    return h.hexdigest()
 
 
 def _fixed(name: str) -> str:

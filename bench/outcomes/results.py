@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import SupportsFloat
 
@@ -28,6 +28,8 @@ class FoldResult:
         trials: compared trials, a row each.
         batch_effects: sentences on captures whose prediction depends on those predicted together with them.
         error: error of a fold that failed.
+        tables: further tables by name, such as the labels in circumstances.
+        times: further milliseconds by name, one per timed decision.
         scored: tracked values of the fold, as its kind of run measures them.
         seconds: seconds of the whole fold.
     """
@@ -42,6 +44,8 @@ class FoldResult:
     trials: pd.DataFrame | None = None
     batch_effects: list[str] = field(default_factory=list)
     error: str = ""
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
+    times: dict[str, list[float]] = field(default_factory=dict)
     scored: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
 
@@ -56,6 +60,26 @@ class FoldResult:
 def table_of(results: list[FoldResult]) -> pd.DataFrame:
     """The tables of all folds, one behind the other."""
     return pd.concat([r.table for r in results], ignore_index=True)
+
+
+def tables_of(results: Sequence[FoldResult]) -> dict[str, pd.DataFrame]:
+    """The further tables of all folds, one behind the other, by name."""
+    names = dict.fromkeys(name for r in results for name in r.tables)
+    return {n: pd.concat([r.tables[n] for r in results if n in r.tables], ignore_index=True) for n in names}
+
+
+def measured(folds: list[FoldResult], rate_hz: float) -> tuple[dict[str, float], dict[str, pd.DataFrame], str]:
+    """Scores and costs of a run; its predictions, confusions, subjects and classes; the unit of its decisions."""
+    predictions = table_of(folds)
+    labelled, classes = scores.captures(predictions), scores.classes_of(predictions)
+    tables = {
+        "predictions": predictions,
+        "confusion": scores.confusion(labelled, classes).rename_axis("true").reset_index(),
+        "per_subject": scores.per_subject(labelled),
+        "per_class": scores.per_class(labelled, classes),
+    }
+    unit = "window" if len(predictions) > len(labelled) else "capture"
+    return measure(predictions, folds, rate_hz), tables, unit
 
 
 def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float) -> dict[str, float]:
@@ -85,8 +109,9 @@ def costs(results: list[FoldResult]) -> dict[str, float]:
     for name, values in metrics.items():
         combine = next((f for end, f in kinds.items() if name.endswith(end)), min if name in high else max)
         numbers[name] = float(combine(values))
-    for name in ("predict_ms", "decide_ms"):
-        spent = np.concatenate([getattr(r, name) for r in results])
+    timed = [{"predict_ms": r.predict_ms, "decide_ms": r.decide_ms} | r.times for r in results]
+    for name in dict.fromkeys(name for each in timed for name in each):
+        spent = np.concatenate([each.get(name, []) for each in timed])
         if len(spent):
             numbers |= {f"{name}_p{p}": float(np.quantile(spent, p / 100)) for p in (50, 95, 99)}
     return numbers

@@ -1,8 +1,8 @@
-"""The analysis of the tables of `bench stress`: where recognisers fail. Every function is pure.
+"""Where recognisers fail: groups of captures, faults, fewer training subjects. Every function is pure.
 
-The table of a run is described in `bench.work.stress`; here it also has ``hit``, whether the label is right. A *unit*
+The table of a run is described in `bench.outcomes.curves`; here it also has ``hit``, whether the label is right. A *unit*
 is one tested capture of one fold. A *slice* is a part of the units (of one subject, class, condition or length), all
-units under one fault at one severity, or what two of these have in common.
+units in one case of a circumstance, such as a fault at one severity, or what two of these have in common.
 """
 
 from __future__ import annotations
@@ -15,39 +15,36 @@ import numpy as np
 import pandas as pd
 
 from bench.outcomes import scores
+from bench.outcomes.curves import COLUMNS, curve, unharmed
 from bench.usual import CLEAN
 
 if TYPE_CHECKING:
     from bench.result import Result
 
-COLUMNS = frozenset({"length", "fault", "severity", "amount", "train_subjects", "predicted", "p_true", "hit"})
 NOT_CONDITIONS = {*scores.RESERVED, *COLUMNS, "split"}
 ALPHA = 0.05
-FAMILIES = ("single slices", "pairs", "single slices under faults", "pairs under faults")
+SINGLE, PAIRS = "single slices", "pairs"
 FEWEST = 10  # units of a slice
 EXACT_SUBJECTS = 16
 FLIPS = 2**EXACT_SUBJECTS
 LENGTH_BINS = 5
 
 
-def analysed(table: pd.DataFrame, target: str) -> dict[str, pd.DataFrame]:
-    """All tables of a run: ``stress`` (as it is), ``faults``, ``margins``, ``conditions``, ``learning`` and ``slices``.
+def sliced(labels: pd.DataFrame, words: Mapping[str, str], target: str) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
+    """Where a system fails: numbers, and the tables ``conditions`` and ``slices``.
 
     Args:
-        table: table of the run.
+        labels: table of the run (`bench.outcomes.curves`).
+        words: a word for each case of the circumstances in which groups of captures are tested, too, by their keys.
         target: columns that define the class.
     """
-    with_hits = table.assign(hit=table["true"] == table["predicted"], subject=table["subject"].astype(str))
-    units = unharmed(with_hits)
-    by_fault = curves(with_hits)
-    return {
-        "stress": table,
-        "faults": by_fault,
-        "margins": half_margins(by_fault, clean_of(units), chance_of(units)),
-        "conditions": conditions(units, target),
-        "learning": learning(with_hits),
-        "slices": slices(with_hits, target),
-    }
+    labels = labels.assign(hit=labels["true"] == labels["predicted"], subject=labels["subject"].astype(str))
+    units = unharmed(labels)
+    tables = {"conditions": conditions(units, target), "slices": slices(labels, words, target)}
+    numbers: dict[str, float] = {"chance": chance_of(units)}
+    numbers |= {f"{name}_slices": int(tables["slices"][name].sum()) for name in ("failing", "tested")}
+    worst = tables["conditions"].groupby("factor", sort=False)["accuracy"].min()
+    return numbers | {f"worst.{_plain(str(factor))}": accuracy for factor, accuracy in worst.items()}, tables
 
 
 def clean_of(units: pd.DataFrame) -> float:
@@ -60,54 +57,32 @@ def chance_of(units: pd.DataFrame) -> float:
     return float(units["true"].value_counts(normalize=True).max())
 
 
-def metrics(tables: Mapping[str, pd.DataFrame]) -> dict[str, float]:
-    """Tracked metrics of a run; ``half_margin.<fault>`` is left out if it is never reached.
+def fault_tables(labels: pd.DataFrame, key: str) -> dict[str, pd.DataFrame]:
+    """Tables ``faults`` (accuracy under each at each severity) and ``margins`` (`half_margins`).
 
     Args:
-        tables: `analysed` of its table.
+        labels: table of the run.
+        key: circumstance of the faults.
     """
-    units = unharmed(tables["stress"])
-    numbers = {"accuracy": clean_of(units), "chance": chance_of(units)}
-    numbers |= {f"{name}_slices": int(tables["slices"][name].sum()) for name in ("failing", "tested")}
+    table = curve(labels, key).rename(columns={"case": "fault", "level": "severity"})
+    units = unharmed(labels)
+    names = ["fault", "severity", "amount", "captures", "accuracy", "low", "high", "loss", "broken", "mended"]
+    return {"faults": table[names], "margins": half_margins(table, clean_of(units), chance_of(units))}
+
+
+def fault_metrics(tables: Mapping[str, pd.DataFrame]) -> dict[str, float]:
+    """Tracked metrics of `fault_tables`; ``half_margin.<fault>`` is left out if it is never reached."""
+    numbers: dict[str, float] = {}
     for fault, severity, accuracy in tables["faults"][["fault", "severity", "accuracy"]].itertuples(index=False):
         numbers[f"accuracy.{fault}.{severity}"] = accuracy
     for fault, loss, half_margin in tables["margins"][["fault", "loss", "half_margin"]].itertuples(index=False):
         numbers |= {f"loss.{fault}": loss} | ({f"half_margin.{fault}": half_margin} if np.isfinite(half_margin) else {})
-    for count, accuracy in tables["learning"][["train_subjects", "accuracy"]].itertuples(index=False):
-        numbers[f"accuracy.train_subjects.{count:g}"] = accuracy
-    worst = tables["conditions"].groupby("factor", sort=False)["accuracy"].min()
-    return numbers | {f"worst.{_plain(str(factor))}": accuracy for factor, accuracy in worst.items()}
+    return numbers
 
 
 def _plain(name: str) -> str:
     """A column's name with nothing that MLflow refuses in the name of a metric."""
     return "".join(c if c.isalnum() and c.isascii() else "_" for c in name)
-
-
-def unharmed(table: pd.DataFrame) -> pd.DataFrame:
-    """Clean captures, decided on by the systems that were fitted on all training subjects of their fold."""
-    whole = table["train_subjects"] == table.groupby("fold")["train_subjects"].transform("max")
-    return table[whole & (table["fault"] == CLEAN)].reset_index(drop=True)
-
-
-def curves(table: pd.DataFrame) -> pd.DataFrame:
-    """Accuracy by fault and severity, a row each.
-
-    Columns: ``fault``, ``severity``, ``amount``, ``captures``, ``accuracy`` with a 95 % bootstrap interval over
-    subjects (``low``, ``high``), ``loss`` (clean accuracy minus this), and how many captures went from a right label to
-    a wrong one (``broken``) and back (``mended``).
-    """
-    keys = ["fold", "capture"]
-    units = unharmed(table).set_index(keys)["hit"]
-    rows = []
-    for (fault, severity), part in table[table["fault"] != CLEAN].groupby(["fault", "severity"], sort=False):
-        before = units.loc[pd.MultiIndex.from_frame(part[keys])].to_numpy()
-        now = part["hit"].to_numpy()
-        changed = before.mean() - now.mean(), int((before & ~now).sum()), int((~before & now).sum())
-        amount, interval = part["amount"].iloc[0], scores.subject_interval(part)
-        rows.append([fault, severity, amount, len(part), now.mean(), *interval, *changed])
-    names = ["fault", "severity", "amount", "captures", "accuracy", "low", "high", "loss", "broken", "mended"]
-    return pd.DataFrame(rows, columns=names)
 
 
 def half_margins(by_fault: pd.DataFrame, clean: float, chance: float) -> pd.DataFrame:
@@ -158,6 +133,12 @@ def conditions(units: pd.DataFrame, target: str) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=names)
 
 
+def as_they_are(labels: pd.DataFrame) -> pd.DataFrame:
+    """Labels of captures as they are, by systems that were fitted on all training subjects or on fewer."""
+    most = labels.groupby("fold")["train_subjects"].transform("max")
+    return labels[(labels["circumstance"] == "") | (labels["train_subjects"] < most)]
+
+
 def trained_on(clean: pd.DataFrame) -> pd.Series:
     """Number of training subjects behind each label; whole training sets of different size count as their mean.
 
@@ -173,15 +154,15 @@ def trained_on(clean: pd.DataFrame) -> pd.Series:
 
 def learning(table: pd.DataFrame) -> pd.DataFrame:
     """Clean accuracy by the number of training subjects; the last row is the method itself (a mean if folds differ)."""
-    clean = table[table["fault"] == CLEAN]
+    table = as_they_are(table).assign(hit=lambda rows: rows["true"] == rows["predicted"])
     rows = []
-    for number, part in clean.groupby(trained_on(clean).round(1)):
+    for number, part in table.groupby(trained_on(table).round(1)):
         sd = scores.per_subject(part)["accuracy"].std(ddof=1)
         rows.append([number, len(part), part["hit"].mean(), *scores.subject_interval(part), sd])
     return pd.DataFrame(rows, columns=["train_subjects", "captures", "accuracy", "low", "high", "subject_sd"])
 
 
-def slices(table: pd.DataFrame, target: str) -> pd.DataFrame:
+def slices(table: pd.DataFrame, words: Mapping[str, str], target: str) -> pd.DataFrame:
     """Every slice with its accuracy, tested for being below the method's own clean accuracy.
 
     Captures of one subject are not independent. A slice with several subjects gets the larger of two one-sided
@@ -192,7 +173,7 @@ def slices(table: pd.DataFrame, target: str) -> pd.DataFrame:
     habit. Within one subject only the binomial test against the method's accuracy is left; it speaks of that subject.
 
     ``p_corrected`` is by Benjamini and Hochberg over all slices that are ``tested``, in four families (`families`) with
-    a quarter of the error rate each: the many pairs do not hide a fault as such, and faults, most of which fail, do not
+    a quarter of the error rate each, and two more for each circumstance but the first: the many pairs do not hide a fault as such, and faults, most of which fail, do not
     let others pass. Tested are slices of at least 10 units with counts with which p could be 0.05 or less at all
     (``floor``: the smallest p that the slice can have); this choice does not look at labels. ``failing`` is p_corrected
     of at most 0.05.
@@ -200,31 +181,32 @@ def slices(table: pd.DataFrame, target: str) -> pd.DataFrame:
     keys = ["fold", "capture"]
     units = unharmed(table)
     right_under = [units["hit"].to_numpy(float)]
-    faults: list[tuple[str, int, str]] = [("", 0, "")]
+    cases: list[tuple[str, float, str, str]] = [("", 0, "", "")]
     order = pd.MultiIndex.from_frame(units[keys])
-    for (fault, _), part in table[table["fault"] != CLEAN].groupby(["fault", "severity"], sort=False):
+    changed = table[table["circumstance"].isin([*words])]
+    for (key, case, level), part in changed.groupby(["circumstance", "case", "level"], sort=False):
         right_under.append(part.set_index(keys)["hit"].reindex(order).to_numpy(float))
-        faults.append((str(fault), int(part["severity"].iloc[0]), part["amount"].iloc[0]))
+        cases.append((str(case), level, part["amount"].iloc[0], words[str(key)]))
     hits = np.column_stack(right_under)  # [units, faults]
     codes, _ = pd.factorize(units["subject"])
     member = np.eye(codes.max() + 1)[codes].T  # [subjects, units]
     rows, counts, right = [], [], []
     for names, inside, alone in _parts(factors(units, target)):
         subjects = member[:, inside]
-        sums = subjects @ hits[inside][:, : len(faults) if alone else 1]
-        for fault, of_subject in zip(faults, sums.T, strict=False):
-            if names or fault[0]:
-                rows.append((*_named(names, fault), *fault))
+        sums = subjects @ hits[inside][:, : len(cases) if alone else 1]
+        for case, of_subject in zip(cases, sums.T, strict=False):
+            if names or case[0]:
+                rows.append((*_named(names, case), *case))
                 counts.append(subjects.sum(axis=1))
                 right.append(of_subject)
-    tests = pd.DataFrame(rows, columns=["kind", "slice", "fault", "severity", "amount"])
+    tests = pd.DataFrame(rows, columns=["kind", "slice", "fault", "severity", "amount", "circumstance"])
     shape = len(rows), len(member)
     counted = np.reshape(counts, shape), np.reshape(right, shape)
     return _tested(tests, *counted, member.sum(axis=1), member @ hits[:, 0])
 
 
 def _parts(values_of: dict[str, pd.Series]) -> Iterator[tuple[tuple[tuple[str, str], ...], np.ndarray, bool]]:
-    """All units, each value of each factor, and pairs of values; whether they are tested under faults, too."""
+    """All units, each value of each factor, and pairs of values; whether they are tested in circumstances, too."""
     first = next(iter(values_of.values()), None)
     if first is None:
         return
@@ -242,11 +224,11 @@ def _parts(values_of: dict[str, pd.Series]) -> Iterator[tuple[tuple[tuple[str, s
             yield (one, other), both, False
 
 
-def _named(names: tuple[tuple[str, str], ...], fault: tuple[str, int, str]) -> tuple[str, str]:
+def _named(names: tuple[tuple[str, str], ...], case: tuple[str, float, str, str]) -> tuple[str, str]:
     """The kind of a slice and its name."""
     kind, name = [factor for factor, _ in names], [f"{factor} {value}" for factor, value in names]
-    if fault[0]:
-        kind, name = [*kind, "fault"], [*name, f"{fault[0]} {fault[2]}"]
+    if case[0]:
+        kind, name = [*kind, case[3]], [*name, f"{case[0]} {case[2]}"]
     return " x ".join(kind), ", ".join(name)
 
 
@@ -271,9 +253,10 @@ def _tested(
     tested = (total >= FEWEST) & (floor <= ALPHA)
     corrected = np.full(len(p), np.nan)
     family = families(tests)
-    for name in FAMILIES:
+    number = number_of_families(tests)
+    for name in family.unique():
         if (group := tested & (family == name).to_numpy()).any():
-            corrected[group] = np.minimum(len(FAMILIES) * false_discovery_control(p[group]), 1)
+            corrected[group] = np.minimum(number * false_discovery_control(p[group]), 1)
     return tests.assign(
         captures=total.astype(int),
         subjects=there.sum(axis=1),
@@ -289,9 +272,14 @@ def _tested(
 
 
 def families(tests: pd.DataFrame) -> pd.Series:
-    """Families of slices for correction of p: single ones and pairs, of clean captures and under faults."""
-    pair = tests["kind"].astype(str).str.contains(" x ").map({True: "pairs", False: "single slices"})
-    return pair.where(tests["fault"] == "", pair + " under faults")
+    """Families of slices for correction of p: single ones and pairs, of clean captures and in each circumstance."""
+    pair = tests["kind"].astype(str).str.contains(" x ").map({True: PAIRS, False: SINGLE})
+    return pair.where(tests["fault"] == "", pair + " under " + tests["circumstance"].astype(str) + "s")
+
+
+def number_of_families(tests: pd.DataFrame) -> int:
+    """Number of families; four at least, so that a run without faults is as strict as one with faults."""
+    return 2 + 2 * max(1, tests.loc[tests["fault"] != "", "circumstance"].nunique())
 
 
 def flipped(difference: np.ndarray) -> np.ndarray:
@@ -320,7 +308,7 @@ def seeds(results: Sequence[Result]) -> pd.DataFrame:
         same = [r for r in results if r["system"] == system]
         if len(same) < 2:
             continue
-        units = [unharmed(r.tables["stress"]) for r in same]
+        units = [unharmed(r.tables["labels"]) for r in same]
         labels = [each.set_index(["fold", "capture"])["predicted"].sort_index() for each in units]
         both = pd.concat(labels, axis=1, join="inner")
         changed = int((both.nunique(axis=1) > 1).sum())

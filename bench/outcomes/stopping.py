@@ -6,17 +6,22 @@ Pure functions of the replay table, which `bench.work.replay` describes.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
+from bench.candidate import Candidate, Wish
+from bench.outcomes.reactions import by_decision
 from bench.outcomes.scores import subject_interval, windows
-from bench.paired import mean_and_error, within_one_standard_error
+from bench.paired import TOLERANCE, mean_and_error, within_one_standard_error
+
+if TYPE_CHECKING:
+    from bench.result import Result
 
 THRESHOLDS = (*np.round(np.arange(0.05, 0.96, 0.05), 2).tolist(), 0.97, 0.98, 0.99, 0.995, 0.999, np.inf)
 NO_SAVING = "no saving found by deciding early"
-SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
 
 
 def standing(table: pd.DataFrame, frames: int) -> pd.DataFrame:
@@ -107,12 +112,76 @@ def _scored(labelled: pd.DataFrame, rate_hz: float) -> dict[str, float]:
     }
 
 
-def shown(table: pd.DataFrame, rate_hz: float) -> dict[int, float]:
-    """Accuracy of the latest decisions after a few round times, of those with any decisions."""
+def after(table: pd.DataFrame, times: Iterable[float], rate_hz: float) -> dict[float, float]:
+    """Accuracy of the latest decisions after some milliseconds, of those with any decisions."""
     accuracy = {}
-    for ms in SHOWN_MS:
+    for ms in times:
         frames = int(ms * rate_hz / 1000 + 1e-6)
         if table["instant"].min() <= frames <= table["instant"].max():
             labelled = standing(table, frames)
             accuracy[ms] = float((labelled["true"] == labelled["predicted"]).mean())
     return accuracy
+
+
+def standing_labels(table: pd.DataFrame, times: Iterable[float], key: str, rate_hz: float) -> pd.DataFrame:
+    """The label that stands after each time, in the columns of ``labels`` (`bench.outcomes.curves`)."""
+    parts = []
+    for ms in times:
+        rows = standing(table, int(ms * rate_hz / 1000 + 1e-6))[["fold", "capture", "subject", "true", "predicted"]]
+        parts.append(rows.assign(circumstance=key, case=key, level=ms, amount=f"{ms:g} ms"))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _thresholds(tables: Mapping[str, pd.DataFrame]) -> dict[str, float]:
+    """Thresholds of settledness, learned from the training part of each fold."""
+    rules = tables["rules"]
+    return {str(fold): float(value) for fold, value in zip(rules["fold"], rules["threshold"], strict=True)}
+
+
+def fold_numbers(tables: Mapping[str, pd.DataFrame], rate_hz: float) -> dict[str, float]:
+    """Accuracy of whole captures, and of stopping at the learned threshold where one was learned."""
+    table = tables["replay"]
+    labelled = standing(table, int(table["instant"].max()))
+    numbers = {"replay_accuracy": float((labelled["true"] == labelled["predicted"]).mean())}
+    if "rules" in tables:
+        point = learned_point(table, _thresholds(tables), rate_hz)
+        numbers |= {"adaptive_accuracy": point["accuracy"], "adaptive_ms": point["mean_ms"]}
+    return numbers
+
+
+def replay_numbers(
+    tables: Mapping[str, pd.DataFrame], times: Iterable[float], spent_p95: float, rate_hz: float
+) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
+    """Numbers and curves of a replay: accuracy by instant, and of adaptive stopping where it was learned.
+
+    Args:
+        tables: ``replay`` and, where stopping was learned, ``rules``.
+        times: milliseconds at which accuracy is tracked.
+        spent_p95: milliseconds of a decision.
+        rate_hz: frames per second.
+    """
+    table = tables["replay"]
+    instants = by_instant(table, rate_hz)
+    end = instants.iloc[-1]
+    numbers = {"replay_accuracy": end["accuracy"], "mean_ms": end["mean_ms"], "decisions_per_second": 1000 / spent_p95}
+    numbers |= {f"replay_accuracy_{side}": end[side] for side in ("low", "high")}
+    numbers |= {f"accuracy_at_{ms:g}_ms": value for ms, value in after(table, times, rate_hz).items()}
+    made = {"instants": instants}
+    if "rules" in tables:
+        point = learned_point(table, _thresholds(tables), rate_hz)
+        numbers |= {"adaptive_ms": point["mean_ms"]} | {f"adaptive_{k}": point[k] for k in ("accuracy", "low", "high")}
+        made["stopping"] = by_threshold(table, rate_hz)
+    return {k: float(v) for k, v in numbers.items() if v == v}, made
+
+
+def early_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
+    """A replayed system after the last time that is soon enough, or after each; none where no time was asked for."""
+    if wish.most is None:
+        return
+    table, instants = result.tables["replay"], result.tables["instants"]["ms"].tolist()
+    decided = [*zip(instants, np.sort(table["instant"].unique()), strict=True)]  # ms, frames
+    if np.isfinite(wish.most):  # the last that is soon enough, else the first
+        decided = [one for one in decided if one[0] <= wish.most * (1 + TOLERANCE)][-1:] or decided[:1]
+    for ms, frames in decided:
+        scores = wish.reactions.scores(by_decision(standing(table, frames), wish.reactions))
+        yield Candidate(f"first {ms:.0f} ms", scores, {"predict": "replay_ms_p50"}, {"decision": ms}, mark="early")

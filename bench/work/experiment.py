@@ -1,24 +1,44 @@
-"""The interface of a kind of run: evaluation, stress and stream are three of them, and a new one is one file.
+"""The interface of a kind of run, as the loop knows it; `bench.kinds` has the kinds.
 
 `bench.work.loop` does the rest once for all kinds: key, resuming, failed folds, Ctrl-C, progress, tracking.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.measures import Measure
-from bench.outcomes.results import FoldResult
-from bench.result import Result
-
 if TYPE_CHECKING:
+    from bench import contract
     from bench.corpora.corpus import Corpus
+    from bench.outcomes.results import FoldResult
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
+    from bench.result import Result
     from bench.source import Code
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a circumstance changes, once.
+
+    Attributes:
+        case: its name, such as that of a fault; empty for the key of the circumstance.
+        level: how much of it, as a number to sort and draw by.
+        amount: how much of it, in words.
+        corpus: the captures as they are changed; None for the captures as they are.
+        system: a system that labels in place of the fitted one.
+        train_subjects: number of subjects that it was fitted on, where it is another one.
+    """
+
+    case: str = ""
+    level: float = 0
+    amount: str = ""
+    corpus: Corpus | None = None
+    system: contract.System | None = None
+    train_subjects: int | None = None
 
 
 @dataclass(frozen=True)
@@ -26,33 +46,25 @@ class Experiment:
     """A kind of run; its fields are its options, which are part of a run's identity.
 
     Attributes:
-        kind: tag of its parent runs.
-        fold_kind: tag of its folds.
-        heading: heading of the table of its results.
-        shown: columns of that table.
-        ranked: True if the most accurate result of several is marked in it.
-        searches: True if what a search has chosen in each fold is printed.
-        columns: further columns of its table of predictions; a corpus cannot have them.
-        adapts: True if it passes calibration captures to systems; other kinds refuse protocols that have them.
+        tag: tag of its parent runs.
+        columns: further columns of its tables of predictions; a corpus cannot have them.
     """
 
-    kind: ClassVar[str]
-    fold_kind: ClassVar[str]
-    heading: ClassVar[str]
-    shown: ClassVar[tuple[Measure, ...]] = ()
-    ranked: ClassVar[bool] = False
-    searches: ClassVar[bool] = False
-    columns: ClassVar[frozenset[str]] = frozenset()
-    adapts: ClassVar[bool] = False
+    tag: ClassVar[str]
 
-    @classmethod
-    def measures(cls) -> list[Measure]:
-        """Columns of the table of its results, after system, data, subset and protocol."""
-        return [*cls.shown]
+    @property
+    def fold_tag(self) -> str:
+        """Tag of its folds."""
+        return f"{self.tag}_fold"
+
+    @property
+    def columns(self) -> frozenset[str]:
+        """Further columns of its tables of labels; a corpus cannot have them."""
+        return frozenset()
 
     def options(self) -> dict[str, object]:
-        """Tracked as parameters, by default the fields under ``<kind>.``."""
-        return {f"{self.kind}.{f.name}": getattr(self, f.name) for f in dataclasses.fields(self)}
+        """Tracked as parameters."""
+        raise NotImplementedError
 
     def identity(self) -> object:
         """Identity of the experiment, by default kind and fields."""
@@ -60,11 +72,11 @@ class Experiment:
 
     def arguments(self) -> dict[str, str]:
         """The options as typed; defaults are left out."""
-        return {}
+        raise NotImplementedError
 
     def command(self, cell: Cell) -> str:
         """The command that makes a run of a cell."""
-        return self.kind
+        raise NotImplementedError
 
     def depends(self) -> list[Code]:
         """Modules, classes or functions whose code its numbers depend on, besides the parts of the cell."""
@@ -101,3 +113,6 @@ class Experiment:
             folds: results of the folds.
         """
         raise NotImplementedError
+
+    def figure(self, result: Result, folder: Path) -> None:
+        """Draw what is kept with a run into a folder."""

@@ -24,7 +24,7 @@ from bench.progress import console, warn
 from bench.result import Result
 from bench.work.bar import Bar
 from bench.work.experiment import Experiment
-from bench.work.tracking import Illustrate, TrackedRun, key_of
+from bench.work.tracking import TrackedRun, key_of
 from bench.work.workers import Done, Processes, Task, Todo, Workers
 
 
@@ -42,11 +42,6 @@ def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment], jobs: int
     check_plugged()
     todo = [(plan, experiment) for plan in planned(list(cells), jobs) for experiment in experiments]
     for plan, experiment in todo:
-        if not experiment.adapts and any(fold.known for fold in plan.folds):
-            raise InputError(
-                f"protocol={plan.cell.protocol}: bench {experiment.kind} does not adapt systems to a person; leave "
-                "protocol.shots= and protocol.unlabelled= out"
-            )
         if taken := reserved(map(str, plan.corpus.captures), experiment.columns):
             raise InputError(
                 f"{plan.corpus.name} has a column {min(taken)!r}, a name that tables of results use; rename "
@@ -56,13 +51,12 @@ def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment], jobs: int
     return todo
 
 
-def execute(todo: Todo, backend: Backend = HERE, illustrate: Illustrate | None = None) -> list[Result]:
+def execute(todo: Todo, backend: Backend = HERE) -> list[Result]:
     """Run missing folds; stored ones are scored again from their tables.
 
     Args:
         todo: plans from `prepared`.
         backend: workers that do the folds.
-        illustrate: function that draws the figures of a run.
 
     Raises:
         InputError: the store or the cluster cannot be used, or another process runs one of the cells.
@@ -85,7 +79,7 @@ def execute(todo: Todo, backend: Backend = HERE, illustrate: Illustrate | None =
             with workers:
                 for line in dict.fromkeys(line for plan, _ in todo for line in warnings(plan)):
                     warn(line)
-                with Bar(folder) as bar, Queue(connect(), todo, workers, bar, illustrate) as queue:
+                with Bar(folder) as bar, Queue(connect(), todo, workers, bar) as queue:
                     return queue.work()
     except KeyboardInterrupt as e:
         raise Interrupted(
@@ -120,11 +114,10 @@ class Queue:
         todo: plans, in the order in which they begin.
         workers: do folds.
         bar: progress bar.
-        illustrate: function that draws the figures of a run.
     """
 
-    def __init__(self, store: Store, todo: Todo, workers: Workers, bar: Bar, illustrate: Illustrate | None) -> None:
-        self.store, self.workers, self.bar, self.illustrate = store, workers, bar, illustrate
+    def __init__(self, store: Store, todo: Todo, workers: Workers, bar: Bar) -> None:
+        self.store, self.workers, self.bar = store, workers, bar
         self.plans = deque(enumerate(todo))
         self.under_way: dict[str, Begun] = {}  # by key of the run
         self.results: dict[int, Result] = {}  # by index of the plan
@@ -208,7 +201,7 @@ class Queue:
         """Measure and end a run."""
         begun = self.under_way[key]
         run, plan = begun.run, begun.run.plan
-        self.results[begun.index] = run.close(self.illustrate)
+        self.results[begun.index] = run.close()
         if affected := next((r for r in run.results() if r.batch_effects), None):
             warn(f"warning: {plan.cell.system()}: fold {affected.name}: {affected.batch_effects[0]}")
         self.bar.end(key)

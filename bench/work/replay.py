@@ -9,7 +9,8 @@ is expected to gain). After its last row a capture keeps its last decision.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -20,10 +21,14 @@ from sklearn.linear_model import Ridge
 from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError
+from bench.outcomes.results import FoldResult
 from bench.outcomes.scores import PREFIX, classes_of, windows
 from bench.outcomes.stopping import learn_stopping
-from bench.work.fold import TIMED_CAPTURES, decisions, milliseconds
+from bench.work.fold import SOME, TIMED_CAPTURES, batch_effects, computing, decisions, milliseconds
 from models.search.inner_folds import inner_folds
+
+if TYPE_CHECKING:
+    from bench.work.fitted import Fitted
 
 FIRST_MS = 62.5
 GROWTH = 2**0.5  # of what has been seen, from one instant to the next
@@ -46,10 +51,12 @@ class Replay:
         hop_ms: milliseconds from one decision to the next; None decides whenever 1.41 times as much has been seen,
             from 62.5 ms on.
         start: ``onset``, or ``middle``: the first half of each capture is not seen.
+        times: milliseconds of touch seen at each decision; empty for the series of ``hop_ms``.
     """
 
     hop_ms: float | None = None
     start: str = "onset"
+    times: tuple[float, ...] = ()
 
     def check(self, rate_hz: float) -> None:
         """Refuse systems that cannot be replayed.
@@ -59,6 +66,10 @@ class Replay:
         """
         if self.start not in ("onset", "middle"):
             raise InputError(f"start={self.start}: give onset or middle")
+        if self.times and min(self.times) < 1000 / rate_hz:
+            raise InputError(
+                f"after={min(self.times):g}ms: one frame takes {1000 / rate_hz:.4g} ms; give at least that"
+            )
         if self.hop_ms is not None and not 1000 / rate_hz <= self.hop_ms < np.inf:
             raise InputError(
                 f"hop_ms={self.hop_ms:g}: one frame takes {1000 / rate_hz:.4g} ms; give at least that, or leave it out"
@@ -74,7 +85,9 @@ class Replay:
     def instants(self, longest: int, rate_hz: float) -> np.ndarray:
         """Frames seen at each decision, rising to ``longest``, int64 [instants]."""
         per_ms = rate_hz / 1000
-        if self.hop_ms is not None:
+        if self.times:
+            ms = np.sort(self.times)
+        elif self.hop_ms is not None:
             ms = self.hop_ms * np.arange(1, int(longest / per_ms / self.hop_ms) + 2)
         else:
             octaves = max(0.0, np.log2(longest / per_ms / FIRST_MS))
@@ -93,6 +106,41 @@ def prefix(corpus: Corpus, frames: int) -> Corpus:
     if (corpus.lengths <= frames).all():
         return corpus
     return uncached(corpus, storage(corpus)[1], np.minimum(corpus.lengths, frames))
+
+
+def replay_fold(replay: Replay, at: Fitted, stopping: bool) -> FoldResult:
+    """Replay the test captures of a fold through its system, and time decisions.
+
+    Its table ``replay`` is the replay table; with ``stopping`` there are ``rules``, what was learned on training
+    subjects, and ``thresholds``, what each threshold gives there. Calibration and threshold see only these.
+
+    Args:
+        replay: settings of the replay.
+        at: the fitted system with its captures.
+        stopping: True to learn when to stop.
+    """
+    corpus, fold, system = at.corpus, at.fold, at.system
+    begun = replay.begun(corpus)
+    instants = replay.instants(int(begun.lengths.max()), corpus.rate_hz)
+    tables = {}
+    with computing(at.threads):
+        table = replayed(system, begun, fold.name, fold.test, instants)
+        early = prefix(begun, int(instants[len(instants) // 2]))
+        effects = batch_effects(system, early, fold.test, most=SOME)
+        if stopping:
+            rule, series = learned(at.cell.estimator, corpus, fold.train, replay)
+            table = weighed(table, rule.calibration, rule.waiting, corpus.rate_hz)
+            row: dict[str, object] = {"fold": fold.name, "threshold": rule.threshold}
+            row |= {f"temperature_{k}": v for k, v in asdict(rule.calibration).items()}
+            row |= {f"waiting_{name}": weight for name, weight in zip(STATE, rule.waiting.weights, strict=True)}
+            tables = {"rules": pd.DataFrame([row]), "thresholds": series.assign(fold=fold.name)}
+    with computing(1):
+        spent = decision_latency(system, begun[fold.test], instants)
+    hop = system_hop(system, at.train)
+    metrics = {"system_hop_ms": 1000 / corpus.rate_hz * hop} if hop else {}
+    return FoldResult(
+        fold.name, metrics=metrics, tables={"replay": table} | tables, times={"replay_ms": spent}, batch_effects=effects
+    )
 
 
 def replayed(

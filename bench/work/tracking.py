@@ -6,7 +6,6 @@ import hashlib
 import json
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,13 +29,10 @@ from bench.work.machine import Machine
 if TYPE_CHECKING:
     from mlflow.entities import Run
 
-Illustrate = Callable[[Result, Path], None]  # result, folder to draw into
-
-
 def key_of(plan: Plan, experiment: Experiment) -> str:
     """Key of a run: everything that its stored numbers depend on (docs/notes/decisions.md, identity)."""
     same = plan.identity() | {
-        "kind": experiment.kind,
+        "kind": experiment.tag,
         "options": experiment.identity(),
         "code": source_digest(*experiment.depends()),
     }
@@ -108,11 +104,11 @@ class TrackedRun:
         cell = plan.cell
         self.tags = tags_of(cell, plan.corpus) | plan.facts
         self.tags |= {"protocol": str(cell.protocol), "protocol_label": plan.label}
-        self.tags |= {"touchbench.kind": experiment.kind, "touchbench.cell": key}
+        self.tags |= {"touchbench.kind": experiment.tag, "touchbench.cell": key}
         self.tags |= {"touchbench.command": experiment.command(cell)}
         if not cell.has_objects:  # an object cannot be typed
             self.tags["touchbench.arguments"] = json.dumps(cell.arguments() | experiment.arguments())
-        stored = store.find(key, experiment.kind)
+        stored = store.find(key, experiment.tag)
         if stored and stored.info.status != "FINISHED" and not (stored.inputs and stored.inputs.dataset_inputs):
             store.delete(stored.info.run_id)  # cut off while it was made
             stored = None
@@ -166,6 +162,7 @@ class TrackedRun:
         folder = self.store.fetched(child.info.run_id, "fold")
         timing = json.loads((folder / "timing.json").read_text())
         trials = read_table(lambda name: folder / name if (folder / name).exists() else None, "trials")
+        tables = {name: pd.read_parquet(folder / f"{name}.parquet") for name in timing["tables"]}
         return FoldResult(
             child.data.tags["touchbench.fold"],
             pd.read_parquet(folder / "predictions.parquet"),
@@ -175,6 +172,8 @@ class TrackedRun:
             chosen=timing["chosen"],
             trials=trials,
             batch_effects=timing["batch_effects"],
+            tables=tables,
+            times=timing["times"],
         )
 
     def add(self, result: FoldResult, machine: Machine | None) -> None:
@@ -190,13 +189,14 @@ class TrackedRun:
             self.store.log(self.run_id, params=machine._asdict())
         tags = {
             "mlflow.parentRunId": self.run_id,
-            "touchbench.kind": self.experiment.fold_kind,
+            "touchbench.kind": self.experiment.fold_tag,
             "touchbench.fold": result.name,
         }
         if not result.error:
             result = replace(
                 result,
                 predictions=uniform(result.table),
+                tables={name: uniform(table) for name, table in result.tables.items()},
                 trials=None if result.trials is None else uniform(result.trials),
                 chosen={str(name): _plain(value) for name, value in result.chosen.items()},
             )
@@ -209,8 +209,11 @@ class TrackedRun:
                 (folder / "traceback.txt").write_text(result.error)
             else:
                 write_table(result.table, folder / "predictions.parquet")
-                names = ("predict_ms", "decide_ms", "chosen", "batch_effects")
-                timing = {name: getattr(result, name) for name in names} | {"metrics": list(result.metrics)}
+                for name, table in result.tables.items():
+                    write_table(table, folder / file_of(name))
+                names = ("predict_ms", "decide_ms", "chosen", "batch_effects", "times")
+                timing = {name: getattr(result, name) for name in names}
+                timing |= {"metrics": list(result.metrics), "tables": list(result.tables)}
                 (folder / "timing.json").write_text(json.dumps(timing, default=_plain))
                 chosen = {f"chosen.{k}": v for k, v in result.chosen.items()}
                 self.store.log(child, result.scored, chosen, result.history)
@@ -238,12 +241,8 @@ class TrackedRun:
         """The finished folds in the order of the protocol."""
         return [self.done[fold.name] for fold in self.plan.folds if fold.name in self.done]
 
-    def close(self, illustrate: Illustrate | None) -> Result:
-        """Measure the run from its folds and end it.
-
-        Args:
-            illustrate: draws figures into a folder, which are kept with the run.
-        """
+    def close(self) -> Result:
+        """Measure the run from its folds, draw its figures and end it."""
         results, folds = self.results(), len(self.plan.folds)
         self.tags |= _batch_effects(results)
         about = self._about("FINISHED" if len(results) == folds else "FAILED")
@@ -261,8 +260,7 @@ class TrackedRun:
                     write_table(table, Path(folder) / file_of(name))
                     if name in FOR_PEOPLE:
                         table.to_csv(Path(folder) / f"{name}.csv", index=False)
-                if illustrate:
-                    illustrate(result, Path(folder))
+                self.experiment.figure(result, Path(folder))
                 self.store.keep(self.run_id, Path(folder))
         self.store.end(self.run_id, result["status"])
         return result

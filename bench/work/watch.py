@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -13,13 +13,10 @@ from bench import contract
 from bench.corpora.composer import BACKGROUND, check_background, composed, is_recorded, pieces, recorded
 from bench.corpora.recordings import Recordings
 from bench.errors import InputError
-from bench.measures import Measure, percent
 from bench.outcomes.events import REPORT, intervals, last_confidence, matched, per_subject, summary, unknown_scores
 from bench.outcomes.results import FoldResult, costs, table_of
-from bench.result import Result
-from bench.usual import FALSE_ALARMS, NO_TOUCH
+from bench.usual import NO_TOUCH
 from bench.work.detector import behind, cut, touched
-from bench.work.experiment import Experiment
 from bench.work.fold import SOME, TIMED_CAPTURES, batch_effects, computing, fitted, footprint, milliseconds
 from bench.work.watcher import UNKNOWN
 from bench.work.watcher_training import bias_table, learn_reject, learned
@@ -37,180 +34,165 @@ OFFSETS = np.arange(-4, 4.5, 0.5)  # from the learned bias, for the curve
 SHOWN_S = 120.0  # of a recording in each fold, for the timeline
 
 
-@dataclass(frozen=True)
-class Watch(Experiment):
-    """Events in recordings of the test subjects; detector and post-processing are learned on training subjects.
+def usual(corpus: Corpus, background: str = "") -> str:
+    """The background of a whole corpus of captures.
 
-    The corpus holds recordings, or they are composed of its captures (`bench.corpora.composer`). The stored table of
-    a fold has rows of several kinds (``kind``): a ``recording`` (``end`` is its number of frames), a ``touch``
-    (``start``, ``end``, ``gesture``), a ``report`` (columns of `bench.outcomes.events.REPORT`), a point of the
-    ``curve`` (``offset`` of the bias, ``hits`` and ``alarms``: touches found and false alarms) and the
+    Args:
+        corpus: captures.
+        background: class that was asked for; empty for ``notouch`` where it exists, and ends of captures elsewhere.
+    """
+    if is_recorded(corpus):
+        return BACKGROUND
+    return background or (NO_TOUCH if NO_TOUCH in corpus.gestures else QUIET)
+
+
+def recordings_of(captures: Corpus, background: str) -> Recordings:
+    """Recordings of the subjects of some captures: their own, or composed ones.
+
+    Args:
+        captures: captures; all captures of each recording.
+        background: result of `usual` for the whole corpus.
+
+    Raises:
+        InputError: there is no background to compose them with.
+    """
+    if is_recorded(captures):
+        return recorded(captures)
+    return composed(*pieces(captures, background), SEED)
+
+
+def refuse(plan: Plan, background: str, unknown: str) -> None:
+    """Refuse folds that mix subjects or train on one, and a background that does not exist.
+
+    Raises:
+        InputError: there is one.
+    """
+    corpus, name = plan.corpus, plan.cell.protocol
+    if any(fold.known for fold in plan.folds):
+        raise InputError(
+            f"protocol={name}: bench watch does not adapt systems to a person; leave protocol.shots= and "
+            "protocol.unlabelled= out"
+        )
+    if plan.mixes_subjects:
+        raise InputError(
+            f"protocol={name}: bench watch needs other subjects in the test part; choose loso or challenge"
+        )
+    if is_recorded(corpus) and background:
+        raise InputError(f"background={background}: {plan.cell.data} holds recordings with their own background")
+    if unknown and unknown not in {*corpus.gestures} - {usual(corpus, background)}:
+        raise InputError(f"unknown={unknown}: {plan.cell.data} has no such gesture beside the background")
+    if plan.cell.target != "gesture":
+        raise InputError(f"target={plan.cell.target}: bench watch names gestures; leave it out")
+    for fold in plan.folds:
+        if len(set(corpus.subjects[fold.train])) < 2:
+            raise InputError(
+                f"protocol={name}: fold {fold.name} trains on one subject; bench watch learns its post-processing "
+                "by leaving training subjects out and needs two"
+            )
+    if conditions := contract.conditions(plan.cell.untrained):
+        raise InputError(
+            f"model={plan.cell.model}: it predicts with {', '.join(conditions)}, which a recording does not have; "
+            "remove its conditions, or evaluate it with bench run"
+        )
+    if not is_recorded(corpus):
+        check_background(*pieces(corpus, usual(corpus, background)))
+
+
+def fold_of(
+    cell: Cell, corpus: Corpus, fold: Fold, threads: int, false_alarms: float, background: str, unknown: str
+) -> FoldResult:
+    """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects.
+
+    The stored table has rows of several kinds (``kind``): a ``recording`` (``end`` is its number of frames), a
+    ``touch`` (``start``, ``end``, ``gesture``), a ``report`` (columns of `bench.outcomes.events.REPORT`), a point of
+    the ``curve`` (``offset`` of the bias, ``hits`` and ``alarms``: touches found and false alarms) and the
     ``probability`` of touch after ``reported`` frames of the first two minutes.
 
-    Attributes:
+    Args:
+        cell: cell of the run.
+        corpus: captures, or recordings as captures.
+        fold: names its training and test captures by position.
+        threads: threads for computing.
         false_alarms: false alarms per hour of background that are accepted on training subjects.
-        background: class of background, ``quiet`` for the ends of captures, or empty for ``notouch`` where it exists.
-        unknown: gesture that is left out of training, whose touches should be labelled ``unknown``; empty for none.
+        background: class of background, as of `usual`.
+        unknown: gesture that is left out of training; empty for none.
     """
-
-    kind: ClassVar[str] = "watch"
-    fold_kind: ClassVar[str] = "watch_fold"
-    heading: ClassVar[str] = (
-        "Percent of touches found, correct when first reported and at the end; false alarms per hour of background; "
-        "in brackets 95 % confidence intervals over subjects"
+    estimator, background = cell.estimator(), usual(corpus, background)
+    train = corpus[fold.train]
+    if unknown:  # training recordings must not have it either, so they are composed again
+        train = train[train.gestures != unknown]
+    composing = bool(unknown) and is_recorded(train)
+    recordings = composed(*pieces(train, background), SEED) if composing else recordings_of(train, background)
+    with computing(threads):
+        metrics = fitted(estimator, train)
+        watcher, settings = learned(estimator, recordings, false_alarms)
+        if unknown:
+            watcher.reject = learn_reject(cell.estimator, train, recordings, watcher)
+        test = recordings_of(corpus[fold.test], background)
+        if unknown:
+            test = replace(test, events=test.events.replace({"gesture": {unknown: UNKNOWN}}))
+        odds = watcher.log_odds(test.corpus)
+        reports = watcher.reports(test.corpus, odds)
+        effects = batch_effects(estimator, corpus, fold.test, most=SOME)
+    subjects = test.subjects.astype(str)
+    frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths})
+    table = pd.concat(
+        [
+            part.assign(kind=kind, subject=subjects[part["recording"]])
+            for kind, part in (
+                ("recording", frames),
+                ("touch", test.events),
+                ("report", reports),
+                ("curve", _curve(watcher, test, odds)),
+                ("probability", _probability(watcher, test.corpus.rate_hz, odds[0])),
+            )
+        ],
+        ignore_index=True,
     )
-    shown: ClassVar[tuple[Measure, ...]] = (
-        Measure("auroc", "AUROC", form=".2f", spare=1),
-        percent("rejected_unknown", "rejected unknown", spare=1),
-        percent("rejected_known", "rejected known", spare=1),
-        Measure("touches", form=".0f", spare=8),
-        percent("touches_found", "found"),
-        percent("first_correct", "first"),
-        percent("end_correct", "end", ends="end_correct"),
-        Measure("false_alarms_per_hour", "alarms/h", ends="false_alarms_per_hour"),
-        Measure("latency_s_p50", "latency s", form=".2f"),
-        Measure("latency_s_p90", "90 % s", form=".2f", spare=9),
-        Measure("fragments", "reports per touch", form=".2f", spare=7),
+    with computing(1):
+        spent = _decision_ms(watcher, test)
+    metrics |= footprint(estimator, corpus)
+    metrics["flash_bytes"] += 4 * watcher.detector.numbers  # in C it is stored beside the system
+    chosen: dict[str, object] = {"bias": watcher.bias, "tail": watcher.tail, "strong": watcher.strong}
+    chosen |= {"refused": watcher.detector.limit_, "reject": watcher.reject}
+    return FoldResult(
+        fold.name,
+        table.assign(fold=fold.name),
+        metrics,
+        spent,
+        spent,
+        chosen=chosen,
+        trials=settings,
+        batch_effects=effects,
     )
 
-    false_alarms: float = FALSE_ALARMS
-    background: str = ""
-    unknown: str = ""
 
-    def arguments(self) -> dict[str, str]:
-        """The options that differ from their defaults."""
-        alarms = {} if self.false_alarms == Watch.false_alarms else {"false_alarms": f"{self.false_alarms:g}"}
-        texts = {"background": self.background, "unknown": self.unknown}
-        return alarms | {name: text for name, text in texts.items() if text}
+def fold_numbers(result: FoldResult, rate_hz: float) -> dict[str, float]:
+    """Scores and costs of one fold."""
+    touches, reports, background_s = scored(result.table, rate_hz)
+    return costs([result]) | _defined(summary(touches, reports, sum(background_s.values())))
 
-    def usual(self, corpus: Corpus) -> str:
-        """The background of a whole corpus of captures."""
-        if is_recorded(corpus):
-            return BACKGROUND
-        return self.background or (NO_TOUCH if NO_TOUCH in corpus.gestures else QUIET)
 
-    def recordings(self, captures: Corpus, background: str) -> Recordings:
-        """Recordings of the subjects of some captures: their own, or composed ones.
-
-        Args:
-            captures: captures; all captures of each recording.
-            background: result of `usual` for the whole corpus.
-
-        Raises:
-            InputError: there is no background to compose them with.
-        """
-        if is_recorded(captures):
-            return recorded(captures)
-        return composed(*pieces(captures, background), SEED)
-
-    def refuse(self, plan: Plan) -> None:
-        """Refuse folds that mix subjects or train on one, and a background that does not exist.
-
-        Raises:
-            InputError: there is one.
-        """
-        corpus, name = plan.corpus, plan.cell.protocol
-        if plan.mixes_subjects:
-            raise InputError(
-                f"protocol={name}: bench watch needs other subjects in the test part; choose loso or challenge"
-            )
-        if is_recorded(corpus) and self.background:
-            raise InputError(
-                f"background={self.background}: {plan.cell.data} holds recordings with their own background"
-            )
-        if self.unknown and self.unknown not in {*corpus.gestures} - {self.usual(corpus)}:
-            raise InputError(f"unknown={self.unknown}: {plan.cell.data} has no such gesture beside the background")
-        if plan.cell.target != "gesture":
-            raise InputError(f"target={plan.cell.target}: bench watch names gestures; leave it out")
-        for fold in plan.folds:
-            if len(set(corpus.subjects[fold.train])) < 2:
-                raise InputError(
-                    f"protocol={name}: fold {fold.name} trains on one subject; bench watch learns its post-processing "
-                    "by leaving training subjects out and needs two"
-                )
-        if conditions := contract.conditions(plan.cell.untrained):
-            raise InputError(
-                f"model={plan.cell.model}: it predicts with {', '.join(conditions)}, which a recording does not have; "
-                "remove its conditions, or evaluate it with bench run"
-            )
-        if not is_recorded(corpus):
-            check_background(*pieces(corpus, self.usual(corpus)))
-
-    def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-        """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""
-        estimator, background = cell.estimator(), self.usual(corpus)
-        train = corpus[fold.train]
-        if self.unknown:  # training recordings must not have it either, so they are composed again
-            train = train[train.gestures != self.unknown]
-        composing = bool(self.unknown) and is_recorded(train)
-        recordings = composed(*pieces(train, background), SEED) if composing else self.recordings(train, background)
-        with computing(threads):
-            metrics = fitted(estimator, train)
-            watcher, settings = learned(estimator, recordings, self.false_alarms)
-            if self.unknown:
-                watcher.reject = learn_reject(cell.estimator, train, recordings, watcher)
-            test = self.recordings(corpus[fold.test], background)
-            if self.unknown:
-                test = replace(test, events=test.events.replace({"gesture": {self.unknown: UNKNOWN}}))
-            odds = watcher.log_odds(test.corpus)
-            reports = watcher.reports(test.corpus, odds)
-            effects = batch_effects(estimator, corpus, fold.test, most=SOME)
-        subjects = test.subjects.astype(str)
-        frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths})
-        table = pd.concat(
-            [
-                part.assign(kind=kind, subject=subjects[part["recording"]])
-                for kind, part in (
-                    ("recording", frames),
-                    ("touch", test.events),
-                    ("report", reports),
-                    ("curve", _curve(watcher, test, odds)),
-                    ("probability", _probability(watcher, test.corpus.rate_hz, odds[0])),
-                )
-            ],
-            ignore_index=True,
-        )
-        with computing(1):
-            spent = _decision_ms(watcher, test)
-        metrics |= footprint(estimator, corpus)
-        metrics["flash_bytes"] += 4 * watcher.detector.numbers  # in C it is stored beside the system
-        chosen: dict[str, object] = {"bias": watcher.bias, "tail": watcher.tail, "strong": watcher.strong}
-        chosen |= {"refused": watcher.detector.limit_, "reject": watcher.reject}
-        return FoldResult(
-            fold.name,
-            table.assign(fold=fold.name),
-            metrics,
-            spent,
-            spent,
-            chosen=chosen,
-            trials=settings,
-            batch_effects=effects,
-        )
-
-    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
-        """Scores and costs of one fold."""
-        touches, reports, background_s = scored(result.table, rate_hz)
-        return costs([result]) | _defined(summary(touches, reports, sum(background_s.values())))
-
-    def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
-        """Scores of all touches, with intervals over subjects; tables of touches, reports, subjects and the curve."""
-        rate_hz, table = plan.corpus.rate_hz, table_of(folds)
-        touches, reports, background_s = scored(table, rate_hz)
-        numbers = summary(touches, reports, sum(background_s.values())) | intervals(touches, reports, background_s)
-        hours = sum(background_s.values()) / 3600
-        counts = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms"]].sum()
-        missed, alarms = 1 - counts["hits"] / max(len(touches), 1), counts["alarms"] / (hours or np.nan)
-        tables = {
-            "predictions": table,
-            "touches": touches,
-            "reports": reports,
-            "per_subject": per_subject(touches, reports, background_s),
-            "curve": pd.DataFrame({"missed": missed, "false_alarms_per_hour": alarms}).reset_index(),
-        }
-        if self.unknown:
-            numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
-        metrics = _defined(numbers | {"background_minutes": 60 * hours}) | costs(folds)
-        return Result(about, metrics, tables)
+def run_numbers(
+    folds: Sequence[FoldResult], rate_hz: float, unknown: str
+) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
+    """Scores of all touches, with intervals over subjects; tables of touches, reports, subjects and the curve."""
+    table = table_of(folds)
+    touches, reports, background_s = scored(table, rate_hz)
+    numbers = summary(touches, reports, sum(background_s.values())) | intervals(touches, reports, background_s)
+    hours = sum(background_s.values()) / 3600
+    counts = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms"]].sum()
+    missed, alarms = 1 - counts["hits"] / max(len(touches), 1), counts["alarms"] / (hours or np.nan)
+    tables = {
+        "predictions": table,
+        "touches": touches,
+        "reports": reports,
+        "per_subject": per_subject(touches, reports, background_s),
+        "curve": pd.DataFrame({"missed": missed, "false_alarms_per_hour": alarms}).reset_index(),
+    }
+    if unknown:
+        numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
+    return _defined(numbers | {"background_minutes": 60 * hours}) | costs(folds), tables
 
 
 def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:

@@ -1,0 +1,217 @@
+"""A circumstance: what is changed while a fitted system labels the test captures again.
+
+A new one is a file with `Circumstance.cases`, and an entry in `bench.circumstances` or an entry point
+``touchbench.circumstances``. Its labels, their table, a printed column, a CSV file, a section of the page with a figure,
+candidates and budgets come from here; it may replace each of them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from bench.candidate import Candidate, Losses, Wish
+from bench.kinds.base import Options, Shown
+from bench.kinds.base import option as option
+from bench.measures import Measure, percent
+from bench.result import Result
+from bench.work.experiment import Case as Case
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bench.outcomes.results import FoldResult
+    from bench.plan.plan import Plan
+    from bench.source import Code
+    from bench.work.fitted import Fitted
+    from reports.part import Section
+
+LABELS = "labels"  # table with the labels of all circumstances that need no more
+
+
+@dataclass(frozen=True)
+class Circumstance(Options, Shown):
+    """Labels the test captures again, in some cases.
+
+    Attributes:
+        key: its key of ``bench run``.
+        tracked: names of its options as parameters of a run; a run that has the first has the circumstance.
+        columns: further columns of its tables; a corpus cannot have them.
+        noun: what its levels count, such as "captures of each class".
+        sliced: True if groups of captures are tested in its cases, too.
+        word: a word for one of its cases.
+        views: True if ``bench run`` prints a table of it.
+    """
+
+    key: ClassVar[str]
+    tracked: ClassVar[tuple[str, ...]] = ()
+    columns: ClassVar[frozenset[str]] = frozenset()
+    noun: ClassVar[str] = ""
+    sliced: ClassVar[bool] = True
+    word: ClassVar[str] = "case"
+    views: ClassVar[bool] = True
+
+    # producer, part of a run's identity
+
+    @classmethod
+    def asked(cls, values: Mapping[str, object]) -> bool:
+        """Whether typed values ask for it."""
+        name, (_, alias) = next(iter(cls.fields().items()), ("", (None, "")))
+        return bool({name, alias} & {*values})
+
+    def options(self) -> dict[str, object]:
+        """Tracked as parameters; the first is that of `tracked`."""
+        return {f"{self.key}.{name}" if i else self.key: text for i, (name, text) in enumerate(self._texts().items())}
+
+    def _texts(self) -> dict[str, str]:
+        from bench.kinds.base import typed_as
+
+        return {name: typed_as(getattr(self, name)) for name in self.fields()}
+
+    def identity(self) -> object:
+        """Identity of its options."""
+        return repr(self)
+
+    def depends(self) -> list[Code]:
+        """Modules, classes or functions whose code its numbers depend on."""
+        return [type(self)]
+
+    def refuse(self, plan: Plan) -> None:
+        """Refuse impossible plans before anything is run.
+
+        Raises:
+            InputError: it cannot be.
+        """
+
+    def cases(self, at: Fitted) -> Iterator[Case]:
+        """What is changed, a case at a time.
+
+        Args:
+            at: the fitted system of a fold, with its captures.
+        """
+        raise NotImplementedError
+
+    def fold(self, at: Fitted) -> FoldResult:
+        """Label the test captures of a fold in every case."""
+        import pandas as pd
+
+        from bench.outcomes.results import FoldResult
+        from bench.work.fold import computing
+
+        begun, parts, last = time.perf_counter(), [], None
+        with computing(at.threads):
+            for last in self.cases(at):
+                parts.append(at.labels(self.key, last))
+            effects = at.effects(last)
+        tables = {LABELS: pd.concat(parts, ignore_index=True)} if parts else {}
+        return FoldResult(at.fold.name, metrics=self.seconds(time.perf_counter() - begun), tables=tables, batch_effects=effects)
+
+    def seconds(self, wall: float) -> dict[str, float]:
+        """What its cases took."""
+        return {f"{self.key}_seconds": wall}
+
+    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+        """Tracked numbers of a fold: the accuracy in each case."""
+        table = result.tables[LABELS] if LABELS in result.tables else None
+        return {} if table is None else self.accuracies(table[table["circumstance"] == self.key])
+
+    def accuracies(self, rows: pd.DataFrame) -> dict[str, float]:
+        """Accuracy in each case, by the name under which it is tracked."""
+        hits = (rows["true"] == rows["predicted"]).groupby([rows["case"], rows["level"]], sort=False).mean()
+        return {f"accuracy.{case}.{level:g}": float(value) for (case, level), value in hits.items()}
+
+    def result(
+        self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
+    ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
+        """Numbers and further tables of a run.
+
+        Args:
+            tables: tables of all folds: ``predictions``, and those of `fold`; ``labels`` has the captures as they are,
+                too.
+            folds: results of the folds.
+            rate_hz: frames per second.
+        """
+        from bench.outcomes.curves import curve, loss
+
+        table = curve(tables[LABELS], self.key)
+        numbers = {f"accuracy.{r.case}.{r.level:g}": r.accuracy for r in table.itertuples()}
+        return numbers | {f"loss.{case}": lost for case, lost in loss(table).items()}, {self.key: table}
+
+    def labels(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
+        """Its rows of the table ``labels``, also where its own table has more than labels."""
+        table = tables[LABELS]
+        return table[table["circumstance"] == self.key]
+
+    # consumer
+
+    @classmethod
+    def holds(cls, result: Result) -> bool:
+        """Whether a run has the circumstance."""
+        return (cls.tracked[0] if cls.tracked else cls.key) in result.about
+
+    @classmethod
+    def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
+        """Accuracy in each case, and the mean loss."""
+        names = dict.fromkeys(k for r in results for k in r.metrics if k.startswith(f"accuracy.{cls.key}."))
+        levels = sorted((name.rpartition(".")[2] for name in names), key=float)
+        columns = [percent(f"at_{n}", f"{n} {cls.noun}", f"accuracy.{cls.key}.{n}", spare=1) for n in levels]
+        return [*columns, percent("loss", "mean loss", f"loss.{cls.key}"), *cls.shown]
+
+    @classmethod
+    def figure(cls, result: Result, folder: Path) -> None:
+        """Draw what is kept with a run into a folder."""
+
+    @classmethod
+    def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
+        """Accuracy against the level: a figure and a table of comparable systems."""
+        from reports.levels import level_section
+
+        return level_section(cls, results, folder)
+
+    @classmethod
+    def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+        """The curves of all systems."""
+        from bench.outcomes.curves import joined
+
+        return {cls.key: joined(results, cls.key)} if results else {}
+
+    @classmethod
+    def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:
+        """Topic and sentence for the main results of the page."""
+        return None
+
+    @classmethod
+    def candidates(cls, result: Result, wish: Wish) -> Iterable[Candidate]:
+        """The system in each case, scored by whole captures."""
+        table = result.tables[LABELS]
+        for (_, level), rows in table[table["circumstance"] == cls.key].groupby(["case", "level"], sort=False):
+            yield Candidate(f"{level:g} {cls.noun or cls.key}", wish.reactions.scores(rows))
+
+    @classmethod
+    def lends(cls, result: Result) -> dict[str, float]:
+        """The numbers that its costs read."""
+        names = [cost.read or cost.key for cost in cls.costs if not cost.personal]
+        return {name: result.metrics[name] for name in names if isinstance(name, str) and name in result.metrics}
+
+    @classmethod
+    def lost(cls, results: Sequence[Result], asked: Losses, reactions: object) -> pd.DataFrame | None:
+        """Points lost in some cases [cases, subjects], for costs of losses; None if it knows none."""
+        return None
+
+    @classmethod
+    def told(cls, result: Result, reactions: object) -> str:
+        """What a run promises for the chosen system, in a sentence of ``bench choose``."""
+        return ""
+
+    @classmethod
+    def promise(cls, trained: Mapping[str, str], others: int) -> tuple[str, str] | None:
+        """What it would promise, and the command that measures it.
+
+        Args:
+            trained: arguments of the chosen system.
+            others: number of people besides the one who is left out.
+        """
+        return None

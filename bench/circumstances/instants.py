@@ -1,0 +1,259 @@
+"""The touch so far: the label of a capture after some of its time, and the time at which waiting gains no more."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from bench.arguments import Values, items
+from bench.circumstances.base import Circumstance, option
+from bench.errors import InputError
+from bench.kinds.base import Spelling
+from bench.measures import Cost, Measure, percent
+from bench.options import Command, Option
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bench.candidate import Candidate, Wish
+    from bench.outcomes.results import FoldResult
+    from bench.plan.plan import Plan
+    from bench.result import Result
+    from bench.source import Code
+    from bench.work.fitted import Fitted
+    from bench.work.replay import Replay
+    from reports.part import Section
+
+EACH = "each"
+SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
+REPLAY = "replay"  # table with the probabilities at every instant
+
+
+@dataclass(frozen=True)
+class Instants(Circumstance):
+    """Captures are replayed through a system that was fitted on whole ones; it may learn when to stop."""
+
+    key: ClassVar[str] = "after"
+    tracked: ClassVar[tuple[str, ...]] = ("stream.start", "stream.hop_ms", "stream.after", "stream.stopping")
+    word: ClassVar[str] = "time"
+    columns: ClassVar[frozenset[str]] = frozenset({"instant", "confidence", "settled"})
+    alike: ClassVar[tuple[str, ...]] = ("stream.start", "stream.hop_ms", "stream.after")
+
+    after: tuple[float, ...] = option((), "touch seen before a label, such as 250ms,1s, or each for a series", type="ms")
+    hop_ms: float | None = option(
+        None, "ms between decisions; default: each uses 1.41 times as much touch", type="number"
+    )
+    start: str = option("onset", "start of the replay; middle skips half a capture", ("onset", "middle"))
+    stopping: bool = option(False, "yes: learn on training subjects when to stop, with fits of its own", type="yes")
+
+    @classmethod
+    def of(cls, values: Values) -> list[Self]:
+        """Every combination of the typed values.
+
+        Raises:
+            InputError: a value cannot be used.
+        """
+        times = items("after", values["after"])
+        if EACH not in times:
+            if "hop_ms" in values:
+                raise InputError(f"hop_ms={values['hop_ms']}: after= names the times; leave one of them out")
+            return super().of(values)
+        return super().of({k: v for k, v in values.items() if k != "after"})
+
+    @property
+    def replay(self) -> Replay:
+        """Settings of the replay."""
+        from bench.work.replay import Replay
+
+        return Replay(self.hop_ms, self.start, self.after)
+
+    def options(self) -> dict[str, object]:
+        """Times, hop, start, and whether stopping is learned."""
+        times = ", ".join(f"{ms:g}" for ms in self.after) or EACH
+        return {
+            "stream.start": self.start,
+            "stream.hop_ms": self.hop_ms,
+            "stream.after": times,
+            "stream.stopping": self.stopping,
+        }
+
+    def changed(self) -> dict[str, str]:
+        """The options as typed."""
+        times = ",".join(f"{ms:g}ms" for ms in self.after) or EACH
+        return super().changed() | {"after": times}
+
+    def refuse(self, plan: Plan) -> None:
+        """Refuse a replay that cannot be, and training parts from which no threshold can be learned.
+
+        Raises:
+            InputError: a training part of one subject, or of subjects one of whom has all but one class.
+        """
+        from bench.progress import warn
+        from bench.work.replay import unlearnable
+
+        self.replay.check(plan.corpus.rate_hz)
+        for fold in plan.folds if self.stopping else ():
+            if why := unlearnable(plan.cell.untrained, plan.corpus[fold.train]):
+                raise InputError(
+                    f"protocol={plan.cell.protocol}: fold {fold.name} learns when to stop by leaving training subjects "
+                    f"out, and {why}; choose another protocol or more captures"
+                )
+        if len(set(plan.corpus.lengths)) == 1:
+            warn(
+                f"warning: {plan.cell.data}: all captures have the same length, so features that grow with time are "
+                "trained on one duration only; early labels of these features may be wrong"
+            )
+
+    def depends(self) -> list[Code]:
+        """The code of the replay."""
+        return [type(self)]
+
+    def fold(self, at: Fitted) -> FoldResult:
+        """Labels at every instant; calibration and threshold see training captures alone."""
+        from bench.work.replay import replay_fold
+
+        return replay_fold(self.replay, at, self.stopping)
+
+    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+        """Accuracy of whole captures, and of stopping at the learned threshold."""
+        from bench.outcomes.stopping import fold_numbers
+
+        return fold_numbers(result.tables, rate_hz)
+
+    def result(
+        self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
+    ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
+        """Accuracy after each time and of adaptive stopping; both curves."""
+        from bench.outcomes.results import costs
+        from bench.outcomes.stopping import replay_numbers
+
+        return replay_numbers(tables, self.after or SHOWN_MS, costs([*folds])["replay_ms_p95"], rate_hz)
+
+    def labels(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
+        """The label that stands after each time that was asked for, or after round ones."""
+        from bench.outcomes.stopping import standing_labels
+
+        return standing_labels(tables[REPLAY], self.after or SHOWN_MS, self.key, rate_hz)
+
+    commands: ClassVar[dict[str, Spelling]] = {
+        "stream": Spelling(
+            Command(
+                "compare",
+                "replay captures in time, or classify frames from standard input",
+                "Replays captures and measures accuracy against milliseconds of touch, and computing time per "
+                "decision. Adaptive stopping decides as soon as the expected gain from waiting is small, as learned on "
+                "training subjects. It is bench run with after=each stopping=yes. source=- reads one frame per line: "
+                "values in row-major order, separated by commas or blanks, at most 32 characters each. If the model "
+                "can watch an endless stream, each news of a touch (reported, changed, ended) prints ms, news, label "
+                "and confidence. Otherwise, or with events=no, an empty line ends a capture, and each decision prints "
+                "capture, ms, label, confidence and settled. settled is yes once waiting would gain too little. MODEL "
+                "is a model that bench fit saved.",
+                "bench stream data=haart protocol=loso model=svm,rf features=jung54\n"
+                "bench stream data=haart model=svm start=onset,middle hop_ms=125\n"
+                "sensor | bench stream source=- model=models:/m-0123456789abcdef",
+                "[key=value ...]\nsource=- model=MODEL [events=no] [hop_ms=125]",
+            ),
+            keys=("hop_ms", "start"),
+            given={"after": EACH, "stopping": "yes"},
+            out=("report", "folder for streaming.csv, stopping.csv and figures"),
+            live="bench.work.live:live",
+            live_keys=(
+                Option("source", "", "text", "", "- classifies frames from standard input"),
+                Option("events", "", "yes", True, "source=-: report touches of an endless stream; no: classify captures"),
+            ),
+        )
+    }
+    heading: ClassVar[str] = "Accuracy in percent against touch seen; stopping learned on training subjects"
+    ranked: ClassVar[bool] = True
+    score: ClassVar[str] = "replay_accuracy"
+    shown: ClassVar[tuple[Measure, ...]] = (
+        Measure("start", read="stream.start", spare=10),
+        *(
+            percent(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare={2000: 6, 250: 5}.get(ms, 0))
+            for ms in SHOWN_MS
+        ),
+        percent("accuracy", "whole", "replay_accuracy", ends="replay_accuracy"),
+        Measure("mean_ms", "mean ms", form=".0f", spare=16),
+        percent("adaptive_accuracy", "early stop %", spare=1),
+        Measure("adaptive_ms", "at mean ms", form=".0f", spare=1),
+        Measure("decide_ms", "decision ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14),
+        Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
+        Measure("system_hop_ms", "system hop ms", form=".0f", spare=17),
+    )
+    costs: ClassVar[tuple[Cost, ...]] = (
+        Cost(
+            "decision",
+            read="capture_ms",
+            unit="ms",
+            noun="decision time",
+            words="until the decision",
+            axis="ms of touch before the label",
+            help="longest touch before the decision, such as 1s",
+            watched=False,
+            column=False,
+            last=2,
+        ),
+    )
+
+    @classmethod
+    def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
+        """Columns of times that were asked for, or of round ones."""
+        names = dict.fromkeys(k for r in results for k in r.metrics if k.startswith("accuracy_at_"))
+        others = [k for k in names if k not in {f"accuracy_at_{ms}_ms" for ms in SHOWN_MS}]
+        own = [percent(k.removeprefix("accuracy_"), k.split("_")[2] + " ms", k, spare=7) for k in others]
+        return [cls.shown[0], *own, *cls.shown[1:]]
+
+    @classmethod
+    def write(cls, results: Sequence[Result], folder: Path) -> list[str]:
+        """Write the curves and their figure."""
+        from reports.streaming import write_streaming
+
+        paths = write_streaming(results, folder)
+        return [f"figure and tables: {', '.join(map(str, paths))}"] if paths else []
+
+    @classmethod
+    def then(cls, results: Sequence[Result]) -> str:
+        """The next command to type."""
+        return "bench choose by=decision"
+
+    @classmethod
+    def figure(cls, result: Result, folder: Path) -> None:
+        """Draw accuracy against touch seen."""
+        from reports.streaming import figure
+
+        figure([result], folder)
+
+    @classmethod
+    def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
+        """Accuracy against touch seen, and the result of stopping at the learned threshold."""
+        from reports.streaming import stream_section
+
+        return stream_section(results, folder)
+
+    @classmethod
+    def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:
+        """The best system with early decisions."""
+        from reports.streaming import early
+
+        return early(results)
+
+    @classmethod
+    def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+        """Both curves of all systems."""
+        from reports.streaming import sheets
+
+        return sheets(results) if results else {}
+
+    @classmethod
+    def offers(cls, result: Result, wish: Wish) -> bool:
+        """True for a replay from the onset, where a time of decision was asked for."""
+        return wish.most is not None and result.about["stream.start"] == "onset"
+
+    @classmethod
+    def candidates(cls, result: Result, wish: Wish) -> Iterator[Candidate]:
+        """The system after each time that is soon enough."""
+        from bench.outcomes.stopping import early_candidates
+
+        return early_candidates(result, wish) if cls.offers(result, wish) else iter(())

@@ -1,0 +1,63 @@
+"""Labelled captures of a new person: accuracy against their number.
+
+The protocols ``personal`` and ``transfer`` draw them, because the tested captures depend on them; here they are shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from bench.circumstances.base import Circumstance
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bench.candidate import Candidate, Wish
+    from bench.result import Result
+    from reports.part import Section
+
+
+@dataclass(frozen=True)
+class Shots(Circumstance):
+    """A system meets a new person, with some of their captures."""
+
+    key: ClassVar[str] = "shots"
+    tracked: ClassVar[tuple[str, ...]] = ("protocol.shots", "protocol.unlabelled")
+    views: ClassVar[bool] = False
+
+    @classmethod
+    def asked(cls, values: object) -> bool:
+        """False: the protocol has them."""
+        return False
+
+    @classmethod
+    def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
+        """A figure and a table for each set of comparable runs."""
+        from reports.new_person import new_person_section
+
+        return new_person_section(results, folder)
+
+    @classmethod
+    def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:
+        """What shots gain."""
+        from reports.new_person import gained
+
+        return gained(results)
+
+    @classmethod
+    def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+        """None: ``comparison.csv`` has a row for each number of shots."""
+        return {}
+
+    @classmethod
+    def offers(cls, result: Result, wish: Wish) -> bool:
+        """False: it has no candidates."""
+        return False
+
+    @classmethod
+    def candidates(cls, result: Result, wish: Wish) -> Sequence[Candidate]:
+        """None besides the system itself."""
+        return ()

@@ -1,0 +1,141 @@
+"""Fewer training subjects: the learning curve of a system."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from bench.circumstances.base import LABELS, Case, Circumstance, option
+from bench.errors import InputError
+from bench.usual import CLEAN
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pandas as pd
+
+    from bench.candidate import Candidate, Wish
+    from bench.measures import Measure
+    from bench.outcomes.results import FoldResult
+    from bench.plan.plan import Plan
+    from bench.result import Result
+    from bench.work.fitted import Fitted
+
+
+@dataclass(frozen=True)
+class Subjects(Circumstance):
+    """The system is fitted on fewer training subjects, and labels the test captures as they are."""
+
+    key: ClassVar[str] = "train_subjects"
+    tracked: ClassVar[tuple[str, ...]] = ("train_subjects",)
+    sliced: ClassVar[bool] = False  # a slice is compared with the system itself, and every system is worse with less
+
+    train_subjects: tuple[int, ...] = option((), "numbers of training subjects for a learning curve", type="counts")
+
+    def __post_init__(self) -> None:
+        """Put the numbers in order."""
+        object.__setattr__(self, "train_subjects", tuple(sorted({*self.train_subjects})))
+
+    def options(self) -> dict[str, object]:
+        """Numbers of subjects."""
+        return {"train_subjects": ", ".join(map(str, self.train_subjects))}
+
+    def refuse(self, plan: Plan) -> None:
+        """Refuse numbers of training subjects that a fold has not, or that the system cannot learn from.
+
+        Raises:
+            InputError: one of them.
+        """
+        from bench import contract
+        from bench.work.subset import subset
+
+        estimator, corpus = plan.cell.untrained, plan.corpus
+        for fold in plan.folds:
+            subjects = len(set(corpus.subjects[fold.train]))
+            for count in self.train_subjects:
+                if count >= subjects:
+                    raise InputError(
+                        f"train_subjects={count}: fold {fold.name} of protocol={plan.cell.protocol} has {subjects} "
+                        f"training subjects; give fewer than that (all of them are always used too)"
+                    )
+                part = subset(corpus, fold.train, fold.test, count, plan.cell.seed or 0)
+                contract.check_training(estimator, corpus[part], corpus.gestures[part])
+
+    def cases(self, at: Fitted) -> Iterator[Case]:
+        """A system fitted on each number of training subjects."""
+        from bench.work.subset import subset
+
+        for count in self.train_subjects:
+            part = subset(at.corpus, at.fold.train, at.fold.test, count, at.cell.seed or 0)
+            yield Case(level=count, system=at.refitted(part), train_subjects=count)
+
+    def seconds(self, wall: float) -> dict[str, float]:
+        """Seconds of the fits."""
+        return {"refit_seconds": wall}
+
+    def result(
+        self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
+    ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
+        """The learning curve, which ends with all training subjects."""
+        from bench.outcomes.stability import learning
+
+        curve = learning(tables[LABELS])
+        numbers = {f"accuracy.train_subjects.{r.train_subjects:g}": r.accuracy for r in curve.itertuples()}
+        return numbers, {"learning": curve}
+
+    @classmethod
+    def holds(cls, result: Result) -> bool:
+        """Whether a run has a learning curve."""
+        return result.about.get("train_subjects", "all") != "all"
+
+    @classmethod
+    def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
+        """Accuracy with each number of subjects."""
+        return [column for column in super().shows(results) if column.key != "loss"]
+
+    @classmethod
+    def section(cls, results: Sequence[Result], folder: Path) -> None:
+        """None: the curve is a figure of ``bench stress``, and the growth that it promises is told by ``bench choose``."""
+
+    @classmethod
+    def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+        """The curves of all systems."""
+        from bench.outcomes.curves import joined
+
+        return {"learning": joined(results, "learning")} if results else {}
+
+    @classmethod
+    def offers(cls, result: Result, wish: Wish) -> bool:
+        """False: it has no candidates."""
+        return False
+
+    @classmethod
+    def candidates(cls, result: Result, wish: Wish) -> Sequence[Candidate]:
+        """None: nobody ships a system that has learned less than it could."""
+        return ()
+
+    @classmethod
+    def told(cls, result: Result, reactions: Any) -> str:
+        """The gain of more training people."""
+        from bench.outcomes.expected import more_people
+
+        if not (growth := more_people(result.tables[LABELS], reactions)):
+            return ""
+        most, gains = growth
+        words = [f"{r.more} more add {r.gain:.1f} [{r.low:.1f}, {r.high:.1f}]" for r in gains.itertuples()]
+        return (
+            f"By its learning curve on captures, {result['protocol_label']}: {', '.join(words)} points to a "
+            f"training set of {most} people (fit of a - b / people; 95 % intervals over people)."
+        )
+
+    @classmethod
+    def promise(cls, trained: Mapping[str, str], others: int) -> tuple[str, str] | None:
+        """A learning curve, where there are enough people for one."""
+        from bench.arguments import typed
+
+        numbers = sorted({n for n in (2, max(3, others // 2), max(3, 2 * others // 3)) if n < others})
+        if len(numbers) < 2:
+            return None
+        curve = {"faults": CLEAN, cls.key: ",".join(map(str, numbers))}
+        return "The gain of more people", typed("stress", {**trained, **curve})

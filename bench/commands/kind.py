@@ -1,0 +1,92 @@
+"""The commands that make runs, of all kinds and circumstances: ``bench run`` and others."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+
+from bench.arguments import Backend, Values, backend_of, parse
+from bench.commands.printing import output, say, show, then, writable
+from bench.errors import InputError
+from bench.options import keys, makers
+from bench.plan.cells import Cell, cells
+from bench.registry import classes
+from bench.result import Result
+from bench.table import Table
+from bench.work.experiment import Experiment
+from bench.work.loop import execute, prepared
+
+
+def command(name: str, arguments: list[str]) -> int:
+    """Make the runs that the arguments name, print and write them; exit code 1 if a fold failed.
+
+    Raises:
+        InputError: something in the arguments or the data cannot be used; nothing was run.
+    """
+    values = parse(arguments, keys(name))
+    spelling = makers()[name].spelling
+    if spelling.live and spelling.live_keys[0].key in values:
+        key = spelling.live_keys[0].key
+        if sys.stdin is None:
+            raise InputError(f"{key}={values[key]}: standard input is closed; send frames to it")
+        module, _, function = spelling.live.partition(":")
+        return getattr(importlib.import_module(module), function)(values)
+    todo, out = planned(name, values)
+    folder = writable(Path(out)) if out else None
+    return printed(name, execute(todo, backend_of(values)), folder)
+
+
+def made(name: str, values: Values) -> list[Result]:
+    """The runs of some values.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    return execute(planned(name, values)[0], backend_of(values))
+
+
+def planned(name: str, values: Values) -> tuple[list, str]:
+    """What a command is to run, and the folder of ``out=``; empty for none.
+
+    Raises:
+        InputError: something in the values or the data cannot be used.
+    """
+    maker = makers()[name]
+    given = dict(maker.spelling.given)
+    own = {option.key for option in maker.options()} | {*given}
+    kinds = maker.kind.of({**given, **{k: v for k, v in values.items() if k in own}})
+    ready = maker.kind.ready(cells({k: v for k, v in values.items() if k not in own}))
+    out = str(values.get("out", maker.spelling.out[0])) if maker.spelling.out[0] else ""
+    return prepared(ready, kinds, backend_of(values).jobs), out
+
+
+def printed(name: str, results: list[Result], folder: Path | None = None) -> int:
+    """Print runs as a command shows them, and write what it writes; the exit code.
+
+    Args:
+        name: command whose view is shown; ``bench run`` shows the kind, and each circumstance.
+        results: results of one kind of run.
+        folder: folder of ``out=``.
+    """
+    maker = makers()[name]
+    views = maker.kind.views(results) if maker.view is maker.kind else [(maker.view, results)]
+    code = show(results, views)
+    scored = [r for r in results if r.scored]
+    if folder is not None:
+        say(*maker.view.write(scored, folder))
+    for view, members in views:
+        for shown in view.printed(members):
+            shown.print(output()) if isinstance(shown, Table) else say(shown)
+    then(maker.view.then(results))
+    return code
+
+
+def evaluated(todo: list[Cell], backend: Backend) -> list[Result]:
+    """Cells of captures, evaluated as ``bench run`` does.
+
+    Raises:
+        InputError: something in the cells or the data cannot be used; nothing was run.
+    """
+    plain: Experiment = next(iter(classes("kinds").values()))()
+    return execute(prepared(todo, [plain], backend.jobs), backend)

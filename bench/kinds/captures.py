@@ -1,0 +1,261 @@
+"""Captures: a system labels each test capture once, as it is and in any number of circumstances."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from bench.arguments import Values
+from bench.circumstances.base import LABELS, Circumstance
+from bench.errors import InputError
+from bench.kinds.base import Kind, Shown, Spelling
+from bench.measures import Measure, columns, run_columns
+from bench.options import SMALL, Command, Option
+from bench.registry import classes
+from bench.result import Result
+from bench.table import Table
+
+if TYPE_CHECKING:
+    from bench.candidate import Candidate, Wish
+    from bench.corpora.corpus import Corpus
+    from bench.outcomes.results import FoldResult
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
+    from bench.source import Code
+
+
+@dataclass(frozen=True)
+class Captures(Kind):
+    """Fit on the training captures, decide on the test captures, measure accuracy and costs.
+
+    Attributes:
+        circumstances: circumstances in which the test captures are labelled again, in the order of the registry.
+    """
+
+    tag: ClassVar[str] = "cell"
+
+    circumstances: tuple[Circumstance, ...] = ()
+
+    @property
+    def fold_tag(self) -> str:
+        """Tag of its folds."""
+        return "fold"
+
+    @property
+    def columns(self) -> frozenset[str]:
+        """Further columns of its tables of labels; a corpus cannot have them."""
+        if not self.circumstances:
+            return frozenset()
+        from bench.outcomes.curves import COLUMNS
+
+        return COLUMNS.union(*(c.columns for c in self.circumstances))
+
+    @classmethod
+    def fields(cls) -> dict[str, tuple[Option, str]]:
+        """The options of all circumstances."""
+        return {name: one for c in classes("circumstances").values() for name, one in c.fields().items()}
+
+    @classmethod
+    def of(cls, values: Values) -> list[Self]:
+        """Every combination of the typed values.
+
+        Raises:
+            InputError: a value cannot be used, or belongs to a circumstance that was not asked for.
+        """
+        every = classes("circumstances").values()
+        asked = [c for c in every if c.asked(values)]
+        for c in every:
+            names = {n for name, (_, alias) in c.fields().items() for n in (name, alias)}
+            if c not in asked and (alone := names & {*values}):
+                raise InputError(f"{min(alone)}= needs {c.key}=; add it or leave {min(alone)}= out")
+        return [cls(each) for each in itertools.product(*(c.of(values) for c in asked))]
+
+    def options(self) -> dict[str, object]:
+        """Tracked as parameters: the options of its circumstances."""
+        return {name: value for c in self.circumstances for name, value in c.options().items()}
+
+    def identity(self) -> object:
+        """Identity of its circumstances."""
+        return [(c.key, c.identity()) for c in self.circumstances]
+
+    def arguments(self) -> dict[str, str]:
+        """The options as typed; defaults are left out."""
+        return {name: value for c in self.circumstances for name, value in c.changed().items()}
+
+    def command(self, cell: Cell) -> str:
+        """``run``, ``tune`` or ``choose``, as the cell is searched or not."""
+        return "run" if not cell.tuning else "choose" if "over" in cell.tuning else "tune"
+
+    def depends(self) -> list[Code]:
+        """The code of its circumstances, too."""
+        return [type(self), *(code for c in self.circumstances for code in c.depends())]
+
+    def refuse(self, plan: Plan) -> None:
+        """Refuse what one of the circumstances cannot be.
+
+        Raises:
+            InputError: it cannot.
+        """
+        for c in self.circumstances:
+            if any(fold.known for fold in plan.folds):
+                raise InputError(
+                    f"protocol={plan.cell.protocol}: {c.key}= does not adapt systems to a person; leave "
+                    "protocol.shots= and protocol.unlabelled= out"
+                )
+            c.refuse(plan)
+
+    def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+        """Predictions of the test captures and their costs; labels in each circumstance."""
+        import pandas as pd
+
+        from bench.work.evaluation import evaluated
+        from bench.work.fitted import Fitted
+
+        system, result = evaluated(cell, corpus, fold, threads)
+        if not self.circumstances:
+            return result
+        at = Fitted(cell, corpus, fold, system, result.table, threads)
+        result.tables = {LABELS: at.clean()}
+        for c in self.circumstances:
+            done = c.fold(at)
+            result.metrics |= done.metrics
+            result.times |= done.times
+            result.batch_effects += done.batch_effects
+            for name, table in done.tables.items():
+                before = [result.tables[name]] if name in result.tables else []
+                result.tables[name] = pd.concat([*before, table], ignore_index=True)
+        return result
+
+    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+        """Scores and costs of one fold."""
+        from bench.outcomes import scores
+        from bench.outcomes.results import costs
+
+        more = (c.fold_metrics(result, rate_hz) for c in self.circumstances)
+        return {k: v for numbers in more for k, v in numbers.items()} | scores.accuracies(result.table) | costs([result])
+
+    def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
+        """Scores and costs of the whole run; confusions, subjects and classes; what each circumstance changes."""
+        import pandas as pd
+
+        from bench.outcomes.curves import unharmed
+        from bench.outcomes.results import measured, tables_of
+        from bench.outcomes.stability import sliced
+
+        rate_hz = plan.corpus.rate_hz
+        numbers, tables, unit = measured(folds, rate_hz)
+        stored = tables_of(folds)
+        more: dict[str, float] = {}
+        for c in self.circumstances:
+            metrics, made = c.result({"predictions": tables["predictions"], **stored}, folds, rate_hz)
+            more, tables = more | metrics, tables | made
+        if self.circumstances:
+            words = {c.key: c.word for c in self.circumstances if c.sliced}
+            labels = [c.labels(stored, rate_hz) for c in self.circumstances if c.sliced]
+            labels = pd.concat([unharmed(stored[LABELS]), *labels], ignore_index=True)
+            metrics, made = sliced(labels, words, about["target"])
+            more, tables = more | metrics, tables | made
+        return Result({**about, "unit": unit}, more | numbers, tables | stored)
+
+    commands: ClassVar[dict[str, Spelling]] = {
+        "run": Spelling(
+            Command(
+                "start here",
+                "evaluate systems under a protocol and store the runs",
+                "Evaluates every combination of the given values; commas separate values. A dotted key sets a parameter of "
+                "that part. Each combination is one MLflow run with a child run per fold. An interrupted command continues "
+                "where it stopped.",
+                "bench run protocol=loso model=cnn85\n"
+                f"bench run data=haart {SMALL}\n"
+                "bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54\n"
+                "bench run data=cost model=svm model.C=8,32,128 model.gamma=0.125\n"
+                "bench run data=synth data.subjects=12 data.repetitions=2",
+            )
+        )
+    }
+    heading: ClassVar[str] = "Accuracy in percent; SD over subjects"
+    ranked: ClassVar[bool] = True
+    searches: ClassVar[bool] = True
+
+    @classmethod
+    def held(cls, results: Sequence[Result]) -> dict[type[Circumstance], list[Result]]:
+        """The results that have each circumstance, in the order of the registry."""
+        every = {c: [r for r in results if c.holds(r)] for c in classes("circumstances").values()}
+        return {c: each for c, each in every.items() if each}
+
+    @classmethod
+    def tracked(cls) -> tuple[str, ...]:
+        """Names of the options of all circumstances as parameters of a run."""
+        return tuple(name for c in classes("circumstances").values() for name in c.tracked or (c.key,))
+
+    @classmethod
+    def made_by(cls) -> dict[str, tuple[type[Kind], type[Shown], Spelling]]:
+        """``bench run``, and the commands of circumstances."""
+        views: list[type[Shown]] = [cls, *classes("circumstances").values()]
+        return {name: (cls, view, spelling) for view in views for name, spelling in view.commands.items()}
+
+    @classmethod
+    def views(cls, results: Sequence[Result]) -> list[tuple[type[Shown], list[Result]]]:
+        """The kind, and each circumstance that a result has."""
+        return [(cls, [*results]), *((c, each) for c, each in cls.held(results).items() if c.views)]
+
+    @classmethod
+    def printed(cls, results: Sequence[Result]) -> Iterator[str | Table]:
+        """A warning of systems that predict one label."""
+        from bench.outcomes.scored import one_label
+
+        if line := one_label(results):
+            yield line
+
+    @classmethod
+    def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
+        """The columns of runs that a terminal shows."""
+        return columns(run_columns(), "terminal")
+
+    @classmethod
+    def then(cls, results: Sequence[Result]) -> str:
+        """The next command to type."""
+        return "bench choose"
+
+    def figure(self, result: Result, folder: Path) -> None:
+        """Draw confusions, and what each circumstance draws."""
+        from reports.details import draw
+
+        draw(result, folder)
+        for c in self.circumstances:
+            c.figure(result, folder)
+
+    @classmethod
+    def gestures(cls, result: Result) -> tuple[str, ...]:
+        """All gestures of the captures of a run."""
+        from bench.outcomes.scores import classes_of
+
+        tables = (result.tables.get(name) for name in ("predictions", *result.tables))
+        every = (classes_of(table) for table in tables if table is not None)
+        return tuple(next(filter(None, every), ()))
+
+    @classmethod
+    def offers(cls, result: Result, wish: Wish) -> bool:
+        """Whether a run has a candidate: as it is, or in a circumstance."""
+        if wish.windows:
+            return result.plain and result.metrics.get("windows", 0) > 0
+        return result.plain or any(c.offers(result, wish) for c in cls.held([result]))
+
+    @classmethod
+    def candidates(cls, result: Result, wish: Wish) -> Iterator[Candidate]:
+        """The system in Python, on whole captures or on windows, and in each circumstance of the run."""
+        from bench.outcomes.scored import plain_candidates
+
+        if wish.plain and result.plain:
+            yield from plain_candidates(result, wish)
+        if not wish.windows:
+            for c in cls.held([result]):
+                yield from c.candidates(result, wish)
+
+    @classmethod
+    def lends(cls, result: Result) -> dict[str, float]:
+        """Numbers of its circumstances that hold for the system in other runs, too."""
+        return {name: value for c in cls.held([result]) for name, value in c.lends(result).items()}

@@ -1,0 +1,94 @@
+"""Runs of earlier versions, read as runs of this one: their tags, numbers and tables under today's names.
+
+Until version 1 of the stored form a run under faults, a replay and a run in C was a kind of its own. Each is read here as
+a run on captures in one circumstance, without labels of the captures as they are where it stored none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pandas as pd
+
+from bench.result import PLAIN, Result, Tables
+
+CELL = "cell"
+RENAMED = {  # numbers, by kind of run
+    "stress": {},
+    "stream": {
+        **{f"accuracy{end}": f"replay_accuracy{end}" for end in ("", "_low", "_high")},
+        **{f"decide_ms_p{p}": f"replay_ms_p{p}" for p in (50, 95, 99)},
+    },
+    "chip": {"accuracy": "c_accuracy", "python_accuracy": "accuracy"},
+}
+C_SCORES = ("accuracy_low", "accuracy_high", "macro_f1", "macro_precision", "macro_recall")
+C_SCORES += ("subject_accuracy_mean", "subject_accuracy_sd")
+RENAMED["chip"] |= {name: f"c_{name}" for name in C_SCORES}
+STORED = {  # names of stored tables, by kind of run and by today's name
+    "stress": {"labels": "stress", "margins": "half_margins"},
+    "stream": {"replay": "predictions", "rules": "chosen", "thresholds": "trials"},
+    "chip": {"c": "predictions"},
+}
+TAGS = tuple(STORED)  # kinds of run that are no more
+GONE = {"stress": ("predictions", "stress"), "stream": ("predictions", "chosen", "trials")}
+GONE |= {"chip": ("predictions", "per_subject")}
+DERIVED = {"stress": ("faults", "margins", "conditions", "learning", "slices")}  # tables that lay beside the run
+ABOUT = ("data", "subset", "protocol", "system", "seed")  # their first columns
+
+
+def adopted(result: Result) -> Result:
+    """A run as this version has it: the same, or one of an earlier version under today's names."""
+    kind = result.kind
+    if kind not in TAGS:
+        return result
+    about = result.about | {"touchbench.kind": CELL, PLAIN: kind}
+    if kind == "stream":
+        about |= {"stream.after": "each", "stream.stopping": "True"}
+    numbers = {RENAMED[kind].get(name, name): value for name, value in result.metrics.items()}
+    return Result(about, numbers, _Adopted(result.tables, kind), result.errors)
+
+
+class _Adopted(Tables):
+    """Tables of an earlier run under today's names."""
+
+    def __init__(self, tables: Mapping[str, pd.DataFrame], kind: str) -> None:
+        before = tables if isinstance(tables, Tables) else Tables(tables)
+
+        def read(name: str) -> pd.DataFrame | None:
+            if name in GONE[kind] and name not in STORED[kind]:
+                return None
+            table = before.get(STORED[kind].get(name, name))
+            if table is None and name in DERIVED.get(kind, ()):
+                table = before.get(f"{'stability/stability_'}{STORED[kind].get(name, name)}")
+                table = None if table is None else table.drop(columns=[c for c in ABOUT if c in table])
+            return None if table is None else MENDED.get(name, lambda table: table)(table)
+
+        def names() -> list[str]:
+            every = [*STORED[kind], *(name for name in before if name not in GONE[kind])]
+            return [*dict.fromkeys([*every, *DERIVED.get(kind, ())])]
+
+        super().__init__({}, read, before._missing, names)
+
+
+def _labels(table: pd.DataFrame) -> pd.DataFrame:
+    """Labels under faults and by fewer subjects, in the columns of `bench.outcomes.curves`."""
+    most = table.groupby("fold")["train_subjects"].transform("max")
+    harmed, fewer = table["fault"] != "none", table["train_subjects"] < most
+    key = np.select([harmed, fewer], ["under", "train_subjects"], "")
+    case = np.where(fewer & ~harmed, "train_subjects", table["fault"])
+    level = np.where(fewer & ~harmed, table["train_subjects"], table["severity"])
+    table = table.drop(columns=["fault", "severity"]).assign(circumstance=key, case=case, level=level)
+    last = ["p_true", "length", "circumstance", "case", "level", "amount", "train_subjects"]
+    return table[[*(name for name in table if name not in last), *last]]
+
+
+def _slices(table: pd.DataFrame) -> pd.DataFrame:
+    fault = table["fault"].fillna("")
+    place = list(table.columns).index("amount") + 1
+    table = table.assign(fault=fault, amount=table["amount"].fillna(""))
+    table.insert(place, "circumstance", np.where(fault != "", "fault", ""))
+    return table
+
+
+MENDED: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {"labels": _labels, "slices": _slices}
