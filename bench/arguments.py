@@ -11,9 +11,10 @@ from typing import Any
 from bench.amounts import convert, text_of
 from bench.errors import InputError, nearest
 from bench.measures import budgets
-from bench.options import Option, options
+from bench.options import OPTIONS, Option, options
 
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
+KEYS = {o.key for o in OPTIONS if "run" in o.commands.split() and "." not in o.key}  # of the cells of bench run
 BACKEND = {"jobs", "cluster"}  # where folds are done, which changes no result
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 

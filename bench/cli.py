@@ -9,7 +9,7 @@ import os
 import sys
 
 from bench.errors import ClusterError, HiddenError, InputError, StoreError, nearest
-from bench.options import COMMANDS, help_of, overview
+from bench.options import commands, help_of, makers, overview
 from bench.registry import check_rooms
 from bench.scratch import scratch
 
@@ -68,13 +68,18 @@ def _done(arguments: list[str]) -> int:
         return 0
     check_rooms()
     name, *rest = arguments
-    if name not in COMMANDS:
-        raise InputError(f"no command is called {name!r}; {nearest(name, COMMANDS)}")
+    if name not in (known := commands()):
+        raise InputError(f"no command is called {name!r}; {nearest(name, known)}")
     if {"-h", "--help"} & set(rest):
         print(help_of(name), end="")
         return 0
     _check(rest)
-    module = importlib.import_module(f"bench.commands.{COMMANDS[name].module or name}")
+    if name in makers():
+        from bench.commands.kind import command
+
+        with scratch():
+            return command(name, rest)
+    module = importlib.import_module(f"bench.commands.{known[name].module or name}")
     with scratch():
         return getattr(module, name)(rest)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,18 +16,17 @@ SAME_SYSTEM = ("protocol", "system", "seed")  # besides, what makes two runs rep
 
 
 def comparable(run: Row) -> tuple[str, ...]:
-    """Tags that must agree for two runs to be compared: captures and protocol, and the way of replay.
+    """Tags that must agree for two runs to be compared: captures and protocol.
 
     Args:
         run: tags and parameters of the run.
     """
-    return tuple(str(run.get(k, "")) for k in (*COMPARABLE, *_replay(run)))
+    return alike(run, ())
 
 
-def _replay(run: Row) -> tuple[str, ...]:
-    return tuple(
-        k for k in ("stream.start", "stream.hop_ms", "watch.background", "watch.unknown") if run.get(k) is not None
-    )
+def alike(run: Row, names: Iterable[str]) -> tuple[str, ...]:
+    """The same, with further parameters that must agree, such as the way of replay."""
+    return tuple(str(run.get(name, "")) for name in (*COMPARABLE, *names))
 
 
 def context_of(tags: Row) -> tuple[str, str, str]:

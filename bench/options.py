@@ -1,6 +1,7 @@
 """The command line as data: every command and every key, with its type, default and help.
 
-Parsing, ``--help``, completion and the checks of the Python API read these two tables. Nothing heavy is imported, so
+Parsing, ``--help``, completion and the checks of the Python API read these two tables; commands that make runs, and their
+keys, come from kinds and circumstances. Nothing heavy is imported, so
 that help and completion come at once.
 """
 
@@ -9,9 +10,10 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 from bench.measures import budgets, costs
-from bench.registry import names
+from bench.registry import classes, names
 from bench.usual import FALSE_ALARMS
 
 WIDTH = 100  # columns of help
@@ -150,25 +152,13 @@ OPTIONS = (
     Option("port", "ui", "text", "5000", "port of the server"),
 )
 TRUSTED = "Loading a model runs its code: use only models that you or someone you trust saved."
-OWN = {  # commands that are no kind of run
+OTHERS = {  # commands that make no runs of a kind
     "demo": Command(
         "start here",
         "see a complete comparison in two minutes, on generated captures",
         "Runs five systems on generated captures and replays the two most accurate. Tests the best one under two "
         "faults, writes the page and chooses a system. Generated captures say nothing about people. Each command is "
         "printed before it runs. An interrupted demo continues where it stopped.",
-    ),
-    "run": Command(
-        "start here",
-        "evaluate systems under a protocol and store the runs",
-        "Evaluates every combination of the given values; commas separate values. A dotted key sets a parameter of "
-        "that part. Each combination is one MLflow run with a child run per fold. An interrupted command continues "
-        "where it stopped.",
-        "bench run protocol=loso model=cnn85\n"
-        f"bench run data=haart {SMALL}\n"
-        "bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54\n"
-        "bench run data=cost model=svm model.C=8,32,128 model.gamma=0.125\n"
-        "bench run data=synth data.subjects=12 data.repetitions=2",
     ),
     "choose": Command(
         "start here",
@@ -346,10 +336,51 @@ OWN = {  # commands that are no kind of run
 }
 
 
+@dataclass(frozen=True)
+class Maker:
+    """A command that makes runs.
+
+    Attributes:
+        kind: kind of its runs.
+        view: class that shows them: the kind, or the circumstance whose command it is.
+        spelling: its help, options and defaults (`bench.kinds.base.Spelling`).
+    """
+
+    kind: Any
+    view: Any
+    spelling: Any
+
+    def options(self) -> Iterator[Option]:
+        """Its own options; those of a circumstance go by the names of this command."""
+        fields, spelling = self.kind.fields(), self.spelling
+        for key in spelling.keys or (() if self.view is not self.kind else fields):
+            option, alias = fields[key]
+            name = alias if alias and self.view is not self.kind else key
+            yield replace(option, key=name, default=spelling.given.get(name, option.default))
+        yield from spelling.live_keys
+        if spelling.out[0]:
+            yield Option("out", "", "text", *spelling.out)
+
+
+def makers() -> dict[str, Maker]:
+    """The commands that make runs of a kind by name: those of the kinds, and of circumstances."""
+    return {name: Maker(*made) for kind in classes("kinds").values() for name, made in kind.made_by().items()}
+
+
+def commands() -> dict[str, Command]:
+    """All commands by name, in the order of the overview."""
+    made = {name: maker.spelling.command for name, maker in makers().items()}
+    first = {name: command for name, command in made.items() if command.group == OTHERS["demo"].group}
+    before = [*OTHERS][: [*OTHERS].index("scene")]
+    return {"demo": OTHERS["demo"], **first, **{name: OTHERS[name] for name in before}, **made, **OTHERS}
+
+
 def options(command: str) -> dict[str, Option]:
     """The keys of a command by name; those of all its actions for one that has some."""
-    rows = [o for o in _every(command) if any(c == command or c.startswith(f"{command}-") for c in o.commands.split())]
-    return {option.key: option for option in rows}
+    maker = makers().get(command)
+    names = {command, "makers"} if maker else {command}
+    rows = [o for o in _every(command) if any(c in names or c.startswith(f"{command}-") for c in o.commands.split())]
+    return {option.key: option for option in (*rows, *(maker.options() if maker else ()))}
 
 
 def _every(command: str) -> Iterator[Option]:
@@ -375,16 +406,17 @@ def keys(command: str) -> set[str]:
 
 def overview() -> str:
     """All commands, those to begin with first."""
+    every = commands()
     lines = ["bench: which recogniser of touch gestures should I ship?"]
-    for group in dict.fromkeys(command.group for command in COMMANDS.values()):
-        members = [(name, command) for name, command in COMMANDS.items() if command.group == group]
+    for group in dict.fromkeys(command.group for command in every.values()):
+        members = [(name, command) for name, command in every.items() if command.group == group]
         lines += ["", f"{group}:", *(f"  bench {name:12}{command.summary}" for name, command in members)]
     return "\n".join([*lines, "", "bench COMMAND --help lists the options of a command."])
 
 
 def help_of(name: str) -> str:
     """The help of a command: usage, a paragraph, its own keys, those that it shares with ``bench run``, examples."""
-    command, table = COMMANDS[name], options(name)
+    command, table = commands()[name], options(name)
     shared = [key for key, option in table.items() if name != "run" and "run" in option.commands.split()]
     rows = [_row(option) for key, option in table.items() if key not in shared]
     if shared:
@@ -405,7 +437,7 @@ def _row(option: Option) -> str:
             text = text.replace(f"{{{room}}}", ", ".join(names(room)))
     if len(option.values) > 1:
         text += f": {(', ' if option.joint == ',' else option.joint).join(option.values)}"
-    if option.type != "yes" and option.default not in (None, "", 0):
+    if option.type != "yes" and option.default not in (None, "", 0, ()):
         text += f"; default {option.default:g}" if option.type == "number" else f"; default {option.default}"
     return textwrap.fill(
         text, WIDTH, break_on_hyphens=False, initial_indent=f"  {option.key + '= ':16}", subsequent_indent=" " * 18

@@ -166,10 +166,10 @@ def choose(arguments: list[str]) -> int:
     """
     values = parse(arguments, keys("choose"))
     if "over" in values:
-        from bench.commands.run import printed
+        from bench.commands.kind import printed
         from bench.commands.smallest import smallest  # all that runs folds, which choosing among runs does not need
 
-        return printed(smallest(values))
+        return printed("run", smallest(values))
     result = chosen(values)
     _print(result)
     return 0 if result.system else 1

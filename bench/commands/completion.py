@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from bench.errors import InputError, nearest
-from bench.options import COMMANDS, FAULTS, Option, options
+from bench.options import FAULTS, Option, commands, options
 from bench.registry import names
 from bench.scratch import home
 
@@ -85,8 +85,8 @@ def answer(words: list[str]) -> list[str]:
     """
     *before, word = words or [""]
     if not before:
-        return [name for name in (*COMMANDS, *(["--help", "--version"] if word else [])) if name.startswith(word)]
-    if before[0] not in COMMANDS:
+        return [name for name in (*commands(), *(["--help", "--version"] if word else [])) if name.startswith(word)]
+    if before[0] not in commands():
         return []
     table = _options(before)
     key, equals, value = word.partition("=")

@@ -43,9 +43,8 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     Raises:
         InputError: something in the values or the data cannot be used, or they name several systems.
     """
-    from bench.commands.watch import holds_recordings, with_recordings
+    from bench.corpora.library import holds_recordings
     from bench.work.fit import fit
-    from bench.work.watch import Watch
 
     stopping = bool(setting("fit", "stopping", values))
     watching = bool(setting("fit", "watch", values))
@@ -54,8 +53,8 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
         raise InputError("bench fit saves one system; give one value of each key")
     out = Path(str(values["out"])) if "out" in values else None
     if holds_recordings(cell.data):
-        cell = with_recordings(cell)
-    return fit(cell, out, stopping, Watch() if watching else None), out
+        cell = cell.of_recordings()
+    return fit(cell, out, stopping, watching), out
 
 
 def predict(arguments: list[str]) -> int:

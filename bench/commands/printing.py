@@ -10,17 +10,16 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from bench.comparable import MARKED
+from bench.comparable import MARKED, alike
 from bench.errors import InputError
 from bench.measures import Interval, Measure, Row, known, text
-from bench.outcomes.scores import captures
 from bench.progress import console
 from bench.result import Result
 from bench.table import Table, rows_of
 from bench.work.bar import named
 
 if TYPE_CHECKING:
-    from bench.work.experiment import Experiment
+    from bench.kinds.base import Shown
 
 NAMED = 3  # folds or systems that a line names
 WIDTH = 100  # columns of a file or a log, which has no width of its own
@@ -84,57 +83,44 @@ def unwritable(out: Path) -> Iterator[None]:
         raise InputError(f"out={out}: {e.filename or out} cannot be written ({e.strerror or e}); choose another") from e
 
 
-def contexts(results: Sequence[Result]) -> list[list[Result]]:
+def contexts(results: Sequence[Result], view: type[Shown]) -> list[list[Result]]:
     """The results of runs that were measured, by captures and protocol: only these may be compared."""
     groups: dict[tuple, list[Result]] = {}
     for result in results:
         if result.scored:
-            groups.setdefault(result.comparable, []).append(result)
+            groups.setdefault(alike(result, view.alike), []).append(result)
     return [*groups.values()]
 
 
-def best(results: Sequence[Result]) -> list[Result]:
+def best(results: Sequence[Result], view: type[Shown]) -> list[Result]:
     """The most accurate complete results of each context in which there is something to compare."""
     winners = []
-    for group in contexts(results):
+    for group in contexts(results, view):
         complete = [r for r in group if r.complete and r.alone]
         if len(complete) > 1:
-            most = max(r["accuracy"] for r in complete)
-            winners += [r for r in complete if r["accuracy"] == most]
+            most = max(r[view.score] for r in complete)
+            winners += [r for r in complete if r[view.score] == most]
     return winners
 
 
-def show(results: Sequence[Result], kind: type[Experiment]) -> int:
+def show(results: Sequence[Result], views: Sequence[tuple[type[Shown], Sequence[Result]]]) -> int:
     """Print the chosen values of each fold, a row for each run, and failures; return the exit code.
 
     Args:
         results: results of one kind of run.
-        kind: this kind.
+        views: the classes that show them, and which each shows.
     """
     out = output()
-    for result in results:
-        if "chosen" in result.tables and kind.searches:
-            choices_table(result).print(out)
-    runs_table(results, kind).print(out)
+    for view, members in views:
+        for result in members:
+            if view.searches and "chosen" in result.tables:
+                choices_table(result).print(out)
+        runs_table(members, view).print(out)
     if any(r["synthetic"] == "true" for r in results):
         out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
     if not all(r.alone for r in results):
         out.print(MARKED, markup=False, highlight=False)
     return failures(results)
-
-
-def one_label(results: Sequence[Result]) -> None:
-    """Warn of systems that predict one label for all test captures of a fold with several classes."""
-    systems = []
-    for result in results:
-        predictions = result.tables.get("predictions")
-        if predictions is None:
-            continue
-        labels = captures(predictions).groupby("fold", sort=False)[["true", "predicted"]].nunique()
-        if count := int(((labels["true"] > 1) & (labels["predicted"] == 1)).sum()):
-            systems.append(f"{result['system']} in {count} of {len(labels)} folds")
-    if systems:
-        say(f"warning: all test captures of a fold get the same label: {_first(systems, 'more systems')}")
 
 
 def failures(results: Sequence[Result]) -> int:
@@ -156,9 +142,9 @@ def _title(result: Result) -> str:
     return ", ".join(str(result[name]) for name in ("system", "data", "protocol"))
 
 
-def runs_table(results: Sequence[Result], kind: type[Experiment]) -> Table:
+def runs_table(results: Sequence[Result], view: type[Shown]) -> Table:
     """A table of results: what they share stands above it, what differs in columns."""
-    marked = best(results) if kind.ranked else []
+    marked = best(results, view) if view.ranked else []
     subset = lambda r: r["subset"] + (f", {r['target']}" if r["target"] != "gesture" else "")  # noqa: E731
     context = [
         text("data", read=lambda r: r["data"] + "*" * (r["synthetic"] == "true")),
@@ -168,12 +154,12 @@ def runs_table(results: Sequence[Result], kind: type[Experiment]) -> Table:
     differing = [measure for measure in context if len({measure.of(r) for r in results}) > 1]
     system = text("system", read=lambda r: r.system + " (best)" * (r in marked))
     folds = Measure("folds", read=lambda r: r.folds)
-    measures = kind.measures()
-    title = kind.heading
+    measures = view.shows(results)
+    title = view.heading
     if not differing:
         data, captures_of, protocol = results[0].context
         title = f"{data}, {'all captures' if captures_of == 'all' else captures_of}, {protocol}\n{title}"
-    if kind.ranked and any(isinstance(m.cell(r), Interval) for m in measures for r in results):
+    if view.ranked and any(isinstance(m.cell(r), Interval) for m in measures for r in results):
         title += "; in brackets 95 % confidence intervals over subjects"
     bold = [i for i, r in enumerate(results) if r in marked]
     return Table([system, *differing, *measures, folds], results, title, bold)

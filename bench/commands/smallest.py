@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bench import contract
 from bench.amounts import convert
 from bench.arguments import Values, backend_of, items
-from bench.commands.run import evaluated
+from bench.commands.kind import evaluated
 from bench.errors import InputError, nearest
 from bench.measures import budgets
 from bench.plan.cells import Cell, cells

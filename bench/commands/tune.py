@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 from bench import contract
 from bench.amounts import convert, text_of
 from bench.arguments import Values, backend_of, items, parse
-from bench.commands.run import evaluated, printed
+from bench.commands.kind import evaluated, printed
 from bench.errors import InputError, nearest
 from bench.options import keys
 from bench.plan.cells import Cell, cells
@@ -28,7 +28,7 @@ def tune(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
-    return printed(searched(parse(arguments, keys("tune"))))
+    return printed("run", searched(parse(arguments, keys("tune"))))
 
 
 def searched(values: Values) -> list[Result]:

@@ -7,7 +7,7 @@ import inspect
 import itertools
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -222,6 +222,18 @@ class Cell:
         """What the faults do that the system is trained on; they may come from other packages."""
         trained = [faults.all_faults()[name] for name in contract.trained_faults(self.untrained)]
         return {"faults": [(f.name, f.amounts, source_digest(f.damage)) for f in trained]} if trained else {}
+
+    def of_recordings(self) -> Cell:
+        """The cell, marked: its data holds recordings.
+
+        Raises:
+            InputError: a condition selects captures of recordings.
+        """
+        if self.where:
+            raise InputError(
+                f"where={self.where}: {self.data} holds recordings, which are used whole; leave where= out"
+            )
+        return replace(self, recordings=True)
 
     def arguments(self) -> dict[str, str]:
         """The arguments that make this cell, as typed; defaults are left out."""

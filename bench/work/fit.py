@@ -21,12 +21,13 @@ from bench.plan.plan import Plan, checked, corpus_of, usable_cores
 from bench.progress import telling, warn
 from bench.scratch import made_whole, new_folder
 from bench.work.bar import Bar
-from bench.work.evaluation import Evaluation
+from bench.usual import FALSE_ALARMS
+from bench.work.experiment import Experiment
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.machine import this_machine
 from bench.work.replay import Replay, Stopping, learned, unlearnable
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
-from bench.work.watch import Watch
+from bench.work.watch import recordings_of, usual
 from bench.work.watcher import Watcher
 from bench.work.watcher_training import learned as learned_watcher
 from bench.work.workers import fill_cache
@@ -66,14 +67,20 @@ class Fitted:
     __repr__ = __str__
 
 
-def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: Watch | None = None) -> Fitted:
+class _Fit(Experiment):
+    """The training of a saved system, as far as it identifies one."""
+
+    tag = "fit"
+
+
+def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: bool = False) -> Fitted:
     """Train on all captures of a cell, and save.
 
     Args:
         cell: cell to train; its protocol is ignored.
         stopping: True to learn, from three more fits that leave subjects out, the calibration and the stopping rule; a
             warning appears if there are too few captures for it.
-        watch: settings of the post-processing for endless streams; None for a model without.
+        watch: True to learn the post-processing for endless streams, too.
         out: a folder that is new or empty, to save the model there too.
 
     Raises:
@@ -97,7 +104,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: Watch
         with computing(threads):
             learned_stopping = _stopping(cell, corpus) if stopping else None
             metrics = fitted(estimator, corpus)
-            watcher = _watcher(estimator, corpus, watch) if watch else None
+            watcher = _watcher(estimator, corpus) if watch else None
     with computing(1):
         milliseconds = latency(estimator, corpus, int(corpus.lengths.max()))[:2]
     metrics = costs([FoldResult("", None, metrics | footprint(estimator, corpus), *milliseconds)])
@@ -110,7 +117,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: Watch
     plugins = [part.name for part in (cell.model, cell.features) if part]
     model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.packages())
     by_value()
-    key = hashlib.sha256(f"{key_of(plan, Evaluation())} fit".encode()).hexdigest()[:20]
+    key = hashlib.sha256(f"{key_of(plan, _Fit())} fit".encode()).hexdigest()[:20]
     tags = tags_of(cell, corpus) | {"touchbench.kind": "fit", "touchbench.cell": key}
     with only_one(key):
         for cut_off in store.runs(f"tags.`touchbench.cell` = '{key}' and attributes.status = 'RUNNING'"):
@@ -127,12 +134,12 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: Watch
     return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus))
 
 
-def _watcher(estimator: contract.System, corpus: Corpus, watch: Watch) -> Watcher | None:
+def _watcher(estimator: contract.System, corpus: Corpus) -> Watcher | None:
     """The post-processing for endless streams; None, with a warning, where the captures cannot teach it."""
     try:
         if len(set(corpus.subjects)) < 2:
             raise InputError("only one subject trains")
-        return learned_watcher(estimator, watch.recordings(corpus, watch.usual(corpus)), watch.false_alarms)[0]
+        return learned_watcher(estimator, recordings_of(corpus, usual(corpus)), FALSE_ALARMS)[0]
     except InputError as e:
         warn(f"warning: the model cannot watch an endless stream: {e}")
         return None
