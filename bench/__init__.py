@@ -16,19 +16,26 @@ from __future__ import annotations
 import importlib
 
 API = ("audit", "choose", "compare", "corpus", "fit", "latex", "look", "plans", "results", "run", "scene")
-API += ("stream", "stress", "tune", "watch")
+API += ("tune",)
 VALUES = {"Corpus": "bench.corpora.corpus", "InputError": "bench.errors", "fault": "bench.corpora.faults"}
 __all__ = [*API, *VALUES]
 
 
 def __getattr__(name: str) -> object:
-    if name not in __all__:
+    if name.startswith("_") or (name not in __all__ and name not in _makers()):
         raise AttributeError(f"module 'bench' has no attribute {name!r}")
     from bench.registry import check_rooms
 
     check_rooms()
-    return getattr(importlib.import_module("bench.api" if name in API else VALUES[name]), name)
+    return getattr(importlib.import_module(VALUES.get(name, "bench.api")), name)
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted({*__all__, *_makers()})
+
+
+def _makers() -> list[str]:
+    """Commands that make runs, each also a function."""
+    from bench.options import makers
+
+    return [*makers()]

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 import pandas as pd
 
-from bench.arguments import check_key, items, jobs_of
+from bench.arguments import KEYS, check_key, items, jobs_of
 from bench.commands import audit as _audit
 from bench.commands import choose as _choose
 from bench.commands import data as _data
 from bench.commands import fit as _fit
-from bench.commands import run as _run
 from bench.commands import scene as _scene
-from bench.commands import stream as _stream
-from bench.commands import stress as _stress
 from bench.commands import tune as _tune
-from bench.commands import watch as _watch
+from bench.commands.kind import made
 from bench.commands.smallest import smallest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
-from bench.options import keys
+from bench.options import keys, makers
 from bench.outcomes.runs import frame_of, grouped, selected, stored, without_runs
 from bench.outcomes.store import connect
 from bench.plan.cells import cells, corpus_variants
@@ -162,7 +159,28 @@ def run(**values: object) -> Results:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    return results_of(_run.evaluated_values(_values(values, keys("run"))))
+    return __getattr__("run")(**values)
+
+
+def __getattr__(name: str) -> Callable[..., Results]:
+    """The function of a command that makes runs: its keys are those of the command, and it writes no files.
+
+    Raises:
+        AttributeError: there is no such command.
+    """
+    if name not in (known := makers()):
+        raise AttributeError(f"module 'bench.api' has no attribute {name!r}")
+    own = [option for option in known[name].options() if option.key != "out"]
+    silent = {option.key for option in known[name].spelling.live_keys}
+
+    def make(**values: object) -> Results:
+        return results_of(made(name, _values(values, keys(name) - silent)))
+
+    make.__name__ = make.__qualname__ = name
+    lines = [f"    {option.key}: {option.help}." for option in own if option.key not in silent]
+    text = known[name].spelling.command.text
+    make.__doc__ = "\n".join([text, "", "Takes the keys of `run`, and:", *lines, "", "Gives a row per run."])
+    return make
 
 
 def plans(**values: object) -> list[Plan]:
@@ -177,7 +195,7 @@ def plans(**values: object) -> list[Plan]:
     Raises:
         InputError: something in the values or the data cannot be used.
     """
-    typed = _values(values, keys("run"))
+    typed = _values(values, KEYS)
     return planned(cells(typed), jobs_of(typed))
 
 
@@ -196,47 +214,6 @@ def tune(**values: object) -> Results:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
     return results_of(_tune.searched(_values(values, keys("tune"))))
-
-
-def stress(**values: object) -> Results:
-    """Find where systems fail, as ``bench stress`` does; tables ``faults``, ``conditions``, ``slices``, ``learning``.
-
-    The table ``stress`` has a row per tested capture and circumstance (`bench.work.stress`).
-
-    Args:
-        values: keys of `run`; ``faults`` to test under (default all; or ``none``), ``train_subjects`` (numbers of
-            training subjects for a learning curve) and ``out`` (folder, which only the command writes).
-
-    Raises:
-        InputError: something in the values or the data cannot be used; nothing was run.
-    """
-    return results_of(_stress.stressed(_values(values, keys("stress")))[0])
-
-
-def stream(**values: object) -> Results:
-    """Replay captures, as ``bench stream`` does; tables ``instants`` and ``stopping``.
-
-    Args:
-        values: keys of `run`; ``hop_ms`` (milliseconds between decisions), ``start`` (``onset`` or ``middle``) and
-            ``out`` (folder, which only the command writes).
-
-    Raises:
-        InputError: something in the values or the data cannot be used; nothing was run.
-    """
-    return results_of(_stream.streamed(_values(values, keys("stream") - {"source"}))[0])
-
-
-def watch(**values: object) -> Results:
-    """Watch recordings, as ``bench watch`` does; tables ``touches``, ``reports``, ``per_subject``, ``curve``.
-
-    Args:
-        values: keys of `run`; ``false_alarms`` (per hour of background, accepted on training subjects, default 5),
-            ``background`` (class without touch, or ``quiet``) and ``unknown`` (gesture to leave out of training).
-
-    Raises:
-        InputError: something in the values or the data cannot be used; nothing was run.
-    """
-    return results_of(_watch.watched(_values(values, keys("watch"))))
 
 
 def fit(**values: object) -> Fitted:
@@ -361,7 +338,7 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
     every = stored(connect())
     sides = []
     for one in (system, other):
-        typed = {} if isinstance(one, str) else _values(one, keys("run"))
+        typed = {} if isinstance(one, str) else _values(one, KEYS)
         among = {key: items(key, value) for key, value in (on | typed).items() if key in ON}
         name = one if isinstance(one, str) else _system({k: v for k, v in typed.items() if k not in ON})
         groups = {group: selected(members, among) for group, members in grouped(every).items()}

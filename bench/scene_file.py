@@ -13,7 +13,7 @@ from bench.amounts import quantity
 from bench.errors import InputError, nearest
 from bench.measures import Cost, costs
 from bench.options import FAULTS
-from bench.outcomes.candidates import Faults
+from bench.candidate import Losses
 from bench.outcomes.reactions import Reactions
 
 KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`
@@ -79,7 +79,7 @@ class Scene:
 
     values: Mapping[str, str] = field(default_factory=dict)
     reactions: Reactions = field(default_factory=Reactions)
-    faults: Faults | None = None
+    faults: Losses | None = None
     board: Board | None = None
 
 
@@ -217,7 +217,7 @@ def _reactions(table: Mapping[str, object]) -> Reactions:
     return Reactions(groups, unlisted == "ignored", costs, silence)
 
 
-def _faults(lines: Mapping[str, object]) -> Faults | None:
+def _faults(lines: Mapping[str, object]) -> Losses | None:
     if not lines:
         return None
     from bench.corpora.faults import SEVERITIES, all_faults  # loads SciPy
@@ -231,7 +231,7 @@ def _faults(lines: Mapping[str, object]) -> Faults | None:
     severity = lines.get("severity", SEVERITIES)
     if isinstance(severity, bool) or not isinstance(severity, int) or not 1 <= severity <= SEVERITIES:
         raise InputError(f"[faults] severity = {severity}: give a whole number from 1 to {SEVERITIES}")
-    return Faults(tuple(dict.fromkeys(names)), severity)
+    return Losses(tuple(dict.fromkeys(names)), severity)
 
 
 def _section(table: Mapping[str, object], name: str) -> Mapping[str, object]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,27 +16,18 @@ from bench import pareto
 from bench.amounts import convert, quantity
 from bench.arguments import BACKEND, Values, items, parse, typed
 from bench.commands.printing import output, say, then
+from bench.candidate import Losses, Wish
 from bench.comparable import MARK, MARKED, several
 from bench.errors import InputError, nearest
 from bench.measures import Cost, Measure, Row, budgets, costs, costs_of, text
-from bench.options import SMALL, keys
-from bench.outcomes.candidates import (
-    KINDS,
-    STRESS,
-    WATCH,
-    Candidates,
-    Faults,
-    candidates,
-    complete_on,
-    elsewhere,
-    missing,
-    repeated,
-)
+from bench.options import SMALL, keys, makers
+from bench.outcomes.candidates import Candidates, candidates, complete_on, elsewhere, missing, repeated
 from bench.outcomes.choice import Choice, decide, named, points, sentences
-from bench.outcomes.expected import Expected, expectation, expected, more_people
-from bench.outcomes.runs import of_kinds, without_runs
+from bench.outcomes.expected import Expected, expectation, expected
+from bench.outcomes.runs import every_result, plain, without_runs
 from bench.outcomes.store import connect
 from bench.progress import warn
+from bench.registry import classes
 from bench.result import Result
 from bench.scene_file import EVERY, Scene, read_scene
 from bench.table import Table, rows_of
@@ -84,8 +76,13 @@ class Chosen:
 
     @property
     def watched(self) -> bool:
-        """True for a choice among runs of ``bench watch``."""
-        return any(cost.runs == "recordings" and name in self.among.table for name, cost in costs().items())
+        """True for a choice among runs on recordings."""
+        return bool(self.kind.recordings)
+
+    @property
+    def kind(self) -> Any:
+        """Kind of run of the candidates."""
+        return kind_of(self.among.first)
 
     def __str__(self) -> str:
         return "\n".join([f"{self.among.context}:", *self.lines()])
@@ -95,11 +92,8 @@ class Chosen:
         subjects, table = self.among.subjects.shape[1], self.among.table
         lines = sentences(self.choice, self.by, self.margin, subjects, self.among.mixed)
         lines += [*expectation(self.expected, self.among, self.choice.chosen), *([self.growth] if self.growth else [])]
-        if self.watched and self.choice.chosen is not None:
-            row = table.loc[self.choice.chosen].to_dict()
-            alarms, latency = (costs()[name].amount(row[name]) for name in ("false_alarms", "latency"))
-            alarms = alarms.replace(" per", " false alarms per")
-            lines.insert(1, f"It raises {alarms} of background; its median latency is {latency}.")
+        if self.choice.chosen is not None and (told := self.kind.chosen(table.loc[self.choice.chosen].to_dict())):
+            lines.insert(1, told)
         if self.clock is not None:
             timed = f"for {table['cycles'].notna().sum()} of {several(len(table), 'system')}"
             lines.append(f"Decision time is touch before the decision, plus cycles at {self.clock:g} MHz {timed}.")
@@ -110,8 +104,7 @@ class Chosen:
             more = f"; and {len(commands) - SHOWN} more" if len(commands) > SHOWN else ""
             lines.append(f"{what} is not stored. To measure it: {'; '.join(commands[:SHOWN])}{more}.")
         if self.choice.chosen is None:
-            command = "watch" if self.watched else "run"
-            lines.append(f"Try a small system that is accurate on real touch: bench {command} {SMALL}")
+            lines.append(f"Try a small system that is accurate on real touch: bench {_command(self.watched)} {SMALL}")
         return lines
 
     __repr__ = __str__
@@ -135,8 +128,8 @@ class Chosen:
     def _meaning(self) -> list[str]:
         """What the score and the losses are of, where that is not the accuracy of gestures in captures."""
         lines, reactions = [], self.scene.reactions
-        if self.watched:
-            lines.append("The score is of touches in recordings, with the label at the end.")
+        if self.kind.meaning:
+            lines.append(self.kind.meaning)
         if reactions.weighted:
             costs = [f"{true} taken for {k} {v:g}" for true, row in reactions.costs.items() for k, v in row.items()]
             costs += [f"doing nothing {reactions.silence:g}", "any other mistake 1"]
@@ -189,8 +182,8 @@ def chosen(values: Values) -> Chosen:
     batch = _one_of("batch", values, ("no", "yes")) == "yes"
     limits = {cost.key: cost.typed(values[key]) for key, cost in budgets().items() if key in values}
     asked_costs = [costs()[name] for name in (by, *limits)]
-    if scene.faults is None and any(cost.stress for cost in asked_costs):
-        scene = replace(scene, faults=Faults(EVERY))
+    if scene.faults is None and any(cost.losses for cost in asked_costs):
+        scene = replace(scene, faults=Losses(EVERY))
     watched = any(cost.runs == "recordings" for cost in asked_costs)
     if watched:
         _check_watched(values, by, unit, limits)
@@ -207,36 +200,35 @@ def chosen(values: Values) -> Chosen:
         if wrong := {*asked["protocol"]} - {"personal", "transfer"}:
             raise InputError(f"protocol={min(wrong)}: it has no shots; leave protocol= or shots out")
         if watched:
-            raise InputError(f"shots={shots}: bench watch has no captures of a new person; leave shots out")
-    results = of_kinds(connect(), [*([WATCH, "cell"] if watched else KINDS), STRESS])
-    for part in without_runs([results[kind] for kind in results if kind != STRESS], asked):
+            raise InputError(f"shots={shots}: bench {_command(True)} has no captures of a new person; leave shots out")
+    results = every_result(connect())
+    for part in without_runs([results], asked):
         warn(f"warning: {part}: no run is stored")
     most = limits.get("decision", np.inf if by == "decision" else None)
     among = candidates(
         results,
         asked,
-        most,
-        windows=unit == "window",
+        Wish(scene.reactions, most, unit == "window"),
         clock=clock,
         batch=batch,
-        watched=watched,
-        reactions=scene.reactions,
-        faults=scene.faults,
+        recordings=watched,
+        losses=scene.faults,
     )
     processors = sorted(set(among.table["cpu"]))
     if "predict" in {by, *limits} and len(processors) > 1:
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
     choice = decide(among.table, among.subjects, by, limits, margin)
     one = None if choice.chosen is None else expected(among.people, choice.chosen, by, limits, margin)
-    growth = "" if choice.chosen is None else _growth(results.get(STRESS, ()), among, choice.chosen, scene)
+    growth = "" if choice.chosen is None else _growth(results, among, choice.chosen, scene)
     lacking = _lacking(among, [by, *limits], scene)
-    if (watched or "shots" in values) and "cell" in results and not {"model", "features"} & {*asked}:
+    if (watched or "shots" in values) and not {"model", "features"} & {*asked}:
         more = {} if watched else {"protocol": "personal", "protocol.shots": asked["shots"][0]}
-        if commands := elsewhere(results["cell"], among.first, among.table, "watch" if watched else "run", more):
+        others = [r for r in plain(results) if not kind_of(r).recordings]
+        if commands := elsewhere(others, among.first, among.table, _command(watched), more):
             what = "in recordings" if watched else "with labels of a new person"
             lacking[f"The score of {several(len(commands), 'other system')} {what}"] = commands
-    if choice.chosen is not None and not growth and "scene" in values and (command := _curve(among, choice.chosen)):
-        lacking["The gain of more people"] = [command]
+    if choice.chosen is not None and not growth and "scene" in values:
+        lacking |= _curve(among, choice.chosen)
     notes = scene.board.sentences(values) if scene.board else []
     return Chosen(choice, among, by, limits, margin, clock, scene, one, lacking, growth, notes)
 
@@ -251,36 +243,42 @@ def _lacking(among: Candidates, asked: list[str], scene: Scene) -> dict[str, lis
     }
 
 
-def _curve(among: Candidates, chosen: int) -> str:
-    """The command that measures a learning curve of the chosen system, empty where there are too few people for one."""
+def _curve(among: Candidates, chosen: int) -> dict[str, list[str]]:
+    """Commands that measure what more people promise, by that in words; none where there are too few people."""
     trained = repeated(among.table["arguments"][chosen], impersonal=True)
-    others = among.subjects.shape[1] - 1
-    numbers = sorted({n for n in (2, max(3, others // 2), max(3, 2 * others // 3)) if n < others})
-    if not trained or len(numbers) < 2 or among.mixed:
-        return ""
-    return typed("stress", trained | {"faults": "none", "train_subjects": ",".join(map(str, numbers))})
+    if not trained or among.mixed:
+        return {}
+    every = (c.promise(trained, among.subjects.shape[1] - 1) for c in classes("circumstances").values())
+    return {what: [command] for what, command in filter(None, every)}
 
 
-def _growth(stressed: Sequence[Result], among: Candidates, chosen: int, scene: Scene) -> str:
-    """The gain of more training people in a sentence, empty if no learning curve of the chosen system is stored."""
-    for result in reversed(stressed):
-        same = result["protocol_label"] == among.first["protocol_label"] or result["protocol_name"] == "loso"
-        if not same or not complete_on(result, among.first) or result.system != among.table["system"][chosen]:
-            continue
-        if result.get("train_subjects", "all") == "all":
-            continue
-        if growth := more_people(result.tables["stress"], scene.reactions):
-            most, gains = growth
-            words = [f"{r.more} more add {r.gain:.1f} [{r.low:.1f}, {r.high:.1f}]" for r in gains.itertuples()]
-            return (
-                f"By its learning curve on captures, {result['protocol_label']}: {', '.join(words)} points to a "
-                f"training set of {most} people (fit of a - b / people; 95 % intervals over people)."
-            )
+def _growth(results: Sequence[Result], among: Candidates, chosen: int, scene: Scene) -> str:
+    """What circumstances promise for the chosen system, such as the gain of more training people, in a sentence."""
+
+    def same(r: Result) -> bool:
+        alike = r["protocol_label"] == among.first["protocol_label"] or r["protocol_name"] == "loso"
+        return alike and complete_on(r, among.first) and r.system == among.table["system"][chosen]
+
+    for circumstance in classes("circumstances").values():
+        for result in reversed(results):
+            if circumstance.holds(result) and same(result):
+                if sentence := circumstance.told(result, scene.reactions):
+                    return sentence
     return ""
 
 
+def kind_of(result: Result) -> Any:
+    """The kind of a run."""
+    return next(kind for kind in classes("kinds").values() if kind.tag == result.kind)
+
+
+def _command(recordings: bool) -> str:
+    """The command that makes runs on captures, or on recordings."""
+    return next(name for name, kind in classes("kinds").items() if kind.recordings == recordings)
+
+
 def _check_watched(values: Values, by: str, unit: str, limits: dict[str, float]) -> None:
-    """Refuse keys that runs of ``bench watch`` cannot be compared by.
+    """Refuse keys that runs on recordings cannot be compared by.
 
     Raises:
         InputError: there is one.
@@ -290,7 +288,10 @@ def _check_watched(values: Values, by: str, unit: str, limits: dict[str, float])
     wrong = [f"by={by}"] * (by in unwatched) + [f"{costs()[k].budget}=" for k in unwatched if k in limits]
     wrong += [f"unit={unit}"] * (unit == "window") + ["clock="] * ("clock" in values)
     if wrong:
-        raise InputError(f"{wrong[0]}: runs of bench watch, which {given}= compares, have no such value; leave it out")
+        command = _command(True)
+        raise InputError(
+            f"{wrong[0]}: runs of bench {command}, which {given}= compares, have no such value; leave it out"
+        )
 
 
 def _one_of(key: str, values: Values, names: Collection[str]) -> str:
@@ -308,10 +309,10 @@ def table_of(result: Chosen) -> Table:
     choice, by = result.choice, costs()[result.by]
     limits = [f"{costs()[k].title} {costs()[k].limit} {costs()[k].amount(v)}" for k, v in result.budgets.items()]
     score = "score" if result.scene.reactions.weighted else "accuracy"
-    asked = {result.by, *result.budgets, *(k for k, c in costs().items() if c.stress and result.scene.faults)}
-    shown = [cost for cost in costs_of(result.watched).values() if not (cost.stress or cost.mirrored)]
+    asked = {result.by, *result.budgets, *(k for k, c in costs().items() if c.losses and result.scene.faults)}
+    shown = [cost for cost in costs_of(result.watched).values() if not (cost.losses or cost.mirrored)]
     shown.sort(key=lambda cost: cost.runs != "recordings")
-    shown += [cost for cost in costs().values() if (cost.stress or cost.mirrored) and cost.key in asked]
+    shown += [cost for cost in costs().values() if (cost.losses or cost.mirrored) and cost.key in asked]
 
     def column(cost: Cost) -> Measure:
         spare = 0 if cost.key == result.by or cost.key in result.budgets else cost.last
@@ -350,5 +351,5 @@ def _print(result: Chosen) -> None:
         one = table.loc[result.choice.chosen]
         trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in FIT}
         # a search is not trained again, and a system that needs conditions is not saved
-        once = trained and one["command"] in ("run", "stream", "chip", "watch") and not one["conditions"]
+        once = trained and one["command"] in makers() and not one["conditions"]
         then(typed("fit", trained | {"out": "chosen"}) if once else "bench report")

@@ -22,7 +22,7 @@ from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
 from bench.measures import Measure, text
 from bench.options import SMALL, keys
-from bench.outcomes.runs import grouped, of_kinds
+from bench.outcomes.runs import every_result, grouped, plain
 from bench.outcomes.same_wrong import agreements
 from bench.outcomes.store import connect, exists
 from bench.plan.cells import corpus_variants
@@ -111,7 +111,7 @@ def same_wrong(corpus: Corpus) -> None:
     from reports.run_groups import largest_groups
 
     store = connect() if exists() else None
-    stored = of_kinds(store, ["cell"]).get("cell", []) if store else []
+    stored = [r for r in plain(every_result(store)) if "confusion" in r.tables] if store else []
     here = [r for r in stored if r["corpus_digest"] == corpus.digest and r["target"] == corpus.target]
     if here:
         for found in agreements(largest_groups(grouped(here))[0]):

@@ -68,11 +68,11 @@ def _steps() -> Iterator[tuple[str, ...]]:
 
 def _best() -> list[list[str]]:
     """Arguments of the most accurate systems of this folder's store."""
-    from bench.outcomes.candidates import KINDS, candidates
-    from bench.outcomes.runs import of_kinds
+    from bench.outcomes.candidates import candidates
+    from bench.outcomes.runs import every_result
     from bench.outcomes.store import connect
 
-    table = candidates(of_kinds(connect(), KINDS), {}).table.sort_values("accuracy", ascending=False, kind="stable")
+    table = candidates(every_result(connect()), {}).table.sort_values("accuracy", ascending=False, kind="stable")
     best = [json.loads(text) for text in table["arguments"][:REPLAYED]]
     return [[f"{key}={value}" for key, value in arguments.items()] for arguments in best]
 

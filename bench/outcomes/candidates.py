@@ -11,48 +11,23 @@ import numpy as np
 import pandas as pd
 
 from bench.arguments import quoted, typed
-from bench.comparable import COMPARABLE, CONDITIONS, Row, context_of, facts_of, several
+from bench.candidate import Candidate, Losses, Wish
+from bench.comparable import COMPARABLE, CONDITIONS, Row, context_of, facts_of, seed_number, several
 from bench.errors import InputError
 from bench.measures import Interval, costs, costs_of
-from bench.outcomes.pick import People, within
-from bench.outcomes.reactions import Reactions, by_capture, by_decision
-from bench.outcomes.runs import COLUMNS, NothingTracked, selected, subject_accuracy
-from bench.outcomes.scores import classes_of
-from bench.outcomes.stability import unharmed
-from bench.outcomes.stopping import standing
+from bench.outcomes.pick import People
+from bench.outcomes.reactions import Reactions
+from bench.outcomes.runs import COLUMNS, NothingTracked, plain, selected
+from bench.registry import classes
 from bench.result import Result
-from bench.usual import CLEAN, FALSE_ALARMS, NO_TOUCH, SEVERITIES
 
-KINDS = ("cell", "chip", "stream")  # of runs whose systems are candidates
-WATCH = "watch"  # kind of run whose systems are candidates for costs of recordings
-STRESS = "stress"  # kind of run that knows losses under faults
-IN_RECORDINGS = "touches in recordings"  # unit of their accuracy
 TAGS = {  # columns of a candidate that repeat a tag of its last run
-    "kind": "touchbench.kind",
     "command": "touchbench.command",
     "arguments": "touchbench.arguments",
     "conditions": CONDITIONS,
 }
 PLAIN = Reactions()
 TAKEN = ("data", "where", "target", "protocol", "model", "features", "seed")  # keys of a run that others repeat
-
-
-@dataclass(frozen=True)
-class Faults:
-    """The circumstances over which losses are taken.
-
-    Attributes:
-        names: faults of ``bench stress``.
-        severity: highest severity; lower ones count, too.
-    """
-
-    names: tuple[str, ...]
-    severity: int = SEVERITIES
-
-    @property
-    def circumstances(self) -> list[tuple[str, int]]:
-        """Every fault at every severity."""
-        return [(name, severity) for name in self.names for severity in range(1, self.severity + 1)]
 
 
 @dataclass(frozen=True)
@@ -85,96 +60,89 @@ class Candidates:
 
 
 def candidates(
-    results: Mapping[str, Sequence[Result]],
+    results: Sequence[Result],
     asked: Mapping[str, list[str]],
-    most: float | None = None,
+    wish: Wish | None = None,
     *,
-    windows: bool = False,
     clock: float | None = None,
     batch: bool = False,
-    watched: bool = False,
-    reactions: Reactions = PLAIN,
-    faults: Faults | None = None,
+    recordings: bool = False,
+    losses: Losses | None = None,
 ) -> Candidates:
-    """Every way in which a system labels captures, or windows of them; the seeds of a system are averaged.
-
-    Systems that ``bench chip`` has exported label as C, with bytes and instructions that were measured. Systems that
-    ``bench stream`` has replayed label after the beginning of a capture.
+    """Every way in which a system labels, as the kinds of run give them; the seeds of a system are averaged.
 
     Args:
-        results: results by kind of run, from `bench.outcomes.runs.of_kinds`.
+        results: results of all kinds, from `bench.outcomes.runs.every_result`.
         asked: filters, as in `eligible`.
-        most: ms of touch until a decision. A replayed system decides as late as that allows; with inf, each of its
-            instants is a candidate; with None, replays are none.
-        windows: label single windows, in percent of windows, of the systems that decide on such.
+        wish: what is asked of these ways; None for whole captures, each gesture its own reaction.
         clock: clock of the target in MHz: the measured cycles at this clock are part of the decision time.
         batch: True to include batch systems, as in `eligible`.
-        watched: True for runs of ``bench watch`` alone, which no other choice has. Accuracy is then the share of
-            touches whose label is correct at the end; the table also has the costs of recordings.
-        reactions: reactions of the robot to gestures, which are scored.
-        faults: circumstances over which losses are taken; None for no losses.
+        recordings: True for kinds of run on recordings alone, which no other choice has.
+        losses: faults over which losses are taken; None for no losses.
 
     Raises:
         NothingTracked: no complete result is there for these values.
         InputError: results on several corpora or protocols are, a table of one is gone, or the reactions name a gesture
             that does not exist.
     """
-    kinds = ["cell"] if windows else [kind for kind in KINDS if kind != "stream" or most is not None]
-    kinds = [WATCH] if watched else kinds
-    mine = costs_of(watched)
+    wish = wish or Wish(PLAIN)
+    kinds = {kind.tag: (command, kind) for command, kind in classes("kinds").items() if kind.recordings == recordings}
+    mine = costs_of(recordings)
     fixed = [name for name, cost in mine.items() if not cost.personal]
+    every = [r for r in results if r.kind in kinds and kinds[r.kind][1].offers(r, wish)]
     shots = "".join(f" protocol=personal protocol.shots={number}" for number in asked.get("shots", []))
-    every = [result for kind in kinds for result in results.get(kind, ())]
-    chosen, notes = eligible(every, asked, windows, batch, "watch" if watched else f"run{shots}")
-    linked = _linked(chosen)
-    options = ("stream.hop_ms", "chip.bits", "watch.false_alarms")
-    groups: dict[tuple[str, ...], list[Result]] = {}
+    command, kind = next(iter(kinds.values()))
+    command += "" if recordings else shots
+    chosen, notes = eligible(every, asked, kind, batch, command)
+    lent: dict[str, dict[str, float]] = {}
     for r in chosen:
-        groups.setdefault((r["system"], r.kind, *(str(r.get(name, "")) for name in options)), []).append(r)
+        lent.setdefault(str(r["system"]), {}).update(kinds[r.kind][1].lends(r))
+    as_they_are = {id(r) for r in plain(chosen)}
+    ways: dict[tuple, dict[str, tuple[Candidate, Result]]] = {}
+    for r in chosen:
+        for way in kinds[r.kind][1].candidates(r, replace(wish, plain=id(r) in as_they_are)):
+            ways.setdefault((r["system"], way.mark, way.apart, way.unit), {})[r["seed"]] = (way, r)
+    if not ways:
+        raise _nothing(command, notes)
+    order = [*ways]
     rows, accuracies, alarms = [], [], []
     behind: list[list[Result]] = []
-    for (system, kind, *_), seeds in sorted(groups.items(), key=lambda group: group[0]):
-        ways = [_ways(r, {**r, **linked.get(system, {})}, most, windows, reactions) for r in seeds]
-        tags = {column: str(seeds[-1].get(name, "")) for column, name in TAGS.items()}
-        last = {
-            **tags,
-            "linked": kind == "chip" or system in linked,
-            "cpu": ", ".join(sorted({r["cpu"] for r in seeds})),
-        }
-        for unit in ways[0]:
-            amounts = pd.DataFrame([way[unit][0] for way in ways], dtype=float).mean().reindex(fixed)
-            rows.append({"system": seeds[-1].system, "unit": unit, **amounts, **last})
-            by_subject = [
-                pd.concat([way[unit][1][k] for way in ways], axis=1).mean(axis=1) for k in range(len(ways[0][unit][1]))
-            ]
-            accuracies.append(by_subject[0])
-            alarms.append(by_subject[1:])
-            behind.append([*seeds])
+    for key in sorted(order, key=lambda key: (key[:3], order.index(key))):
+        seeds = [ways[key][seed] for seed in sorted(ways[key], key=seed_number)]
+        last = max((r for _, r in seeds), key=lambda r: r["started"])
+        more = lent[key[0]]
+        amounts = [_amounts({**r, **more}, way) for way, r in seeds]
+        tags = {column: str(last.get(name, "")) for column, name in TAGS.items()}
+        changed = any(r.metrics.get(name, value) != value for _, r in seeds for name, value in more.items())
+        rows.append(
+            {"system": last.system, "unit": key[3]}
+            | pd.DataFrame(amounts, dtype=float).mean().reindex(fixed).to_dict()
+            | tags
+            | {"linked": seeds[0][0].linked or changed, "mark": key[1], "whole": seeds[0][0].whole}
+            | {"cpu": ", ".join(sorted({r["cpu"] for _, r in seeds}))}
+        )
+        by_subject = [[way.scores, *way.counts] for way, _ in seeds]
+        means = [pd.concat(parts, axis=1).mean(axis=1) for parts in zip(*by_subject, strict=True)]
+        accuracies.append(means[0])
+        alarms.append(means[1:])
+        behind.append([r for _, r in seeds])
     subjects = pd.DataFrame(accuracies).reset_index(drop=True)
     table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
     if clock is not None:
         table["decision"] += (table["cycles"] / clock).fillna(0)  # thousands by MHz: ms
-    losses = np.empty((len(table), 0, subjects.shape[1]))
-    if faults is not None:
-        losses = _losses(results.get(STRESS, ()), chosen[0], table, [*subjects], faults, reactions)
+    lost = np.empty((len(table), 0, subjects.shape[1]))
+    if losses is not None:
+        lost = _losses(results, chosen[0], table, [*subjects], losses, wish.reactions)
     counts = [[part.reindex(subjects.columns) for part in each] for each in alarms]
-    shape = (len(table), 2, subjects.shape[1]) if watched else (0, 2, 0)
+    shape = (len(table), 2, subjects.shape[1]) if recordings else (0, 2, 0)
     alarmed = np.reshape(counts, shape).transpose(1, 0, 2)
-    people = People(subjects.to_numpy(float), losses, alarmed, {k: table[k].to_numpy(float) for k in fixed})
+    people = People(subjects.to_numpy(float), lost, alarmed, {k: table[k].to_numpy(float) for k in fixed})
     everyone = np.arange(subjects.shape[1])[None]
     table = table.assign(**{name: people.cost(name, everyone)[0] for name, cost in mine.items() if cost.personal})
     mixed = any(facts_of(r).mixes_subjects for r in chosen)
-    gestures = () if reactions.plain else _gestures(chosen[0])
+    gestures = () if wish.reactions.plain else kinds[chosen[0].kind][1].gestures(chosen[0])
     context = ", ".join(context_of(chosen[0]))
     return Candidates(table, context, subjects, people, behind, gestures, chosen[0], mixed, notes)
-
-
-def _gestures(result: Result) -> tuple[str, ...]:
-    """All gestures of the captures or recordings of a run."""
-    if result.kind != WATCH:
-        return tuple(classes_of(result.tables["predictions"]))
-    touches = result.tables["touches"]
-    return tuple(sorted({*touches["gesture"].astype(str), str(result["watch.background"]) or NO_TOUCH}))
 
 
 def _losses(
@@ -182,7 +150,7 @@ def _losses(
     context: Result,
     table: pd.DataFrame,
     subjects: list[str],
-    faults: Faults,
+    losses: Losses,
     reactions: Reactions,
 ) -> np.ndarray:
     """Points that each candidate loses under each fault at each severity, float [candidates, circumstances, subjects].
@@ -191,50 +159,27 @@ def _losses(
     Systems with captures of a new person are tested under faults without these captures.
 
     Args:
-        results: results of ``bench stress``.
+        results: results of all kinds.
         context: a result of the candidates.
         table: candidates.
         subjects: names of the subjects.
-        faults: the circumstances.
+        losses: faults and severities.
         reactions: reactions that are scored.
     """
-    losses = np.full((len(table), len(faults.circumstances), len(subjects)), np.nan)
+    lost = np.full((len(table), len(losses.circumstances), len(subjects)), np.nan)
     personal = str(context["protocol"]).startswith("personal")
     name, protocol = ("protocol_name", "loso") if personal else ("protocol_label", context["protocol_label"])
-    by_system: dict[str, dict[str, list[Result]]] = {}
-    for r in results:
-        if r[name] == protocol and complete_on(r, context):
-            by_system.setdefault(r.system, {}).setdefault(r["seed"], []).append(r)
-    for system, seeds in by_system.items():
-        rows = (table["system"] == system) & table["unit"].str.match("capture$|in C, 32 bits$|" + IN_RECORDINGS)
-        parts = [_lost(each, faults, reactions) for each in seeds.values()] if rows.any() else []
-        if known := [part.reindex(columns=subjects).to_numpy() for part in parts if part is not None]:
-            losses[rows.to_numpy()] = np.mean(known, axis=0)
-    return losses
-
-
-def _lost(results: Sequence[Result], faults: Faults, reactions: Reactions) -> pd.DataFrame | None:
-    """Points lost [circumstances, subjects] in some runs of one system; None if a circumstance is not in any of them.
-
-    These runs store labels, so the reaction is that to the most probable gesture, also of clean captures.
-    """
-    tested = [(r, {*str(r.get("faults", "")).split(", ")}) for r in sorted(results, key=lambda r: r["started"])]
-    if not {*faults.names} <= {name for _, names in tested for name in names}:
-        return None  # without reading any table
-    lost: dict[tuple[str, int], pd.Series] = {}
-    for result, names in tested:
-        if not names & {*faults.names}:
-            continue
-        table = result.tables["stress"]
-        asked = table["fault"].isin(faults.names) & (table["severity"] <= faults.severity)
-        rows = pd.concat([unharmed(table), table[asked]], ignore_index=True)
-        keys = [rows["fault"], rows["severity"], rows["subject"].astype(str)]
-        mean = 100 * pd.Series(reactions.mistakes(rows)).groupby(keys).mean().unstack()
-        for fault, severity in {*mean.index} & {*faults.circumstances}:
-            lost[fault, severity] = mean.loc[(fault, severity)] - mean.loc[(CLEAN, 0)]
-    if not {*faults.circumstances} <= {*lost}:
-        return None
-    return pd.DataFrame({key: lost[key] for key in faults.circumstances}).T
+    for circumstance in classes("circumstances").values():
+        by_system: dict[str, dict[str, list[Result]]] = {}
+        for r in results:
+            if circumstance.holds(r) and r[name] == protocol and complete_on(r, context):
+                by_system.setdefault(r.system, {}).setdefault(r["seed"], []).append(r)
+        for system, seeds in by_system.items():
+            rows = (table["system"] == system) & table["whole"]
+            parts = [circumstance.lost(each, losses, reactions) for each in seeds.values()] if rows.any() else []
+            if known := [part.reindex(columns=subjects).to_numpy() for part in parts if part is not None]:
+                lost[rows.to_numpy()] = np.mean(known, axis=0)
+    return lost
 
 
 def complete_on(result: Result, context: Result) -> bool:
@@ -243,23 +188,23 @@ def complete_on(result: Result, context: Result) -> bool:
     return result.complete and all(result[name] == context[name] for name in same)
 
 
-def missing(table: pd.DataFrame, wanted: Collection[str], faults: Faults | None) -> dict[str, list[str]]:
+def missing(table: pd.DataFrame, wanted: Collection[str], losses: Losses | None) -> dict[str, list[str]]:
     """Commands that measure what is not stored, by cost.
 
     Args:
         table: candidates.
         wanted: costs that were asked for.
-        faults: circumstances over which losses are taken.
+        losses: faults over which losses are taken.
     """
     commands: dict[str, list[str]] = {}
     for name in wanted:
         cost = costs()[name]
-        lacking = table[table[name].isna() & table["unit"].str.match("capture$|" + IN_RECORDINGS)]
+        lacking = table[table[name].isna() & table["whole"] & (table["mark"] == "")]
         texts = [text for text in lacking["arguments"] if text]
-        if not cost.command or (cost.stress and faults is None):
+        if not cost.command or (cost.losses and losses is None):
             continue
-        more = {"faults": ",".join(faults.names)} if cost.stress and faults is not None else {}
-        lines = [typed(cost.command, repeated(text, impersonal=cost.stress) | more) for text in texts]
+        more = cost.asks(losses) if cost.asks else {}
+        lines = [typed(cost.command, repeated(text, impersonal=cost.losses) | more) for text in texts]
         if lines:
             commands[name] = list(dict.fromkeys(lines))
     return commands
@@ -299,7 +244,7 @@ def elsewhere(
 def eligible(
     results: Sequence[Result],
     asked: Mapping[str, list[str]],
-    windows: bool = False,
+    kind: Any,
     batch: bool = False,
     command: str = "run",
 ) -> tuple[list[Result], list[str]]:
@@ -309,7 +254,7 @@ def eligible(
         results: results of some kinds of run.
         asked: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to choose among, and
             number of ``shots``; parameters of the protocol by their dotted names; or values of `COMPARABLE`.
-        windows: True for results that decide on windows only.
+        kind: kind of run of these results.
         batch: True to include systems whose predictions depend on the other captures of the batch.
         command: command that makes such runs.
 
@@ -318,12 +263,10 @@ def eligible(
         InputError: they are on several corpora or protocols.
     """
     kept = _asked(results, asked)
-    if windows:
-        kept = [r for r in kept if r.get("windows", 0) > 0]
     complete = [r for r in kept if r.complete]
     notes: list[str] = []
     if complete and "protocol_label" not in asked:
-        complete, notes = _newest(complete)
+        complete, notes = _newest(complete, kind)
     same = {tuple(str(r[name]) for name in COMPARABLE) for r in complete}
     systems = {r["system"] for r in complete}
     failed = [r for r in kept if not r.complete and r["system"] not in systems]
@@ -338,15 +281,19 @@ def eligible(
             f"{'; '.join(names)}. To include these systems, give batch=yes."
         )
     if not complete:
-        why = "".join(f". {note.removesuffix('.')}" for note in notes)
-        raise NothingTracked(
-            f"no complete run is stored for these values; make one with bench {command}, then choose{why}"
-        )
+        raise _nothing(command, notes)
     return complete, notes
 
 
+def _nothing(command: str, notes: Sequence[str]) -> NothingTracked:
+    why = "".join(f". {note.removesuffix('.')}" for note in notes)
+    return NothingTracked(
+        f"no complete run is stored for these values; make one with bench {command}, then choose{why}"
+    )
+
+
 def _asked(results: Sequence[Result], asked: Mapping[str, list[str]]) -> list[Result]:
-    """The results that were asked for; replays only from the onset, and no gesture left out of training.
+    """The results that were asked for.
 
     Raises:
         InputError: no result has a parameter that was asked for.
@@ -356,12 +303,10 @@ def _asked(results: Sequence[Result], asked: Mapping[str, list[str]]) -> list[Re
             raise InputError(f"{key}: no stored run has this parameter; leave it out or run that protocol")
     if "shots" in asked:
         results = [r for r in results if r.get("protocol.unlabelled") != "True"]
-    plain = {"stream.start": "onset", "watch.unknown": ""}
-    results = [r for r in results if all(r.get(name, value) == value for name, value in plain.items())]
     return selected(results, {"target": ["gesture"], **asked})
 
 
-def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
+def _newest(results: Sequence[Result], kind: Any) -> tuple[list[Result], list[str]]:
     """The results on the captures and under the protocol of the newest, and how many others are left out.
 
     Raises:
@@ -372,8 +317,7 @@ def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
         raise InputError(
             f"runs on different captures or protocols cannot be compared; name one of: {'; '.join(arguments[:4])}"
         )
-    watched = any("watch.background" in r for r in results)
-    same = [*COMPARABLE, "protocol", *(["watch.background"] if watched else [])]
+    same = [*COMPARABLE, "protocol", *kind.alike]
     newest = max(results, key=lambda r: r["started"])
     kept = [r for r in results if all(r.get(name) == newest.get(name) for name in same)]
     notes = []
@@ -381,7 +325,7 @@ def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
         versions = ", ".join(dict.fromkeys(str(r["corpus_digest"])[:8] for r in others))
         notes.append(
             f"Left out: {several(len(others), 'older run')} on other captures of {newest['data']} or under "
-            f"another version of the protocol{', or with another background' * watched} (corpus {versions})."
+            f"another version of the protocol{f', or {kind.other}' * bool(kind.other)} (corpus {versions})."
         )
     return kept, notes
 
@@ -408,78 +352,18 @@ def _arguments(results: Sequence[Result]) -> list[str]:
     return texts
 
 
-def _linked(results: Sequence[Result]) -> dict[str, dict[str, float]]:
-    """By system, bytes as linked of its C in 32 bits, whose labels are its own: the counted ones leave code out."""
-    in_32_bits = [r for r in results if r.kind == "chip" and r["chip.bits"] == "32"]
-    return {
-        str(r["system"]): {f"{name}_bytes": r[f"chip_{name}_bytes"] for name in ("flash", "ram")} for r in in_32_bits
-    }
-
-
-def _ways(
-    result: Result, run: Row, most: float | None, windows: bool, reactions: Reactions
-) -> dict[str, tuple[dict[str, float], list[pd.Series]]]:
-    """Costs, and the score by subject, in percent, of each way in which a run labels.
-
-    ``run`` has the numbers of the result, with linked bytes where they are known; other arguments as of `candidates`.
-
-    The time of a decision is the touch that it needs: computing time on this machine is another cost. Runs of
-    ``bench watch`` also give false alarms and hours of background by subject.
-    """
-    kind = result.kind
-    if kind == WATCH:
-        shares = result.tables["per_subject"].set_index("subject")
-        if "background_s" not in shares:
-            raise InputError(f"{run['system']}: an older version stored this run of bench watch; run it again")
-        score, hours = 100 * shares["end_correct"].dropna(), shares["background_s"] / 3600
-        if not reactions.plain:
-            reactions.of(_gestures(result))  # refuses other names
-            score = reactions.scores(result.tables["touches"].rename(columns={"gesture": "true", "label": "predicted"}))
-        aim = float(run["watch.false_alarms"])
-        unit = IN_RECORDINGS + ("" if aim == FALSE_ALARMS else f", false_alarms={aim:g}")
-        alarms = (shares["false_alarms_per_hour"] * hours).fillna(0)
-        return {unit: (_amounts(run, decision="", cycles=""), [score, alarms, hours])}
-    if kind == "cell" and not windows:
-        # What the run stored is the same and quick: reading the predictions of 1000 runs takes a minute.
-        stored = pd.Series(subject_accuracy(result), dtype=float) if reactions.plain else pd.Series(dtype=float)
-        scored = stored if len(stored) else _score(result.tables["predictions"], reactions)
-        return {"capture": (_amounts(run), [scored])}
-    table = result.tables["predictions"]
-    if kind == "cell":
-        amounts = _amounts(run, predict="decide_ms_p50", decision="observed_ms")
-        return {"window": (amounts, [reactions.scores(by_decision(table, reactions))])}
-    if kind == "chip":
-        amounts = _amounts(run, flash="chip_flash_bytes", ram="chip_ram_bytes", predict="")
-        return {f"in C, {run['chip.bits']} bits": (amounts, [_score(table, reactions)])}
-    amounts = _amounts(run, predict="decide_ms_p50", decision="")
-    instants = result.tables["instants"]["ms"].tolist()
-    decided = [*zip(instants, np.sort(table["instant"].unique()), strict=True)]  # ms, frames
-    if most is not None and np.isfinite(most):  # the last that is soon enough, else the first
-        decided = [one for one in decided if within("decision", one[0], most)][-1:] or decided[:1]
-    return {
-        f"first {ms:.0f} ms": (
-            amounts | {"decision": ms},
-            [reactions.scores(by_decision(standing(table, frames), reactions))],
-        )
-        for ms, frames in decided
-    }
-
-
-def _amounts(run: Row, **stored: str) -> dict[str, Any]:
+def _amounts(run: Row, way: Candidate) -> dict[str, Any]:
     """The costs of one way in which a run labels, by name.
+
+    The time of a decision is the touch that it needs: computing time on this machine is another cost.
 
     Args:
         run: the run.
-        stored: names of stored values that this way has in place of those that its costs name; empty for none.
+        way: candidate, with the stored values that it has in place of those that costs name.
     """
     amounts: dict[str, Any] = {}
     for name, cost in costs().items():
-        if not cost.personal and stored.get(name) != "":
-            cell = (replace(cost, read=stored[name]) if name in stored else cost).cell(run)
+        if not cost.personal and way.stored.get(name) != "":
+            cell = (replace(cost, read=way.stored[name]) if name in way.stored else cost).cell(run)
             amounts[name] = cell.value if isinstance(cell, Interval) else cell
-    return amounts
-
-
-def _score(predictions: pd.DataFrame, reactions: Reactions) -> pd.Series:
-    """Score in percent by subject, of whole captures."""
-    return reactions.scores(by_capture(predictions, reactions))
+    return amounts | dict(way.costs)

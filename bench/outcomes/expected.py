@@ -16,7 +16,6 @@ from bench.outcomes.pick import People, fitting, pick
 from bench.outcomes.reactions import Reactions
 from bench.paired import interval
 from bench.table import rows_of
-from bench.usual import CLEAN
 
 DRAWS = 1000  # of people with replacement
 FEWEST = 3  # people, so that two are left to choose with
@@ -212,7 +211,7 @@ def more_people(table: pd.DataFrame, reactions: Reactions) -> tuple[int, pd.Data
     The score is taken as a - b / n for n training people, fitted by least squares to the means over subjects.
 
     Args:
-        table: table of a run of ``bench stress`` with ``train_subjects=`` (`bench.work.stress`). Whole training sets of
+        table: labels of a run with ``train_subjects=`` (`bench.outcomes.curves`). Whole training sets of
             different size count as their mean.
         reactions: reactions that are scored.
 
@@ -221,7 +220,7 @@ def more_people(table: pd.DataFrame, reactions: Reactions) -> tuple[int, pd.Data
         ``high`` (95 % bootstrap interval over subjects). None for fewer than three numbers of training people, or
         fewer than `FEWEST` subjects.
     """
-    clean = table[table["fault"] == CLEAN]
+    clean = stability.as_they_are(table)
     numbered = stability.trained_on(clean)
     parts = {n: reactions.scores(clean[numbered == n]) for n in sorted({*numbered})}
     curve = pd.DataFrame(parts).dropna()  # [subjects, numbers]

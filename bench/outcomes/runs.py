@@ -10,10 +10,11 @@ import pandas as pd
 
 from bench.comparable import COMPARABLE, SAME_SYSTEM, context_of
 from bench.errors import InputError
+from bench.outcomes.earlier import TAGS, adopted
 from bench.outcomes.store import Store
 from bench.outcomes.tables import read_table
 from bench.registry import KEYS as PARTS
-from bench.registry import names
+from bench.registry import classes, names
 from bench.result import Result, Tables
 
 if TYPE_CHECKING:
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 
 ROOMS = {key: room for room, key in PARTS.items() if room != "corpora"}  # of the key of a part
 COLUMNS = {"where": "subset", "shots": "protocol.shots"}  # of a result, where it is not called as it is asked for
+SAME = (*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name")  # what makes two runs repetitions of one
 COLUMNS |= {part: f"{part}_name" for part in ROOMS}
-SCORES = {"watch": "end_correct"}  # of a kind of run, its main metric where that is not accuracy
 
 
 class NothingTracked(InputError):
@@ -49,37 +50,45 @@ def result_of(store: Store, run: Run) -> Result:
     return Result(about, data.metrics, Tables({}, read, missing, names))
 
 
-def stored(store: Store, kind: str = "cell") -> list[Result]:
-    """Every scored run of a kind, oldest first: the newest of equal ones, complete ones first.
-
-    Raises:
-        NothingTracked: there is none.
-    """
-    scored = [result_of(store, run) for run in store.of_kind(kind) if SCORES.get(kind, "accuracy") in run.data.metrics]
-    if not scored:
-        command = "run" if kind == "cell" else kind
-        raise NothingTracked(f"no scored run is stored here; make one first, for example: bench {command} model=svm")
-    options = {k for r in scored for k in r.about if k.startswith(("stream.", f"{kind}."))} | {
-        "faults",
-        "train_subjects",
-    }
-    same = [*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name", *sorted(options)]
+def every_result(store: Store) -> list[Result]:
+    """Every scored run of all kinds, oldest first: the newest of equal ones, complete ones first."""
+    kinds = classes("kinds").values()
+    scores = {kind.tag: kind.score for kind in kinds}
+    tracked = {name for kind in kinds for name in kind.tracked()}
+    runs = [run for tag in (*scores, *TAGS) for run in store.of_kind(tag)]
+    results = [adopted(result_of(store, run)) for run in runs]
+    scored = [r for r in results if scores[r.kind] in r.metrics or (r.scored and not r.plain)]
     newest = {
-        tuple(str(r.about.get(name)) for name in same): r
+        tuple(str(r.get(name)) for name in (*SAME, *tracked)): r
         for r in sorted(scored, key=lambda r: (r.complete, r["started"]))
     }
     return sorted(newest.values(), key=lambda r: r["started"])
 
 
-def of_kinds(store: Store, kinds: Iterable[str]) -> dict[str, list[Result]]:
-    """`stored` of each kind that there is a run of."""
-    results = {}
-    for kind in kinds:
-        try:
-            results[kind] = stored(store, kind)
-        except NothingTracked:
-            continue
+def stored(store: Store) -> list[Result]:
+    """The results of `plain` of the first kind, of captures.
+
+    Raises:
+        NothingTracked: there is none.
+    """
+    (command, first), *_ = classes("kinds").items()
+    if not (results := plain(r for r in every_result(store) if r.kind == first.tag)):
+        raise NothingTracked(f"no scored run is stored here; make one first, for example: bench {command} model=svm")
     return results
+
+
+def plain(results: Iterable[Result]) -> list[Result]:
+    """One result for each system, seed, captures and protocol: the newest of those in the fewest circumstances.
+
+    Whatever a circumstance changes, the labels of the captures as they are stay the same. Results of earlier versions
+    that have no such labels are left out.
+    """
+    tracked = [name for kind in classes("kinds").values() for name in kind.tracked()]
+    best: dict[tuple[str, ...], Result] = {}
+    rank = lambda r: (r.complete, -sum(name in r.about for name in tracked), r["started"])  # noqa: E731
+    for r in sorted((r for r in results if r.plain), key=rank):
+        best[r.kind, *(str(r.get(name)) for name in SAME)] = r
+    return sorted(best.values(), key=lambda r: r["started"])
 
 
 def selected(results: Sequence[Result], asked: Mapping[str, Iterable[object]]) -> list[Result]:

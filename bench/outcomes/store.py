@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from mlflow.entities import Run
 
 EXPERIMENT = "touchbench"
-FORMAT = "1"  # version of stored runs and saved models; other versions are left out or refused
+FORMAT = "2"  # version of stored runs
+READABLE = (FORMAT, "1")  # versions that are read (`bench.outcomes.earlier`); others are left out
 PATIENCE = 60.0  # seconds that another program may lock MLflow's file
 RETRIES = "5"  # of a request to a server: they wait 0, 4, 8, 16 and 32 seconds
 Given = ParamSpec("Given")
@@ -116,7 +117,7 @@ class Store:
             token = page.token if page else None
             page = self.client.search_runs([self.experiment_id], condition, max_results=1000, page_token=token)
             stored += page
-        kept = [run for run in stored if run.data.tags.get("touchbench.format") == FORMAT]
+        kept = [run for run in stored if run.data.tags.get("touchbench.format") in READABLE]
         if len(kept) < len(stored) and not self._warned:
             self._warned = True
             warn("runs that another version of touchbench has stored are left out; run their commands again")

@@ -30,12 +30,14 @@ from bench.corpora.corpus import Corpus, storage
 from bench.corpora.read.table import from_frame
 from bench.errors import InputError
 from bench.outcomes.scores import PREFIX, classes_of
-from bench.outcomes.store import FORMAT, store_uri
+from bench.outcomes.store import store_uri
 from bench.registry import FILE_MODULE, place_of
 from bench.work.fold import decisions
 
 if TYPE_CHECKING:
     from mlflow.types import TensorSpec
+
+FORMAT = "1"  # version of saved models; others are refused
 
     from bench.contract import System
     from bench.work.replay import Stopping
