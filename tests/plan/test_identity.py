@@ -1,5 +1,6 @@
 """What changes the key of a run, and what does not (docs/notes/decisions.md, identity)."""
 
+import importlib
 import subprocess
 import sys
 from dataclasses import replace
@@ -38,7 +39,7 @@ def changed(monkeypatch):
         assert edit(before) != before, f"{name} has nothing to change"
         whole = source.meaning.__wrapped__
         monkeypatch.setattr(Path, "read_bytes", lambda self: edit(before) if self == path else read(self))
-        again = lambda file, when: whole(file, when) if Path(file) == path else meaning(file, when)  # noqa: E731
+        again = lambda file, *of: (whole if Path(file) == path else meaning)(file, *of)  # noqa: E731
         again.__wrapped__ = whole
         monkeypatch.setattr(source, "meaning", again)
 
@@ -147,3 +148,143 @@ def test_a_key_does_not_depend_on_what_was_imported_before():
         for first in ("pass", "import models.rocket, reports.illustrations, bench.work.fit, features.gaus")
     ]
     assert said[0] == said[1] == f"{key()}\n"
+
+
+# A kind of run whose class also shows its numbers
+
+KIND = """
+from __future__ import annotations
+from produced.counting import count, counted
+from produced.colours import COLOURS
+from typing import TYPE_CHECKING, ClassVar
+
+if TYPE_CHECKING:
+    from produced.types import Corpus
+
+UNIT = "percent"
+WIDE = {"a": UNIT}
+PLAIN = 1
+SHARED = 2
+REACHED = 3
+
+class Base:
+    consumers: ClassVar[frozenset[str]] = frozenset({"heading", "shown", "result", "drawn"})
+    heading: ClassVar[str]
+
+class Kind(Base):
+    \"\"\"A kind.\"\"\"
+    heading: ClassVar[str] = "Accuracy"
+
+    def fold(self, corpus: Corpus):
+        from produced.fitting import fit
+        return fit() + _half(1)
+
+    @property
+    def result(self):
+        import produced.drawing
+        return _page(WIDE), SHARED, REACHED, COLOURS, counted, Kind.shown
+
+    def drawn(self):
+        return self.result
+
+def _half(x):
+    return x / 2 + SHARED
+
+def _page(x):
+    return [_row(x) for _ in range(3)]
+
+def _row(x):
+    from produced.pages import page
+    return page(x) if x else _page(x)
+
+Kind.shown = (COLOURS, count)
+"""
+KIND_FILES = {
+    "__init__": "",
+    "kind": KIND,
+    "fitting": "def fit():\n    from . import scaling\n    return scaling.SCALE\n",
+    "scaling": "import produced.steps\nSCALE = 1\n",
+    "steps": "from produced.kind import REACHED\ndef step():\n    return 1\n",
+    "colours": "COLOURS = 1\n",
+    "counting": "def count():\n    return 1\ndef counted():\n    return 2\n",
+    "drawing": "LINE = 1\n",
+    "pages": "def page(x):\n    return 1\n",
+}
+
+
+@pytest.fixture(scope="module")
+def produced(tmp_path_factory):
+    """The folder of a package with such a kind."""
+    folder = tmp_path_factory.mktemp("kinds") / "produced"
+    folder.mkdir()
+    for name, text in KIND_FILES.items():
+        (folder / f"{name}.py").write_text(text)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder.parent)
+        yield folder
+    for name in [name for name in sys.modules if name.partition(".")[0] == "produced"]:
+        del sys.modules[name]
+
+
+def other(old, new):
+    return lambda text: text.replace(old.encode(), new.encode())
+
+
+@pytest.mark.parametrize(
+    ("file", "edit", "stale"),
+    [
+        ("kind", other("Accuracy", "Right"), False),
+        ("kind", other('"drawn"})', '"drawn", "more"})'), False),
+        ("kind", other("return self.result", "return 1"), False),
+        ("kind", other("Kind.shown = (COLOURS, count)", "Kind.shown = (count,)"), False),
+        ("kind", other("range(3)", "range(4)"), False),  # a helper of a consumer
+        ("kind", other("page(x) if x", "page(1) if x"), False),  # a helper of the helper
+        ("kind", other('"percent"', '"%"'), False),
+        ("kind", other("import COLOURS", "import COLOURS, MORE as COLOURS"), False),
+        ("kind", other("produced.types", "produced.kinds"), False),
+        ("kind", other("A kind.", "Kind."), False),
+        ("kind", comment, False),
+        ("pages", code, False),  # imported late by a consumer
+        ("drawing", code, False),
+        ("colours", code, False),
+        ("counting", code, False),
+        ("kind", other("_half(1)", "_half(2)"), True),
+        ("kind", other("x / 2", "x / 3"), True),  # a helper of the fold
+        ("kind", other("PLAIN = 1", "PLAIN = 2"), True),  # used by nobody here
+        ("kind", other("SHARED = 2", "SHARED = 3"), True),  # used by both
+        ("kind", other("REACHED = 3", "REACHED = 4"), True),  # used by a consumer, and by another module
+        ("fitting", code, True),  # imported late by the fold
+        ("scaling", code, True),  # and late by that
+        ("steps", code, True),  # and by that when it is loaded
+        ("fitting", comment, False),
+    ],
+)
+def test_what_a_kind_shows_is_no_part_of_what_it_measures(file, edit, stale, produced, changed):
+    kind = importlib.import_module("produced.kind").Kind
+    before = source.source_digest(kind)
+    changed(produced / f"{file}.py", edit)
+    assert (source.source_digest(kind) != before) == stale
+
+
+def test_late_imports_of_other_files_are_not_followed(produced, changed):
+    fit = importlib.import_module("produced.fitting").fit
+    before = source.source_digest(fit)
+    changed(produced / "scaling.py", code)
+    assert source.source_digest(fit) == before
+
+
+def test_a_late_import_counts_whether_or_not_somebody_else_made_it_before(produced):
+    code = (
+        "import sys; sys.path[:0] = sys.argv[1:]; from bench import source; {}import produced.kind as k; "
+        "print(source.source_digest(k.Kind))"
+    )
+    said = {
+        subprocess.run(
+            [sys.executable, "-c", code.format(first), str(ROOT), str(produced.parent)],
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for first in ("", "import produced.scaling; ", "import produced.drawing, produced.pages, produced.fitting; ")
+    }
+    assert said == {f"{source.source_digest(importlib.import_module('produced.kind').Kind)}\n"}
