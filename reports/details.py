@@ -5,12 +5,15 @@ Each comes with its caption; `reports.figures.save` writes it.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.outcomes import scores
-from reports.figures import LINE, MARKERS, WIDEST, bars, new_figure, plain, width_of
+from bench.result import Result
+from reports.figures import LINE, MARKERS, WIDEST, bars, new_figure, plain, save, width_of
 
 BINS = 10
 WRITTEN = 20  # classes up to which the numbers fit into their cells
@@ -115,3 +118,10 @@ def calibration_figure(tables: dict[str, tuple[pd.DataFrame, float]], group: str
         "Reliability of the probabilities of whole captures in ten bins; the area of a dot is its share of captures, "
         "the dashed line is perfect calibration."
     )
+
+
+def draw(result: Result, folder: Path) -> None:
+    """Draw the confusions of a run into a folder."""
+    group = ", ".join(result.context)
+    figure, caption = confusion_figure(result.tables["confusion"].set_index("true"), result.method, group)
+    save(figure, folder, "confusion", group, caption)

@@ -10,11 +10,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.comparable import alike
 from bench.errors import InputError
 from bench.result import Result
 from bench.table import write_sheet
 from reports.figures import DASHES, MARKERS, bars, log_ticks
 
+ALIKE = ("stream.start", "stream.hop_ms", "stream.after")  # of comparable replays
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature
 CONTEXT = ("system", "data", "synthetic", "subset", "target", "protocol_label")  # of a run, in its tables
 LEFT_LABEL = "ms of touch seen; a capture that has ended keeps its label"
@@ -41,9 +43,11 @@ def write_streaming(results: Sequence[Result], folder: Path) -> list[Path]:
         paths = []
         for name, table in (("streaming", "instants"), ("stopping", "stopping")):
             parts = []
-            for r in results:
+            for r in (r for r in results if table in r.tables):
                 about = {k: r[k] for k in CONTEXT} | {"start": r["stream.start"]}
                 parts.append(r.tables[table].assign(**about)[[*about, *r.tables[table]]])
+            if not parts:
+                continue
             paths.append(folder / f"{name}.csv")
             write_sheet(pd.concat(parts, ignore_index=True), paths[-1])
         return paths + figure(results, folder)
@@ -75,7 +79,7 @@ def draw(results: Sequence[Result]) -> Figure:
 
     groups: dict[tuple, list[Result]] = {}
     for r in results:
-        groups.setdefault(r.comparable, []).append(r)
+        groups.setdefault(alike(r, ALIKE), []).append(r)
     systems = list(dict.fromkeys(r.method for r in results))
     fig = Figure(figsize=(11, 4.4 * len(groups) + 0.22 * (len(systems) + 3)), layout="constrained")
     axes = fig.subplots(len(groups), 2, squeeze=False, sharey="row")
@@ -116,10 +120,13 @@ def draw(results: Sequence[Result]) -> Figure:
 
 def _lines(seen: Any, mean: Any, result: Result, look: dict[str, Any]) -> None:
     """One system in both panels."""
-    fixed, stopping = result.tables["instants"], result.tables["stopping"].sort_values("mean_ms")
+    fixed = result.tables["instants"]
     seen.plot(fixed["ms"], 100 * fixed["accuracy"], **look)
     seen.fill_between(fixed["ms"], 100 * fixed["low"], 100 * fixed["high"], alpha=0.12, color=look["color"])
     mean.plot(fixed["mean_ms"], 100 * fixed["accuracy"], **look | {"linestyle": "-"})
+    if (stopping := result.tables.get("stopping")) is None:
+        return
+    stopping = stopping.sort_values("mean_ms")
     dashed = look | {"linestyle": "--", "markerfacecolor": "white", "linewidth": 1}
     mean.plot(stopping["mean_ms"], 100 * stopping["accuracy"], **dashed)
     accuracy, low, high = (100 * np.array([result.get(f"adaptive_{k}", np.nan)]) for k in ("accuracy", "low", "high"))

@@ -142,3 +142,10 @@ def frame_rate(predictions: pd.DataFrame, background_minutes: float) -> float:
     touch, recording = predictions[kinds == "touch"], predictions[kinds == "recording"]
     frames = recording["end"].sum() - (touch["end"] - touch["start"]).sum()
     return float(frames / (60 * background_minutes))
+
+
+def draw(result: Result, folder: Path) -> None:
+    """Draw a run into a folder; without background there is no rate, and nothing to draw."""
+    if result.get("background_minutes"):
+        group = ", ".join(result.context)
+        save(watching_figure([result]), folder, "watching", group, caption(result))

@@ -37,11 +37,11 @@ from bench.work.fold import decisions
 if TYPE_CHECKING:
     from mlflow.types import TensorSpec
 
-FORMAT = "1"  # version of saved models; others are refused
-
     from bench.contract import System
     from bench.work.replay import Stopping
     from bench.work.watcher import Watcher
+
+FORMAT = "1"  # version of saved models; others are refused
 
 PACKAGES = ("bench", "features", "models", "protocols")  # whose code goes with a model
 

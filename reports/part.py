@@ -1,0 +1,41 @@
+"""Parts of the page, as kinds of run and circumstances give them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bench.table import Table
+    from reports.figures import Picture
+
+
+@dataclass(frozen=True)
+class Part:
+    """A figure, a table and sentences on one set of comparable runs; each may be absent.
+
+    Attributes:
+        picture: figure as it was written.
+        table: table below it.
+        caption: caption of the table.
+        sentences: paragraphs below these.
+    """
+
+    picture: Picture | None = None
+    table: Table | None = None
+    caption: str = ""
+    sentences: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of the page.
+
+    Attributes:
+        heading: heading.
+        parts: what stands below it.
+    """
+
+    heading: str
+    parts: list[Part] = field(default_factory=list)
