@@ -107,7 +107,9 @@ class Circumstance(Options, Shown):
                 parts.append(at.labels(self.key, last))
             effects = at.effects(last)
         tables = {LABELS: pd.concat(parts, ignore_index=True)} if parts else {}
-        return FoldResult(at.fold.name, metrics=self.seconds(time.perf_counter() - begun), tables=tables, batch_effects=effects)
+        return FoldResult(
+            at.fold.name, metrics=self.seconds(time.perf_counter() - begun), tables=tables, batch_effects=effects
+        )
 
     def seconds(self, wall: float) -> dict[str, float]:
         """What its cases took."""

@@ -41,7 +41,9 @@ class Instants(Circumstance):
     columns: ClassVar[frozenset[str]] = frozenset({"instant", "confidence", "settled"})
     alike: ClassVar[tuple[str, ...]] = ("stream.start", "stream.hop_ms", "stream.after")
 
-    after: tuple[float, ...] = option((), "touch seen before a label, such as 250ms,1s, or each for a series", type="ms")
+    after: tuple[float, ...] = option(
+        (), "touch seen before a label, such as 250ms,1s, or each for a series", type="ms"
+    )
     hop_ms: float | None = option(
         None, "ms between decisions; default: each uses 1.41 times as much touch", type="number"
     )
@@ -161,7 +163,9 @@ class Instants(Circumstance):
             live="bench.work.live:live",
             live_keys=(
                 Option("source", "", "text", "", "- classifies frames from standard input"),
-                Option("events", "", "yes", True, "source=-: report touches of an endless stream; no: classify captures"),
+                Option(
+                    "events", "", "yes", True, "source=-: report touches of an endless stream; no: classify captures"
+                ),
             ),
         )
     }

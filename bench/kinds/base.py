@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from reports.part import Section
 
 CONSUMERS = "commands summary text heading ranked searches shown costs place sheets alike mark noun words axis budget "
-CONSUMERS += "shows printed write figure section brief candidates lends lost then holds score unit recordings made_by views held tracked offers gestures other meaning chosen told promise consumers"
+CONSUMERS += "shows printed write figure section brief candidates lends lost then holds score unit recordings made_by views held tracked offers gestures other meaning chosen told promise _without consumers"
 
 
 def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "text", alias: str = "") -> Any:
@@ -45,7 +45,9 @@ def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "t
         type: one of `bench.options.Option`, or ``ms`` for an amount of time.
         alias: its key in the commands that spell it otherwise.
     """
-    return dataclasses.field(default=default, metadata={"option": Option("", "", type, default, help, values), "alias": alias})
+    return dataclasses.field(
+        default=default, metadata={"option": Option("", "", type, default, help, values), "alias": alias}
+    )
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,9 @@ class Options:
         for name, (one, alias) in cls.fields().items():
             if key := next((k for k in (name, alias) if k in values), ""):
                 given = [read(dataclasses.replace(one, key=key), each) for each in items(key, values[key])]
-                choices[name] = [tuple(dict.fromkeys(given))] if isinstance(one.default, tuple) else list(dict.fromkeys(given))
+                choices[name] = (
+                    [tuple(dict.fromkeys(given))] if isinstance(one.default, tuple) else list(dict.fromkeys(given))
+                )
         return [cls(**dict(zip(choices, each, strict=True))) for each in itertools.product(*choices.values())]
 
     def changed(self) -> dict[str, str]:

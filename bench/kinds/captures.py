@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -135,7 +135,9 @@ class Captures(Kind):
         from bench.outcomes.results import costs
 
         more = (c.fold_metrics(result, rate_hz) for c in self.circumstances)
-        return {k: v for numbers in more for k, v in numbers.items()} | scores.accuracies(result.table) | costs([result])
+        return (
+            {k: v for numbers in more for k, v in numbers.items()} | scores.accuracies(result.table) | costs([result])
+        )
 
     def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Scores and costs of the whole run; confusions, subjects and classes; what each circumstance changes."""
@@ -250,10 +252,20 @@ class Captures(Kind):
         from bench.outcomes.scored import plain_candidates
 
         if wish.plain and result.plain:
-            yield from plain_candidates(result, wish)
+            yield from cls._without(plain_candidates(result, wish), result, None)
         if not wish.windows:
             for c in cls.held([result]):
-                yield from c.candidates(result, wish)
+                yield from cls._without(c.candidates(result, wish), result, c)
+
+    @classmethod
+    def _without(
+        cls, ways: Iterable[Candidate], result: Result, mine: type[Circumstance] | None
+    ) -> Iterator[Candidate]:
+        """Candidates without the costs of other circumstances of the run, unless these lend them."""
+        others = [c for c in cls.held([result]) if c is not mine]
+        costs = [cost for c in others for cost in c.costs if cost.command and cost.read not in c.lends(result)]
+        for way in ways:
+            yield replace(way, stored={cost.key: "" for cost in costs} | dict(way.stored))
 
     @classmethod
     def lends(cls, result: Result) -> dict[str, float]:

@@ -64,7 +64,10 @@ def joined(results: Sequence[Result], name: str) -> pd.DataFrame:
     """A table of some results below each other, with data, subset, protocol, system and seed."""
     parts = []
     for r in results:
-        about = dict(zip(("data", "subset", "protocol"), r.context, strict=True)) | {"system": r.system, "seed": r["seed"]}
+        about = dict(zip(("data", "subset", "protocol"), r.context, strict=True)) | {
+            "system": r.system,
+            "seed": r["seed"],
+        }
         table = r.tables[name]
         parts.append(table.assign(**about)[[*about, *table.columns]])
     return pd.concat(parts, ignore_index=True)

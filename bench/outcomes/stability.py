@@ -30,7 +30,9 @@ FLIPS = 2**EXACT_SUBJECTS
 LENGTH_BINS = 5
 
 
-def sliced(labels: pd.DataFrame, words: Mapping[str, str], target: str) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
+def sliced(
+    labels: pd.DataFrame, words: Mapping[str, str], target: str
+) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
     """Where a system fails: numbers, and the tables ``conditions`` and ``slices``.
 
     Args:

@@ -29,6 +29,7 @@ from bench.work.machine import Machine
 if TYPE_CHECKING:
     from mlflow.entities import Run
 
+
 def key_of(plan: Plan, experiment: Experiment) -> str:
     """Key of a run: everything that its stored numbers depend on (docs/notes/decisions.md, identity)."""
     same = plan.identity() | {
