@@ -29,8 +29,10 @@ if TYPE_CHECKING:
     from bench.plan.cells import Cell
     from reports.part import Section
 
-CONSUMERS = "commands summary text heading ranked searches shown costs place sheets alike mark noun words axis budget "
-CONSUMERS += "shows printed write figure section brief candidates lends lost then holds score unit recordings made_by views held tracked offers gestures other meaning chosen told promise _without consumers"
+CONSUMERS = "commands summary text heading ranked searches shown costs place sheets alike mark noun words axis "
+CONSUMERS += "budget shows printed write figure section brief candidates lends lost then holds score unit "
+CONSUMERS += "recordings made_by views held tracked offers gestures other meaning chosen told promise _without "
+CONSUMERS += "consumers"
 
 
 def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "text", alias: str = "") -> Any:
@@ -208,7 +210,6 @@ def typed_as(value: object) -> str:
 class Kind(Experiment, Options, Shown):
     """A kind of run; a new one is one file and an entry in `bench.kinds`, or an entry point ``touchbench.kinds``."""
 
-    # of the choice: what `alike` tells apart, in words; unit of accuracy on its captures or recordings, in words; True for runs on recordings
     other: ClassVar[str] = ""
     meaning: ClassVar[str] = ""  # of the score, in a sentence
     unit: ClassVar[str] = ""

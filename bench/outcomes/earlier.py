@@ -1,7 +1,7 @@
 """Runs of earlier versions, read as runs of this one: their tags, numbers and tables under today's names.
 
-Until version 1 of the stored form a run under faults, a replay and a run in C was a kind of its own. Each is read here as
-a run on captures in one circumstance, without labels of the captures as they are where it stored none.
+In version 1 of the stored form, a run under faults, a replay and a run in C were kinds of their own. Each is read here
+as a run on captures in one circumstance, without the labels of the captures as they are.
 """
 
 from __future__ import annotations
