@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from bench.amounts import UNITS, quantity
 from bench.errors import InputError
 from bench.registry import classes
+from bench.registry import plugged as installed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -405,7 +406,7 @@ def plugged(group: str) -> list[Any]:
     Raises:
         InputError: an entry point cannot be loaded, or is something else.
     """
-    return [_loaded(entry, KINDS[group]) for entry in entry_points(group=f"touchbench.{group}")]
+    return [_loaded(entry, KINDS[group]) for entry in installed(group)]
 
 
 def _loaded(entry: EntryPoint, kind: type[Measure]) -> Measure:
@@ -430,7 +431,7 @@ def _name(entry: EntryPoint) -> str:
 
 def _taken(name: str, measures: Iterable[Measure]) -> InputError:
     """The refusal of a name that several measures have; those that are plugged in are at fault."""
-    entries = (entry for group in KINDS for entry in entry_points(group=f"touchbench.{group}"))
+    entries = (entry for group in KINDS for entry in installed(group))
     wrong = [_name(entry) for entry in entries if entry.load().key in {measure.key for measure in measures}]
     return InputError(f"{' and '.join(wrong)}: {name} is taken; choose another one, or remove the package")
 

@@ -13,7 +13,7 @@ import inspect
 import sys
 from collections.abc import Callable
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +52,25 @@ def place_of(package: str) -> Path:
 
 
 @cache
+def _installed() -> EntryPoints:
+    return entry_points()  # of all groups at once, as each look takes a while
+
+
+def plugged(group: str) -> EntryPoints:
+    """What installed packages add to ``touchbench.<group>``."""
+    return _installed().select(group=f"touchbench.{group}")
+
+
+def forget() -> None:
+    """Look for installed packages again."""
+    for found in (_installed, names, classes):
+        found.cache_clear()
+
+
+@cache
 def names(room: str) -> dict[str, str]:
     """Every registered part of a room and the ``module:object`` that makes it; nothing of it is imported."""
-    plugins = {e.name: e.value for e in entry_points(group=f"touchbench.{room}")}
+    plugins = {e.name: e.value for e in plugged(room)}
     return plugins | importlib.import_module(ROOMS[room]).PARTS
 
 

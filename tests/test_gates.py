@@ -1,5 +1,6 @@
 """Gates of the design: a new cost, and a new column, are one entry and the line that measures them."""
 
+import ast
 import contextlib
 import io
 import re
@@ -10,13 +11,15 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from bench import measures
+import bench
+from bench import measures, registry
 from bench.cli import main
 from bench.commands.choose import Chosen
-from bench.options import help_of
+from bench.options import help_of, overview
 from bench.outcomes.candidates import candidates
 from bench.outcomes.choice import decide
-from tests.conftest import SMALL
+from bench.outcomes.runs import every_result
+from tests.conftest import SMALL, runs
 from tests.results import evaluated, with_hits
 
 PLUGGED = """
@@ -71,13 +74,15 @@ def plug(tmp_path, monkeypatch):
     def forget():
         measures.plugged.cache_clear()
         measures.costs.cache_clear()
-        sys.modules.pop("plugged_in", None)
+        registry.forget()
+        for name in ("plugged_in", "fewer", "halves"):
+            sys.modules.pop(name, None)
 
-    def install(points, source=PLUGGED):
+    def install(points, source=PLUGGED, name="plugged_in"):
         info.mkdir(parents=True, exist_ok=True)
         (info / "METADATA").write_text("Metadata-Version: 2.1\nName: watts\nVersion: 1.0\n")
         (info / "entry_points.txt").write_text(points)
-        (site / "plugged_in.py").write_text(source)
+        (site / f"{name}.py").write_text(source)
         monkeypatch.syspath_prepend(site)
         forget()
 
@@ -117,7 +122,7 @@ def done(arguments):
 def test_of_some_costs_more_is_better(entered):
     """Equally accurate systems that last 40 and 80 hours."""
     lasting = [evaluated(name, with_hits([10, 12]), metrics={"battery": h}) for name, h in (("a", 40.0), ("b", 80.0))]
-    among = candidates({"cell": lasting}, {})
+    among = candidates(lasting, {})
     loose, tight = (decide(among.table, among.subjects, "battery", {"battery": h}, None) for h in (40.0, 80.0))
     assert loose.chosen == tight.chosen == 1 and tight.budgets[0].over == 1 and loose.budgets[0].over == 0
     assert tight.table["verdict"].to_dict() == {1: "chosen", 0: "ruled out: battery 40 h < 80 h"}
@@ -202,3 +207,137 @@ def test_a_cost_that_should_be_higher_is_refused(plug, capsys):
     assert main(["choose"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "higher" in error and "give low or high" in error
+
+
+PLUGINS = Path(__file__).parent / "plugged"
+
+
+def code_of(name):
+    """A file that an installed package would have, which may be no longer than the gate allows."""
+    return (PLUGINS / f"{name}.py").read_text()
+
+
+def page_has(*words):
+    page = Path("report/index.html").read_text()
+    assert [w for w in words if w not in page] == []
+
+
+def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch):
+    """Fewer captures of each class: printed, in a CSV file, on the page with a figure, a candidate, with a budget."""
+    source = code_of("fewer")
+    assert len(source.splitlines()) <= 45
+    plug("[touchbench.circumstances]\neach = fewer:Fewer\n", source, "fewer")
+    monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
+    assert "each=" in help_of("run") and "max_each_loss=" in help_of("choose") and "max_each_loss=" in help_of("report")
+    code, printed = done(["run", *SMALL, "model=tree,lda", "features=jung28", "each=2,1"])
+    assert code == 0 and "Accuracy in percent by training captures of each class" in printed
+    (store, stored_runs) = runs("cell")
+    for run in stored_runs:
+        labels = every_result(store)[0].tables["labels"]
+        assert {*labels["circumstance"]} == {"", "each"} and {*labels["level"]} == {0, 1, 2}
+        number = f"{100 * run.data.metrics['accuracy.each.1']:.1f}"
+        (row,) = [line for line in printed.splitlines() if run.data.tags["system"] in line and number in line][:1]
+        loss = run.data.metrics["accuracy"] - (
+            run.data.metrics["accuracy.each.1"] + run.data.metrics["accuracy.each.2"]
+        ) / 2
+        assert run.data.metrics["loss.each"] == pytest.approx(loss) and f"{100 * loss:.1f}" in row
+    assert done(["run", *SMALL, "model=tree", "features=jung28", "each=0"])[0] == 2
+    table = bench.choose(data="synth").choice.table
+    assert {"1 captures of each class", "2 captures of each class", "capture"} == {*table["unit"]}
+    printed = done(["choose", "max_each_loss=0"])[1]
+    assert "loss to few captures" in printed and done(["choose", "max_each_loss=100"])[0] == 0
+    Path("robot.toml").write_text("[budget]\neach_loss = 100\n")
+    assert done(["choose", "scene=robot.toml"])[0] == 0
+    assert done(["report", "max_each_loss=100"])[0] == 0
+    page_has("Accuracy in percent by training captures of each class", "max_each_loss=100")
+    sheet = pd.read_csv("report/each.csv")
+    assert {*sheet["system"]} == {"tree · jung28", "lda · jung28"} and {*sheet["level"]} == {1, 2}
+    assert [*Path("report/figures").glob("*each*.svg")]
+
+
+def test_a_new_kind_of_run_is_one_file_and_appears_everywhere(plug, monkeypatch):
+    """Late captures: a command with help, an API function, a row, a CSV file, a section, a candidate, a budget."""
+    source = code_of("halves")
+    assert len(source.splitlines()) <= 80
+    plug("[touchbench.kinds]\nhalves = halves:Halves\n", source, "halves")
+    monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
+    assert "share= " in help_of("halves") and "score late captures" in overview() and "max_tested=" in help_of("choose")
+    code, printed = done(["halves", *SMALL, "model=tree", "features=jung28", "share=0.25"])
+    assert code == 0 and "Accuracy in percent on late captures" in printed
+    _, (run,) = runs("halves")
+    assert run.data.params["halves.share"] == "0.25" and run.data.metrics["tested"] > 0
+    assert done(["halves", *SMALL, "model=tree", "features=jung28", "share=-1"])[0] == 2
+    table = bench.halves(**dict(key.split("=") for key in SMALL), model="tree", features="jung28", share=0.25)
+    assert len(runs("halves")[1]) == 1 and len(table) == 1  # found again
+    assert done(["run", *SMALL, "model=tree", "features=jung28"])[0] == 0
+    assert {*bench.choose(data="synth").choice.table["unit"]} == {"late captures", "capture"}
+    assert done(["choose", "max_tested=1"])[0] == 1
+    assert done(["report"])[0] == 0
+    page_has("Late captures", "Accuracy on late captures.")
+    assert len(pd.read_csv("report/halves.csv")) == 1
+
+
+@pytest.mark.parametrize("group", ["circumstances", "kinds"])
+def test_a_wrong_kind_or_circumstance_is_refused_in_one_line(plug, capsys, group):
+    plug(f"[touchbench.{group}]\ngone = no_such_module:Gone\n")
+    assert main(["run", *SMALL, "model=tree", "features=jung28"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and f"touchbench.{group}" in error and "gone" in error
+
+
+def own_names():
+    """Tags, commands and keys of kinds and circumstances, and their modules."""
+    names = set()
+    for room in ("kinds", "circumstances"):
+        for one in registry.classes(room).values():
+            names |= {*one.commands, getattr(one, "tag", ""), getattr(one, "key", ""), one.__module__}
+    return names - {"", "run"}  # the command that all others are compared with
+
+
+NAMED = {  # file: names that it may have, with the reason
+    "bench/commands/demo.py": {"stream", "stress"},  # lines as a user types them
+    "bench/leaderboard/tasks.py": {"stream", "stress", "watch"},  # frozen tasks are data: commands that answer them
+    "bench/outcomes/earlier.py": {"cell", "stress", "stream", "chip", "under", "train_subjects"},  # the reader of old runs
+    "bench/scene_file.py": {"stream"},  # a section of scene files
+    "bench/measures.py": {"stream"},  # the same
+    "bench/options.py": {"watch"},  # an option of bench fit
+    "bench/commands/fit.py": {"watch"},
+}
+
+
+def test_no_other_file_names_a_kind_or_a_circumstance():
+    root = Path(registry.__file__).parents[1]
+    names, found = own_names(), {}
+    files = [path for folder in ("bench", "reports", "models", "features", "protocols") for path in (root / folder).rglob("*.py")]
+    for path in (p for p in files if p.parent.name not in ("kinds", "circumstances")):
+        tree = ast.parse(path.read_text())
+        words = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+        imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        if here := names & (words | imported):
+            found[str(path.relative_to(root))] = here
+    assert {file: here - NAMED.get(file, set()) for file, here in found.items() if here - NAMED.get(file, set())} == {}
+
+
+def test_a_run_enters_no_other_kind_no_choice_and_of_reports_its_own_figure(tmp_path):
+    """Every Python function that a run calls, with folds in this process."""
+    assert done(["run", *SMALL, "model=tree", "features=jung28", "under=noise"])[0] == 0  # all is imported
+    root, entered = Path(registry.__file__).parents[1], set()
+
+    def trace(frame, event, _):
+        if event == "call" and frame.f_code.co_filename.startswith(str(root)) and frame.f_code.co_name[0] != "<":
+            entered.add(str(Path(frame.f_code.co_filename).relative_to(root)))
+
+    sys.setprofile(trace)
+    try:
+        assert done(["run", *SMALL, "model=bayes", "features=jung28", "under=noise"])[0] == 0
+    finally:
+        sys.setprofile(None)
+    of = {folder: {file for file in entered if file.startswith(folder)} for folder in ("bench/", "reports/")}
+    kinds = {file for file in of["bench/"] if file.startswith(("bench/kinds/", "bench/circumstances/"))}
+    assert kinds == {"bench/kinds/base.py", "bench/kinds/captures.py", "bench/circumstances/base.py"} | {
+        "bench/circumstances/faults.py"
+    }
+    assert of["reports/"] == {"reports/details.py", "reports/figures.py"}
+    choice = {"candidates", "choice", "pick", "expected", "steps", "reactions", "losses", "scored"} - {"scored"}
+    assert not {f"bench/outcomes/{name}.py" for name in choice} & of["bench/"]
+    assert not {f"bench/commands/{name}.py" for name in ("choose", "report", "leaderboard")} & of["bench/"]

@@ -41,6 +41,7 @@ class Circumstance(Options, Shown):
         tracked: names of its options as parameters of a run; a run that has the first has the circumstance.
         columns: further columns of its tables; a corpus cannot have them.
         noun: what its levels count, such as "captures of each class".
+        absent: value of that parameter of a run without the circumstance.
         sliced: True if groups of captures are tested in its cases, too.
         word: a word for one of its cases.
         views: True if ``bench run`` prints a table of it.
@@ -51,6 +52,7 @@ class Circumstance(Options, Shown):
     columns: ClassVar[frozenset[str]] = frozenset()
     noun: ClassVar[str] = ""
     sliced: ClassVar[bool] = True
+    absent: ClassVar[str] = ""
     word: ClassVar[str] = "case"
     views: ClassVar[bool] = True
 
@@ -152,7 +154,7 @@ class Circumstance(Options, Shown):
     @classmethod
     def holds(cls, result: Result) -> bool:
         """Whether a run has the circumstance."""
-        return (cls.tracked[0] if cls.tracked else cls.key) in result.about
+        return result.about.get(cls.tracked[0] if cls.tracked else cls.key, cls.absent) != cls.absent
 
     @classmethod
     def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:

@@ -29,11 +29,6 @@ class Shots(Circumstance):
     views: ClassVar[bool] = False
 
     @classmethod
-    def asked(cls, values: object) -> bool:
-        """False: the protocol has them."""
-        return False
-
-    @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
         """A figure and a table for each set of comparable runs."""
         from reports.new_person import new_person_section

@@ -29,6 +29,7 @@ class Subjects(Circumstance):
 
     key: ClassVar[str] = "train_subjects"
     tracked: ClassVar[tuple[str, ...]] = ("train_subjects",)
+    absent: ClassVar[str] = "all"
     sliced: ClassVar[bool] = False  # a slice is compared with the system itself, and every system is worse with less
 
     train_subjects: tuple[int, ...] = option((), "numbers of training subjects for a learning curve", type="counts")
@@ -83,11 +84,6 @@ class Subjects(Circumstance):
         curve = learning(tables[LABELS])
         numbers = {f"accuracy.train_subjects.{r.train_subjects:g}": r.accuracy for r in curve.itertuples()}
         return numbers, {"learning": curve}
-
-    @classmethod
-    def holds(cls, result: Result) -> bool:
-        """Whether a run has a learning curve."""
-        return result.about.get("train_subjects", "all") != "all"
 
     @classmethod
     def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
