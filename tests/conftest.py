@@ -4,7 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
-from functools import partial
+from functools import partialmethod
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on two threads than on one
@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, settings
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
 from bench.outcomes.store import connect, create
-from bench.work.fold import batch_effects
+from bench.registry import classes
 
 # The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
 BENCH = [
@@ -110,22 +110,18 @@ def shorten_measurements(patch):
         patch.setattr(f"bench.work.{name}.TIMED_CAPTURES", 3)
     patch.setattr("bench.work.fold.REFERENCES", 1)
     patch.setattr("bench.work.fold.WARM_UP", 1)
-    for name in ("stress", "stream", "watch"):
+    for name in ("fitted", "replay", "watch"):
         patch.setattr(f"bench.work.{name}.SOME", 2)
     patch.setattr("bench.work.evaluation.ALONE", 4)
-    for name in ("chip", "stream", "stress"):  # and the audit says of how many predictions
-        patch.setattr(f"bench.work.{name}.batch_effects", partial(batch_effects, most=4))
-    for name in ("run", "stream", "watch"):
-        patch.setattr(f"bench.commands.{name}.illustrate", undrawn)
+    for kind in classes("kinds").values():
+        patch.setattr(kind, "figure", partialmethod(undrawn, kind.figure))
 
 
-def undrawn(result, folder):
-    """The figures of a run as `reports.illustrations.illustrate` makes them; their files hold nothing."""
-    from reports.illustrations import illustrate
-
+def undrawn(self, figure, result, folder):
+    """The figures of a run as its kind makes them; their files hold nothing."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
-        illustrate(result, folder)
+        figure(self, result, folder)
 
 
 class InProcess:

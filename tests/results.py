@@ -5,8 +5,11 @@ from itertools import count
 import numpy as np
 import pandas as pd
 
-from bench.outcomes import scores, stability
+from bench.circumstances.faults import Faults
+from bench.circumstances.subjects import Subjects
+from bench.outcomes import scores
 from bench.outcomes.results import FoldResult, measure
+from bench.outcomes.stability import sliced
 from bench.result import Result
 
 GESTURES = ("pat", "rub", "tap")
@@ -73,7 +76,7 @@ def result(system="svm", kind="cell", metrics=(), tables=None, failed=0, **about
     return Result(parts | about, counts | dict(metrics), tables or {})
 
 
-def evaluated(system="svm", predictions=None, failed=0, cost=1.0, kind="cell", metrics=(), **about):
+def evaluated(system="svm", predictions=None, failed=0, cost=1.0, kind="cell", metrics=(), tables=None, **about):
     """A result of ``bench run`` with these predictions.
 
     Args:
@@ -83,6 +86,7 @@ def evaluated(system="svm", predictions=None, failed=0, cost=1.0, kind="cell", m
         cost: factor of its times and sizes.
         kind: another kind of run with such predictions.
         metrics: numbers besides those of the predictions and the usual costs.
+        tables: tables besides those of the predictions, such as ``labels``.
         about: tags and parameters besides the usual ones.
     """
     predictions = made_up(per_class=1) if predictions is None else predictions
@@ -98,11 +102,12 @@ def evaluated(system="svm", predictions=None, failed=0, cost=1.0, kind="cell", m
         for name in names
     ]
     labelled = scores.captures(predictions)
-    tables = {
+    usual = {
         "predictions": predictions,
         "per_subject": scores.per_subject(labelled),
         "per_class": scores.per_class(labelled, scores.classes_of(predictions)),
     }
+    tables = usual | dict(tables or {})
     every = len(names) + failed
     usual = {"protocol_label": f"LOSO ({predictions['subject'].nunique()} subjects)"}
     usual |= {"test_over_train": repr(1 / (every - 1)) if every > 1 else ""}
@@ -110,10 +115,32 @@ def evaluated(system="svm", predictions=None, failed=0, cost=1.0, kind="cell", m
     return result(system, kind, numbers, tables, failed, **usual | about)
 
 
+def case(table, circumstance="", case="none", level=0, amount="", **columns):
+    """Labels of captures in a case, as the table ``labels`` has them."""
+    return table.assign(circumstance=circumstance, case=case, level=level, amount=amount, **columns)
+
+
 def under_stress(table, system="svm", **about):
-    """A result of ``bench stress`` with this table, analysed as the command does."""
-    tables = stability.analysed(table, about.get("target", "gesture"))
-    return result(system, "stress", stability.metrics(tables), tables, **about)
+    """A result of ``bench stress`` with this table of labels, analysed as the run does.
+
+    Args:
+        table: columns of `bench.outcomes.curves`.
+        system: name of the system.
+        about: tags and parameters besides the usual ones.
+    """
+    asked = {"labels": table}
+    faulty, fewer = (table[table["circumstance"] == c.key] for c in (Faults, Subjects))
+    circumstances = [Faults(tuple(dict.fromkeys(faulty["case"])))]
+    if len(fewer):
+        circumstances.append(Subjects(tuple(sorted({*fewer["train_subjects"]}))))
+    clean = table[table["circumstance"] == ""]
+    numbers, tables, about = {"accuracy": (clean["true"] == clean["predicted"]).mean()}, asked, dict(about)
+    for one in circumstances:
+        measured, made = one.result(asked, [], 50.0)
+        numbers, tables, about = numbers | measured, tables | made, one.options() | about
+    words = {Faults.key: Faults.word}
+    measured, made = sliced(pd.concat([clean, faulty], ignore_index=True), words, about.get("target", "gesture"))
+    return result(system, metrics=numbers | measured, tables=tables | made, **about)
 
 
 HAART = {"data": "haart", "synthetic": "false", "corpus_digest": "d", "protocol_label": "LOSO (10 subjects)"}
@@ -123,7 +150,27 @@ def stressed(system, accuracy, losses, more=(), tables=None, **about):
     """A result of ``bench stress`` with losses by fault."""
     metrics = {"accuracy": accuracy, "failing_slices": 3, "tested_slices": 40, "worst.subject": accuracy / 2}
     metrics |= {f"loss.{fault}": loss for fault, loss in losses.items()} | dict(more)
-    return result(system, "stress", metrics, tables, **HAART | {"faults": ", ".join(losses)} | about)
+    return evaluated(system, metrics=metrics, tables=tables, **HAART | {"faults": ", ".join(losses)} | about)
+
+
+def in_c(system="svm", predictions=None, bits=32, metrics=(), c=None, **about):
+    """A result of ``bench chip``: labels in Python and, unless others are given, the same in C.
+
+    Args:
+        system: name of the system.
+        predictions: table of predictions in Python.
+        bits: bits per stored weight.
+        metrics: numbers besides accuracy.
+        c: table of predictions in C.
+        about: tags and parameters besides the usual ones.
+    """
+    predictions = made_up(per_class=1) if predictions is None else predictions
+    c = predictions if c is None else c
+    labelled = scores.captures(c)
+    low, high = scores.subject_interval(labelled)
+    numbers = {"c_accuracy": (labelled["true"] == labelled["predicted"]).mean()}
+    numbers |= {"c_accuracy_low": low, "c_accuracy_high": high} | dict(metrics)
+    return evaluated(system, predictions, metrics=numbers, tables={"c": c}, **{"chip.bits": bits} | about)
 
 
 WATCHED = pd.DataFrame(  # 100 s at 50 Hz, 10 s of it touched; one touch is found, one missed, one false alarm raised
@@ -153,12 +200,12 @@ def watched(system, end_correct, alarms, latency, flash=4000.0, tables=None, **a
 
 def streamed(system, start="onset", hop="None", tables=None, metrics=(), **about):
     """A result of ``bench stream``, with its tables."""
-    numbers = {"accuracy": 0.7, "adaptive_accuracy": 0.65, "adaptive_ms": 812.0, "mean_ms": 900.0}
-    numbers |= {"decide_ms_p50": 1.04, "decide_ms_p95": 2.0} | dict(metrics)
+    numbers = {"replay_accuracy": 0.7, "adaptive_accuracy": 0.65, "adaptive_ms": 812.0, "mean_ms": 900.0}
+    numbers |= {"replay_ms_p50": 1.04, "replay_ms_p95": 2.0} | dict(metrics)
     table = pd.DataFrame({"ms": [100.0, 900], "mean_ms": [100.0, 900], "accuracy": [0.4, 0.7], "low": 0.3, "high": 0.8})
-    usual = {"instants": table, "stopping": table}
-    options = {"stream.start": start, "stream.hop_ms": hop}
-    return result(system, "stream", numbers, usual | (tables or {}), **HAART | options | about)
+    usual = {"instants": table, "stopping": table} | (tables or {})
+    options = {"stream.start": start, "stream.hop_ms": hop, "stream.after": "each", "stream.stopping": True}
+    return evaluated(system, metrics=numbers, tables=usual, **HAART | options | about)
 
 
 def systems_of(results):
