@@ -7,9 +7,11 @@ from scipy.stats import ttest_rel
 
 from bench import measures
 from bench.amounts import quantity
+from bench.candidate import Wish
 from bench.errors import InputError
+from bench.kinds.captures import Captures
 from bench.measures import Cost, budgets
-from bench.outcomes.candidates import candidates, eligible
+from bench.outcomes.candidates import PLAIN, candidates, eligible
 from bench.outcomes.choice import decide, sentences
 from bench.outcomes.runs import NothingTracked, selected, without_runs
 from bench.result import Result
@@ -140,21 +142,16 @@ def test_amounts_as_they_are_typed(key, text, expected):
 # Which runs are candidates
 
 
-def run(system, predictions=None, instants=None, **about):
-    """A result of some kind of run with round costs."""
-    kind = about.pop("touchbench.kind", "cell")
+def run(system, predictions=None, tables=None, **about):
+    """A result with round costs."""
     numbers = {"ram_bytes": 500.0, "predict_ms_p50": 2.0, "decide_ms_p50": 0.5, "capture_ms": 300.0}
     numbers |= {"flash_bytes": 4000.0, "observed_ms": 100.0, "windows": np.nan}
     numbers |= {k: about.pop(k) for k in [*about] if not isinstance(about[k], str)}
-    made = evaluated(system, predictions, kind=kind, metrics=numbers, **{"protocol_label": "LOSO"} | about)
-    if instants is None:
-        return made
-    tables = {name: made.tables[name] for name in made.tables} | {"instants": pd.DataFrame({"ms": instants})}
-    return Result(made.about, made.metrics, tables)
+    return evaluated(system, predictions, metrics=numbers, tables=tables, **{"protocol_label": "LOSO"} | about)
 
 
 def systems(results, asked=None, **how):
-    return sorted(systems_of(eligible(results, asked or {}, **how)[0]))
+    return sorted(systems_of(eligible(results, asked or {}, Captures, **how)[0]))
 
 
 def percents(labelled):
@@ -168,9 +165,10 @@ def percents(labelled):
 
 def test_seeds_are_averaged_and_a_mixed_protocol_is_mixed():
     tables = [made_up(per_class=2, seed=seed) for seed in (0, 1)]
-    seeds = [run("rf", table, flash_bytes=b) for table, b in zip(tables, (4000.0, 6000.0), strict=True)]
+    sizes = {"0": 4000.0, "1": 6000.0}
+    seeds = [run("rf", t, flash_bytes=b, seed=s) for t, (s, b) in zip(tables, sizes.items(), strict=True)]
     other = run("lda", mixes_subjects="true", **{"touchbench.conditions": "cover", "cpu": "two"})
-    among = candidates({"cell": [*seeds, other]}, {})
+    among = candidates([*seeds, other], {})
     assert among.table[["system", "unit", "flash", "conditions", "cpu"]].to_numpy().tolist() == [
         ["lda (uses cover)", "capture", 4.0, "cover", "two"],
         ["rf", "capture", 5.0, "", "one"],
@@ -180,25 +178,29 @@ def test_seeds_are_averaged_and_a_mixed_protocol_is_mixed():
     assert among.subjects.loc[1].to_dict() == pytest.approx({s: (one[s] + other[s]) / 2 for s in one})
     assert among.runs[1] == seeds
     assert among.mixed and among.context == "synth (synthetic), all, LOSO"
-    assert not candidates({"cell": seeds}, {}).mixed
+    assert not candidates(seeds, {}).mixed
 
 
 def test_windows_alone_are_scored_in_percent_of_windows():
     predictions = made_up(per_class=1, windows=3)
     results = [run("lda", predictions, windows=36.0), run("svm")]
-    among = candidates({"cell": results}, {}, windows=True)
+    among = candidates(results, {}, Wish(PLAIN, windows=True))
     assert among.table[["system", "unit", "decision", "predict"]].to_numpy().tolist() == [["lda", "window", 100, 0.5]]
     assert among.subjects.loc[0].to_dict() == pytest.approx(percents(predictions))
     with pytest.raises(NothingTracked):
-        systems(results[1:], windows=True)
+        candidates(results[1:], {}, Wish(PLAIN, windows=True))
 
 
 def test_a_replayed_system_decides_as_late_as_the_budget_allows():
     early, late = made_up(per_class=1, seed=1).assign(instant=10), made_up(per_class=1, seed=2).assign(instant=20)
     replay = pd.concat([early, late], ignore_index=True)
-    onset = run("lda", replay, [100.0, 200.0], **{"touchbench.kind": "stream", "stream.start": "onset"})
-    other = run("lda", replay, [150.0, 200.0], **{"touchbench.kind": "stream", "stream.start": "middle"})
-    results = {"cell": [run("lda")], "stream": [onset, other]}
+
+    def replayed(start, *ms):
+        options = {"stream.start": start, "stream.hop_ms": "None", "stream.after": "each"}
+        tables = {"replay": replay, "instants": pd.DataFrame({"ms": ms})}
+        return run("lda", tables=tables, replay_ms_p50=0.5, **options)
+
+    results = [run("lda"), replayed("onset", 100.0, 200.0), replayed("middle", 150.0, 200.0)]
     for most, units in {
         None: ["capture"],
         np.inf: ["capture", "first 100 ms", "first 200 ms"],
@@ -206,19 +208,20 @@ def test_a_replayed_system_decides_as_late_as_the_budget_allows():
         199.9: ["capture", "first 100 ms"],
         1.0: ["capture", "first 100 ms"],  # which says how far it is from that
     }.items():
-        assert list(candidates(results, {}, most).table["unit"]) == units, most
-    assert candidates(results, {}, 200 * (1 - 1e-12)).table["unit"][1] == "first 200 ms"  # rounding
-    among = candidates(results, {}, np.inf)
+        assert list(candidates(results, {}, Wish(PLAIN, most)).table["unit"]) == units, most
+    assert candidates(results, {}, Wish(PLAIN, 200 * (1 - 1e-12))).table["unit"][1] == "first 200 ms"  # rounding
+    among = candidates(results, {}, Wish(PLAIN, np.inf))
     assert among.table["decision"].tolist() == [300, 100, 200] and among.table["predict"].tolist() == [2, 0.5, 0.5]
     for place, seen in ((1, early), (2, late)):
         assert among.subjects.loc[place].to_dict() == pytest.approx(percents(seen))
 
 
 def test_c_is_a_candidate_with_its_own_size_and_cycles():
-    chip = {"touchbench.kind": "chip", "chip_ram_bytes": 1000.0, "chip_most_instructions": 6e4}
+    chip = {"chip_ram_bytes": 1000.0, "chip_most_instructions": 6e4}
+    c = {"c": made_up(per_class=1)}
     sizes = {"32": 9000.0, "8": 5000.0}
-    in_c = [run("lda", **chip, **{"chip_flash_bytes": size, "chip.bits": b}) for b, size in sizes.items()]
-    table = candidates({"cell": [run("lda"), run("svm")], "chip": in_c}, {}, clock=0.5).table
+    in_c = [run("lda", None, c, **chip, **{"chip_flash_bytes": n, "chip.bits": b}) for b, n in sizes.items()]
+    table = candidates([run("lda"), run("svm"), *in_c], {}, clock=0.5).table
     assert table[["unit", "flash", "linked", "decision"]].to_numpy().tolist() == [
         ["capture", 9, True, 300],  # of Python what is linked, which the count leaves code out of
         ["in C, 32 bits", 9, True, 420],  # 60,000 cycles at 0.5 MHz
@@ -230,7 +233,7 @@ def test_c_is_a_candidate_with_its_own_size_and_cycles():
 
 def test_runs_on_the_newest_corpus_of_a_name_win():
     results = [run(system, corpus_digest=digest * 64) for system, digest in (("svm", "a"), ("rf", "a"), ("lda", "b"))]
-    kept, (note,) = eligible(results, {})
+    kept, (note,) = eligible(results, {}, Captures)
     assert systems_of(kept) == ["lda"] and "2 older runs" in note and "aaaaaaaa" in note
     asked = {name: [results[0][name]] for name in ("corpus_digest", "protocol_label")}  # as the page asks
     assert systems(results, asked) == ["rf", "svm"]
@@ -264,7 +267,7 @@ def test_arguments_tell_protocols_apart():
 def test_a_run_with_a_failed_fold_is_named():
     results = [run("svm"), run("lda"), run("svm", status="FAILED"), run("rf", status="FAILED")]
     results.append(run("xgb", status="FAILED", corpus_digest="e" * 64))  # elsewhere
-    kept, (note,) = eligible(results, {})
+    kept, (note,) = eligible(results, {}, Captures)
     assert sorted(systems_of(kept)) == ["lda", "svm"] and "folds failed: rf." in note
     with pytest.raises(NothingTracked, match="folds failed: rf"):
         systems(results, {"system": ["rf"]})
@@ -272,11 +275,11 @@ def test_a_run_with_a_failed_fold_is_named():
 
 def test_a_system_whose_labels_depend_on_the_batch_is_a_candidate_only_if_asked_for():
     results = [run("svm"), run("centred", **{"touchbench.depends_on_batch": "true"})]
-    kept, (note,) = eligible(results, {})
+    kept, (note,) = eligible(results, {}, Captures)
     assert systems_of(kept) == ["svm"] and "centred" in note and "batch=yes" in note
-    kept, notes = eligible(results, {}, batch=True)
+    kept, notes = eligible(results, {}, Captures, batch=True)
     assert sorted(systems_of(kept)) == ["centred", "svm"] and not notes
-    assert set(candidates({"cell": kept}, {}, batch=True).table["system"]) == {"centred †", "svm"}
+    assert set(candidates(kept, {}, batch=True).table["system"]) == {"centred †", "svm"}
 
 
 def test_a_model_of_a_file_goes_by_its_file_and_by_its_name(tmp_path):

@@ -103,7 +103,7 @@ def test_the_gain_of_more_people_extends_the_learning_curve():
         (n, s, "pat", "pat" if k < 60 - 80 / n + s else "rub") for n in (2, 4, 8) for s in range(4) for k in range(100)
     ]
     table = pd.DataFrame(rows, columns=["train_subjects", "subject", "true", "predicted"]).assign(
-        fault="none", fold="1"
+        circumstance="", fold="1"
     )
     table.loc[table.index[::7], "true"] = "pat"
     most, gains = more_people(table, Reactions())

@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 
 from bench.errors import InputError
-from bench.outcomes.runs import NothingTracked, by_subject, grouped, of_kinds, stored
+from bench.outcomes.runs import NothingTracked, by_subject, every_result, grouped, plain, stored
 from bench.outcomes.tables import file_of, write_table
 from bench.result import COUNTS, SMALL
 from tests.reports.store import keep
-from tests.results import evaluated, made_up, result, stressed, watched, with_hits
+from tests.results import evaluated, in_c, made_up, result, streamed, stressed, watched, with_hits
 
 
 def artifact(result, name):
@@ -24,10 +24,13 @@ def test_a_result_is_stored_and_read_as_it_was(store):
         evaluated("svm · jung54", made_up(3, windows=2), **{"touchbench.conditions": "cover"}),
         watched("svm", [0.5, 1.0], alarms=2.0, latency=0.5),
         stressed("svm", 0.7, {"noise": 0.1}),
+        streamed("svm"),
+        in_c("svm"),
     ]
     ids = [keep(store, one) for one in made]
+    every = {r["run_id"]: r for r in every_result(store)}
     for one, run_id in zip(made, ids, strict=True):
-        (found,) = stored(store, one.kind)
+        found = every[run_id]
         assert found.metrics == pytest.approx(one.metrics) and found["run_id"] == run_id
         same = one.about.keys() - {"run_id", "started", "features_name"}
         assert {k: found[k] for k in same} == {k: one[k] for k in same}
@@ -45,17 +48,36 @@ def test_the_newest_of_equal_runs_counts_and_complete_ones_first(store):
     keep(store, result("c", metrics=dict.fromkeys(COUNTS, 0)))  # every fold failed
     found = stored(store)
     assert [r["run_id"] for r in found] == [whole, broken] and [r.complete for r in found] == [True, False]
-    assert of_kinds(store, ["cell", "stress"]).keys() == {"cell"}
-    with pytest.raises(NothingTracked, match="bench stress model=svm"):
-        stored(store, "stress")
+    assert [r["run_id"] for r in every_result(store)] == [whole, broken]
+
+
+def test_without_runs_on_captures_the_command_is_told(store):
+    keep(store, watched("svm", [0.5, 1.0], alarms=2.0, latency=0.5))
+    with pytest.raises(NothingTracked, match="bench run model=svm"):
+        stored(store)
 
 
 def test_options_and_seeds_make_other_runs(store):
     for about in ({"seed": "0"}, {"seed": "1"}, {"protocol": "kfold"}, {"corpus_digest": "e" * 64}):
         keep(store, evaluated("a", made_up(3), **about))
     for faults in ("noise", "noise, shift"):
-        keep(store, result("a", "stress", {"accuracy": 0.5}, faults=faults))
-    assert len(stored(store)) == 4 and [r["faults"] for r in stored(store, "stress")] == ["noise", "noise, shift"]
+        keep(store, evaluated("a", made_up(3), faults=faults))
+    assert len(every_result(store)) == 6 and len(stored(store)) == 4
+
+
+def test_of_a_system_in_several_circumstances_one_result_is_plain(store):
+    """The newest of those in the fewest circumstances; a complete one comes first."""
+    faults = {"faults": "noise"}
+    both = keep(store, evaluated("a", made_up(3), train_subjects="2", **faults))
+    fewer = keep(store, evaluated("a", made_up(3), **faults))
+    newer = keep(store, evaluated("a", made_up(3), train_subjects="2"))
+    assert [r["run_id"] for r in stored(store)] == [newer]
+    keep(store, evaluated("a", made_up(3), failed=1))
+    assert [r["run_id"] for r in stored(store)] == [newer]
+    alone = keep(store, evaluated("a", made_up(3)))
+    assert [r["run_id"] for r in stored(store)] == [alone]
+    assert [r["run_id"] for r in plain(every_result(store))] == [alone]
+    assert {both, fewer, newer, alone} < {r["run_id"] for r in every_result(store)}
 
 
 def test_text_stays_text_in_tables(store, tmp_path):

@@ -7,9 +7,11 @@ import pandas as pd
 import pytest
 from scipy.stats import binomtest
 
-from bench.outcomes.stability import chance_of, curves, flipped, half_margins, metrics, ranks, seeds, slices, unharmed
-from reports.stability_tables import write
+from bench.outcomes.curves import curve, unharmed
+from bench.outcomes.stability import chance_of, fault_metrics, flipped, half_margins, ranks, seeds, slices
 from tests.results import under_stress
+
+WORDS = {"under": "fault"}
 
 
 def made_up(
@@ -31,7 +33,7 @@ def made_up(
         product(range(subjects), classes, ("fur", "none"), range(repetitions // 2))
     ):
         frames = length(rng)
-        for fault, severity in [("none", 0), *product(faults, range(1, 6))]:
+        for key, fault, severity in [("", "none", 0), *product(["under"], faults, range(1, 6))]:
             row = {
                 "fold": str(subject),
                 "capture": capture,
@@ -39,8 +41,9 @@ def made_up(
                 "true": gesture,
                 "cover": cover,
                 "length": frames,
-                "fault": fault,
-                "severity": severity,
+                "circumstance": key,
+                "case": fault,
+                "level": severity,
                 "train_subjects": subjects - 1,
                 "amount": f"{severity} %" if severity else "",
                 "p_true": 0.5,
@@ -61,9 +64,9 @@ def found_in(table):
         (lambda r: 0.05 if r["true"] == "rub" else None, "gesture rub", "rub"),
         (lambda r: 0.2 if r["cover"] == "fur" else None, "cover fur", "fur"),
         (lambda r: 0.1 if r["subject"] == "3" else None, "subject 3", "subject 3"),
-        (lambda r: 0.1 if r["fault"] == "noise" and r["severity"] > 2 else None, "noise 3 %", "noise [345]"),
+        (lambda r: 0.1 if r["case"] == "noise" and r["level"] > 2 else None, "noise 3 %", "noise [345]"),
         (lambda r: 0.05 if r["true"] == "rub" and r["cover"] == "fur" else None, "gesture rub, cover fur", "rub|fur"),
-        (lambda r: 0.0 if r["true"] == "rub" and r["fault"] == "shift" else None, "gesture rub, shift 1 %", "shift"),
+        (lambda r: 0.0 if r["true"] == "rub" and r["case"] == "shift" else None, "gesture rub, shift 1 %", "shift"),
         (lambda r: 0.0 if (r["subject"], r["true"]) == ("4", "tap") else None, "subject 4, gesture tap", "ct 4|tap"),
     ],
 )
@@ -81,7 +84,7 @@ def test_nothing_planted_raises_no_alarm(accuracy, spread):
     alarms = 0
     for seed in range(20):
         table = made_up(seed, accuracy=accuracy, spread=spread, faults=("noise",), repetitions=4)
-        found = slices(table.assign(hit=table["true"] == table["predicted"]), "gesture")
+        found = slices(table.assign(hit=table["true"] == table["predicted"]), WORDS, "gesture")
         if spread:  # subjects differ, and a weak one is rightly told
             found = found[~found["kind"].str.contains("subject")]
         alarms += found["failing"].any()
@@ -89,15 +92,15 @@ def test_nothing_planted_raises_no_alarm(accuracy, spread):
 
 
 def test_the_counts_and_p_values_of_a_slice():
-    table = made_up(failing=lambda r: 0.1 if r["fault"] == "noise" else None, subjects=8)
+    table = made_up(failing=lambda r: 0.1 if r["case"] == "noise" else None, subjects=8)
     found = found_in(table)
-    clean = table[table["fault"] == "none"]
+    clean = unharmed(table)
     hit = clean["true"] == clean["predicted"]
     one = found.loc["subject 2"]
     mine = clean["subject"] == "2"
     assert one["right"] == hit[mine].sum() and one["captures"] == mine.sum() and one["subjects"] == 1
     assert one["p"] == pytest.approx(binomtest(one["right"], one["captures"], hit.mean(), "less").pvalue)
-    noisy = table[(table["fault"] == "noise") & (table["severity"] == 2) & (table["true"] == "rub")]
+    noisy = table[(table["case"] == "noise") & (table["level"] == 2) & (table["true"] == "rub")]
     row = found.loc["gesture rub, noise 2 %"]
     right = noisy["true"] == noisy["predicted"]
     assert (row["right"], row["captures"], row["subjects"]) == (right.sum(), len(noisy), 8)
@@ -109,7 +112,7 @@ def test_the_counts_and_p_values_of_a_slice():
 
 
 def test_correction_is_benjamini_and_hochbergs_with_a_quarter_of_the_rate_each():
-    found = found_in(made_up(failing=lambda r: 0.2 if r["severity"] > 3 else None))
+    found = found_in(made_up(failing=lambda r: 0.2 if r["level"] > 3 else None))
     for pairs, faults in product((False, True), repeat=2):
         part = found[(found["kind"].str.contains(" x ") == pairs) & ((found["fault"] != "") == faults)]
         p = part.loc[part["tested"], "p"].sort_values()
@@ -135,13 +138,14 @@ def test_small_slices_of_weak_methods_that_could_never_fail_are_not_tested():
     table = table.assign(
         predicted=np.where(table["hit"], table["true"], "c"),
         fold=table["subject"],
-        fault="none",
-        severity=0,
+        circumstance="",
+        case="none",
+        level=0,
         amount="",
         train_subjects=4,
         length=rng.integers(5, 6, len(table)),
     )
-    found = slices(table, "gesture").set_index("slice")
+    found = slices(table, WORDS, "gesture").set_index("slice")
     assert found.loc["gesture a", "captures"] == 10 and found.loc["gesture a", "floor"] == pytest.approx(0.8**10)
     assert not found.loc["gesture a", "tested"] and found.loc["gesture b", "tested"]
 
@@ -156,19 +160,18 @@ def test_conditions_that_differ_between_subjects_only_are_not_tested():
 
 def test_curves_by_hand():
     rows = [
-        ("1", 1, "a", "a", "none", 0),
-        ("1", 2, "b", "a", "none", 0),
-        ("2", 3, "a", "a", "none", 0),
-        ("2", 4, "b", "b", "none", 0),
-        ("1", 1, "a", "b", "noise", 1),
-        ("1", 2, "b", "b", "noise", 1),
-        ("2", 3, "a", "b", "noise", 1),
-        ("2", 4, "b", "b", "noise", 1),
+        ("1", 1, "a", "a", "", "none", 0),
+        ("1", 2, "b", "a", "", "none", 0),
+        ("2", 3, "a", "a", "", "none", 0),
+        ("2", 4, "b", "b", "", "none", 0),
+        ("1", 1, "a", "b", "under", "noise", 1),
+        ("1", 2, "b", "b", "under", "noise", 1),
+        ("2", 3, "a", "b", "under", "noise", 1),
+        ("2", 4, "b", "b", "under", "noise", 1),
     ]
-    table = pd.DataFrame(rows, columns=["fold", "capture", "true", "predicted", "fault", "severity"])
+    table = pd.DataFrame(rows, columns=["fold", "capture", "true", "predicted", "circumstance", "case", "level"])
     table = table.assign(subject=table["fold"], amount="1 %", train_subjects=1, length=5)
-    table = table.assign(hit=table["true"] == table["predicted"])
-    (row,) = curves(table.sample(frac=1, random_state=0)).to_dict("records")
+    (row,) = curve(table.sample(frac=1, random_state=0), "under").to_dict("records")
     assert (row["accuracy"], row["loss"], row["broken"], row["mended"], row["captures"]) == (0.5, 0.25, 2, 1, 4)
 
 
@@ -197,10 +200,10 @@ def test_where_half_of_the_margin_is_lost():
 def test_ranks_and_seeds_by_hand():
     table = made_up(faults=("noise",))
     right = table.assign(predicted=table["true"])
-    wrong = table.assign(predicted=np.where(table["fault"] == "none", table["true"], "else"))
-    wrong.loc[(wrong["fault"] == "none") & (wrong["capture"] % 2 == 0), "predicted"] = "else"
+    wrong = table.assign(predicted=np.where(table["case"] == "none", table["true"], "else"))
+    wrong.loc[(wrong["case"] == "none") & (wrong["capture"] % 2 == 0), "predicted"] = "else"
     mid = table.assign(predicted=np.where(table["capture"] % 3 > 0, table["true"], "else"))
-    mid.loc[mid["fault"] == "none", "predicted"] = "else"
+    mid.loc[mid["case"] == "none", "predicted"] = "else"
     methods = [under_stress(t, n) for n, t in (("best", right), ("frail", wrong), ("firm", mid))]
     found = ranks(methods).set_index("fault")
     assert found.loc["none", ["best", "frail", "firm"]].tolist() == [1, 2, 3]
@@ -213,27 +216,27 @@ def test_ranks_and_seeds_by_hand():
     assert clean.tolist() == [1.5, 1.5, 3]  # all right and all wrong are half, as frail's every other one
 
     again = right.copy()
-    changed = again.index[(again["fault"] == "none")][:7]
+    changed = again.index[(again["case"] == "none")][:7]
     again.loc[changed, "predicted"] = "else"
     (row,) = seeds([under_stress(right), under_stress(again, seed="1")]).to_dict("records")
-    units = (table["fault"] == "none").sum()
+    units = (table["case"] == "none").sum()
     assert (row["changed"], row["captures"], row["seeds"]) == (7, units, "0, 1")
     assert row["sd"] == pytest.approx(7 / units / np.sqrt(2)) and seeds(methods).empty
 
 
 def test_length_and_training_subjects():
     table = made_up(length=lambda rng: int(rng.integers(1, 200)))
-    fewer = table[table["fault"] == "none"].assign(train_subjects=3, predicted="else")
+    fewer = table[table["case"] == "none"].assign(train_subjects=3, predicted="else", circumstance="train_subjects")
     tables = (one := under_stress(pd.concat([table, fewer], ignore_index=True))).tables
     frames = tables["conditions"][tables["conditions"]["factor"] == "frames"]
-    units = unharmed(tables["stress"])
+    units = unharmed(tables["labels"])
     assert len(frames) == 5 and frames["captures"].sum() == units["capture"].nunique()
     ends = sorted(tuple(map(int, value.split(" to "))) for value in frames["value"])
     assert all(high < low for (_, high), (low, _) in zip(ends[:-1], ends[1:], strict=True))
     assert tables["learning"]["train_subjects"].tolist() == [3, 9]
     assert tables["learning"]["accuracy"].tolist() == [0, one["accuracy"]]
     assert one["accuracy"] == pytest.approx(
-        (table.query("fault == 'none'")["true"] == table.query("fault == 'none'")["predicted"]).mean()
+        (table.query("case == 'none'")["true"] == table.query("case == 'none'")["predicted"]).mean()
     )
     assert one["chance"] == chance_of(units) == 0.25
     assert "frames" not in set(under_stress(made_up()).tables["conditions"]["factor"])
@@ -241,6 +244,8 @@ def test_length_and_training_subjects():
 
 @pytest.mark.parametrize("subjects", [1, 3])
 def test_everything_is_written_for_few_subjects_without_faults_and_marked_synthetic(subjects, tmp_path):
+    from reports.stability_tables import write
+
     table = made_up(subjects=subjects, faults=()).assign(length=50)
     paths = write([under_stress(table, "svm[C=8 | x]")], tmp_path / "out")
     assert {p.name for p in paths} == {p.name for p in (tmp_path / "out").iterdir()}
@@ -248,7 +253,7 @@ def test_everything_is_written_for_few_subjects_without_faults_and_marked_synthe
 
 
 def test_numbers_of_a_run_are_those_of_its_tables():
-    one = under_stress(made_up(accuracy=0.8, failing=lambda r: 0.1 if r["severity"] > 3 else None))
+    one = under_stress(made_up(accuracy=0.8, failing=lambda r: 0.1 if r["level"] > 3 else None))
     by_fault, tables = one.tables["faults"].set_index(["fault", "severity"]), one.tables
     assert one["accuracy.noise.4"] == by_fault.loc[("noise", 4), "accuracy"]
     margins = tables["margins"].set_index("fault")
@@ -261,4 +266,4 @@ def test_numbers_of_a_run_are_those_of_its_tables():
         tables["slices"]["tested"].sum(),
     )
     firm = {**tables, "margins": tables["margins"].assign(half_margin=np.inf)}
-    assert not any(name.startswith("half_margin.") for name in metrics(firm))
+    assert not any(name.startswith("half_margin.") for name in fault_metrics(firm))
