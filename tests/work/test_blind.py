@@ -8,23 +8,24 @@ import pytest
 from sklearn.pipeline import Pipeline
 
 from bench import contract
+from bench.circumstances.faults import Faults
+from bench.circumstances.instants import Instants
+from bench.circumstances.subjects import Subjects
 from bench.cli import main
 from bench.corpora.faults import all_faults
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import HiddenError, InputError
+from bench.kinds.captures import Captures
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
 from bench.plan.splits import Calibration
 from bench.work import loop
-from bench.work.evaluation import Evaluation
 from bench.work.fit import fit
 from bench.work.fold import batch_effects, decisions
 from bench.work.loop import execute, prepared
 from bench.work.personal import met
 from bench.work.replay import prefix
-from bench.work.stream import Stream
-from bench.work.stress import Stress
 from features.base import FeatureSet
 from features.jung28 import Jung28
 from models.classic.lda import Discriminants
@@ -132,11 +133,16 @@ def test_what_is_made_of_a_blind_corpus_is_blind(tmp_path):
 
 WINDOWS = {"model.window": 0.3}
 UNLABELLED = {"protocol": "personal", "protocol.unlabelled": "true"}
-KINDS = (Evaluation(), Stress((all_faults()["noise"],), (1,)), Stream(200.0))
+CIRCUMSTANCES = (Faults(("noise",)), Subjects((1,)), Instants(hop_ms=200.0), Instants(hop_ms=200.0, stopping=True))
+PLAIN = Captures()
 
 
 @pytest.mark.parametrize(
-    ("experiment", "how"), [*((kind, how) for kind in KINDS for how in ({}, WINDOWS)), (Evaluation(), UNLABELLED)]
+    ("experiment", "how"),
+    [
+        *((kind, how) for kind in (PLAIN, *(Captures((c,)) for c in CIRCUMSTANCES)) for how in ({}, WINDOWS)),
+        (PLAIN, UNLABELLED),
+    ],
 )
 def test_every_kind_of_run_predicts_blind(experiment, how, tmp_path, monkeypatch):
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: FEW)
@@ -145,6 +151,8 @@ def test_every_kind_of_run_predicts_blind(experiment, how, tmp_path, monkeypatch
     (good,), (bad,) = (planned(cells({"model": f"{path}:{name}"} | how), 1) for name in ("Good", "Bad"))
     result = experiment.fold(good.cell, FEW, good.folds[0], 1)
     assert len(result.table) and not result.batch_effects
+    assert all(len(table) for table in result.tables.values())
+    assert {*result.tables} >= ({"labels"} if experiment.circumstances else set())
     with pytest.raises(HiddenError, match="X.captures is hidden"):
         experiment.fold(bad.cell, FEW, bad.folds[0], 1)
 
@@ -154,7 +162,7 @@ def test_a_prediction_that_depends_on_the_batch_is_tagged(tmp_path, monkeypatch,
     monkeypatch.setattr(loop, "connect", lambda: store)
     store, path = Memory(), tmp_path / "my.py"
     path.write_text("from tests.work.test_blind import Centred as Batch, Mean as One\n")
-    execute(prepared(cells({"model": f"{path}:Batch,{path}:One"}), [Evaluation()], 1))
+    execute(prepared(cells({"model": f"{path}:Batch,{path}:One"}), [Captures()], 1))
     tags = [run.data.tags for run in store.parents("cell")]
     assert [tag["touchbench.depends_on_batch"] for tag in tags] == ["true", "false"]
     assert "capture" in tags[0]["touchbench.batch_effect"] and "touchbench.batch_effect" not in tags[1]

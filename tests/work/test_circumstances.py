@@ -1,4 +1,4 @@
-"""Stress: what is fitted on what, what is predicted under which fault, and what is measured of it."""
+"""Circumstances: what is fitted on what, what is predicted in which case, and what is measured of it."""
 
 import pickle
 from types import SimpleNamespace
@@ -7,21 +7,29 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench.circumstances.faults import Faults
+from bench.circumstances.subjects import Subjects
 from bench.corpora.faults import FAULTS, as_shares, damaged
+from bench.kinds.captures import Captures
 from bench.outcomes import scores
-from bench.outcomes.stability import COLUMNS
+from bench.outcomes.curves import COLUMNS, unharmed
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, Plan, folds_of
-from bench.work.evaluation import Evaluation
-from bench.work.stress import Stress, labelled, subset
+from bench.result import Result
+from bench.work.fitted import labelled
+from bench.work.fold import decisions
+from bench.work.subset import subset
 from bench.work.tracking import key_of
 from tests.conftest import random_corpus, with_other_values
 from tests.work.fakes import Level, cell_of
 
-FEW = tuple(FAULTS[name] for name in ("noise", "early_end"))
+FEW = ("noise", "early_end")
 CORPUS = random_corpus(per_class=2, grid=(4, 4))
 TEST, TRAIN = np.flatnonzero(CORPUS.subjects == "2"), np.flatnonzero(CORPUS.subjects != "2")
 FOLD = Fold("x", TRAIN, TEST)
+PLAN = SimpleNamespace(corpus=CORPUS)
+ABOUT = {"system": "Level", "seed": "0", "data": "random", "synthetic": "false"}
+ABOUT |= {"subset": "all", "target": "gesture", "protocol_label": "LOSO"}
 
 
 class Recorder(Level):
@@ -35,9 +43,14 @@ class Recorder(Level):
         return self
 
 
+def stress(faults=FEW, fewer=()):
+    """What ``bench stress`` runs."""
+    return Captures((Faults(faults), *([Subjects(fewer)] if fewer else [])))
+
+
 def recorded(corpus, fewer=()):
     Recorder.seen = []
-    return Stress(FEW, fewer).fold(cell_of(Recorder), corpus, FOLD, 1), Recorder.seen
+    return stress(FEW, fewer).fold(cell_of(Recorder), corpus, FOLD, 1), Recorder.seen
 
 
 @pytest.fixture(scope="module")
@@ -53,38 +66,42 @@ def test_only_clean_training_captures_are_seen_and_faults_leave_what_was_learned
     assert pickle.dumps(vars(model)) == learned
     _, others = recorded(with_other_values(CORPUS, TEST))
     assert len(others) == 1 and others[0][3] == learned  # fitted once, whatever the faults
-    table = result.table
+    table = result.tables["labels"]
     columns = {"fold", "capture", "true", *(COLUMNS - {"hit"}), "subject", "repetition"}
     assert len(table) == len(TEST) * (1 + 2 * 5 + 2) and set(table) == columns
-    noisy = table[table["fault"] == "noise"].groupby("severity")["amount"].first()
-    assert noisy.to_dict() == {s: FEW[0].describe(s) for s in range(1, 6)}
-    clean = table[table["fault"] == "none"][: len(TEST)]
+    noisy = table[table["case"] == "noise"].groupby("level")["amount"].first()
+    assert noisy.to_dict() == {s: FAULTS["noise"].describe(s) for s in range(1, 6)}
+    clean, faulty = unharmed(table), table[table["circumstance"] == "under"]
+    assert {*faulty["case"]} == {*FEW} and clean["case"].eq("none").all() and len(clean) == len(TEST)
     assert clean["amount"].eq("").all() and (clean["length"].to_numpy() == CORPUS.lengths[TEST]).all()
-    assert clean["train_subjects"].eq(3).all() and table[table["fault"] != "none"]["train_subjects"].eq(3).all()
+    assert clean["train_subjects"].eq(3).all() and faulty["train_subjects"].eq(3).all()
 
 
 def test_fewer_training_subjects_are_among_more_and_never_tested(stressed):
     result, seen = stressed
     chosen = [set(CORPUS.subjects[index]) for _, _, index, _ in seen]
     assert [len(c) for c in chosen] == [3, 1, 2] and chosen[1] < chosen[2] < chosen[0] and "2" not in chosen[0]
-    fewer = result.table[result.table["train_subjects"] < 3]
-    assert fewer["fault"].eq("none").all() and len(fewer) == 2 * len(TEST)
+    table = result.tables["labels"]
+    fewer = table[table["train_subjects"] < 3]
+    assert fewer["circumstance"].eq("train_subjects").all() and len(fewer) == 2 * len(TEST)
+    assert (fewer["level"] == fewer["train_subjects"]).all() and fewer["amount"].eq("").all()
     assert np.array_equal(subset(CORPUS, TRAIN, TEST, 2, 0), subset(CORPUS, TRAIN, TEST, 2, 0))
     drawn = {tuple(sorted(set(CORPUS.subjects[subset(CORPUS, TRAIN, TEST, 1, seed)]))) for seed in range(20)}
     assert len(drawn) == 3  # other seeds, other subjects
 
 
 def test_labels_under_a_fault_are_those_of_the_damaged_captures_and_clean_ones_those_of_bench_run(stressed):
-    table = stressed[0].table
-    expected = scores.captures(Evaluation().fold(cell_of(Level), CORPUS, FOLD, 1).table)
-    clean = table[table["fault"] == "none"][: len(TEST)]
+    result = stressed[0]
+    table, whole = result.tables["labels"], Captures().fold(cell_of(Level), CORPUS, FOLD, 1).table
+    pd.testing.assert_frame_equal(result.table, whole)
+    expected, clean = scores.captures(whole), unharmed(table)
     for column in ("fold", "capture", "true", "predicted", "subject"):
         assert clean[column].tolist() == expected[column].tolist()
     system, shares = Level().fit(CORPUS[TRAIN], CORPUS.gestures[TRAIN]), as_shares(CORPUS, TEST)
-    for fault in FEW:
+    for fault in map(FAULTS.__getitem__, FEW):
         for severity in range(6):
             worse = damaged(CORPUS, TEST, shares, fault, severity)
-            part = table[(table["fault"] == fault.name) & (table["severity"] == severity)] if severity else clean
+            part = table[(table["case"] == fault.name) & (table["level"] == severity)] if severity else clean
             proba = system.predict_proba(worse[TEST])
             assert part["predicted"].tolist() == system.classes_[proba.argmax(axis=1)].tolist()
             p_true = proba[np.arange(len(TEST)), np.searchsorted(system.classes_, CORPUS.gestures[TEST])]
@@ -100,37 +117,38 @@ def test_labels_are_right_where_a_class_is_not_tested_and_a_window_net_decides_o
 
     model = Windows().fit(corpus, corpus.gestures)
     test = np.flatnonzero((corpus.gestures != "pat") & (corpus.subjects == "3"))
-    rows = labelled(model, corpus, "3", test, {})
+    rows = labelled(decisions(model, corpus, "3", test))
     assert rows["predicted"].eq("tap").all() and rows["capture"].tolist() == test.tolist()
     assert rows["p_true"].tolist() == pytest.approx(np.where(rows["true"] == "tap", 0.55, 0.45))
 
 
 def test_metrics_are_those_of_the_table(stressed):
     result, _ = stressed
-    stress = Stress(FEW, (1, 2))
-    metrics = stress.fold_metrics(result, 100.0)
-    table = result.table.assign(hit=result.table["true"] == result.table["predicted"])
-    noisy = table[(table["fault"] == "noise") & (table["severity"] == 3)]["hit"].mean()
-    clean = table[(table["fault"] == "none") & (table["train_subjects"] == 3)]["hit"].mean()
+    kind = stress(FEW, (1, 2))
+    metrics = kind.fold_metrics(result, 100.0)
+    table = result.tables["labels"].assign(hit=lambda rows: rows["true"] == rows["predicted"])
+    noisy = table[(table["case"] == "noise") & (table["level"] == 3)]["hit"].mean()
+    clean = unharmed(table)["hit"].mean()
     assert metrics["accuracy.noise.3"] == noisy and metrics["accuracy"] == clean
-    tags = {"system": "Level", "seed": "0", "data": "random", "synthetic": "false"}
-    tags |= {"subset": "all", "target": "gesture", "protocol_label": "LOSO"}
-    run = stress.result(SimpleNamespace(), tags, [result])
+    assert metrics["accuracy.train_subjects.1"] == table[table["train_subjects"] == 1]["hit"].mean()
+    run = kind.result(PLAN, ABOUT, [result])
     measured = run.metrics
     assert measured["accuracy.noise.3"] == noisy and measured["accuracy"] == clean
     assert measured["faults_tested"] == 2 and measured["faults_trained"] == 0
     assert {"loss.noise", "loss.early_end", "chance", "failing_slices", "accuracy.train_subjects.2"} <= set(measured)
+    assert {"fault_seconds", "fault_cpu_seconds", "refit_seconds"} <= set(measured)
     worst = max((measured["loss.noise"], "noise"), (measured["loss.early_end"], "early end"))
-    assert {m.name: m.of(run) for m in stress.measures()}["worst fault"] == f"{worst[1]} {100 * worst[0]:.1f}"
-    alone = Stress((), (1,)).fold(cell_of(Level), CORPUS, FOLD, 1)  # the learning curve alone
-    assert alone.table["fault"].eq("none").all() and set(alone.table["train_subjects"]) == {1, 3}
-    assert Stress((), (1,)).arguments() == {"faults": "none", "train_subjects": "1"}
-    assert Stress(tuple(FAULTS.values())).arguments() == {} and stress.arguments()["faults"] == "noise,early_end"
+    said = {m.name: m.of(Result(run.about | {"faults": "noise, early_end"}, measured, {})) for m in Faults.shows([run])}
+    assert said["worst fault"] == f"{worst[1]} {100 * worst[0]:.1f}"
+    alone = stress((), (1,)).fold(cell_of(Level), CORPUS, FOLD, 1).tables["labels"]  # the learning curve alone
+    assert not alone["circumstance"].eq("under").any() and set(alone["train_subjects"]) == {1, 3}
+    assert stress((), (1,)).arguments() == {"under": "none", "train_subjects": "1"}
+    assert stress(tuple(FAULTS)).arguments() == {"under": "all"} and kind.arguments()["under"] == "noise,early_end"
 
 
 def test_other_faults_or_training_subjects_are_another_run(corpus):
     (cell,) = cells({"model": "bayes"})
     plan = Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, 1)
-    keys = [key_of(plan, Stress(*how)) for how in ((FEW, ()), (FEW[:1], ()), (FEW, (2,)))]
-    assert len(set(keys)) == 3 and keys[0] == key_of(plan, Stress(FEW))
-    assert key_of(plan, Evaluation()) not in keys
+    keys = [key_of(plan, stress(*how)) for how in ((FEW, ()), (FEW[:1], ()), (FEW, (2,)))]
+    assert len(set(keys)) == 3 and keys[0] == key_of(plan, stress(FEW))
+    assert key_of(plan, Captures()) not in keys
