@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from reports.part import Section
 
 CONSUMERS = "commands summary text heading ranked searches shown costs place sheets alike mark noun words axis budget "
-CONSUMERS += "shows printed write figure section brief candidates lends lost then holds score unit recordings made_by views held tracked offers gestures other meaning chosen told promise _without consumers"
+CONSUMERS += "shows printed write figure section brief candidates lends lost then holds score unit recordings made_by views held tracked offers gestures other meaning chosen told promise rows _without consumers"
 
 
 def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "text", alias: str = "") -> Any:
@@ -143,6 +143,22 @@ class Shown:
         """Numbers that hold for the system in other runs, too."""
         return {}
 
+    @classmethod
+    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+        """Labels of a run for a frozen task of the leaderboard: ``capture``, the columns of cases, ``true``, ``predicted``.
+
+        Of recordings their touches and reports, by ``kind``.
+
+        Args:
+            result: a run that `holds`.
+            cases: the cases of the task, as text; without columns where each capture has one label.
+            rate_hz: frames per second.
+
+        Raises:
+            InputError: its table is gone.
+        """
+        raise NotImplementedError
+
 
 @dataclass(frozen=True)
 class Options:
@@ -213,6 +229,11 @@ class Kind(Experiment, Options, Shown):
     meaning: ClassVar[str] = ""  # of the score, in a sentence
     unit: ClassVar[str] = ""
     recordings: ClassVar[bool] = False
+
+    @classmethod
+    def holds(cls, result: Result) -> bool:
+        """Whether a run has labels of its captures as they are, or of its recordings."""
+        return result.kind == cls.tag and result.plain
 
     @classmethod
     def tracked(cls) -> tuple[str, ...]:
