@@ -1,8 +1,9 @@
 """Measures: every number that is tracked, printed or chosen by, with all that is known of it, once.
 
 A column of a table is a `Measure`. A number by which systems are chosen is a `Cost`; `costs` has them all: those of
-kinds and circumstances stand in their files, installed packages add others (entry points ``touchbench.costs``). Budgets, ``by=``, help, scene files,
-chart axes, sentences and columns read them. Nothing heavy is imported, so that help comes at once.
+kinds and circumstances stand in their files, installed packages add others (entry points ``touchbench.costs``).
+Budgets, ``by=``, help, scene files, chart axes, sentences and columns read them. Nothing heavy is imported, so that
+help comes at once.
 """
 
 from __future__ import annotations
@@ -436,7 +437,7 @@ def _taken(name: str, measures: Iterable[Measure]) -> InputError:
 
 @cache
 def costs() -> dict[str, Cost]:
-    """All costs by name: those of every run, of circumstances, of people and of kinds, then what installed packages add.
+    """All costs by name: of every run, of circumstances, of people and of kinds, then what installed packages add.
 
     Raises:
         InputError: one of a package cannot be used, or its key or its line in a scene file is taken.

@@ -1,8 +1,7 @@
 """The command line as data: every command and every key, with its type, default and help.
 
-Parsing, ``--help``, completion and the checks of the Python API read these two tables; commands that make runs, and their
-keys, come from kinds and circumstances. Nothing heavy is imported, so
-that help and completion come at once.
+Parsing, ``--help``, completion and the checks of the Python API read these two tables; commands that make runs, and
+their keys, come from kinds and circumstances. Nothing heavy is imported, so that help and completion come at once.
 """
 
 from __future__ import annotations

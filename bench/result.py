@@ -37,7 +37,7 @@ class Tables(Mapping[str, "pd.DataFrame"]):
         missing: str = "this run is missing; run it again",
         names: Callable[[], Iterable[str]] = tuple,
     ) -> None:
-        self._kept, self._read, self._missing, self._names = dict(kept), read, missing, names
+        self._kept, self._read, self.missing, self._names = dict(kept), read, missing, names
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         """A table.
@@ -47,7 +47,7 @@ class Tables(Mapping[str, "pd.DataFrame"]):
         """
         table = self.get(name)
         if table is None:
-            raise InputError(f"{name} of {self._missing}")
+            raise InputError(f"{name} of {self.missing}")
         return table
 
     def get(self, name: str, default: Any = None) -> Any:

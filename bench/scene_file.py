@@ -10,10 +10,10 @@ from importlib.resources import files
 from pathlib import Path
 
 from bench.amounts import quantity
+from bench.candidate import Losses
 from bench.errors import InputError, nearest
 from bench.measures import Cost, costs
 from bench.options import FAULTS
-from bench.candidate import Losses
 from bench.outcomes.reactions import Reactions
 
 KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`

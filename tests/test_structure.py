@@ -18,7 +18,7 @@ PACKAGES = ("bench", "features", "models", "protocols", "reports")
 # Rooms from the bottom to the top: modules, or packages with all below them, and the rooms that they may import.
 GROUND = "bench.amounts bench.errors bench.memory bench.paired bench.pareto bench.progress bench.registry "
 GROUND += "bench.scratch bench.source bench.usual"
-VALUES = "bench.arguments bench.comparable bench.measures bench.options bench.result bench.table"
+VALUES = "bench.arguments bench.candidate bench.comparable bench.measures bench.options bench.result bench.table"
 ROOMS = {
     "ground": (GROUND, ""),
     "values": (VALUES, "ground"),
@@ -32,12 +32,14 @@ ROOMS = {
     "leaderboard": ("bench.leaderboard", "ground values corpora outcomes plan"),
     "reports": ("reports", "ground values corpora outcomes leaderboard"),
     "work": ("bench.work", "ground values corpora features contract models plan outcomes"),
-    "export": ("bench.export", "ground corpora features contract models work"),
+    "export": ("bench.export", "ground corpora features contract models plan outcomes work"),
+    "kinds": (
+        "bench.kinds bench.circumstances",
+        "ground values corpora contract plan outcomes reports work export",
+    ),
 }
 FRONT = "bench bench.api bench.cli bench.commands"  # may import every room
-EXCEPTIONS = {  # importing module, imported room: reason
-    ("bench.work.chip", "export"): "a kind of run that tests exported C",
-}
+EXCEPTIONS: dict[tuple[str, str], str] = {}  # importing module, imported room: reason
 HEAVY = {"numpy", "pandas", "scipy", "sklearn", "torch", "mlflow", "matplotlib", "rich"}
 LIGHT = ["bench.measures", "bench.table", "bench.result", "bench.options", "bench.cli"]
 

@@ -1,8 +1,8 @@
 """A circumstance: what is changed while a fitted system labels the test captures again.
 
 A new one is a file with `Circumstance.cases`, and an entry in `bench.circumstances` or an entry point
-``touchbench.circumstances``. Its labels, their table, a printed column, a CSV file, a section of the page with a figure,
-candidates and budgets come from here; it may replace each of them.
+``touchbench.circumstances``. Its labels, their table, a printed column, a CSV file, a section of the page with a
+figure, candidates and budgets come from here; it may replace each of them.
 """
 
 from __future__ import annotations

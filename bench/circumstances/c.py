@@ -46,7 +46,7 @@ class InC(Circumstance):
     word: ClassVar[str] = "form"
     columns: ClassVar[frozenset[str]] = frozenset({"python"})
 
-    form: str = option(C, "c: also export each fitted system and measure its labels and costs in C", (C,))
+    form: str = option("", "c: also export each fitted system and measure its labels and costs in C", (C,))
     bits: str = option("32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8"))
 
     @classmethod

@@ -12,8 +12,8 @@ from bench.arguments import Values, items
 from bench.circumstances.base import LABELS, Case, Circumstance, option
 from bench.errors import InputError, nearest
 from bench.kinds.base import Spelling
-from bench.measures import Cost, Measure, Row, percent, text
 from bench.measures import Cell as Shown
+from bench.measures import Cost, Measure, Row, percent, text
 from bench.options import FAULTS, Command
 from bench.usual import CLEAN, SEVERITIES
 

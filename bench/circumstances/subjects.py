@@ -96,7 +96,7 @@ class Subjects(Circumstance):
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> None:
-        """None: the curve is a figure of ``bench stress``, and the growth that it promises is told by ``bench choose``."""
+        """None: the curve is a figure of ``bench stress``, and ``bench choose`` tells what it promises."""
 
     @classmethod
     def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:

@@ -8,8 +8,8 @@ from pathlib import Path
 from bench.amounts import convert
 from bench.arguments import BACKEND, Backend, backend_of, parse, setting
 from bench.arguments import KEYS as RUN_KEYS
-from bench.commands.printing import failures, say
 from bench.commands.kind import evaluated
+from bench.commands.printing import failures, say
 from bench.comparable import several
 from bench.errors import InputError
 from bench.options import keys, options

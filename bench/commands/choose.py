@@ -15,8 +15,8 @@ import numpy as np
 from bench import pareto
 from bench.amounts import convert, quantity
 from bench.arguments import BACKEND, Values, items, parse, typed
-from bench.commands.printing import output, say, then
 from bench.candidate import Losses, Wish
+from bench.commands.printing import output, say, then
 from bench.comparable import MARK, MARKED, several
 from bench.errors import InputError, nearest
 from bench.measures import Cost, Measure, Row, budgets, costs, costs_of, text

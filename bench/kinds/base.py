@@ -29,8 +29,10 @@ if TYPE_CHECKING:
     from bench.plan.cells import Cell
     from reports.part import Section
 
-CONSUMERS = "commands summary text heading ranked searches shown costs place sheets alike mark noun words axis budget "
-CONSUMERS += "shows printed write figure section brief candidates lends lost then holds score unit recordings made_by views held tracked offers gestures other meaning chosen told promise rows _without consumers"
+CONSUMERS = "commands summary text heading ranked searches shown costs place sheets alike mark noun words axis "
+CONSUMERS += "budget shows printed write figure section brief candidates lends lost then holds score unit "
+CONSUMERS += "recordings made_by views held tracked offers gestures other meaning chosen told promise rows "
+CONSUMERS += "_without consumers"
 
 
 def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "text", alias: str = "") -> Any:
@@ -145,9 +147,10 @@ class Shown:
 
     @classmethod
     def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-        """Labels of a run for a frozen task of the leaderboard: ``capture``, the columns of cases, ``true``, ``predicted``.
+        """Labels of a run for a frozen task of the leaderboard.
 
-        Of recordings their touches and reports, by ``kind``.
+        Columns: ``capture``, those of the cases, ``true``, ``predicted``. Of recordings their touches and reports, by
+        ``kind``.
 
         Args:
             result: a run that `holds`.
@@ -224,7 +227,6 @@ def typed_as(value: object) -> str:
 class Kind(Experiment, Options, Shown):
     """A kind of run; a new one is one file and an entry in `bench.kinds`, or an entry point ``touchbench.kinds``."""
 
-    # of the choice: what `alike` tells apart, in words; unit of accuracy on its captures or recordings, in words; True for runs on recordings
     other: ClassVar[str] = ""
     meaning: ClassVar[str] = ""  # of the score, in a sentence
     unit: ClassVar[str] = ""

@@ -169,13 +169,16 @@ class Captures(Kind):
             Command(
                 "start here",
                 "evaluate systems under a protocol and store the runs",
-                "Evaluates every combination of the given values; commas separate values. A dotted key sets a parameter of "
-                "that part. Each combination is one MLflow run with a child run per fold. An interrupted command continues "
-                "where it stopped.",
+                "Evaluates every combination of the given values; commas separate values. A dotted key sets a "
+                "parameter of that part. Each combination is one MLflow run with a child run per fold. under=, after=, "
+                "form= and train_subjects= let each fitted system label the test captures again: under faults, after "
+                "some of the touch, in C, or fitted on fewer subjects. An interrupted command continues where it "
+                "stopped.",
                 "bench run protocol=loso model=cnn85\n"
                 f"bench run data=haart {SMALL}\n"
                 "bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54\n"
                 "bench run data=cost model=svm model.C=8,32,128 model.gamma=0.125\n"
+                "bench run data=haart model=lda features=touch under=noise,dead_taxels after=250ms,1s form=c\n"
                 "bench run data=synth data.subjects=12 data.repetitions=2",
             )
         )

@@ -22,9 +22,7 @@ FILE = re.compile(r"(?<==)(?:.*[/\\])?([^/\\]+\.py)(:\w+)$")  # of a word of a c
 SHARED = {"subset": "all", "target": "gesture", "status": "FINISHED"}  # by the runs of all tasks
 
 
-def find(
-    results: Sequence[Result], task: Task, wanted: dict[str, str], how: str
-) -> tuple[Result, pd.DataFrame]:
+def find(results: Sequence[Result], task: Task, wanted: dict[str, str], how: str) -> tuple[Result, pd.DataFrame]:
     """The newest complete run of a system that answers a task, and its rows as of `table`.
 
     Args:

@@ -1,12 +1,12 @@
 """Runs of earlier versions, read as runs of this one: their tags, numbers and tables under today's names.
 
-Until version 1 of the stored form a run under faults, a replay and a run in C was a kind of its own. Each is read here as
-a run on captures in one circumstance, without labels of the captures as they are where it stored none.
+In version 1 of the stored form, a run under faults, a replay and a run in C were kinds of their own. Each is read here
+as a run on captures in one circumstance, without the labels of the captures as they are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
@@ -46,29 +46,37 @@ def adopted(result: Result) -> Result:
     if kind == "stream":
         about |= {"stream.after": "each", "stream.stopping": "True"}
     numbers = {RENAMED[kind].get(name, name): value for name, value in result.metrics.items()}
-    return Result(about, numbers, _Adopted(result.tables, kind), result.errors)
+    return Result(about, numbers, _Adopted(result, kind), result.errors)
 
 
 class _Adopted(Tables):
     """Tables of an earlier run under today's names."""
 
-    def __init__(self, tables: Mapping[str, pd.DataFrame], kind: str) -> None:
-        before = tables if isinstance(tables, Tables) else Tables(tables)
+    def __init__(self, result: Result, kind: str) -> None:
+        before = result.tables
 
         def read(name: str) -> pd.DataFrame | None:
             if name in GONE[kind] and name not in STORED[kind]:
                 return None
             table = before.get(STORED[kind].get(name, name))
+            table = before.get(name) if table is None and name not in GONE[kind] else table
             if table is None and name in DERIVED.get(kind, ()):
-                table = before.get(f"{'stability/stability_'}{STORED[kind].get(name, name)}")
-                table = None if table is None else table.drop(columns=[c for c in ABOUT if c in table])
+                table = _own(before.get(f"stability/stability_{STORED[kind].get(name, name)}"), result)
             return None if table is None else MENDED.get(name, lambda table: table)(table)
 
         def names() -> list[str]:
             every = [*STORED[kind], *(name for name in before if name not in GONE[kind])]
             return [*dict.fromkeys([*every, *DERIVED.get(kind, ())])]
 
-        super().__init__({}, read, before._missing, names)
+        super().__init__({}, read, before.missing, names)
+
+
+def _own(table: pd.DataFrame | None, result: Result) -> pd.DataFrame | None:
+    """The rows of a run in a table that it shared with other systems of its command."""
+    if table is None:
+        return None
+    mine = (table["system"] == result["system"]) & (table["seed"].astype(str).replace("nan", "none") == result["seed"])
+    return table[mine].drop(columns=[*ABOUT]).reset_index(drop=True)
 
 
 def _labels(table: pd.DataFrame) -> pd.DataFrame:

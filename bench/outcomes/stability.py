@@ -1,8 +1,8 @@
 """Where recognisers fail: groups of captures, faults, fewer training subjects. Every function is pure.
 
-The table of a run is described in `bench.outcomes.curves`; here it also has ``hit``, whether the label is right. A *unit*
-is one tested capture of one fold. A *slice* is a part of the units (of one subject, class, condition or length), all
-units in one case of a circumstance, such as a fault at one severity, or what two of these have in common.
+The table of a run is described in `bench.outcomes.curves`; here it also has ``hit``, whether the label is right. A
+*unit* is one tested capture of one fold. A *slice* is a part of the units (of one subject, class, condition or length),
+all units in one case of a circumstance, such as a fault at one severity, or what two of these have in common.
 """
 
 from __future__ import annotations
@@ -175,10 +175,10 @@ def slices(table: pd.DataFrame, words: Mapping[str, str], target: str) -> pd.Dat
     habit. Within one subject only the binomial test against the method's accuracy is left; it speaks of that subject.
 
     ``p_corrected`` is by Benjamini and Hochberg over all slices that are ``tested``, in four families (`families`) with
-    a quarter of the error rate each, and two more for each circumstance but the first: the many pairs do not hide a fault as such, and faults, most of which fail, do not
-    let others pass. Tested are slices of at least 10 units with counts with which p could be 0.05 or less at all
-    (``floor``: the smallest p that the slice can have); this choice does not look at labels. ``failing`` is p_corrected
-    of at most 0.05.
+    a quarter of the error rate each, and two more for each circumstance but the first: the many pairs do not hide a
+    fault as such, and faults, most of which fail, do not let others pass. Tested are slices of at least 10 units with
+    counts with which p could be 0.05 or less at all (``floor``: the smallest p that the slice can have); this choice
+    does not look at labels. ``failing`` is p_corrected of at most 0.05.
     """
     keys = ["fold", "capture"]
     units = unharmed(table)

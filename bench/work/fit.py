@@ -20,8 +20,8 @@ from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
 from bench.progress import telling, warn
 from bench.scratch import made_whole, new_folder
-from bench.work.bar import Bar
 from bench.usual import FALSE_ALARMS
+from bench.work.bar import Bar
 from bench.work.experiment import Experiment
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.machine import this_machine
