@@ -97,9 +97,7 @@ def over_corpora(submissions: Sequence[Submission]) -> OverCorpora | None:
     Returns:
         None unless two systems answer two of these tasks.
     """
-    fit = {
-        task.data: task for task in TASKS.values() if task.protocol == "loso" and task.kind == "cell" and not task.keys
-    }
+    fit = {task.data: task for task in TASKS.values() if task.protocol == "loso" and task.plain}
     newest: dict[tuple[str, str], Submission] = {}
     left_out: dict[str, str] = {}
     notes: dict[str, list[str]] = {}

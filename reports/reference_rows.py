@@ -67,4 +67,4 @@ def _answers(run: Result, task: Task) -> bool:
     """Whether a run has the captures and protocol of a task, one label for each capture."""
     same = {"data": task.data, "corpus_digest": task.digest, "subset": "all", "target": "gesture"}
     same |= {"protocol": task.protocol, "synthetic": "false"}
-    return task.kind == "cell" and not task.keys and all(str(run.get(k, "")) == v for k, v in same.items())
+    return task.plain and all(str(run.get(k, "")) == v for k, v in same.items())

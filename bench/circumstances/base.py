@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from reports.part import Section
 
 LABELS = "labels"  # table with the labels of all circumstances that need no more
+CASE = ("case", "level")  # its columns that name a case
 
 
 @dataclass(frozen=True)
@@ -199,6 +200,13 @@ class Circumstance(Options, Shown):
         """The numbers that its costs read."""
         names = [cost.read or cost.key for cost in cls.costs if not cost.personal]
         return {name: result.metrics[name] for name in names if isinstance(name, str) and name in result.metrics}
+
+    @classmethod
+    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+        """The label of each capture in each ``case`` at each ``level``, with the ``amount``."""
+        table = result.tables[LABELS]
+        table = table[table["circumstance"] == cls.key]
+        return table.assign(level=table["level"].map("{:g}".format))[["capture", *CASE, "amount", "true", "predicted"]]
 
     @classmethod
     def lost(cls, results: Sequence[Result], asked: Losses, reactions: object) -> pd.DataFrame | None:

@@ -16,7 +16,7 @@ from bench.leaderboard import answers, marks, rerun, submissions
 from bench.leaderboard.submissions import Submission
 from bench.leaderboard.tasks import Task, task_of
 from bench.options import keys
-from bench.outcomes.runs import of_kinds, stored
+from bench.outcomes.runs import every_result
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.progress import warn
@@ -42,11 +42,10 @@ def submit(arguments: list[str]) -> int:
             raise InputError(f"bench submit needs {key}=, {what}; see bench submit --help")
     task, out, batch = task_of(values["task"]), new_folder(Path(values["out"])), setting("submit", "batch", values)
     wanted, how = _wanted(task, {k: v for k, v in values.items() if k not in (*NEEDED, "batch")})
-    run = answers.find(of_kinds(connect(), [task.kind]).get(task.kind, []), task, wanted, how)
+    run, table = answers.find(every_result(connect()), task, wanted, how)
     if "batch" in answers.rests_on(run) and not batch:
         raise InputError(f"run {run['run_id']}: its labels depend on other test captures; to submit it, add batch=yes")
     metadata = answers.metadata(task, run, values["who"], command_of(run))
-    table = answers.table(task, run)
     with made_whole(out) as beside:
         accuracy = submissions.write(beside, metadata, table).scores["accuracy"]
     print(f"{out}: {metadata['system']}, {task.name}: {100 * accuracy:.1f} % of {task.score}")
@@ -157,7 +156,7 @@ def _rerun(name: str, folders: list[Path]) -> int:
             code = main(words)
         if code:
             return code
-        again = rerun.answer(stored(connect(), one.task.kind), one, Path("again"))
+        again = rerun.answer(every_result(connect()), one, Path("again"))
     total = max(len(one.answers), len(again.answers))  # not equal where events were reported
     equal = len(one.answers.merge(again.answers))
     percent = int(10_000 * equal / total) / 100  # not rounded up to 100

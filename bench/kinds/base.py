@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 CONSUMERS = "commands summary text heading ranked searches shown costs place sheets alike mark noun words axis "
 CONSUMERS += "budget shows printed write figure section brief candidates lends lost then holds score unit "
-CONSUMERS += "recordings made_by views held tracked offers gestures other meaning chosen told promise _without "
-CONSUMERS += "consumers"
+CONSUMERS += "recordings made_by views held tracked offers gestures other meaning chosen told promise rows "
+CONSUMERS += "_without consumers"
 
 
 def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "text", alias: str = "") -> Any:
@@ -145,6 +145,23 @@ class Shown:
         """Numbers that hold for the system in other runs, too."""
         return {}
 
+    @classmethod
+    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+        """Labels of a run for a frozen task of the leaderboard.
+
+        Columns: ``capture``, those of the cases, ``true``, ``predicted``. Of recordings their touches and reports, by
+        ``kind``.
+
+        Args:
+            result: a run that `holds`.
+            cases: the cases of the task, as text; without columns where each capture has one label.
+            rate_hz: frames per second.
+
+        Raises:
+            InputError: its table is gone.
+        """
+        raise NotImplementedError
+
 
 @dataclass(frozen=True)
 class Options:
@@ -214,6 +231,11 @@ class Kind(Experiment, Options, Shown):
     meaning: ClassVar[str] = ""  # of the score, in a sentence
     unit: ClassVar[str] = ""
     recordings: ClassVar[bool] = False
+
+    @classmethod
+    def holds(cls, result: Result) -> bool:
+        """Whether a run has labels of its captures as they are, or of its recordings."""
+        return result.kind == cls.tag and result.plain
 
     @classmethod
     def tracked(cls) -> tuple[str, ...]:

@@ -19,6 +19,8 @@ from bench.result import Result
 from bench.table import Table
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from bench.candidate import Candidate, Wish
     from bench.corpora.corpus import Corpus
     from bench.outcomes.results import FoldResult
@@ -241,6 +243,22 @@ class Captures(Kind):
         tables = (result.tables.get(name) for name in ("predictions", *result.tables))
         every = (classes_of(table) for table in tables if table is not None)
         return tuple(next(filter(None, every), ()))
+
+    @classmethod
+    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+        """The label of each capture with its mean probabilities, or in each ``draw`` of a protocol."""
+        import pandas as pd
+
+        from bench.outcomes.scores import PREFIX, captures, classes_of
+
+        table = result.tables["predictions"]
+        labelled = captures(table)
+        rows = labelled[["capture", "true", "predicted"]]
+        if "draw" in cases:
+            return rows.assign(draw=labelled["fold"].str.extract(r" draw (\d+)$")[0])
+        proba = [PREFIX + c for c in classes_of(table)]
+        mean = table.groupby(["fold", "capture"], sort=False)[proba].mean().reset_index(drop=True)
+        return pd.concat([rows, mean], axis=1)
 
     @classmethod
     def offers(cls, result: Result, wish: Wish) -> bool:

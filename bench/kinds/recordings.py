@@ -14,6 +14,8 @@ from bench.result import Result
 from bench.usual import FALSE_ALARMS
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from bench.candidate import Candidate, Wish
     from bench.corpora.corpus import Corpus
     from bench.outcomes.results import FoldResult
@@ -177,6 +179,12 @@ class Continuous(Kind):
         from bench.outcomes.scored import watched_gestures
 
         return watched_gestures(result)
+
+    @classmethod
+    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+        """Recordings, touches and reported events."""
+        table = result.tables["predictions"]
+        return table[table["kind"].isin(["recording", "touch", "report"])]
 
     @classmethod
     def offers(cls, result: Result, wish: Wish) -> bool:

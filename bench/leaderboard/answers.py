@@ -14,51 +14,50 @@ from bench.comparable import CONDITIONS, seed_number
 from bench.errors import InputError
 from bench.leaderboard import tasks
 from bench.leaderboard.submissions import EVENT, NUMBERS, TEXTS
-from bench.leaderboard.tasks import FALSE_ALARMS, RATE_HZ, Task
-from bench.outcomes import scores
+from bench.leaderboard.tasks import RATE_HZ, Task
 from bench.outcomes.events import REPORT
-from bench.outcomes.stopping import standing
 from bench.result import Result
-from bench.usual import NO_TOUCH
 
 FILE = re.compile(r"(?<==)(?:.*[/\\])?([^/\\]+\.py)(:\w+)$")  # of a word of a command that names a part of a file
-OPTIONS = {  # of a kind of run, with the values that answer its task
-    "stream": {"stream.start": "onset"},
-    "watch": {"watch.false_alarms": f"{FALSE_ALARMS}", "watch.background": NO_TOUCH, "watch.unknown": ""},
-}
 SHARED = {"subset": "all", "target": "gesture", "status": "FINISHED"}  # by the runs of all tasks
 
 
-def find(results: Sequence[Result], task: Task, wanted: dict[str, str], how: str) -> Result:
-    """The newest complete run of a system that answers a task.
+def find(results: Sequence[Result], task: Task, wanted: dict[str, str], how: str) -> tuple[Result, pd.DataFrame]:
+    """The newest complete run of a system that answers a task, and its rows as of `table`.
 
     Args:
-        results: results of the task's kind of run.
+        results: results of all kinds, oldest first.
         task: task to answer.
         wanted: values that tags of the run must have (``system`` and ``seed``), or its ``run_id``.
         how: the command that makes such a run.
 
     Raises:
-        InputError: there is none; where there are others of the system, the message says what differs.
+        InputError: there is none; where there are others of the system, the message says what differs or is missing.
     """
+    results = [run for run in results if task.held_by(run)]
     system = ", ".join(v if k == "system" else f"{k} {v}" for k, v in wanted.items())
     runs = [run for run in results if all(str(run.get(k, "")) == v for k, v in wanted.items())]
     if not runs:
         raise InputError(f"no run of bench {task.command} with {system} is stored; make one: {how}")
-    if answers := [run for run in runs if not differs(task, run)]:
-        return answers[-1]
+    flaws = []
+    for run in [run for run in reversed(runs) if not differs(task, run)]:
+        try:
+            return run, table(task, run)
+        except InputError as e:  # an older one may have what this one lacks
+            flaws.append(e)
+    if flaws:
+        raise flaws[0]
     raise InputError(f"{system} has a stored run with {differs(task, runs[-1])}, but {task.name} needs: {how}")
 
 
 def differs(task: Task, run: Result) -> str:
     """Tags of a run that differ from the task, with their values; empty if none does."""
-    fixed = {"corpus_digest": tasks.digest_of(task), "protocol": task.protocol, **SHARED, **OPTIONS.get(task.kind, {})}
-    usual = {"watch.background": NO_TOUCH}
-    for name, value in fixed.items():
-        here = str(run.get(name) or usual.get(name, ""))
-        if here != value:
+    fixed = {"corpus_digest": tasks.digest_of(task), "protocol": task.protocol, **SHARED}
+    for name, *values in (*fixed.items(), *task.needs):
+        here = str(run.get(name) or "")
+        if here not in values:
             short = here[:16] if name == "corpus_digest" else here
-            return f"{name.replace('corpus_', 'data ').removeprefix(f'{task.kind}.')} {short or 'unknown'}"
+            return f"{name.replace('corpus_', 'data ').rpartition('.')[2]} {short or 'unknown'}"
     return ""
 
 
@@ -71,10 +70,9 @@ def table(task: Task, run: Result) -> pd.DataFrame:
         InputError: the run lacks rows of the task, its captures have other labels, its recordings are composed
             otherwise, or its table is gone.
     """
-    stored = run.tables["stress" if task.kind == "stress" else "predictions"]
+    rows = task.maker.view.rows(run, tasks.cases_of(task), RATE_HZ)
     if task.watched:
-        return _reported(task, stored, run)
-    rows = {"cell": _labelled, "stream": _standing, "stress": _damaged}[task.kind](task, stored)
+        return _reported(task, rows, run)
     rows = rows.assign(capture=rows["capture"].astype(str)).rename(columns={"true": "tracked"})
     joined = tasks.rows_of(task).merge(rows, on=["capture", *task.keys], how="left", validate="one_to_one")
     if (missing := joined["predicted"].isna()).any():
@@ -82,52 +80,30 @@ def table(task: Task, run: Result) -> pd.DataFrame:
         raise InputError(f"run {run['run_id']} has no label of {row}, which {task.name} needs")
     if (joined["tracked"] != joined["true"]).any():
         raise InputError(f"run {run['run_id']} has other captures than {task.name}; submit a run of the task")
-    return joined.drop(columns="tracked")
+    _check_amounts(task, joined)
+    return joined.drop(columns=["tracked", "amount"], errors="ignore")
 
 
-def _labelled(task: Task, stored: pd.DataFrame) -> pd.DataFrame:
-    """Of an evaluation: the label of each capture (in each draw), by mean probability."""
-    labelled = scores.captures(stored)
-    columns = ["capture", "true", "predicted"]
-    if "draw" in task.keys:
-        draws = labelled["fold"].str.extract(r" draw (\d+)$")[0]
-        return labelled[columns].assign(draw=draws)
-    proba = [scores.PREFIX + c for c in scores.classes_of(stored)]
-    mean = stored.groupby(["fold", "capture"], sort=False)[proba].mean().reset_index(drop=True)
-    return pd.concat([labelled[columns], mean], axis=1)
-
-
-def _standing(task: Task, stored: pd.DataFrame) -> pd.DataFrame:
-    """Of a replay: the label that stands at each instant."""
-    parts = []
-    for (ms,) in task.circumstances():
-        frames = int(float(ms) * RATE_HZ / 1000 + 1e-6)
-        parts.append(standing(stored, frames)[["capture", "true", "predicted"]].assign(ms=ms))
-    return pd.concat(parts, ignore_index=True)
-
-
-def _damaged(task: Task, stored: pd.DataFrame) -> pd.DataFrame:
-    """Of a system under stress: its labels when it is fitted to all training subjects.
+def _check_amounts(task: Task, rows: pd.DataFrame) -> None:
+    """Refuse rows of a case that means something else than when the task was frozen.
 
     Raises:
-        InputError: an amount is not that of the task.
+        InputError: there is one.
     """
-    most = stored.groupby("fold")["train_subjects"].transform("max")
-    rows = stored[stored["train_subjects"] == most].astype({"severity": str})
-    amounts = tasks.faults()
-    for fault, severity, amount in rows[["fault", "severity", "amount"]].drop_duplicates().to_numpy():
-        if amounts.get((fault, severity)) != amount:
-            raise InputError(f"{fault} at severity {severity} is {amount} in the run, not so in {task.name}")
-    return rows[["capture", "fault", "severity", "true", "predicted"]]
+    amounts = tasks.amounts_of(task)
+    for *case, amount in rows[[*task.keys, "amount"]].drop_duplicates().to_numpy() if amounts else ():
+        if amounts[tuple(case)] != amount:
+            words = " at ".join([case[0], *(f"{k} {v}" for k, v in zip(task.keys[1:], case[1:], strict=True))])
+            raise InputError(f"{words} is {amount} in the run, not so in {task.name}")
 
 
 def _reported(task: Task, stored: pd.DataFrame, run: Result) -> pd.DataFrame:
-    """Of continuous touch: the reported events.
+    """The reported events of recordings.
 
     Raises:
         InputError: the recordings or their touches differ from the task's.
     """
-    rows = stored[stored["kind"].isin(["recording", "touch"])]
+    rows = stored[stored["kind"] != "report"]
     rows = rows.assign(start=rows["start"].fillna(0), gesture=rows["gesture"].fillna(""))
     recordings = tasks.recordings_of(task)
     if sorted(rows[[*recordings]].itertuples(index=False)) != sorted(recordings.itertuples(index=False)):

@@ -13,18 +13,14 @@ from bench.corpora.read.limits import quoted
 from bench.errors import InputError
 from bench.leaderboard import answers, submissions
 from bench.leaderboard.submissions import Submission
+from bench.leaderboard.tasks import RUN, Task
+from bench.options import makers
 from bench.plan.cells import cells
 from bench.result import Result
 
 ALWAYS = {"data", "seed", *PARTS}
-KEYS = {  # that a stored command can have; none of them says where to compute or to write
-    "run": ALWAYS,
-    "tune": ALWAYS | {"trials", "inner", "budget"},
-    "choose": ALWAYS | {"over", "inner"},
-    "stream": ALWAYS | {"hop_ms", "start"},
-    "stress": ALWAYS | {"faults", "train_subjects"},
-    "watch": ALWAYS | {"false_alarms", "background"},
-}
+SEARCHES = {"tune": {"trials", "inner", "budget"}, "choose": {"over", "inner"}}  # with their keys
+FIXED = ("data", "protocol")  # parts that a search does not change
 
 
 def read(name: str, folders: Sequence[Path]) -> Submission:
@@ -53,16 +49,35 @@ def command_of(one: Submission) -> list[str]:
         bench, kind, *arguments = shlex.split(typed)
     except ValueError:
         bench, kind, arguments = "", "", []
-    if bench != "bench" or kind not in ((task.command, "tune", "choose") if task.command == "run" else (task.command,)):
+    own = _keys(kind)
+    if bench != "bench" or not _made_by(task, kind, [word.partition("=")[0] for word in arguments]):
         raise InputError(f"its command {quoted(typed)} is not a bench {task.command}; only bench can repeat it")
-    values = parse(arguments, KEYS[kind]) | {"data": task.data}
+    values = parse(arguments, ALWAYS | own) | {"data": task.data}
     values = {key: _with_path(one, value) if ".py:" in value else value for key, value in values.items()}
-    systems = cells({k: v for k, v in values.items() if kind == "run" or k.split(".")[0] in ("data", "protocol")})
+    searched = kind in SEARCHES  # whose values of parameters between commas are no systems
+    systems = cells({k: v for k, v in values.items() if k not in own and (not searched or k.split(".")[0] in FIXED)})
     if len(systems) > 1:
         raise InputError(f"its command names {len(systems)} systems; one is needed")
     if str(systems[0].protocol) != task.protocol:
         raise InputError(f"its protocol {systems[0].protocol} is not that of {task.name}, {task.protocol}")
     return [kind, *(f"{key}={value}" for key, value in values.items())]
+
+
+def _keys(command: str) -> set[str]:
+    """Keys of a stored command besides `ALWAYS`; none of them says where to compute or to write."""
+    if command not in makers():
+        return SEARCHES.get(command, set())
+    maker = makers()[command]
+    return {option.key for option in maker.options()} - {"out", *(option.key for option in maker.spelling.live_keys)}
+
+
+def _made_by(task: Task, command: str, keys: Sequence[str]) -> bool:
+    """Whether a command with some keys makes runs for a task: its own, or that of its kind with its circumstance."""
+    if command == task.command:
+        return True
+    if task.command == RUN:
+        return command in SEARCHES
+    return command == RUN and task.maker.view is not task.maker.kind and task.maker.view.asked(dict.fromkeys(keys))
 
 
 def _with_path(one: Submission, part: str) -> str:
@@ -86,13 +101,14 @@ def answer(results: Sequence[Result], one: Submission, folder: Path) -> Submissi
     """Submission from the only result of a repeated command, for the task of another submission.
 
     Args:
-        results: results that the command made.
+        results: results that the command made, of all kinds.
         one: the submission.
         folder: new folder for the answer.
 
     Raises:
         InputError: the run does not answer the task, or rests on more than the submission says.
     """
+    results = [run for run in results if one.task.held_by(run)]
     if len(results) != 1:
         raise InputError(f"{one.name}: its command made {len(results)} runs; one is needed")
     run = results[0]

@@ -17,6 +17,9 @@ from bench.corpora.library import open_corpus
 from bench.corpora.read import cost
 from bench.corpora.read.limits import quoted
 from bench.errors import InputError, nearest
+from bench.options import Maker, makers
+from bench.result import Result
+from bench.usual import NO_TOUCH
 
 HAART = "d086fb847e3caddb00adea342d9b33818a69d2866419d9caf8ce84b50bd34a8f"
 CUDDLEBOT = "3b64981c717155af5277d8945cc9cc94d7f573998c1d5f65c55e5f05c7b9620e"
@@ -26,6 +29,8 @@ DRAWS = 5
 # Frozen with the tasks, so not that of bench.usual: another default of bench watch must not change a task.
 FALSE_ALARMS = 5.0  # per hour of background, at most, where touches are found in recordings
 CLEAN = "none"
+FAULT = ("fault", "severity")  # keys of a task under faults
+RUN = "run"  # the command whose runs label captures as they are
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,8 @@ class Task:
         protocol_text: the protocol in words.
         unit: meaning of one row of predictions.
         score: the rows that accuracy is of, in words.
-        command: bench command whose run answers the task.
+        command: bench command whose run answers the task; a run of another answers it if it has the same circumstance.
+        needs: parameters that its runs must have: the name of each, and the values that it may have.
         keys: columns that, with ``capture``, name a row.
         split: the part of the corpus that is tested, empty for all of it.
         data: name of the corpus.
@@ -50,21 +56,31 @@ class Task:
     protocol_text: str
     unit: str
     score: str
-    command: str = "run"
+    command: str = RUN
+    needs: tuple[tuple[str, ...], ...] = ()
     keys: tuple[str, ...] = ()
     split: str = ""
     data: str = "haart"
     digest: str = HAART
 
     @property
-    def kind(self) -> str:
-        """Kind of the runs that answer the task, as tracked."""
-        return "cell" if self.command == "run" else self.command
+    def maker(self) -> Maker:
+        """The kind of its runs, and the class that gives its rows: the kind, or a circumstance."""
+        return makers()[self.command]
 
     @property
     def watched(self) -> bool:
         """True for a task whose predictions are events reported in recordings."""
-        return self.kind == "watch"
+        return self.maker.kind.recordings
+
+    @property
+    def plain(self) -> bool:
+        """True for a task that has one label for each capture as it is."""
+        return self.command == RUN and not self.keys
+
+    def held_by(self, run: Result) -> bool:
+        """Whether a run is of the kind of the task, in its circumstance."""
+        return run.kind == self.maker.kind.tag and self.maker.view.holds(run)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -78,9 +94,7 @@ class Task:
                 return [(str(ms),) for ms in INSTANTS_MS]
             case ("draw",):
                 return [(str(draw),) for draw in range(1, DRAWS + 1)]
-            case ("fault", "severity"):
-                return [*faults()]
-        return [()]
+        return [*faults()] if self.keys == FAULT else [()]
 
 
 CAPTURE = "capture: one label each, by mean probability of a system that decides several times"
@@ -102,6 +116,7 @@ _TASKS = (
         "the label of a capture 0.5, 1, 2, 4 and 8 s after its onset",
         "829 captures at 5 times",
         command="stream",
+        needs=(("stream.start", "onset"),),
         keys=("ms",),
     ),
     Task(
@@ -111,7 +126,7 @@ _TASKS = (
         "a capture under a fault at a severity, one label each",
         "829 captures under 17 faults at 5 severities, without the clean ones",
         command="stress",
-        keys=("fault", "severity"),
+        keys=FAULT,
     ),
     Task(
         "haart-personal-v1",
@@ -129,6 +144,11 @@ _TASKS = (
         "a touch in a recording, one label each (the last reported)",
         "710 touches, by their last label",
         command="watch",
+        needs=(
+            ("watch.false_alarms", f"{FALSE_ALARMS}"),
+            ("watch.background", "", NO_TOUCH),  # of HAART both are the same
+            ("watch.unknown", ""),
+        ),
     ),
     Task(
         "cuddlebot-loso-v1",
@@ -202,16 +222,20 @@ def rows_of(task: Task) -> pd.DataFrame:
         touches = recordings_of(task).query("gesture != ''").reset_index(drop=True)
         return touches.assign(recording=pd.factorize(touches["subject"])[0]).rename(columns={"gesture": "true"})
     captures = captures_of(task).rename(columns={"gesture": "true"})
+    return captures.merge(cases_of(task), how="cross")[["capture", *task.keys, "subject", "true"]]
+
+
+def cases_of(task: Task) -> pd.DataFrame:
+    """The values of `Task.keys` that every capture is tested under, as text, a row each."""
     values = task.circumstances()
-    circumstances = pd.DataFrame(values, columns=list(task.keys), index=range(len(values)))
-    return captures.merge(circumstances, how="cross")[["capture", *task.keys, "subject", "true"]]
+    return pd.DataFrame(values, columns=list(task.keys), index=range(len(values)))
 
 
 def recordings_of(task: Task) -> pd.DataFrame:
     """Composed recordings of a watched task: ``subject``, ``start`` and ``end`` (frames), ``gesture``.
 
     The first row of each subject is the whole recording, without gesture; a row for each touch follows, by start.
-    `bench.work.watch.Watch.recordings` composed them. They are stored, so that later versions of touchbench or NumPy
+    `bench watch` composed them. They are stored, so that later versions of touchbench or NumPy
     cannot change them.
     """
     return _table(f"{task.data}-watch.csv").astype({"start": np.int64, "end": np.int64})
@@ -230,6 +254,11 @@ def published_cost() -> Corpus:
             f"data=cost is not CoST as published ({differs[0]}); import the file with MD5 {cost.PUBLISHED_MD5}"
         )
     return corpus
+
+
+def amounts_of(task: Task) -> dict[tuple[str, ...], str]:
+    """What each case of a task meant when the task was frozen; empty where a case says it itself."""
+    return {**faults()} if task.keys == FAULT else {}
 
 
 def faults() -> dict[tuple[str, str], str]:
