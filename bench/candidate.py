@@ -11,6 +11,8 @@ from bench.usual import SEVERITIES
 if TYPE_CHECKING:
     import pandas as pd
 
+EARLY = "early"  # mark of a candidate that decides before the end of a capture
+
 
 @dataclass(frozen=True)
 class Losses:

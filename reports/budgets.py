@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
 import numpy as np
 import pandas as pd
 
+from bench.candidate import EARLY, Wish
 from bench.comparable import COMPARABLE
 from bench.errors import InputError
 from bench.measures import Measure, Row, costs, known, text
-from bench.outcomes.candidates import Candidates, candidates
+from bench.outcomes.candidates import PLAIN, Candidates, candidates
 from bench.outcomes.choice import named
 from bench.outcomes.steps import steps
 from bench.result import Result
@@ -22,20 +23,20 @@ COLUMNS = ["group", "cost", "unit", "least", "choice", "accuracy", BY]
 NOTHING = "nothing fits"
 
 
-def by_budget(answers: Sequence[Considered], results: Mapping[str, Sequence[Result]]) -> pd.DataFrame:
+def by_budget(answers: Sequence[Considered], results: Sequence[Result]) -> pd.DataFrame:
     """A row for each step of the choice, by group and cost; groups with a single candidate have none.
 
     Args:
         answers: candidates of each group.
-        results: results by kind of run.
+        results: results of all kinds.
     """
     found = []
     for answer in answers:
         for cost in answer.costs if len(answer.among.table) > 1 else []:
-            among = _replayed(answer, results) if cost == "decision" and "stream" in results else answer.among
+            among = _at_any_time(answer, results) if cost == "decision" else answer.among
             rows = rows_of(among.table.round({"accuracy": 9}))  # as bench choose prints it
             replays = [
-                str(runs[0]["run_id"]) if row["kind"] == "stream" else ""
+                str(runs[0]["run_id"]) if row["mark"] == EARLY else ""
                 for runs, row in zip(among.runs, rows, strict=True)
             ]
             for least, i in steps(among.people, BY, cost, answer.budgets, replays):
@@ -44,11 +45,11 @@ def by_budget(answers: Sequence[Considered], results: Mapping[str, Sequence[Resu
     return pd.DataFrame(found, columns=COLUMNS)
 
 
-def _replayed(answer: Considered, results: Mapping[str, Sequence[Result]]) -> Candidates:
+def _at_any_time(answer: Considered, results: Sequence[Result]) -> Candidates:
     """The candidates of an answer and every instant of each replay; without these if their tables are missing."""
     asked = {name: [answer.among.first[name]] for name in COMPARABLE}
     try:
-        return candidates(results, asked, np.inf, faults=answer.faults)
+        return candidates(results, asked, Wish(PLAIN, np.inf), losses=answer.losses)
     except InputError:
         return answer.among
 

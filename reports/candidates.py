@@ -10,17 +10,20 @@ import numpy as np
 import pandas as pd
 
 from bench.arguments import typed
+from bench.candidate import Losses, Wish
 from bench.comparable import COMPARABLE
 from bench.errors import InputError
 from bench.measures import costs, costs_of
 from bench.outcomes import statistics
-from bench.outcomes.candidates import STRESS, Candidates, Faults, candidates
+from bench.outcomes.candidates import PLAIN, Candidates, candidates
 from bench.outcomes.choice import Choice, decide, named, sentences
 from bench.outcomes.expected import expectation, expected
 from bench.pareto import staircase
+from bench.registry import classes
 from bench.result import Result
 from bench.scene_file import EVERY
 from bench.table import rows_of
+from reports.speed import LOOKS
 
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
 MOST = 40  # candidates that the chart draws, besides those of a front
@@ -43,13 +46,13 @@ class Considered(Answer):
         choice: result of `bench.outcomes.choice.decide`.
         among: candidates.
         budgets: the most of each cost.
-        faults: circumstances over which losses are taken.
+        losses: faults over which losses are taken.
     """
 
     choice: Choice = field(kw_only=True)
     among: Candidates = field(kw_only=True)
     budgets: Mapping[str, float] = field(kw_only=True)
-    faults: Faults | None = field(kw_only=True)
+    losses: Losses | None = field(kw_only=True)
 
     @property
     def costs(self) -> list[str]:
@@ -65,7 +68,7 @@ class Considered(Answer):
 def considered(
     group: str,
     results: Sequence[Result],
-    every: Mapping[str, Sequence[Result]],
+    every: Sequence[Result],
     budgets: Mapping[str, float],
 ) -> Answer:
     """The choice among the systems of a group, or the reason why there is none.
@@ -73,15 +76,16 @@ def considered(
     Args:
         group: captures and protocol in words.
         results: results of the group.
-        every: all results by kind of run.
+        every: results of all kinds.
         budgets: budget of each cost.
     """
     first = results[0]
-    stressed = STRESS in every or any(costs()[name].stress for name in budgets)
-    faults = Faults(EVERY) if stressed else None
+    lossy = [c for c in classes("circumstances").values() if any(cost.losses for cost in c.costs)]
+    lost = any(c.holds(r) for r in every for c in lossy) or any(costs()[name].losses for name in budgets)
+    losses = Losses(EVERY) if lost else None
     try:
         asked = {name: [first[name]] for name in COMPARABLE}
-        among = candidates(every, asked, budgets.get("decision"), faults=faults)
+        among = candidates(every, asked, Wish(PLAIN, budgets.get("decision")), losses=losses)
     except InputError as e:
         return Answer(group, [f"Nothing can be chosen here: {e}."])
     choice = decide(among.table, among.subjects, BY, dict(budgets), None)
@@ -91,10 +95,10 @@ def considered(
     systems = among.table["system"].unique()
     if len(systems) == 1:
         lines.insert(0, f"Only {systems[0]} has a run here, so there is no other system to compare.")
-    words = _command(among.table, first, every["cell"])
+    words = _command(among.table, first, every)
     limits = [costs()[name].argument(value) for name, value in budgets.items()]
     command = " ".join([words, *limits]) if words else ""
-    return Considered(group, lines, command, choice=choice, among=among, budgets=budgets, faults=faults)
+    return Considered(group, lines, command, choice=choice, among=among, budgets=budgets, losses=losses)
 
 
 def _command(table: pd.DataFrame, first: Result, results: Sequence[Result]) -> str:
@@ -113,7 +117,8 @@ def _command(table: pd.DataFrame, first: Result, results: Sequence[Result]) -> s
 def marks(answer: Considered, models: Mapping[str, str], published: Collection[str]) -> pd.DataFrame:
     """The candidates that the chart draws: ``name``, ``kind``, ``verdict``, ``chosen``, ``out``, and their numbers.
 
-    ``kind`` is ``published``, ``changed`` (a published system with other parameters), ``chip`` (in C) or ``other``.
+    ``kind`` is the mark of a candidate where it has one, such as ``C``, else ``published``, ``changed`` (a
+    published system with other parameters) or ``other``.
     ``out`` is True for candidates that a budget rules out. The numbers are ``accuracy`` with its interval (``low``,
     ``high``), and a column for each cost.
 
@@ -126,8 +131,8 @@ def marks(answer: Considered, models: Mapping[str, str], published: Collection[s
     subjects = answer.among.subjects.loc[rows.index].to_numpy(dtype=float)
     bounds = np.array([statistics.interval(row) for row in subjects]).clip(0, 100)
     kinds = [
-        "chip"
-        if row["kind"] == "chip"
+        row["mark"]
+        if row["mark"] in LOOKS
         else "published"
         if row["system"] in published
         else "changed"

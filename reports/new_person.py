@@ -15,7 +15,8 @@ from bench.outcomes.runs import subject_accuracy
 from bench.paired import interval
 from bench.result import Result
 from bench.table import Table, rows_of
-from reports.figures import MARKERS, Picture, bars, new_figure, save
+from reports.figures import MARKERS, bars, new_figure, save
+from reports.part import Part, Section
 
 WITHOUT = "no labels"  # where half of the person's captures are known without them
 SAME = ("data", "corpus_digest", "subset", "target", "protocol_name", "protocol.source", "protocol.classes")
@@ -30,6 +31,12 @@ COLUMNS = (
     text("enough"),
 )
 
+PEOPLE = "People"  # heading
+CAPTION = (
+    "{}: accuracy in percent, mean over people, for each number of shots. gain: paired difference to no shots, in"
+    " points. worse: subjects with lower accuracy, and their loss in points. enough: the fewest shots within one "
+    "standard error of the best number of shots."
+)
 Curves = tuple[str, dict[str, pd.DataFrame]]  # a set of comparable runs in words, and the curve of each system
 
 
@@ -57,22 +64,36 @@ def curves_of(results: Sequence[Result]) -> list[Curves]:
     return sets
 
 
-def new_person_sections(sets: list[Curves], folder: Path) -> list[tuple[str, Picture, Table]]:
-    """A figure and a table with a heading for each set of curves.
+def new_person_section(results: Sequence[Result], folder: Path) -> Section | None:
+    """A figure and a table for each set of comparable runs with captures of a new person.
 
     Args:
-        sets: curves from `curves_of`.
+        results: results of these runs.
         folder: destination folder of figures.
     """
-    sections = []
-    for i, (context, curves) in enumerate(sets, 1):
+    parts = []
+    for i, (context, curves) in enumerate(curves_of(results), 1):
         caption = "Accuracy of new persons against the number of their labelled captures of each class; mean and 95 % "
         caption += f"interval over people. {WITHOUT.capitalize()}: adapted to half of their captures, without labels."
         caption += f" {len(curves) - SHOWN} less accurate systems left out." if len(curves) > SHOWN else ""
         figure = drawn(dict([*curves.items()][:SHOWN]), context)
         picture = save(figure, folder, f"0-newcomer-{i}", context, caption)
-        sections.append((context, picture, table_of(curves)))
-    return sections
+        parts.append(Part(picture, table_of(curves), CAPTION.format(context)))
+    return Section(PEOPLE, parts) if parts else None
+
+
+def gained(results: Sequence[Result]) -> tuple[str, str] | None:
+    """A sentence on the gain of the most accurate system from captures of a new person."""
+    for context, by_system in curves_of(results):
+        system, curve = next(iter(by_system.items()))
+        row = curve[curve["known"] != WITHOUT].iloc[-1]
+        if np.isfinite(row.get("gain", np.nan)):
+            gain = Measure("gain", form="+.1f", ends="gain").of(row)
+            return PEOPLE, (
+                f"On {context}: {row['known']} labelled captures of each class change the accuracy of {system} by "
+                f"{gain} points."
+            )
+    return None
 
 
 def comparable(results: Sequence[Result]) -> list[list[Result]]:

@@ -15,20 +15,19 @@ from bench.comparable import MARKED
 from bench.errors import InputError
 from bench.outcomes import statistics
 from bench.outcomes.ranking import COLUMNS as RANKED
-from bench.outcomes.runs import grouped, of_kinds, stored
+from bench.outcomes.runs import every_result, grouped, stored
 from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
 from bench.result import Result
 from bench.scratch import owner, sweep
 from bench.table import of_text, write_sheet
-from reports import fault_curves, over_corpora
+from reports import over_corpora
 from reports.budgets import budget_tables, by_budget
 from reports.candidates import Considered, considered, marks
 from reports.comparison import comparison, published, shown
 from reports.figures import save
 from reports.latex import latex
 from reports.layout import markdown, page
-from reports.new_person import curves_of, new_person_sections
 from reports.numbers import listed, notes_on
 from reports.papers import published_section
 from reports.provenance import provenance, software
@@ -36,11 +35,11 @@ from reports.reference_rows import systems_by_subject
 from reports.reproduction import against
 from reports.run_groups import GROUPS, group_of, largest_groups, slug
 from reports.same_wrong import same_wrong_section
+from reports.sections import briefs as told
+from reports.sections import sections, sheets
 from reports.speed import speed_chart
 from reports.summary import briefs
-from reports.watching import watch_sections
 
-KINDS = ("cell", "stress", "stream", "chip", "watch")  # of runs
 ROWS = 300  # of a table on the page; the CSV files hold all
 
 
@@ -58,14 +57,13 @@ def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None
     Raises:
         InputError: the store holds no scored run, or the folder cannot be written.
     """
-    results = of_kinds(store, KINDS)
-    if "cell" not in results:
-        stored(store)  # which says so
+    results = every_result(store)
+    runs = stored(store)  # which says so where there is none
     try:
         folder.mkdir(parents=True, exist_ok=True)
         sweep(folder, ".")
         with tempfile.TemporaryDirectory(prefix=f".{owner()}", dir=folder) as beside:
-            written = _write(Path(beside), results, budgets or {})
+            written = _write(Path(beside), runs, results, budgets or {})
             (folder / "figures").mkdir(exist_ok=True)
             for name in written:  # a report that is stopped while it is made leaves the earlier one as it was
                 os.replace(Path(beside) / name, folder / name)
@@ -77,10 +75,10 @@ def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None
     return [folder / name for name in written]
 
 
-def _write(folder: Path, results: Mapping[str, list[Result]], budgets: Mapping[str, float]) -> list[Path]:
+def _write(folder: Path, runs: list[Result], results: list[Result], budgets: Mapping[str, float]) -> list[Path]:
     """Write a report into an empty folder; its files, the page last, relative to the folder."""
     (folder / "figures").mkdir()
-    values, tables = assemble(results, folder / "figures", budgets)
+    values, tables = assemble(runs, results, folder / "figures", budgets)
     for name, table in tables.items():
         write_sheet(table, folder / f"{name}.csv")
     (folder / "comparison.md").write_text(markdown("report.jinja", **values), encoding="utf-8")
@@ -92,17 +90,18 @@ def _write(folder: Path, results: Mapping[str, list[Result]], budgets: Mapping[s
 
 
 def assemble(
-    results: Mapping[str, list[Result]], folder: Path, budgets: Mapping[str, float]
+    runs: list[Result], results: list[Result], folder: Path, budgets: Mapping[str, float]
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """The variables of ``report.jinja``, by name, and the tables of the CSV files.
 
     Args:
-        results: results by kind of run.
+        runs: results on captures, one for each system, seed, captures and protocol.
+        results: results of all kinds.
         folder: destination folder of figures.
         budgets: budget of each cost.
     """
-    papers, runs = published(), results["cell"]
-    alone = {kind: [r for r in each if r.alone] for kind, each in results.items()}
+    papers = published()
+    alone = [r for r in results if r.alone]
     groups = grouped(runs)
     by_group = {name: systems_by_subject(members) for name, members in groups.items()}
     largest, left_out = largest_groups(groups)
@@ -110,10 +109,8 @@ def assemble(
     parts = {name: group_of(name, largest[name], by_group[name], folder, files[name]) for name in largest}
     answers = [considered(name, largest[name], alone, budgets) for name in largest]
     candidates = [answer for answer in answers if isinstance(answer, Considered)]
-    models = {r.system: str(r["model_name"]) for each in alone.values() for r in each}
+    models = {r.system: str(r["model_name"]) for r in alone}
     known = {*papers["system"]} - {""}
-    stresses, streams = (fault_curves.contexts(results.get(kind, [])) for kind in ("stress", "stream"))
-    curves = curves_of(runs)
     agreed = agreements(largest)
     same_wrong = [pd.DataFrame(columns=["group", *COLUMNS]), *(a.same_wrong.assign(group=a.group) for a in agreed)]
     over = over_corpora.of_runs(groups, by_group)
@@ -127,8 +124,9 @@ def assemble(
             [pd.DataFrame(columns=[*RANKED, "group"]), *(o.found.table.assign(group=o.title) for o in over)]
         ),
         "same_wrong_label": pd.concat(same_wrong, ignore_index=True),
-        "provenance": pd.concat([provenance(grouped(each)) for each in results.values()], ignore_index=True),
+        "provenance": provenance(grouped(results)),
     }
+    tables = sheets(results) | tables
     values = {
         "title": f"Which system to choose: {_corpora(runs)}",
         "synthetic": any(r["synthetic"] == "true" for r in runs),
@@ -149,12 +147,9 @@ def assemble(
         "budgets": budget_tables(tables["budgets"]),
         "runs": runs_section(tables["comparison"], [*largest, *left_out]),
         "counts": (len(runs), len({r.system for r in runs})),
-        "briefs": briefs(streams, stresses, parts, curves),
+        "briefs": briefs(told(results), parts),
         "published": published_section(tables["published"]),
-        "streams": fault_curves.stream_sections(streams, folder),
-        "watched": watch_sections(results.get("watch", []), folder),
-        "stresses": fault_curves.stress_sections(stresses, folder),
-        "people": new_person_sections(curves, folder),
+        "sections": sections(results, folder),
         "groups": parts,
         "over": [
             (o, save(figure, folder, f"{i}-over-several-corpora", o.title, caption))

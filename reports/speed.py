@@ -21,8 +21,9 @@ MARKS = {  # of a candidate: marker, face, edge
     "published": ("o", "tab:blue", "tab:blue"),
     "changed": ("o", "white", "tab:blue"),
     "other": ("s", "white", "tab:red"),
-    "chip": ("^", "tab:green", "tab:green"),
+    "C": ("^", "tab:green", "tab:green"),
 }
+LOOKS = {"C"}  # marks of candidates that have a look of their own
 CHOICE, BUDGET = "#2e8b57", "#b85c00"
 NAMED = 16  # points of a chart that all have a name beside it
 PANEL = 2.2, 4.5  # narrowest and widest panel in inches
@@ -74,7 +75,7 @@ def _caption(points: pd.DataFrame, budgets: Mapping[str, float], left: int) -> s
         "published": "Filled circles: published systems run here.",
         "changed": "Hollow circles: published systems with other settings.",
         "other": "Squares: other systems.",
-        "chip": "Triangles: measured in C.",
+        "C": "Triangles: measured in C.",
     }
     sentences = [
         "Accuracy, mean over subjects with 95 % t-intervals, against each cost.",

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.outcomes.stability import learning
 from reports.figures import DASHES, MARKERS, bars
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def draw(results: Sequence[Result], folder: Path) -> list[Path]:
         losses = pd.DataFrame({r.method: r.tables["margins"].set_index("fault")["loss"] for r in results}).T
         figures["heat_map"] = heat_map(losses, [r["accuracy"] for r in results], ", ".join(results[0].context))
         figures["severities"] = severities(results)
-    if any(len(r.tables["learning"]) > 1 for r in results):
+    if any("learning" in r.tables for r in results):
         figures["training_subjects"] = training_subjects(results)
     paths = []
     for name, figure in figures.items():
@@ -104,10 +105,10 @@ def training_subjects(results: Sequence[Result]) -> Figure:
     """Learning curve: accuracy against the number of training subjects, bars are intervals over tested subjects."""
     figure = Figure(figsize=(7, 4.6), layout="constrained")
     ax = figure.subplots()
-    counts = results[0].tables["learning"]["train_subjects"].to_numpy()
+    curves = [learning(r.tables["labels"]) for r in results]
+    counts = curves[0]["train_subjects"].to_numpy()
     step = min(0.01, 0.06 / len(results)) * np.ptp(counts)  # aside, so that no bar hides another
-    for k, r in enumerate(results):
-        curve = r.tables["learning"]
+    for k, (r, curve) in enumerate(zip(results, curves, strict=True)):
         middle, low, high = (100 * curve[name].to_numpy() for name in ("accuracy", "low", "high"))
         x = curve["train_subjects"] + (k - (len(results) - 1) / 2) * step
         ax.errorbar(x, middle, yerr=bars(middle, low, high), capsize=3, elinewidth=0.8, label=r.method, **_style(k))

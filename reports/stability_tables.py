@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +12,8 @@ import pandas as pd
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.outcomes import scores
-from bench.outcomes.stability import ALPHA, FAMILIES, families, ranks, seeds, unharmed
+from bench.outcomes.curves import joined, unharmed
+from bench.outcomes.stability import ALPHA, families, learning, number_of_families, ranks, seeds
 from bench.result import Result
 from bench.table import Table, of_text, rows_of, write_sheet
 from bench.usual import CLEAN
@@ -36,14 +38,40 @@ SLICES = (
 )
 
 
+def write_all(results: Sequence[Result], out: Path) -> list[str]:
+    """Write the tables and figures of each corpus, subset and protocol; lines that say where.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    groups: dict[tuple, list[Result]] = {}
+    for r in results:
+        groups.setdefault(r.comparable, []).append(r)
+    folders: dict[Path, list[Result]] = {}
+    for members in groups.values():
+        folder = out
+        if len(groups) > 1:
+            name = re.sub(r"[^A-Za-z0-9]+", "-", " ".join(members[0].context)).strip("-").lower()
+            folder = out / name if out / name not in folders else out / f"{name}-{len(folders) + 1}"
+        folders[folder] = members
+    lines = []
+    for folder, members in folders.items():
+        write(members, folder)
+        title = ", ".join(members[0].context)
+        words = "failing subjects, classes, conditions and faults, with figures"
+        lines.append(f"{title}: {words}: {folder / 'stability.md'}")
+    return lines
+
+
 def write(results: Sequence[Result], folder: Path) -> list[Path]:
     """Write the tables as CSV, ``stability.md``, and the figures as PNG and SVG, for results of one context.
 
     Raises:
         InputError: the folder cannot be written.
     """
-    files = {"faults": "faults", "half_margins": "margins", "conditions": "conditions", "learning": "learning"}
-    tables = {name: _joined(results, table) for name, table in (files | {"slices": "slices"}).items()}
+    files = {"faults": "faults", "half_margins": "margins", "conditions": "conditions", "slices": "slices"}
+    tables = {name: joined(results, table) for name, table in files.items()}
+    tables["learning"] = joined(results, "learning", lambda r: learning(r.tables["labels"]))
     tables |= {"ranks": _in_context(results[0], ranks(results)), "seeds": _in_context(results[0], seeds(results))}
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -59,12 +87,6 @@ def write(results: Sequence[Result], folder: Path) -> list[Path]:
         return paths + figures.draw(results, folder)
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
-
-
-def _joined(results: Sequence[Result], name: str) -> pd.DataFrame:
-    parts = [(r, r.tables[name]) for r in results]
-    named = [(r, part.assign(system=r["system"], seed=r["seed"])[["system", "seed", *part]]) for r, part in parts]
-    return pd.concat([_in_context(r, part) for r, part in named], ignore_index=True)
 
 
 def _in_context(result: Result, table: pd.DataFrame) -> pd.DataFrame:
@@ -107,7 +129,7 @@ def sections(results: Sequence[Result]) -> list[tuple[str, str, Table | None]]:
         parts.append(("Ranks", note, _rank_table(results)))
     if len(varied := seeds(results)):
         parts.append(("Seeds", "", Table(SEEDS, rows_of(varied))))
-    if any(len(r.tables["learning"]) > 1 for r in results):
+    if any("learning" in r.tables for r in results):
         parts.append(("Fewer training subjects", "", _learning_table(results)))
     return [(heading, note, table if len(table) else None) for heading, note, table in parts]
 
@@ -120,7 +142,7 @@ def _clean_table(results: Sequence[Result]) -> Table:
     ]
     rows, names = [], {}
     for r in results:
-        units = unharmed(r.tables["stress"])
+        units = unharmed(r.tables["labels"])
         low, high = scores.subject_interval(units)
         row = {"result": r, "units": len(units), "accuracy": r["accuracy"], "accuracy_low": low, "accuracy_high": high}
         for factor, part in r.tables["conditions"].groupby("factor", sort=False):
@@ -185,7 +207,9 @@ def _tests_words(slices: pd.DataFrame, mask: pd.Series) -> str:
     several = tested[tested["subjects"] > 1]
     if len(several):
         floor, count = several["floor"].min(), families(tested).value_counts()
-        needed = {name: int(np.ceil(round(len(FAMILIES) * n * floor / ALPHA, 6))) for name, n in count.items()}
+        needed = {
+            name: int(np.ceil(round(number_of_families(slices) * n * floor / ALPHA, 6))) for name, n in count.items()
+        }
         those = " or ".join(f"{max(n, 1)} {name.replace('slices', 'groups')}" for name, n in needed.items())
         words.append(
             f"With {several['subjects'].max()} subjects, the p of a group of several subjects is at least {floor:.2g}. "
@@ -241,6 +265,6 @@ def _learning_table(results: Sequence[Result]) -> Table:
     accuracy = percent("accuracy", ends="accuracy")
     shown = {}
     for r in results:
-        curve = rows_of(r.tables["learning"].rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
+        curve = rows_of(learning(r.tables["labels"]).rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
         shown[r.method] = {f"{row['train_subjects']:g}": accuracy.of(row) for row in curve}
     return of_text(pd.DataFrame(shown).fillna("-").rename_axis("training subjects").reset_index())

@@ -12,12 +12,30 @@ from matplotlib.figure import Figure
 
 from bench.comparable import alike
 from bench.errors import InputError
+from bench.measures import Measure, percent, text
+from bench.outcomes.stopping import NO_SAVING, saves
 from bench.result import Result
-from bench.table import write_sheet
-from reports.figures import DASHES, MARKERS, bars, log_ticks
+from bench.table import Table, write_sheet
+from reports.contexts import context_words, contexts
+from reports.figures import DASHES, MARKERS, bars, log_ticks, save
+from reports.part import Part, Section
 
 ALIKE = ("stream.start", "stream.hop_ms", "stream.after")  # of comparable replays
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature
+EARLY = "Early decisions"  # heading
+SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
+OVER_TIME = (  # columns of the table of replayed systems
+    text("system", read=lambda r: r.method),
+    *(percent(f"accuracy_at_{ms}_ms", f"{ms} ms") for ms in SHOWN_MS),
+    percent("replay_accuracy", "whole"),
+    percent("adaptive_accuracy", "adaptive"),
+    Measure("adaptive_ms", "after ms", form=".0f"),
+    Measure("replay_ms", "decision ms p50 / p95", ("replay_ms_p50", "replay_ms_p95")),
+)
+CAPTION = (
+    "{}: accuracy in percent after given milliseconds of touch, and with adaptive stopping after a mean time of touch; "
+    "computing time per decision."
+)
 CONTEXT = ("system", "data", "synthetic", "subset", "target", "protocol_label")  # of a run, in its tables
 LEFT_LABEL = "ms of touch seen; a capture that has ended keeps its label"
 RIGHT_LABEL = "mean ms of touch seen before the label"
@@ -27,7 +45,7 @@ def write_streaming(results: Sequence[Result], folder: Path) -> list[Path]:
     """Write ``streaming.csv``, ``stopping.csv`` and ``streaming.png`` / ``.svg`` of some runs.
 
     Args:
-        results: results of ``bench stream``.
+        results: results of replays.
         folder: destination folder; it is created.
 
     Returns:
@@ -41,18 +59,58 @@ def write_streaming(results: Sequence[Result], folder: Path) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         paths = []
-        for name, table in (("streaming", "instants"), ("stopping", "stopping")):
-            parts = []
-            for r in (r for r in results if table in r.tables):
-                about = {k: r[k] for k in CONTEXT} | {"start": r["stream.start"]}
-                parts.append(r.tables[table].assign(**about)[[*about, *r.tables[table]]])
-            if not parts:
-                continue
+        for name, table in sheets(results).items():
             paths.append(folder / f"{name}.csv")
-            write_sheet(pd.concat(parts, ignore_index=True), paths[-1])
+            write_sheet(table, paths[-1])
         return paths + figure(results, folder)
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
+
+
+def sheets(results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+    """Accuracy by instant of all systems, and of stopping at each threshold where it was learned."""
+    made = {}
+    for name, table in (("streaming", "instants"), ("stopping", "stopping")):
+        parts = []
+        for r in (r for r in results if table in r.tables):
+            about = {k: r[k] for k in CONTEXT} | {"start": r["stream.start"]}
+            parts.append(r.tables[table].assign(**about)[[*about, *r.tables[table]]])
+        if parts:
+            made[name] = pd.concat(parts, ignore_index=True)
+    return made
+
+
+def stream_section(results: Sequence[Result], folder: Path) -> Section | None:
+    """Accuracy against touch seen, and the result of stopping at the learned threshold.
+
+    Args:
+        results: results of replays.
+        folder: destination folder of figures.
+    """
+    parts = []
+    for i, (context, members) in enumerate(contexts(results, ALIKE, "replay_accuracy").items(), 1):
+        caption = "Left: accuracy against milliseconds of touch. Right: fixed windows and adaptive stopping."
+        picture = save(draw(members), folder, f"0-stream-{i}", context, f"{context}: {caption}")
+        parts.append(Part(picture, Table(OVER_TIME, members), CAPTION.format(context)))
+    return Section(EARLY, parts) if parts else None
+
+
+def early(results: Sequence[Result]) -> tuple[str, str] | None:
+    """A sentence on the best replayed system with early decisions, on the first of all comparable captures."""
+    for runs in contexts(results, ALIKE, "replay_accuracy").values():
+        runs = [r for r in runs if r.alone and np.isfinite(r.get("adaptive_accuracy", np.nan))]
+        if not runs:
+            continue
+        best = max(runs, key=lambda r: r["adaptive_accuracy"])
+        percent_right = f"{100 * best['replay_accuracy']:.1f} %"
+        whole = f"On {context_words(best, ALIKE)}, {best.method} correctly classifies {percent_right} of whole captures"
+        if not saves(best):
+            return EARLY, f"{whole}; {NO_SAVING}."
+        return EARLY, (
+            f"{whole}. With adaptive stopping, it correctly classifies {100 * best['adaptive_accuracy']:.1f} % after "
+            f"{best['adaptive_ms']:.0f} ms of touch on average."
+        )
+    return None
 
 
 def figure(results: Sequence[Result], folder: Path) -> list[Path]:
@@ -72,7 +130,7 @@ def draw(results: Sequence[Result]) -> Figure:
     its interval is what stopping at the threshold learned on training subjects gives.
 
     Args:
-        results: results of ``bench stream``.
+        results: results of replays.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Rectangle

@@ -2,78 +2,26 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections.abc import Sequence
 
-import numpy as np
-
-from bench.comparable import several
-from bench.measures import Measure
 from bench.outcomes import statistics
-from bench.outcomes.stopping import NO_SAVING, saves
-from bench.result import Result
-from reports.fault_curves import context_words, under
-from reports.new_person import WITHOUT, Curves
 from reports.numbers import listed
 from reports.run_groups import Group
 
-EARLY, FAULTS, PEOPLE, STATISTICS = "Early decisions", "Faults", "People", "Statistics"
+PEOPLE, STATISTICS = "People", "Statistics"
 
 
-def briefs(
-    streams: dict[str, list[Result]], stresses: dict[str, list[Result]], groups: dict[str, Group], curves: list[Curves]
-) -> list[tuple[str, str]]:
+def briefs(shown: Sequence[tuple[str, str]], groups: dict[str, Group]) -> list[tuple[str, str]]:
     """Topics and sentences, if there are any; a topic is the heading of its details.
 
     Args:
-        streams: `reports.fault_curves.contexts` of ``bench stream``.
-        stresses: the same of ``bench stress``.
+        shown: those of kinds of run and circumstances (`reports.sections.briefs`).
         groups: groups by name.
-        curves: `reports.new_person.curves_of`.
     """
     differ = " ".join(f"On {name}: {told_apart(g)}" for name, g in groups.items() if len(g.subjects))
-    sentences = [(EARLY, early(streams)), (FAULTS, faults(stresses))]
-    sentences += [(PEOPLE, f"{people(groups)} {shots(curves)}".strip()), (STATISTICS, differ)]
-    return [(topic, text) for topic, text in sentences if text]
-
-
-def early(contexts: dict[str, list[Result]]) -> str:
-    """A sentence on the best replayed system with early decisions, on the first of all comparable captures."""
-    for runs in contexts.values():
-        runs = [r for r in runs if r.alone and np.isfinite(r.get("adaptive_accuracy", np.nan))]
-        if not runs:
-            continue
-        best = max(runs, key=lambda r: r["adaptive_accuracy"])
-        whole = (
-            f"On {context_words(best)}, {best.method} correctly classifies {100 * best['accuracy']:.1f} % of whole "
-            "captures"
-        )
-        if not saves(best):
-            return f"{whole}; {NO_SAVING}."
-        return (
-            f"{whole}. With adaptive stopping, it correctly classifies {100 * best['adaptive_accuracy']:.1f} % after "
-            f"{best['adaptive_ms']:.0f} ms of touch on average."
-        )
-    return ""
-
-
-def faults(contexts: dict[str, list[Result]]) -> str:
-    """A sentence on the most robust system under faults, on the first of all comparable captures."""
-    for runs in contexts.values():
-        losses = {r.method: under(r, "loss.") for r in runs if r.alone}
-        sets = Counter(frozenset(loss) for loss in losses.values() if loss)
-        if not sets:
-            continue
-        tested = max(sets, key=lambda each: (sets[each], len(each)))  # by most systems
-        means = {m: 100 * np.mean([*loss.values()]) for m, loss in losses.items() if set(loss) == tested}
-        least, most = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
-        worst = max(losses[least], key=losses[least].__getitem__)
-        others = f" Of {len(means)} systems, {most} loses most: {means[most]:.1f} points." if len(means) > 1 else ""
-        return (
-            f"On {context_words(runs[0])}, {least} loses {means[least]:.1f} points of accuracy, mean over "
-            f"{several(len(tested), 'fault')} at five severities.{others} The worst fault for {least} is "
-            f"{worst.replace('_', ' ')}, with a loss of {100 * losses[least][worst]:.1f} points."
-        )
-    return ""
+    topics = {topic: text for topic, text in shown if topic != PEOPLE}
+    persons = " ".join(filter(None, [people(groups), *(text for topic, text in shown if topic == PEOPLE)]))
+    return [(topic, text) for topic, text in (topics | {PEOPLE: persons, STATISTICS: differ}).items() if text]
 
 
 def people(groups: dict[str, Group]) -> str:
@@ -84,20 +32,6 @@ def people(groups: dict[str, Group]) -> str:
             return (
                 f"On {name}, the accuracy of the best system, {best.name}, ranges from {best.min():.1f} % (subject "
                 f"{best.idxmin()}) to {best.max():.1f} % (subject {best.idxmax()})."
-            )
-    return ""
-
-
-def shots(curves: list[Curves]) -> str:
-    """A sentence on the gain of the most accurate system from captures of a new person."""
-    for context, by_system in curves:
-        system, curve = next(iter(by_system.items()))
-        row = curve[curve["known"] != WITHOUT].iloc[-1]
-        if np.isfinite(row.get("gain", np.nan)):
-            gain = Measure("gain", form="+.1f", ends="gain").of(row)
-            return (
-                f"On {context}: {row['known']} labelled captures of each class change the accuracy of {system} by "
-                f"{gain} points."
             )
     return ""
 

@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from bench.measures import Measure, percent
 from bench.outcomes.events import FALSE_ALARM, matched
 from bench.result import Result
-from reports.fault_curves import context_words, contexts
-from reports.figures import DASHES, LINE, MARKERS, WIDEST, Picture, plain, save
+from reports.contexts import context_words, contexts
+from reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
+from reports.part import Part, Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 SHORTEST_S, LONGEST_S, TOUCHES = 60.0, 120.0, 6  # of a timeline, which shows so many touches where it can
 TRUTH, REPORTED = 1.3, -0.5  # heights of the bars; the probability has 0 to 1
 HIGH = 0.2  # of a bar
+ALIKE = ("watch.background", "watch.unknown")  # of comparable runs
 ALARMS = "false alarms per hour of background"
 TOLD = (
     percent("touches_found", ends="touches_found"),
@@ -29,30 +31,30 @@ TOLD = (
     Measure("false_alarms_per_hour", ends="false_alarms_per_hour"),
     Measure("latency_s_p50", form=".2f"),
 )
-Section = tuple[str, Picture, list[str]]  # a context in words, its figure, and a sentence on each system
 
 
-def watch_sections(results: Sequence[Result], folder: Path) -> list[Section]:
+def watch_section(results: Sequence[Result], folder: Path) -> Section | None:
     """A figure for each group of comparable runs of ``bench watch``, and a sentence on each system.
 
     Args:
         results: results of ``bench watch``.
         folder: destination folder of the figures.
     """
-    sections = []
+    parts = []
     shown = [r for r in results if r.get("background_minutes", 0) > 0]  # else there is nothing to count alarms in
-    for i, (context, members) in enumerate(contexts(shown, "end_correct").items(), 1):
+    for i, (context, members) in enumerate(contexts(shown, ALIKE, "end_correct").items(), 1):
         figure, caption_of = watching_figure(members), f"{context}: {caption(members[0])}"
         picture = save(figure, folder, f"0-watch-{i}", context, caption_of)
-        sections.append((context, picture, [sentence(r) for r in members]))
-    return sections
+        parts.append(Part(picture, sentences=[sentence(r) for r in members]))
+    return Section("Continuous touch", parts) if parts else None
 
 
 def sentence(run: Result) -> str:
     """The scores of a system: data, protocol and unit first."""
     found, end, alarms, latency = (measure.of(run) for measure in TOLD)
     return (
-        f"{context_words(run)}, {run['touches']:.0f} touches in {run['background_minutes']:.0f} minutes of background: "
+        f"{context_words(run, ALIKE)}, {run['touches']:.0f} touches in "
+        f"{run['background_minutes']:.0f} minutes of background: "
         f"{run.method} finds {found} percent of the touches, and {end} percent have the correct label at the end. "
         f"It raises {alarms} {ALARMS}. Its median latency is {latency} s; brackets are 95 % intervals over subjects."
     )
@@ -123,7 +125,7 @@ def _timeline(ax: Axes, result: Result) -> None:
     ax.tick_params(axis="y", length=0)
     ax.axhline(1, color="0.8", linewidth=0.5, zorder=0)
     ax.set(xlim=(0, length), ylim=(REPORTED - 0.95, TRUTH + 0.95), xlabel="seconds of the recording")
-    ax.set_title(f"{plain([result.method])[0]}\n{', '.join(plain([context_words(result)]))}")
+    ax.set_title(f"{plain([result.method])[0]}\n{', '.join(plain([context_words(result, ALIKE)]))}")
     ax.spines[["top", "right", "left"]].set_visible(False)
 
 

@@ -184,11 +184,6 @@ class Circumstance(Options, Shown):
         return {cls.key: joined(results, cls.key)} if results else {}
 
     @classmethod
-    def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:
-        """Topic and sentence for the main results of the page."""
-        return None
-
-    @classmethod
     def candidates(cls, result: Result, wish: Wish) -> Iterable[Candidate]:
         """The system in each case, scored by whole captures."""
         table = result.tables[LABELS]

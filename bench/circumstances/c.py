@@ -201,7 +201,7 @@ class InC(Circumstance):
 
         bits, own = result.about["chip.bits"], {"flash": "chip_flash_bytes", "ram": "chip_ram_bytes", "predict": ""}
         scores = wish.reactions.scores(by_capture(result.tables[C], wish.reactions))
-        yield Candidate(f"in C, {bits} bits", scores, own, mark="chip", linked=True, whole=bits == "32")
+        yield Candidate(f"in C, {bits} bits", scores, own, mark="C", linked=True, whole=bits == "32")
 
     @classmethod
     def lends(cls, result: Result) -> dict[str, float]:

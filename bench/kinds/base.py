@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 CONSUMERS = "commands summary text heading ranked searches shown costs place sheets alike mark noun words axis "
 CONSUMERS += "budget shows printed write figure section brief candidates lends lost then holds score unit "
-CONSUMERS += "recordings made_by views held tracked offers gestures other meaning chosen told promise rows "
+CONSUMERS += "recordings made_by views unseen held tracked offers gestures other meaning chosen told promise rows "
 CONSUMERS += "_without consumers"
 
 
@@ -123,6 +123,11 @@ class Shown:
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
         """Section of the page; figures are written into a folder."""
+        return None
+
+    @classmethod
+    def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:
+        """Topic and sentence for the main results of the page."""
         return None
 
     @classmethod
@@ -256,6 +261,11 @@ class Kind(Experiment, Options, Shown):
     def gestures(cls, result: Result) -> tuple[str, ...]:
         """All gestures of the captures or recordings of a run."""
         raise NotImplementedError
+
+    @classmethod
+    def unseen(cls, results: Sequence[Result]) -> list[tuple[type[Shown], list[Result]]]:
+        """Classes that only the page shows, and which results each shows."""
+        return []
 
     @classmethod
     def views(cls, results: Sequence[Result]) -> list[tuple[type[Shown], list[Result]]]:

@@ -210,6 +210,11 @@ class Captures(Kind):
         return [(cls, [*results]), *((c, each) for c, each in cls.held(results).items() if c.views)]
 
     @classmethod
+    def unseen(cls, results: Sequence[Result]) -> list[tuple[type[Shown], list[Result]]]:
+        """Circumstances that no command prints."""
+        return [(c, each) for c, each in cls.held(results).items() if not c.views]
+
+    @classmethod
     def printed(cls, results: Sequence[Result]) -> Iterator[str | Table]:
         """A warning of systems that predict one label."""
         from bench.outcomes.scored import one_label

@@ -9,7 +9,7 @@ conditions).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -60,14 +60,20 @@ def loss(table: pd.DataFrame) -> dict[str, float]:
     return {str(case): float(part.mean()) for case, part in table.groupby("case", sort=False)["loss"]}
 
 
-def joined(results: Sequence[Result], name: str) -> pd.DataFrame:
-    """A table of some results below each other, with data, subset, protocol, system and seed."""
+def joined(results: Sequence[Result], name: str, make: Callable[[Result], pd.DataFrame] | None = None) -> pd.DataFrame:
+    """A table of some results below each other, with data, subset, protocol, system and seed.
+
+    Args:
+        results: results.
+        name: name of the table.
+        make: makes it of a result; None for the stored one.
+    """
     parts = []
     for r in results:
         about = dict(zip(("data", "subset", "protocol"), r.context, strict=True)) | {
             "system": r.system,
             "seed": r["seed"],
         }
-        table = r.tables[name]
+        table = make(r) if make else r.tables[name]
         parts.append(table.assign(**about)[[*about, *table.columns]])
     return pd.concat(parts, ignore_index=True)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from bench.candidate import Candidate, Wish
+from bench.candidate import EARLY, Candidate, Wish
 from bench.outcomes.reactions import by_decision
 from bench.outcomes.scores import subject_interval, windows
 from bench.paired import TOLERANCE, mean_and_error, within_one_standard_error
@@ -185,6 +185,4 @@ def early_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
     for ms, frames in decided:
         scores = wish.reactions.scores(by_decision(standing(table, frames), wish.reactions))
         apart = (str(result["stream.hop_ms"]), str(result["stream.after"]))
-        yield Candidate(
-            f"first {ms:.0f} ms", scores, {"predict": "replay_ms_p50"}, {"decision": ms}, apart, mark="early"
-        )
+        yield Candidate(f"first {ms:.0f} ms", scores, {"predict": "replay_ms_p50"}, {"decision": ms}, apart, mark=EARLY)

@@ -170,10 +170,10 @@ def test_a_run_answers_a_task_or_differs_in_a_value(name, tags, flaw):
 
 
 def test_the_rows_of_each_kind_of_run():
-    def table(name, stored):
-        task = TASKS[name]
-        tables = {"stress" if task.kind == "stress" else "predictions": stored}
-        return answers.table(task, result(kind=task.kind, tables=tables, **RUN))
+    def table(name, stored, times="each"):
+        places = {"haart-faults-v1": "labels", "haart-early-v1": "replay"}
+        about = RUN | {"faults": "noise", "stream.after": times}
+        return answers.table(TASKS[name], result(tables={places.get(name, "predictions"): stored}, **about))
 
     stored = haart_predictions()
     mean = stored.groupby("capture").mean(numeric_only=True).filter(like="p_")
@@ -188,22 +188,26 @@ def test_the_rows_of_each_kind_of_run():
         [stored.assign(fold=stored["subject"] + f" draw {d}", p_pat=stored["p_pat"] + d) for d in range(1, 6)]
     )
     assert (table("haart-personal-v1", draws)["predicted"] == "pat").all()
-    whole = tasks.rows_of(TASKS["haart-faults-v1"]).astype({"capture": int, "severity": int})
+    whole = tasks.rows_of(TASKS["haart-faults-v1"]).astype({"capture": int, "severity": float})
     amounts = pd.Series(tasks.faults()).rename_axis(["fault", "severity"]).rename("amount").reset_index()
-    whole = whole.merge(amounts.astype({"severity": int})).assign(
-        fold=whole["subject"], train_subjects=9, predicted=whole["true"]
-    )
-    few = whole.assign(train_subjects=3, predicted="pat")  # of the learning curve
+    whole = whole.merge(amounts.astype({"severity": float})).rename(columns={"fault": "case", "severity": "level"})
+    key = np.where(whole["case"] == "none", "", "under")
+    whole = whole.assign(fold=whole["subject"], circumstance=key, predicted=whole["true"])
+    few = whole.assign(circumstance="train_subjects", predicted="pat")  # of the learning curve
     rows = table("haart-faults-v1", pd.concat([few, whole]))
     assert (rows["predicted"] == rows["true"]).all() and len(rows) == len(whole)
     with pytest.raises(InputError, match="noise at severity 5 is 99"):
-        wrong = (whole["fault"] == "noise") & (whole["severity"] == 5)
+        wrong = (whole["case"] == "noise") & (whole["level"] == 5)
         table("haart-faults-v1", whole.assign(amount=whole["amount"].where(~wrong, "99")))
     labels = {27: "pat", 54: "rub", 500: "tickle"}  # by frames: at 0.5 s, at 1 s, too late
     one = stored[stored.index % 3 == 0]
     replay = pd.concat([one.assign(instant=n, **{f"p_{label}": 5.0}) for n, label in labels.items()])
     first = table("haart-early-v1", replay).query("capture == '0'").set_index("ms")["predicted"]
     assert first.to_dict() == {"500": "pat", "1000": "rub", "2000": "rub", "4000": "rub", "8000": "rub"}
+    asked = "250, 500, 1000, 2000, 4000, 8000"
+    assert first.equals(table("haart-early-v1", replay, asked).query("capture == '0'").set_index("ms")["predicted"])
+    with pytest.raises(InputError, match="1a2b has no label of capture 0, ms 500,"):
+        table("haart-early-v1", replay, "250, 1000, 2000, 4000, 8000")
 
 
 def test_the_metadata_of_a_run():

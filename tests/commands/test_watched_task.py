@@ -143,7 +143,7 @@ def test_a_rerun_must_report_the_same_events(tiny, monkeypatch, capsys):
     ):
         again = dataclasses.replace(submission(f"again{number}", events), name="mine")
         monkeypatch.setattr(rerun, "answer", lambda *_, again=again: again)
-        monkeypatch.setattr("bench.commands.leaderboard.stored", lambda *_: [])
+        monkeypatch.setattr("bench.commands.leaderboard.every_result", lambda *_: [])
         assert main(["leaderboard", "rerun=mine", "all"]) == code
         assert line in capsys.readouterr().out and Path(marks.FILE).exists()
 

@@ -1,0 +1,59 @@
+"""Accuracy against the level of a circumstance, on the page: one figure and one table for any of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from bench.measures import text
+from bench.result import Result
+from bench.table import Table
+from reports.contexts import contexts
+from reports.figures import DASHES, MARKERS, bars, new_figure, plain, save
+from reports.part import Part, Section
+
+
+def level_section(circumstance: Any, results: Sequence[Result], folder: Path) -> Section | None:
+    """A figure and a table for each set of comparable results in a circumstance.
+
+    Args:
+        circumstance: class of the circumstance.
+        results: results that have it.
+        folder: destination folder of figures.
+    """
+    parts = []
+    noun = circumstance.noun or circumstance.key
+    for i, (context, members) in enumerate(contexts(results, circumstance.alike).items(), 1):
+        caption = f"{context}: accuracy by {noun}; 95 % intervals over subjects; dotted: captures as they are."
+        picture = save(levels(circumstance.key, noun, members), folder, f"0-{circumstance.key}-{i}", context, caption)
+        table = Table([text("system", read=lambda r: r.method), *circumstance.shows(members)], members)
+        parts.append(Part(picture, table, f"{context}: {circumstance.heading or f'accuracy by {noun}'}"))
+    return Section(circumstance.heading or noun.capitalize(), parts) if parts else None
+
+
+def levels(key: str, noun: str, results: Sequence[Result]) -> Figure:
+    """Accuracy against the level, a line for each system and case.
+
+    Args:
+        key: key of the circumstance, whose curve each result has as a table.
+        noun: what a level counts.
+        results: comparable results.
+    """
+    figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.25))
+    ax = axes[0, 0]
+    for i, r in enumerate(results):
+        for case, curve in r.tables[key].groupby("case", sort=False):
+            curve = curve.sort_values("level")
+            middle, low, high = (100 * curve[name].to_numpy() for name in ("accuracy", "low", "high"))
+            name = r.method if case == key else f"{r.method}, {case}"
+            look = {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "linestyle": DASHES[i % len(DASHES)]}
+            ends = bars(middle, low, high)
+            ax.errorbar(curve["level"], middle, yerr=ends, capsize=3, markersize=5, label=plain([name])[0], **look)
+        ax.axhline(100 * r["accuracy"], color=f"C{i % 10}", linewidth=0.8, linestyle=":")
+    ax.set(xlabel=noun, ylabel="correctly classified captures, %")
+    ax.grid(alpha=0.3)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1), frameon=False)
+    return figure

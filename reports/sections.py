@@ -1,0 +1,38 @@
+"""What kinds of run and circumstances show on the page, in the order of their registry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bench.registry import classes
+from bench.result import Result
+from reports.part import Section
+
+
+def shown(results: Sequence[Result]) -> Iterator[tuple[Any, list[Result]]]:
+    """Each kind and each circumstance that there is a result of, with these results."""
+    for kind in classes("kinds").values():
+        if members := [r for r in results if r.kind == kind.tag]:
+            yield from kind.views(members)
+            yield from kind.unseen(members)
+
+
+def sections(results: Sequence[Result], folder: Path) -> list[Section]:
+    """The sections of the page; figures are written into a folder."""
+    every = (view.section(members, folder) for view, members in shown(results))
+    return [section for section in every if section]
+
+
+def briefs(results: Sequence[Result]) -> list[tuple[str, str]]:
+    """Topics and sentences."""
+    every = (view.brief(members) for view, members in shown(results))
+    return [brief for brief in every if brief]
+
+
+def sheets(results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+    """Tables of CSV files, by name."""
+    return {name: table for view, members in shown(results) for name, table in view.sheets(members).items()}
