@@ -84,7 +84,7 @@ class Instants(Circumstance):
     def changed(self) -> dict[str, str]:
         """The options as typed."""
         times = ",".join(f"{ms:g}ms" for ms in self.after) or EACH
-        return super().changed() | {"after": times}
+        return {"after": times} | {k: v for k, v in super().changed().items() if k != "after"}
 
     def refuse(self, plan: Plan) -> None:
         """Refuse a replay that cannot be, and training parts from which no threshold can be learned.

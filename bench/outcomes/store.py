@@ -128,8 +128,8 @@ class Store:
         complete = " and attributes.status = 'FINISHED'" if finished else ""
         return self.runs(f"tags.`touchbench.kind` = '{kind}'{complete}")
 
-    def find(self, key: str, kind: str = "cell") -> Run | None:
-        """The parent run of a key, None where there is none."""
+    def find(self, key: str, kind: str) -> Run | None:
+        """The parent run of a key and a kind, None where there is none."""
         return next(iter(self.runs(f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'")), None)
 
     @patient

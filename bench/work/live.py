@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 import pandas as pd
 
-from bench.arguments import number, setting
+from bench.amounts import convert
+from bench.arguments import number
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.limits import quoted
 from bench.corpora.read.sensor_values import checked, highest_of
@@ -47,7 +48,7 @@ def live(values: dict[str, str]) -> int:
 
     hop_ms = number("hop_ms", values.get("hop_ms", str(HOP_MS)))
     recogniser = load(values["model"])
-    if recogniser.watcher is not None and bool(setting("stream", "events", values)):
+    if recogniser.watcher is not None and convert("events", values.get("events", "yes"), True):
         return watched(recogniser, recogniser.watcher)
     frame_ms = 1000 / recogniser.rate_hz
     if hop_ms < frame_ms:
