@@ -30,7 +30,7 @@ def main() -> None:
                 contract.blinded = blinded if how != "open" else lambda estimator, X: X
                 evaluation.batch_effects = batch_effects if how == "checked" else lambda *_: []
                 began = time.process_time()
-                evaluation.Evaluation().fold(plan.cell, plan.corpus, plan.folds[0], 1)
+                Captures().fold(plan.cell, plan.corpus, plan.folds[0], 1)
                 times.append(time.process_time() - began)
         seconds = {how: median(times) for how, times in spent.items()}
         ratios = ", ".join(f"{how} / open {seconds[how] / seconds['open']:.2f}" for how in ("blind", "checked"))

@@ -36,8 +36,7 @@ class Empty(Experiment):
         number: tells runs apart.
     """
 
-    kind: ClassVar[str] = "empty"
-    fold_kind: ClassVar[str] = "empty_fold"
+    tag: ClassVar[str] = "empty"
     heading: ClassVar[str] = "Empty folds"
 
     number: int = 0

@@ -23,7 +23,7 @@ def folds_done(plan, experiment, folds):
 class Nothing(Experiment):
     """Does nothing."""
 
-    kind: ClassVar[str] = "nothing"
+    tag: ClassVar[str] = "nothing"
 
     def fold(self, cell, corpus, fold, threads):
         """Hand back nothing."""

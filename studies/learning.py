@@ -95,7 +95,7 @@ def measured(systems: list[dict[str, str]], shared: dict[str, str]) -> tuple[pd.
     context = pd.concat([run[["data", "subset", "target", "protocol"]] for run in runs]).drop_duplicates()
     if len(context) > 1:
         raise bench.InputError("give one corpus, subset, target and protocol, not several")
-    tables = (pd.concat([run.tables[name] for run in runs], ignore_index=True) for name in ("learning", "stress"))
+    tables = (pd.concat([run.tables[name] for run in runs], ignore_index=True) for name in ("learning", "labels"))
     points, labels = (table.rename(columns={"system": "method"}) for table in tables)
     return points, labels, ", ".join(context.iloc[0])
 

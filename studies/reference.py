@@ -26,8 +26,9 @@ from bench.amounts import convert
 from bench.arguments import parse
 from bench.corpora.library import imported
 from bench.errors import nearest
-from bench.outcomes.runs import frame_of, of_kinds
+from bench.outcomes.runs import every_result, frame_of
 from bench.outcomes.store import connect
+from bench.registry import classes
 from bench.paired import interval
 from reports.reference_rows import REFERENCE
 
@@ -53,9 +54,9 @@ NETWORKS = ("model=cnn85 model.epochs=15", "model=hughes2017_cnn model.epochs=6 
 CURVES = "protocol=groupkfold protocol.folds=13 train_subjects=2,4,8,16 faults=none"  # studies/learning.py draws them
 CURVED = ("model=lda,softmax,et,xgb features=touch", "model=touchnet")
 TESTS = {  # metrics of a kind of run, and their headings
-    "stress": {"loss": "lost under faults"},
-    "stream": {f"accuracy_at_{ms}_ms": f"after {ms}" for ms in (500, 1000, 2000)} | {"adaptive_accuracy": "stopped"},
-    "cell": {"accuracy": "with shots"},
+    "under": {"loss": "lost under faults"},
+    "after": {f"accuracy_at_{ms}_ms": f"after {ms}" for ms in (500, 1000, 2000)} | {"adaptive_accuracy": "stopped"},
+    "shots": {"accuracy": "with shots"},
     "watch": {"touches_found": "touches found", "first_correct": "first correct", "end_correct": "end correct"},
 }
 NAMED = ["data", "protocol", "system"]
@@ -184,14 +185,14 @@ def other_tests() -> pd.DataFrame:
         and faults, ``after`` counts ms of touch, ``stopped`` is with the learned stopping rule.
     """
     tables = []
-    for kind, results in of_kinds(connect(), TESTS).items():
-        shown = [r for r in results if r.complete and r["subset"] == "all" and "+" not in r["data"]]
-        if kind == "cell":
-            shown = [r for r in shown if r["protocol_name"] == "personal"]
-        if not shown:
+    complete = [r for r in every_result(connect()) if r.complete and r["subset"] == "all" and "+" not in r["data"]]
+    circumstances = classes("circumstances")
+    for name, metrics in TESTS.items():
+        holds = circumstances[name].holds if name in circumstances else lambda r, tag=name: r.kind == tag
+        if not (shown := [r for r in complete if holds(r)]):
             continue
-        runs, metrics = frame_of(shown), TESTS[kind]
-        if kind == "stress":
+        runs = frame_of(shown)
+        if "loss" in metrics:
             runs = runs.assign(loss=runs.filter(like="loss.").mean(axis=1))
         runs = runs.sort_values("started").drop_duplicates(NAMED, keep="last")
         tables.append(100 * runs.set_index(NAMED).reindex(columns=list(metrics)).rename(columns=metrics).astype(float))

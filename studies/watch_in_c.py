@@ -29,7 +29,8 @@ from bench.plan.cells import cells
 from bench.plan.plan import corpus_of, usable_cores
 from bench.work.fold import computing
 from bench.work.saved import Recogniser
-from bench.work.watch import Watch
+from bench.usual import FALSE_ALARMS
+from bench.work.watch import recordings_of, usual
 from bench.work.watcher import UNKNOWN
 from bench.work.watcher_training import learned
 from models.quantised import in_bits
@@ -88,11 +89,11 @@ def compared(values: dict[str, str], bits: int) -> dict[str, object]:
     cell, *more = cells(values | ({"model.bits": "8"} if bits == 8 else {}))
     if more or not check(cell.untrained):
         raise bench.InputError("give one system whose C can watch a stream: reflex, or a classifier on touch")
-    corpus, watch = corpus_of(cell), Watch()
-    recordings = watch.recordings(corpus, watch.usual(corpus))
+    corpus = corpus_of(cell)
+    recordings = recordings_of(corpus, usual(corpus))
     with computing(usable_cores()):
         estimator = cell.estimator().fit(corpus, corpus.gestures)
-        watcher, _ = learned(estimator, recordings, watch.false_alarms)
+        watcher, _ = learned(estimator, recordings, FALSE_ALARMS)
         if bits == 8:
             detector = Pipeline([("classifier", watcher.detector.classifier_)])
             watcher.detector.classifier_ = in_bits(detector, bits).steps[-1][1]

@@ -190,9 +190,9 @@ def runs(kind):
     return store, sorted(store.of_kind(kind), key=lambda run: run.info.start_time)
 
 
-def predictions(store, run):
-    """The table of a run."""
-    return pd.read_parquet(store.fetched(run.info.run_id, "predictions.parquet"))
+def predictions(store, run, name="predictions"):
+    """A table of a run."""
+    return pd.read_parquet(store.fetched(run.info.run_id, f"{name}.parquet"))
 
 
 SMALL = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]

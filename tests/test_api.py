@@ -163,8 +163,8 @@ def test_stress_stream_fit_and_tune():
     bayes = {"model": "bayes", "features": "jung28"} | TINY
     found = bench.stress(faults=["noise", "shift"], **bayes)
     assert set(found.tables["faults"]["fault"]) == {"noise", "shift"} and "loss.noise" in found.full
-    assert set(found.tables["stress"]["fault"]) == {"none", "noise", "shift"}
-    assert {"faults", "stress"} < {*found.tables} == {*found.runs[0].tables} and len(found.tables) == len(
+    assert set(found.tables["labels"]["case"]) == {"none", "noise", "shift"}
+    assert {"faults", "labels"} < {*found.tables} == {*found.runs[0].tables} and len(found.tables) == len(
         [*found.tables]
     )
     with pytest.raises(KeyError, match="did you mean faults"):

@@ -299,14 +299,7 @@ def own_names():
 NAMED = {  # file: names that it may have, with the reason
     "bench/commands/demo.py": {"stream", "stress"},  # lines as a user types them
     "bench/leaderboard/tasks.py": {"stream", "stress", "watch"},  # frozen tasks are data: commands that answer them
-    "bench/outcomes/earlier.py": {
-        "cell",
-        "stress",
-        "stream",
-        "chip",
-        "under",
-        "train_subjects",
-    },  # the reader of old runs
+    "bench/outcomes/earlier.py": {"cell", "stress", "stream", "chip", "under"},  # the reader of old runs
     "bench/scene_file.py": {"stream"},  # a section of scene files
     "bench/measures.py": {"stream"},  # the same
     "bench/options.py": {"watch"},  # an option of bench fit

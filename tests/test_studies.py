@@ -145,8 +145,8 @@ def test_the_newest_complete_run_of_each_system_is_shown(monkeypatch):
     runs = [
         result(
             "lda",
-            "stress",
-            {"loss.noise": noise, "loss.shift": shift},
+            metrics={"loss.noise": noise, "loss.shift": shift},
+            faults="noise, shift",
             failed=int(status == "FAILED"),
             data=data,
             started=started,
@@ -154,6 +154,6 @@ def test_the_newest_complete_run_of_each_system_is_shown(monkeypatch):
         for started, data, status, noise, shift in rows
     ]
     monkeypatch.setattr(reference, "connect", lambda: None)
-    monkeypatch.setattr(reference, "of_kinds", lambda _, kinds: {"stress": runs} if "stress" in kinds else {})
+    monkeypatch.setattr(reference, "every_result", lambda _: runs)
     table = reference.other_tests()
     assert len(table) == 1 and table.loc[("haart", "loso", "lda"), "lost under faults"] == 30.0

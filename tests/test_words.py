@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.options import COMMANDS, OPTIONS, help_of, overview
+from bench.options import OPTIONS, commands, help_of, makers, overview
 
 ROOT = Path(__file__).parent.parent
 FORBIDDEN = re.compile(
@@ -48,7 +48,7 @@ def literals(path):
 def texts():
     """Place and text of everything that users read."""
     yield "bench --help", overview()
-    yield from ((f"bench {name} --help", help_of(name)) for name in COMMANDS)
+    yield from ((f"bench {name} --help", help_of(name)) for name in commands())
     for path in [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("tests/net/golden/[rs][tu]*/*.txt")]:
         yield path.name, path.read_text()
     for path in ROOT.glob("reports/templates/*.jinja"):
@@ -77,8 +77,8 @@ def test_literals_are_found_with_their_values_left_out(tmp_path):
 
 
 def test_sentences_of_help_are_short():
-    sentences = [s for command in COMMANDS.values() for s in re.split(r"[.:;] (?=[A-Za-z0-9])", command.text)]
-    sentences += [option.help for option in OPTIONS]
+    sentences = [s for command in commands().values() for s in re.split(r"[.:;] (?=[A-Za-z0-9])", command.text)]
+    sentences += [option.help for option in (*OPTIONS, *(o for m in makers().values() for o in m.options()))]
     assert not [s for s in sentences if len(s.split()) > LONGEST]
 
 

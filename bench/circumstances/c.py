@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bench.outcomes.results import FoldResult
     from bench.plan.plan import Plan
     from bench.result import Result
+    from bench.source import Code
     from bench.work.fitted import Fitted
 
 C = "c"  # the form, and the table with its probabilities
@@ -77,6 +78,12 @@ class InC(Circumstance):
         from bench.export.write import digest
 
         return [self.bits, digest(), toolchain()]
+
+    def depends(self) -> list[Code]:
+        """A module that those which write the C import late."""
+        from bench.export import network
+
+        return [type(self), network]
 
     def refuse(self, plan: Plan) -> None:
         """Refuse a system that has no C, and a machine without the programs; warn where no watcher can be learned.

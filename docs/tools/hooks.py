@@ -27,7 +27,7 @@ sys.path[:0] = [str(TOOLS), str(TOOLS.parent.parent)]
 import examples  # noqa: E402
 
 from bench.cli import main  # noqa: E402
-from bench.options import COMMANDS  # noqa: E402
+from bench.options import commands  # noqa: E402
 
 printed: dict[str, list[str] | str] = {}
 
@@ -68,7 +68,7 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
 def helped() -> str:
     """A section for each command, with what its ``--help`` prints."""
     parts = []
-    for name in COMMANDS:
+    for name in commands():
         with contextlib.redirect_stdout(io.StringIO()) as said:
             main([name, "--help"])
         parts.append(f"## bench {name}\n\n{fenced(said.getvalue().rstrip())}\n")

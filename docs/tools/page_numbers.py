@@ -24,7 +24,6 @@ from typing import Any
 
 import bench
 from bench.api import table_of
-from bench.commands.chip import measured
 
 FOLDERS = tempfile.TemporaryDirectory()  # removed at the end
 ROOT = Path(__file__).parent.parent.parent
@@ -94,11 +93,6 @@ def results(commands: tuple[str, ...]) -> list[Any]:
     return found
 
 
-def chip(**values: str) -> Any:
-    """The table of ``bench chip``, a row per run."""
-    return table_of(measured(values))
-
-
 def leaderboard() -> Any:
     """The reference results, by task and name."""
     return bench.results("reference").set_index(["task", "name"])
@@ -165,7 +159,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "run": bench.run,
     "choose": bench.choose,
     "scene": bench.scene,
-    "chip": chip,
+    "chip": lambda **values: bench.chip(**values).full,
     "leaderboard": leaderboard,
     "data": bench.look,
 }

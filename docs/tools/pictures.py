@@ -20,7 +20,7 @@ sys.path.insert(0, str(DOCS.parent))
 
 import bench  # noqa: E402
 from bench.outcomes import statistics  # noqa: E402
-from bench.outcomes.runs import by_subject, grouped, of_kinds, stored  # noqa: E402
+from bench.outcomes.runs import by_subject, every_result, grouped, stored  # noqa: E402
 from bench.outcomes.store import connect  # noqa: E402
 from bench.registry import load  # noqa: E402
 from bench.result import Result  # noqa: E402
@@ -141,11 +141,11 @@ def chart(data: str, budget: float, path: Path) -> None:
         budget: kB of flash.
         path: of the picture.
     """
-    every = of_kinds(connect(), page.KINDS)
-    alone = {kind: [r for r in results if r.alone] for kind, results in every.items()}
-    title, results = loso(every["cell"], data)
+    every = every_result(connect())
+    alone = [r for r in every if r.alone]
+    title, results = loso(stored(connect()), data)
     answer = candidates.considered(title, results, alone, {"flash": budget})
-    models = {r.system: str(r["model_name"]) for r in every["cell"]}
+    models = {r.system: str(r["model_name"]) for r in every}
     points = candidates.marks(answer, models, {*published()["system"]})
     figure, _ = speed.speed_chart(answer.title, points, ["flash"], answer.budgets)
     done(figure, path, "(synthetic)" in answer.title)

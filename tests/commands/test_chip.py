@@ -15,12 +15,11 @@ from bench.export import network
 from bench.outcomes import scores
 from bench.plan.cells import cells
 from bench.plan.plan import planned
-from bench.work import chip as onchip
-from bench.work import saved
+from bench.export import in_c as onchip
 from bench.work.broken import KINDS
-from bench.work.chip import OnChip
+from bench.circumstances.c import InC
+from bench.kinds.captures import Captures
 from bench.work.tracking import key_of
-from bench.work.watch import Watch
 from tests.conftest import predictions, runs
 from tests.export.compiled import lacking
 from tests.results import result
@@ -54,18 +53,18 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, capsys)
     assert main(["run", "model=bayes", *SMALL]) == 0
     out = capsys.readouterr().out
     assert "in Python" in out and "60,000" in out and "9.0" in out
-    one = result(kind="chip", metrics=COSTS | {"accuracy": 0.5, "python_accuracy": 0.5}, **{"chip.bits": 8})
-    (row,) = runs_table([one], OnChip).texts
+    one = result(metrics=COSTS | {"c_accuracy": 0.5, "accuracy": 0.5}, **{"chip.bits": 8})
+    (row,) = runs_table([one], InC).texts
     assert [row[name] for name in ("library RAM kB", "program RAM kB", "stack B")] == ["3.0", "11.0", "400"]
-    (store, (run,)), (_, (plain,)) = runs("chip"), runs("cell")
-    python, table = scores.captures(predictions(store, plain)), predictions(store, run)
+    store, (run, plain) = runs("cell")
+    python, table = scores.captures(predictions(store, plain)), predictions(store, run, "c")
     assert table["python"].tolist() == python["predicted"].tolist() and table["capture"].is_unique
     in_c = scores.captures(table)["predicted"]
     assert run.data.metrics["other_labels"] == (in_c != table["python"]).sum() <= 0.1 * len(table)
-    assert run.data.metrics["accuracy"] == pytest.approx((in_c == table["true"]).mean())
-    assert run.data.metrics["python_accuracy"] == pytest.approx((python["predicted"] == python["true"]).mean())
+    assert run.data.metrics["c_accuracy"] == pytest.approx((in_c == table["true"]).mean())
+    assert run.data.metrics["accuracy"] == pytest.approx((python["predicted"] == python["true"]).mean())
     np.testing.assert_allclose(table.filter(like="p_").sum(axis=1), 1, rtol=1e-4)
-    assert run.data.params["chip.bits"] == "8" and "flash_bytes" not in run.data.metrics  # which is that of Python
+    assert run.data.params["chip.bits"] == "8"
     assert main(["report"]) == 0
     page = Path("report/index.html").read_text(encoding="utf-8")
     titles = re.findall(r"<title>(bayes · jung28.*?)</title>", page)
@@ -78,7 +77,7 @@ def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, ca
     words = ["chip", "model=lda", "bits=8", "features=touch", "model.window=1", "data.variants=normal"]
     assert main([*words, "data.subjects=3", "data.repetitions=1"]) == 0
     assert "not measured: background=quiet: no capture of synth begins or ends with 0.25 s" in capsys.readouterr().err
-    monkeypatch.setattr(Watch, "usual", lambda self, corpus: "press")
+    monkeypatch.setattr(onchip, "usual", lambda corpus: "press")
     assert main([*words, "data.subjects=2", "data.repetitions=1"]) == 0
     assert "not measured: a fold trains on one subject" in capsys.readouterr().err
     assert main([*words, "data.subjects=3", "data.repetitions=2"]) == 0
@@ -86,7 +85,7 @@ def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, ca
     assert "not measured" not in printed.err
     table = printed.out.partition("touch_watch")[2].replace("│", " ")
     assert " ".join(table.split()).count("8 31.0 15.0 420 110,000 260,000 1,200,000") == 1
-    *unmeasured, measured = runs("chip")[1]
+    *unmeasured, measured = runs("cell")[1]
     assert {name: measured.data.metrics[name] for name in WATCHED} == WATCHED
     most = 13 + 1 + len(KINDS)  # gestures, background, broken sensors; a gesture may be shorter than a window
     assert most - 2 <= measured.data.metrics["chip_watch_defined"] <= most
@@ -135,20 +134,19 @@ def test_what_it_starts_ends_with_it(tmp_path, monkeypatch):
 
 def test_other_code_or_compilers_are_another_run(monkeypatch):
     (plan,) = planned(cells({"model": "bayes", "features": "jung28", "data.subjects": "4"}), 1)
-    key = key_of(plan, OnChip(8))
-    assert key == key_of(plan, OnChip(8)) != key_of(plan, OnChip(32))
-    monkeypatch.setattr(onchip, "toolchain", lambda: ["cc 99"])
-    assert key_of(plan, OnChip(8)) != key
-    assert {network.__name__, saved.__name__} <= {
-        part.__name__ for part in OnChip(8).depends() if hasattr(part, "__file__")
-    }
+    of = lambda bits: key_of(plan, Captures((InC("c", bits),)))  # noqa: E731
+    key = of("8")
+    assert key == of("8") != of("32")
+    monkeypatch.setattr(compiled, "toolchain", lambda: ["cc 99"])
+    assert of("8") != key
+    assert network in InC("c", "8").depends()
 
 
 @pytest.mark.live
 @pytest.mark.skipif(bool(compiled.lacking()), reason=f"{', '.join(compiled.lacking())} not installed")
 def test_a_chip_is_measured():
     assert main(["chip", "model=bayes", *SMALL]) == 0
-    (run,) = runs("chip")[1]
+    (run,) = runs("cell")[1]
     metrics = run.data.metrics
     assert metrics["chip_table_bytes"] == pytest.approx(metrics["flash_bytes"], rel=0.1)
     assert metrics["chip_ram_bytes"] == pytest.approx(metrics["ram_bytes"], rel=0.15)

@@ -7,17 +7,18 @@ import pytest
 from bench.arguments import parse, setting
 from bench.commands.completion import answer, values
 from bench.corpora.faults import all_faults
-from bench.options import COMMANDS, OPTIONS, keys, options
+from bench.options import OPTIONS, commands, keys, makers, options
 from bench.plan.cells import cells
 from bench.registry import names
 
 
 @pytest.mark.parametrize("option", OPTIONS, ids=lambda option: f"{option.commands.split()[0]}-{option.key}")
 def test_a_key_of_the_table_is_taken_completed_and_has_a_default_of_its_type(option):
-    for command in option.commands.split():
+    every = [*option.commands.split(), *(makers() if "makers" in option.commands else ())]
+    for command in (command for command in every if command != "makers"):
         name = command.partition("-")[0]
         listed = options(command)[option.key]  # with the values that only the code knows
-        assert name in COMMANDS and replace(listed, values=option.values) == option
+        assert name in commands() and replace(listed, values=option.values) == option
         assert option.key in keys(name) or "." in option.key
         assert f"{option.key}=" in answer([*command.split("-"), *(["synth"] if "-" in command else []), option.key])
         assert setting(command, option.key, {}) == option.default

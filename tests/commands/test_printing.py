@@ -11,12 +11,12 @@ from bench import measures
 from bench.arguments import parse, quoted
 from bench.cli import main
 from bench.commands import printing
-from bench.commands.run import evaluated_values
+from bench.commands.kind import made
 from bench.comparable import BATCH, MARKED
 from bench.measures import Measure
 from bench.options import keys
 from bench.table import Table
-from bench.work.evaluation import Evaluation
+from bench.kinds.captures import Captures
 from tests.conftest import SMALL, predictions, runs
 
 
@@ -97,10 +97,10 @@ def test_run_marks_the_best_and_warns_of_one_label_and_what_it_prints_next_can_b
 
 def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys):
     values = parse([*SMALL, "model=bayes,lda,tree", "features=jung28"], keys("run"))
-    results = evaluated_values(values)
+    results = made("run", values)
     top = max(results, key=lambda r: r["accuracy"])
     top.about[BATCH] = "true"
-    assert printing.show(results, Evaluation) == 0
+    assert printing.show(results, [(Captures, results)]) == 0
     text, name = capsys.readouterr().out, top["system"]
     assert f"│ {name} † " in text and f"{name} † (best)" not in text and "(best)" in text
     assert MARKED in text.splitlines()

@@ -114,7 +114,7 @@ def test_runs_come_in_pages_newest_first_and_only_of_this_format(monkeypatch):
     assert {run.info.run_id for run in connected.of_kind("cell")} == {*ids[1:]}
     connected.end(ids[3], "FINISHED")
     assert [run.info.run_id for run in connected.of_kind("cell", finished=True)] == [ids[3]]
-    assert connected.find("4").info.run_id == ids[4] and connected.find("0") is None
+    assert connected.find("4", "cell").info.run_id == ids[4] and connected.find("0", "cell") is None
 
 
 def test_numbers_by_the_thousand_and_by_epoch_and_files_are_kept(tmp_path):

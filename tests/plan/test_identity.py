@@ -9,17 +9,32 @@ from pathlib import Path
 import pytest
 
 from bench import source
-from bench.corpora.faults import FAULTS
+from bench.circumstances.c import InC
+from bench.circumstances.faults import Faults
+from bench.circumstances.instants import Instants
+from bench.circumstances.subjects import Subjects
+from bench.kinds.captures import Captures
+from bench.kinds.recordings import Continuous
 from bench.plan.cells import cells
 from bench.plan.plan import Plan, corpus_of, folds_of
-from bench.work.evaluation import Evaluation
-from bench.work.stream import Stream
-from bench.work.stress import Stress
 from bench.work.tracking import key_of
 from protocols import transfer
 
 ROOT = Path(source.__file__).parent.parent
-KINDS = {"run": Evaluation(), "stress": Stress((FAULTS["noise"],)), "stream": Stream()}
+KINDS = {
+    "run": Captures(),
+    "stress": Captures((Faults(("noise",)),)),
+    "stream": Captures((Instants(),)),
+    "curve": Captures((Subjects((1,)),)),
+    "chip": Captures((InC("c"),)),
+    "watch": Continuous(),
+}
+FILES = [
+    type(one).__module__.removeprefix("bench.").replace(".", "/")
+    for kind in KINDS.values()
+    for one in (kind, *getattr(kind, "circumstances", ()))
+]
+FILES = [file for file in dict.fromkeys(FILES) if "subjects" not in file]  # which has no heading
 
 
 def key(experiment=KINDS["run"], threads=1, tuning=None, **values):
@@ -54,6 +69,25 @@ def code(text):
     return text + b"\nANOTHER = 1\n"
 
 
+def caption(text):
+    return text.replace(b'heading: ClassVar[str] = "', b'heading: ClassVar[str] = "Another ')
+
+
+def line(name):
+    """An edit that adds a line to a method of the only class of a file."""
+
+    def edit(text):
+        start = text.index(b"    def " + name.encode())
+        body = text.index(b'"""\n', text.index(b'"""', start) + 3) + 4
+        return text[:body] + b"        another = 1\n" + text[body:]
+
+    return edit
+
+
+LABELLED = {"stress", "stream", "curve", "chip"}  # captures in a circumstance
+CAPTURES = {"run", *LABELLED}
+
+
 @pytest.mark.parametrize(
     ("file", "edit", "stale"),
     [
@@ -67,29 +101,50 @@ def code(text):
         ("features/cache.py", code, set()),
         ("protocols/subjects.py", code, {*KINDS}),
         ("bench/corpora/corpus.py", code, {*KINDS}),
-        ("bench/corpora/folder.py", code, set()),
-        ("bench/corpora/where.py", code, set()),
+        ("bench/corpora/folder.py", code, {"chip"}),  # of saved systems
         ("bench/outcomes/scores.py", code, {*KINDS}),
-        ("bench/outcomes/stopping.py", code, {"stream"}),
-        ("bench/outcomes/stability.py", code, {"stress"}),
-        ("bench/outcomes/store.py", code, set()),
-        ("bench/outcomes/tables.py", code, set()),
         ("bench/outcomes/resampling.py", code, {*KINDS}),
         ("bench/measures.py", lambda text: text.replace(b'"flash kB"', b'"kB of flash"'), set()),  # a caption
         ("bench/measures.py", code, set()),
         ("bench/table.py", code, set()),
         ("bench/result.py", code, set()),
         ("bench/comparable.py", code, set()),
-        ("bench/usual.py", code, {"stress"}),
-        ("bench/work/evaluation.py", code, {"run"}),
-        ("bench/work/stress.py", code, {"stress"}),
-        ("bench/corpora/faults.py", code, {"stress"}),
         ("bench/work/loop.py", code, set()),
-        ("bench/work/replay.py", code, {"stream"}),
         ("models/sizes.py", code, {*KINDS}),
         ("models/rocket.py", code, set()),
         ("models/__init__.py", code, set()),  # another name in the registry
         ("bench/contract.py", code, {*KINDS}),
+        # what shows and chooses
+        *((f"bench/{file}.py", caption, set()) for file in FILES),
+        ("bench/circumstances/base.py", line("candidates"), set()),
+        ("bench/kinds/captures.py", line("candidates"), set()),
+        ("bench/circumstances/faults.py", line("lost"), set()),
+        ("bench/outcomes/candidates.py", code, set()),
+        ("bench/outcomes/losses.py", code, set()),
+        ("bench/outcomes/scored.py", code, set()),
+        ("bench/commands/kind.py", code, set()),
+        ("bench/options.py", code, set()),
+        ("reports/details.py", code, set()),
+        ("reports/streaming.py", code, set()),
+        ("reports/fault_curves.py", code, set()),
+        # what is done in a fold, and what that imports late
+        ("bench/kinds/captures.py", line("fold"), CAPTURES),
+        ("bench/work/evaluation.py", code, CAPTURES),
+        ("bench/work/fold.py", code, {*KINDS}),
+        ("bench/circumstances/base.py", line("fold"), LABELLED),
+        ("bench/circumstances/faults.py", line("fold"), {"stress"}),
+        ("bench/circumstances/faults.py", line("cases"), {"stress"}),
+        ("bench/corpora/faults.py", code, {"stress"}),
+        ("bench/circumstances/subjects.py", line("cases"), {"curve"}),
+        ("bench/work/subset.py", code, {"curve"}),
+        ("bench/circumstances/instants.py", line("fold"), {"stream"}),
+        ("bench/work/replay.py", code, {"stream", "chip"}),  # C has a stopping rule
+        ("bench/outcomes/stopping.py", code, {"stream", "chip"}),
+        ("bench/circumstances/c.py", line("fold"), {"chip"}),
+        ("bench/export/in_c.py", code, {"chip"}),
+        ("bench/export/network.py", code, {"chip"}),
+        ("bench/kinds/recordings.py", line("fold"), {"watch"}),
+        ("bench/work/watch.py", code, {"watch", "chip"}),  # C watches, too
     ],
 )
 def test_a_change_of_code_makes_those_runs_stale_that_depend_on_it(file, edit, stale, changed):
@@ -129,7 +184,10 @@ def test_everything_else_that_numbers_depend_on_is_in_the_key(monkeypatch):
         key(**{"model.C": "2"}),
         key(threads=2),
         key(tuning={"space": {"C": [1.0]}}),
-        *(key(kind) for kind in (KINDS["stress"], KINDS["stream"], Stream(250.0), Stress((FAULTS["shift"],)))),
+        *map(key, list(KINDS.values())[1:]),
+        key(Captures((Instants((), 250.0),))),
+        key(Captures((Faults(("shift",)),))),
+        key(Captures((Faults(("noise",)), Subjects((1,))))),
     ]
     assert len(set(keys)) == len(keys) and keys[0] == key()
     monkeypatch.setattr("bench.plan.cells.versions", lambda also: {"numpy": "0"})
@@ -145,7 +203,7 @@ def test_a_key_does_not_depend_on_what_was_imported_before():
             text=True,
             check=True,
         ).stdout
-        for first in ("pass", "import models.rocket, reports.illustrations, bench.work.fit, features.gaus")
+        for first in ("pass", "import models.rocket, reports.page, bench.work.fit, features.gaus")
     ]
     assert said[0] == said[1] == f"{key()}\n"
 

@@ -142,7 +142,7 @@ def test_the_seed_of_a_feature_set_is_that_of_the_run_or_named():
 
 def test_commands_that_search_make_the_same_search_again(monkeypatch):
     from bench.commands import smallest, tune
-    from bench.work.evaluation import Evaluation
+    from bench.kinds.captures import Captures
 
     made = []
     for module in (smallest, tune):
@@ -160,7 +160,7 @@ def test_commands_that_search_make_the_same_search_again(monkeypatch):
         known = keys(verb)
         search(parse(line.split(), known))
         (cell, *_) = made[-1]
-        assert Evaluation().command(cell) == verb
+        assert Captures().command(cell) == verb
         search(parse([f"{k}={v}" for k, v in cell.arguments().items()], known))
         assert made[-1][0] == cell
 

@@ -204,14 +204,14 @@ class Splits:
 def test_a_system_and_a_protocol_are_built_once_before_the_first_fold(store, monkeypatch, tmp_path):
     """Each fold then trains a system of its own."""
     from bench.plan import cells as module
-    from bench.work.evaluation import Evaluation
+    from bench.kinds.captures import Captures
 
     real = module.load
     own = {"counting": Counting, "splits": Splits}
     monkeypatch.setattr(module, "load", lambda room, name: own.get(name) or real(room, name))
     Counting.made.clear()
     Splits.made.clear()
-    made = prepared(cells({"model": "counting", "protocol": "splits", **TINY}), [Evaluation(), Evaluation()], 1)
+    made = prepared(cells({"model": "counting", "protocol": "splits", **TINY}), [Captures(), Captures()], 1)
     assert len(Counting.made) == 1
     execute(made[:1])
     assert len(Counting.made) == 1 + 4 and len(Splits.made) == 1

@@ -17,7 +17,8 @@ from bench.errors import InputError
 from bench.outcomes import scores
 from bench.outcomes.stopping import by_instant, by_threshold, learn_stopping, learned_point, standing, stopped
 from bench.plan.plan import Fold
-from bench.work.evaluation import Evaluation
+from bench.circumstances.instants import Instants
+from bench.kinds.captures import Captures
 from bench.work.replay import (
     STATE,
     Calibration,
@@ -31,10 +32,12 @@ from bench.work.replay import (
     unlearnable,
     weighed,
 )
-from bench.work.stream import Stream
 from features.jung54 import Jung54
 from tests.conftest import random_corpus, with_other_values
 from tests.work.fakes import Level, cell_of
+
+
+STREAM = Captures((Instants((), 100.0, stopping=True),))  # as bench stream hop_ms=100 makes it
 
 
 class Rising(ClassifierMixin, BaseEstimator):
@@ -284,19 +287,20 @@ def test_stopping_never_looks_at_later_frames(seed, threshold):
 
 @pytest.fixture(scope="module")
 def leveled():
-    """A small corpus, a fold of it, and what `Stream` makes of it with a system that learns from levels."""
+    """A small corpus, a fold of it, and what a replay makes of it with a system that learns from levels."""
     corpus = random_corpus(subjects=4, per_class=2, grid=(3, 4))
     fold = Fold("2", np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2"))
-    return corpus, fold, Stream(100.0).fold(cell_of(Level), corpus, fold, 1)
+    return corpus, fold, STREAM.fold(cell_of(Level), corpus, fold, 1)
 
 
 def test_no_test_subject_has_a_say_in_calibration_and_threshold(leveled):
     corpus, fold, first = leveled
-    other = Stream(100.0).fold(cell_of(Level), with_other_values(corpus, fold.test), fold, 1)
-    assert first.chosen == other.chosen and first.trials.equals(other.trials)
-    assert not first.table.equals(other.table)
+    other = STREAM.fold(cell_of(Level), with_other_values(corpus, fold.test), fold, 1)
+    for name in ("rules", "thresholds"):
+        assert first.tables[name].equals(other.tables[name])
+    assert not first.tables["replay"].equals(other.tables["replay"])
     stopping, _ = learned(Level, with_other_values(corpus, fold.train[::2]), fold.train, Replay(100.0))
-    assert first.chosen["temperature_first"] != stopping.calibration.first
+    assert first.tables["rules"]["temperature_first"].item() != stopping.calibration.first
 
 
 def test_training_subjects_are_judged_by_systems_that_were_not_trained_on_them():
@@ -339,35 +343,40 @@ def test_captures_that_cannot_teach_when_to_stop_are_refused_in_words():
     plan = SimpleNamespace(cell=cell_of(Demanding), corpus=corpus, folds=[Fold("7", np.arange(12), np.arange(12, 24))])
     plan.cell.protocol, plan.cell.untrained = "loso", Demanding()
     with pytest.raises(InputError, match="^give 99 captures"):
-        Stream().refuse(plan)
+        Captures((Instants(stopping=True),)).refuse(plan)
 
 
 def test_a_fold_scores_whole_captures_as_bench_run_and_stops_as_it_has_learned(leveled):
     corpus, fold, result = leveled
-    expected = Evaluation().fold(cell_of(Level), corpus, fold, 1).table.set_index("capture")
-    labelled = stopped(result.table, np.inf).set_index("capture").loc[expected.index]
+    replay = result.tables["replay"]
+    expected = Captures().fold(cell_of(Level), corpus, fold, 1).table.set_index("capture")
+    pd.testing.assert_frame_equal(result.table.set_index("capture"), expected)
+    labelled = stopped(replay, np.inf).set_index("capture").loc[expected.index]
     np.testing.assert_allclose(labelled.filter(like="p_"), expected.filter(like="p_"), rtol=1e-6)
     accuracy = scores.accuracies(expected.reset_index())["accuracy"]
-    early = stopped(result.table, result.chosen["threshold"])
-    metrics = Stream(100.0).fold_metrics(result, corpus.rate_hz)
-    assert metrics["accuracy"] == accuracy
+    early = stopped(replay, result.tables["rules"]["threshold"].item())
+    metrics = STREAM.fold_metrics(result, corpus.rate_hz)
+    assert metrics["accuracy"] == metrics["replay_accuracy"] == accuracy
     assert metrics["adaptive_accuracy"] == (early["true"] == early["predicted"]).mean()
     assert metrics["adaptive_ms"] == 10 * early["frames"].mean() and result.batch_effects == []
     plan = SimpleNamespace(corpus=corpus)
-    run = Stream(100.0).result(plan, {}, [result])
-    assert run.metrics["accuracy"] == accuracy and run.metrics["adaptive_ms"] == metrics["adaptive_ms"]
+    run = STREAM.result(plan, {"target": "gesture"}, [result])
+    assert run.metrics["replay_accuracy"] == accuracy and run.metrics["adaptive_ms"] == metrics["adaptive_ms"]
     assert run.metrics["mean_ms"] == 10 * corpus.lengths[fold.test].mean()
-    assert run.metrics["decisions_per_second"] == 1000 / run.metrics["decide_ms_p95"]
-    by_hand = standing(result.table, 25)  # a quarter of a second at 100 Hz
+    assert run.metrics["decisions_per_second"] == 1000 / run.metrics["replay_ms_p95"]
+    by_hand = standing(replay, 25)  # a quarter of a second at 100 Hz
     assert run.metrics["accuracy_at_250_ms"] == (by_hand["true"] == by_hand["predicted"]).mean()
-    assert set(run.tables) == {"predictions", "instants", "stopping"}
-    row = {measure.name: measure.of(run) for measure in Stream.measures()}
+    assert {"replay", "rules", "thresholds", "instants", "stopping"} < {*run.tables}
+    row = {measure.name: measure.of(run) for measure in Instants.shows([run])}
     assert row["whole"] == f"{100 * accuracy:.1f}" and row["at mean ms"] == f"{metrics['adaptive_ms']:.0f}"
 
 
 def test_a_replay_from_the_middle_sees_no_first_half(leveled):
     corpus, fold, _ = leveled
-    table = Stream(100.0, "middle").fold(cell_of(Level), corpus, fold, 1).table
+    middle = Instants((), 100.0, "middle")
+    table = Captures((middle,)).fold(cell_of(Level), corpus, fold, 1).tables["replay"]
     halves = corpus.lengths[fold.test] - corpus.lengths[fold.test] // 2
     assert table.groupby("capture")["frames"].last().tolist() == halves.tolist()
-    assert Stream(100.0, "middle").arguments() == {"hop_ms": "100", "start": "middle"} and Stream().arguments() == {}
+    assert "confidence" not in table  # no stopping was learned
+    assert Captures((middle,)).arguments() == {"after": "each", "hop_ms": "100", "start": "middle"}
+    assert Captures((Instants((250.0, 1000.0)),)).arguments() == {"after": "250ms,1000ms"}

@@ -20,7 +20,8 @@ from bench.plan.plan import Fold
 from bench.work.detector import Clock, touched
 from bench.work.fit import save_adapted
 from bench.work.saved import Recogniser, load
-from bench.work.watch import Watch, _rejection
+from bench.kinds.recordings import Continuous
+from bench.work.watch import _rejection, recordings_of
 from bench.work.watcher import LiveStream, Rules, Tracker, events_of
 from bench.work.watcher_training import learned
 from features.touch import TouchFeatures
@@ -159,7 +160,7 @@ def test_nothing_of_a_test_subject_is_learned(unknown, recordings):
     tested = np.repeat(corpus.subjects == "4", corpus.lengths)
     frames[tested] = frames[tested][::-1]
     other = corpus.changed(captures=table, frames=frames)
-    results = [Watch(unknown=unknown).fold(cell, each, fold, 1) for each in (corpus, other)]
+    results = [Continuous(unknown=unknown).fold(cell, each, fold, 1) for each in (corpus, other)]
     assert results[0].chosen == results[1].chosen and (float(str(results[0].chosen["reject"])) > 0) == bool(unknown)
     pd.testing.assert_frame_equal(results[0].trials, results[1].trials)
     assert not results[0].table.equals(results[1].table)  # the test subject was another one
@@ -187,7 +188,7 @@ def test_what_cannot_be_watched_is_one_line(words, fact, capsys):
 def test_background_without_touches_is_refused(recordings):
     row = pd.DataFrame({"subject": ["1"], "gesture": ["rub"]})
     with pytest.raises(InputError, match="no touch"):
-        Watch().recordings(Corpus.from_captures([recordings.corpus[0]], row, 50.0), "rub")
+        recordings_of(Corpus.from_captures([recordings.corpus[0]], row, 50.0), "rub")
 
 
 def test_the_command_stores_what_it_prints_and_goes_on(capsys):
