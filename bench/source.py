@@ -23,6 +23,8 @@ Code = ModuleType | Callable  # a module, class or function
 ROOMS = {"bench", "features", "models", "protocols"}
 # Modules that find, move and keep things and change no number; a change in them is no other result.
 INDIFFERENT = {
+    "bench.arguments",
+    "bench.candidate",
     "bench.corpora.duplicates",
     "bench.corpora.folder",
     "bench.corpora.library",
@@ -30,6 +32,8 @@ INDIFFERENT = {
     "bench.memory",
     "bench.comparable",
     "bench.measures",
+    "bench.options",
+    "bench.table",
     "bench.result",
     "bench.progress",
     "bench.registry",

@@ -1,5 +1,6 @@
 """Values that several parts share, once."""
 
+LABELS = "labels"  # table with the labels of all circumstances that need no more
 CLEAN = "none"  # the fault of captures without one
 SEVERITIES = 5  # of each fault
 FALSE_ALARMS = 5.0  # per hour of background, which bench watch accepts on training subjects unless told otherwise

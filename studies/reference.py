@@ -28,8 +28,8 @@ from bench.corpora.library import imported
 from bench.errors import nearest
 from bench.outcomes.runs import every_result, frame_of
 from bench.outcomes.store import connect
-from bench.registry import classes
 from bench.paired import interval
+from bench.registry import classes
 from reports.reference_rows import REFERENCE
 
 CORPORA = ("haart", "cuddlebot")

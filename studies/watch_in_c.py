@@ -27,9 +27,9 @@ from bench.export.write import files_of
 from bench.outcomes.events import REPORT, report_table
 from bench.plan.cells import cells
 from bench.plan.plan import corpus_of, usable_cores
+from bench.usual import FALSE_ALARMS
 from bench.work.fold import computing
 from bench.work.saved import Recogniser
-from bench.usual import FALSE_ALARMS
 from bench.work.watch import recordings_of, usual
 from bench.work.watcher import UNKNOWN
 from bench.work.watcher_training import learned

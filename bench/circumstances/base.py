@@ -18,18 +18,21 @@ from bench.kinds.base import Options, Shown
 from bench.kinds.base import option as option
 from bench.measures import Measure, percent
 from bench.result import Result
+from bench.usual import LABELS as LABELS
 from bench.work.experiment import Case as Case
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from bench import contract
+    from bench.corpora.corpus import Corpus
     from bench.outcomes.results import FoldResult
-    from bench.plan.plan import Plan
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
     from bench.source import Code
     from bench.work.fitted import Fitted
     from reports.part import Section
 
-LABELS = "labels"  # table with the labels of all circumstances that need no more
 CASE = ("case", "level")  # its columns that name a case
 
 
@@ -144,6 +147,64 @@ class Circumstance(Options, Shown):
         table = curve(tables[LABELS], self.key)
         numbers = {f"accuracy.{r.case}.{r.level:g}": r.accuracy for r in table.itertuples()}
         return numbers | {f"loss.{case}": lost for case, lost in loss(table).items()}, {self.key: table}
+
+    @staticmethod
+    def in_turn(
+        circumstances: Sequence[Circumstance],
+        cell: Cell,
+        corpus: Corpus,
+        fold: Fold,
+        system: contract.System,
+        result: FoldResult,
+        threads: int,
+    ) -> None:
+        """Add what circumstances make of a fold to its result, one after the other."""
+        import pandas as pd
+
+        from bench.work.fitted import Fitted
+
+        at = Fitted(cell, corpus, fold, system, result.table, threads)
+        result.tables = {LABELS: at.clean()}
+        for circumstance in circumstances:
+            done = circumstance.fold(at)
+            result.metrics |= done.metrics
+            result.times |= done.times
+            result.batch_effects += done.batch_effects
+            for name, table in done.tables.items():
+                before = [result.tables[name]] if name in result.tables else []
+                result.tables[name] = pd.concat([*before, table], ignore_index=True)
+
+    @staticmethod
+    def all_measured(
+        circumstances: Sequence[Circumstance],
+        tables: Mapping[str, pd.DataFrame],
+        folds: Sequence[FoldResult],
+        rate_hz: float,
+        target: str,
+    ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
+        """Numbers and tables of a run in some circumstances, and the groups of captures on which the system fails.
+
+        Args:
+            circumstances: circumstances of the run.
+            tables: tables of all folds.
+            folds: results of the folds.
+            rate_hz: frames per second.
+            target: columns that define the class.
+        """
+        import pandas as pd
+
+        from bench.outcomes.curves import unharmed
+        from bench.outcomes.stability import sliced
+
+        numbers: dict[str, float] = {}
+        made: dict[str, pd.DataFrame] = {}
+        for circumstance in circumstances:
+            metrics, own = circumstance.result(tables, folds, rate_hz)
+            numbers, made = numbers | metrics, made | own
+        tested = [c for c in circumstances if c.sliced]
+        labels = pd.concat([unharmed(tables[LABELS]), *(c.labels(tables, rate_hz) for c in tested)], ignore_index=True)
+        metrics, own = sliced(labels, {c.key: c.word for c in tested}, target)
+        return numbers | metrics, made | own
 
     def labels(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
         """Its rows of the table ``labels``, also where its own table has more than labels."""

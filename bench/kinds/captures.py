@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from bench.arguments import Values
-from bench.circumstances.base import LABELS, Circumstance
 from bench.errors import InputError
 from bench.kinds.base import Kind, Shown, Spelling
 from bench.measures import Measure, columns, run_columns
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bench.candidate import Candidate, Wish
+    from bench.circumstances.base import Circumstance
     from bench.corpora.corpus import Corpus
     from bench.outcomes.results import FoldResult
     from bench.plan.cells import Cell
@@ -111,24 +111,11 @@ class Captures(Kind):
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Predictions of the test captures and their costs; labels in each circumstance."""
-        import pandas as pd
-
         from bench.work.evaluation import evaluated
-        from bench.work.fitted import Fitted
 
         system, result = evaluated(cell, corpus, fold, threads)
-        if not self.circumstances:
-            return result
-        at = Fitted(cell, corpus, fold, system, result.table, threads)
-        result.tables = {LABELS: at.clean()}
-        for c in self.circumstances:
-            done = c.fold(at)
-            result.metrics |= done.metrics
-            result.times |= done.times
-            result.batch_effects += done.batch_effects
-            for name, table in done.tables.items():
-                before = [result.tables[name]] if name in result.tables else []
-                result.tables[name] = pd.concat([*before, table], ignore_index=True)
+        for c in self.circumstances[:1]:
+            c.in_turn(self.circumstances, cell, corpus, fold, system, result, threads)
         return result
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
@@ -143,25 +130,15 @@ class Captures(Kind):
 
     def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Scores and costs of the whole run; confusions, subjects and classes; what each circumstance changes."""
-        import pandas as pd
-
-        from bench.outcomes.curves import unharmed
         from bench.outcomes.results import measured, tables_of
-        from bench.outcomes.stability import sliced
 
         rate_hz = plan.corpus.rate_hz
         numbers, tables, unit = measured(folds, rate_hz)
-        stored = tables_of(folds)
-        more: dict[str, float] = {}
-        for c in self.circumstances:
-            metrics, made = c.result({"predictions": tables["predictions"], **stored}, folds, rate_hz)
-            more, tables = more | metrics, tables | made
-        if self.circumstances:
-            words = {c.key: c.word for c in self.circumstances if c.sliced}
-            labels = [c.labels(stored, rate_hz) for c in self.circumstances if c.sliced]
-            labels = pd.concat([unharmed(stored[LABELS]), *labels], ignore_index=True)
-            metrics, made = sliced(labels, words, about["target"])
-            more, tables = more | metrics, tables | made
+        stored, more = tables_of(folds), {}
+        for c in self.circumstances[:1]:
+            every = {"predictions": tables["predictions"], **stored}
+            more, made = c.all_measured(self.circumstances, every, folds, rate_hz, about["target"])
+            tables |= made
         return Result({**about, "unit": unit}, more | numbers, tables | stored)
 
     commands: ClassVar[dict[str, Spelling]] = {

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.corpus import Corpus
 from bench.outcomes import scores
-from bench.plan.cells import Cell
-from bench.plan.plan import Fold
 from bench.usual import CLEAN
 from bench.work.experiment import Case
 from bench.work.fold import SOME, batch_effects, decisions
+
+if TYPE_CHECKING:
+    from bench.corpora.corpus import Corpus
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold
 
 
 @dataclass(frozen=True)

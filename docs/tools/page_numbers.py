@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import bench
-from bench.api import table_of
 
 FOLDERS = tempfile.TemporaryDirectory()  # removed at the end
 ROOT = Path(__file__).parent.parent.parent

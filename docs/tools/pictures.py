@@ -24,7 +24,7 @@ from bench.outcomes.runs import by_subject, every_result, grouped, stored  # noq
 from bench.outcomes.store import connect  # noqa: E402
 from bench.registry import load  # noqa: E402
 from bench.result import Result  # noqa: E402
-from reports import candidates, figures, page, speed  # noqa: E402
+from reports import candidates, figures, speed  # noqa: E402
 from reports.comparison import published  # noqa: E402
 
 SMALL = {"data__subjects": 6, "data__variants": ("normal",), "data__repetitions": 2}

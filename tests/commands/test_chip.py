@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.circumstances.c import InC
 from bench.cli import main
 from bench.commands.printing import runs_table
+from bench.export import in_c as onchip
 from bench.export import measure as compiled
 from bench.export import network
+from bench.kinds.captures import Captures
 from bench.outcomes import scores
 from bench.plan.cells import cells
 from bench.plan.plan import planned
-from bench.export import in_c as onchip
 from bench.work.broken import KINDS
-from bench.circumstances.c import InC
-from bench.kinds.captures import Captures
 from bench.work.tracking import key_of
 from tests.conftest import predictions, runs
 from tests.export.compiled import lacking

@@ -13,10 +13,10 @@ from bench.cli import main
 from bench.commands import printing
 from bench.commands.kind import made
 from bench.comparable import BATCH, MARKED
+from bench.kinds.captures import Captures
 from bench.measures import Measure
 from bench.options import keys
 from bench.table import Table
-from bench.kinds.captures import Captures
 from tests.conftest import SMALL, predictions, runs
 
 

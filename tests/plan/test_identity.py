@@ -1,6 +1,7 @@
 """What changes the key of a run, and what does not (docs/notes/decisions.md, identity)."""
 
 import importlib
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -70,7 +71,7 @@ def code(text):
 
 
 def caption(text):
-    return text.replace(b'heading: ClassVar[str] = "', b'heading: ClassVar[str] = "Another ')
+    return re.sub(rb'(heading: ClassVar\[str\] = \(?\s*")', rb"\1Another ", text)
 
 
 def line(name):
@@ -101,7 +102,7 @@ CAPTURES = {"run", *LABELLED}
         ("features/cache.py", code, set()),
         ("protocols/subjects.py", code, {*KINDS}),
         ("bench/corpora/corpus.py", code, {*KINDS}),
-        ("bench/corpora/folder.py", code, {"chip"}),  # of saved systems
+        ("bench/corpora/folder.py", code, set()),
         ("bench/outcomes/scores.py", code, {*KINDS}),
         ("bench/outcomes/resampling.py", code, {*KINDS}),
         ("bench/measures.py", lambda text: text.replace(b'"flash kB"', b'"kB of flash"'), set()),  # a caption
@@ -134,7 +135,7 @@ CAPTURES = {"run", *LABELLED}
         ("bench/circumstances/base.py", line("fold"), LABELLED),
         ("bench/circumstances/faults.py", line("fold"), {"stress"}),
         ("bench/circumstances/faults.py", line("cases"), {"stress"}),
-        ("bench/corpora/faults.py", code, {"stress"}),
+        ("bench/corpora/faults.py", code, {"stress", "watch", "chip"}),  # sensors that a watcher takes for broken
         ("bench/circumstances/subjects.py", line("cases"), {"curve"}),
         ("bench/work/subset.py", code, {"curve"}),
         ("bench/circumstances/instants.py", line("fold"), {"stream"}),

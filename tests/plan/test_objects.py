@@ -14,10 +14,10 @@ from sklearn.svm import SVC
 
 from bench import contract
 from bench.errors import InputError
+from bench.kinds.captures import Captures
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work import loop
-from bench.kinds.captures import Captures
 from bench.work.tracking import key_of
 from features.jung28 import Jung28
 from features.jung54 import Jung54

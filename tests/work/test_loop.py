@@ -203,8 +203,8 @@ class Splits:
 
 def test_a_system_and_a_protocol_are_built_once_before_the_first_fold(store, monkeypatch, tmp_path):
     """Each fold then trains a system of its own."""
-    from bench.plan import cells as module
     from bench.kinds.captures import Captures
+    from bench.plan import cells as module
 
     real = module.load
     own = {"counting": Counting, "splits": Splits}

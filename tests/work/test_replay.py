@@ -11,14 +11,14 @@ from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics import log_loss
 
+from bench.circumstances.instants import Instants
 from bench.corpora.corpus import Corpus, storage, unblinded
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
+from bench.kinds.captures import Captures
 from bench.outcomes import scores
 from bench.outcomes.stopping import by_instant, by_threshold, learn_stopping, learned_point, standing, stopped
 from bench.plan.plan import Fold
-from bench.circumstances.instants import Instants
-from bench.kinds.captures import Captures
 from bench.work.replay import (
     STATE,
     Calibration,
@@ -35,7 +35,6 @@ from bench.work.replay import (
 from features.jung54 import Jung54
 from tests.conftest import random_corpus, with_other_values
 from tests.work.fakes import Level, cell_of
-
 
 STREAM = Captures((Instants((), 100.0, stopping=True),))  # as bench stream hop_ms=100 makes it
 

@@ -14,13 +14,13 @@ from bench.corpora.composer import captures_in
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth_recordings import generate
 from bench.errors import InputError
+from bench.kinds.recordings import Continuous
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import Fold
 from bench.work.detector import Clock, touched
 from bench.work.fit import save_adapted
 from bench.work.saved import Recogniser, load
-from bench.kinds.recordings import Continuous
 from bench.work.watch import _rejection, recordings_of
 from bench.work.watcher import LiveStream, Rules, Tracker, events_of
 from bench.work.watcher_training import learned
