@@ -9,6 +9,7 @@ import time
 from statistics import median
 
 from bench import contract
+from bench.kinds.captures import Captures
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work import evaluation

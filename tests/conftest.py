@@ -15,6 +15,7 @@ import pytest
 from filelock import FileLock
 from hypothesis import HealthCheck, settings
 
+from bench import measures, registry
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
 from bench.outcomes.store import connect, create
@@ -247,3 +248,30 @@ def dead():
     with subprocess.Popen([sys.executable, "-c", ""]) as process:
         process.wait()
     return process.pid
+
+
+@pytest.fixture
+def plug(tmp_path, monkeypatch):
+    """Install a package with these entry points, in a folder of its own."""
+    site = tmp_path / "site"
+    info, installed = site / "watts-1.0.dist-info", []
+
+    def forget():
+        measures.plugged.cache_clear()
+        measures.costs.cache_clear()
+        registry.forget()
+        for name in installed:
+            sys.modules.pop(name, None)
+
+    def install(points, source, name):
+        installed.append(name)
+        info.mkdir(parents=True, exist_ok=True)
+        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: watts\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(points)
+        (site / f"{name}.py").write_text(source)
+        monkeypatch.syspath_prepend(site)
+        forget()
+
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    yield install
+    forget()

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 import bench
-from bench import measures, registry
+from bench import registry
 from bench.cli import main
 from bench.commands.choose import Chosen
 from bench.options import help_of, overview
@@ -66,35 +66,9 @@ MEASURED = {"energy": 1.25, "heat": 2.0, "heat_low": 1.0, "heat_high": 3.0, "hum
 
 
 @pytest.fixture
-def plug(tmp_path, monkeypatch):
-    """Install a package with these entry points, in a folder of its own."""
-    site = tmp_path / "site"
-    info = site / "watts-1.0.dist-info"
-
-    def forget():
-        measures.plugged.cache_clear()
-        measures.costs.cache_clear()
-        registry.forget()
-        for name in ("plugged_in", "fewer", "halves"):
-            sys.modules.pop(name, None)
-
-    def install(points, source=PLUGGED, name="plugged_in"):
-        info.mkdir(parents=True, exist_ok=True)
-        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: watts\nVersion: 1.0\n")
-        (info / "entry_points.txt").write_text(points)
-        (site / f"{name}.py").write_text(source)
-        monkeypatch.syspath_prepend(site)
-        forget()
-
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    yield install
-    forget()
-
-
-@pytest.fixture
 def entered(plug, monkeypatch):
     """An installed package with the entries, and the line that measures them in each fold."""
-    plug(POINTS)
+    plug(POINTS, PLUGGED, "plugged_in")
     from bench.work import evaluation
 
     footprint, folds = evaluation.footprint, Counter()
@@ -193,7 +167,7 @@ def test_a_new_cost_and_a_new_column_appear_everywhere(entered):
 )
 def test_a_wrong_entry_is_refused_in_one_line_before_any_work(plug, capsys, point, facts):
     group, _, line = point.partition(":")
-    plug(f"[touchbench.{group}]\n{line}\n")
+    plug(f"[touchbench.{group}]\n{line}\n", PLUGGED, "plugged_in")
     assert main(["run", *SMALL, "model=tree", "features=jung28"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "package watts" in error and f"touchbench.{group}" in error
@@ -203,7 +177,7 @@ def test_a_wrong_entry_is_refused_in_one_line_before_any_work(plug, capsys, poin
 
 
 def test_a_cost_that_should_be_higher_is_refused(plug, capsys):
-    plug("[touchbench.costs]\nhigher = plugged_in:BATTERY\n", PLUGGED.replace('"high"', '"higher"'))
+    plug("[touchbench.costs]\nhigher = plugged_in:BATTERY\n", PLUGGED.replace('"high"', '"higher"'), "plugged_in")
     assert main(["choose"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "higher" in error and "give low or high" in error
@@ -280,7 +254,7 @@ def test_a_new_kind_of_run_is_one_file_and_appears_everywhere(plug, monkeypatch)
 
 @pytest.mark.parametrize("group", ["circumstances", "kinds"])
 def test_a_wrong_kind_or_circumstance_is_refused_in_one_line(plug, capsys, group):
-    plug(f"[touchbench.{group}]\ngone = no_such_module:Gone\n")
+    plug(f"[touchbench.{group}]\ngone = no_such_module:Gone\n", "", "empty")
     assert main(["run", *SMALL, "model=tree", "features=jung28"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and f"touchbench.{group}" in error and "gone" in error
