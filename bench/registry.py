@@ -11,9 +11,9 @@ import importlib
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
-from importlib.metadata import EntryPoints, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +52,11 @@ def place_of(package: str) -> Path:
 
 
 @cache
-def _installed() -> EntryPoints:
+def _installed() -> Any:
     return entry_points()  # of all groups at once, as each look takes a while
 
 
-def plugged(group: str) -> EntryPoints:
+def plugged(group: str) -> Iterable[EntryPoint]:
     """What installed packages add to ``touchbench.<group>``."""
     return _installed().select(group=f"touchbench.{group}")
 

@@ -22,9 +22,8 @@ RENAMED = {  # numbers, by kind of run
     },
     "chip": {"accuracy": "c_accuracy", "python_accuracy": "accuracy"},
 }
-C_SCORES = ("accuracy_low", "accuracy_high", "macro_f1", "macro_precision", "macro_recall")
-C_SCORES += ("subject_accuracy_mean", "subject_accuracy_sd")
-RENAMED["chip"] |= {name: f"c_{name}" for name in C_SCORES}
+C_SCORES = "accuracy_low accuracy_high macro_f1 macro_precision macro_recall subject_accuracy_mean subject_accuracy_sd"
+RENAMED["chip"] |= {name: f"c_{name}" for name in C_SCORES.split()}
 STORED = {  # names of stored tables, by kind of run and by today's name
     "stress": {"labels": "stress", "margins": "half_margins"},
     "stream": {"replay": "predictions", "rules": "chosen", "thresholds": "trials"},

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -183,7 +183,7 @@ def slices(table: pd.DataFrame, words: Mapping[str, str], target: str) -> pd.Dat
     keys = ["fold", "capture"]
     units = unharmed(table)
     right_under = [units["hit"].to_numpy(float)]
-    cases: list[tuple[str, float, str, str]] = [("", 0, "", "")]
+    cases: list[tuple[str, Any, str, str]] = [("", 0, "", "")]
     order = pd.MultiIndex.from_frame(units[keys])
     changed = table[table["circumstance"].isin([*words])]
     for (key, case, level), part in changed.groupby(["circumstance", "case", "level"], sort=False):
@@ -226,7 +226,7 @@ def _parts(values_of: dict[str, pd.Series]) -> Iterator[tuple[tuple[tuple[str, s
             yield (one, other), both, False
 
 
-def _named(names: tuple[tuple[str, str], ...], case: tuple[str, float, str, str]) -> tuple[str, str]:
+def _named(names: tuple[tuple[str, str], ...], case: tuple[str, Any, str, str]) -> tuple[str, str]:
     """The kind of a slice and its name."""
     kind, name = [factor for factor, _ in names], [f"{factor} {value}" for factor, value in names]
     if case[0]:

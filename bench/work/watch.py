@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -174,7 +173,7 @@ def fold_numbers(result: FoldResult, rate_hz: float) -> dict[str, float]:
 
 
 def run_numbers(
-    folds: Sequence[FoldResult], rate_hz: float, unknown: str
+    folds: list[FoldResult], rate_hz: float, unknown: str
 ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
     """Scores of all touches, with intervals over subjects; tables of touches, reports, subjects and the curve."""
     table = table_of(folds)
