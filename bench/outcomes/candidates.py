@@ -105,9 +105,9 @@ def candidates(
     if not ways:
         raise _nothing(command, notes)
     order = [*ways]
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[Any, Any]] = []
     accuracies: list[pd.Series] = []
-    alarms: list[list[pd.Series]] = []
+    alarms: list[Any] = []
     behind: list[list[Result]] = []
     for key in sorted(order, key=lambda key: (key[:3], order.index(key))):
         seeds = [ways[key][seed] for seed in sorted(ways[key], key=seed_number)]
