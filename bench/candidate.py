@@ -55,13 +55,13 @@ class Candidate:
     """A way in which a run labels.
 
     Attributes:
-        unit: what is labelled, in words; candidates of one system and unit are its seeds.
+        unit: words for what is labelled; candidates of one system and unit are its seeds.
         scores: score in percent by subject.
         stored: names of stored values that its costs read in place of their own; empty for a cost that it has not.
         costs: costs that no stored value has, by name.
         apart: values that keep it apart from another one of the same system and unit.
         counts: further numbers by subject, which costs of people are computed from.
-        mark: what it is, where charts mark it.
+        mark: name of its look in charts; empty for none.
         linked: True if its bytes are linked, with code.
         whole: True if losses in a circumstance are also its losses.
     """

@@ -39,7 +39,7 @@ def levels(key: str, noun: str, results: Sequence[Result]) -> Figure:
 
     Args:
         key: key of the circumstance, whose curve each result has as a table.
-        noun: what a level counts.
+        noun: words for what a level counts.
         results: comparable results.
     """
     figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.25))

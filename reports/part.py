@@ -34,7 +34,7 @@ class Section:
 
     Attributes:
         heading: heading.
-        parts: what stands below it.
+        parts: figures, tables and sentences below it.
     """
 
     heading: str

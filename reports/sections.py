@@ -35,4 +35,5 @@ def briefs(results: Sequence[Result]) -> list[tuple[str, str]]:
 
 def sheets(results: Sequence[Result]) -> dict[str, pd.DataFrame]:
     """Tables of CSV files, by name."""
-    return {name: table for view, members in shown(results) for name, table in view.sheets(members).items()}
+    every = {name: table for view, members in shown(results) for name, table in view.sheets(members).items()}
+    return {name: table for name, table in every.items() if len(table)}

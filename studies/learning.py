@@ -148,7 +148,8 @@ def main(words: list[str]) -> pd.DataFrame:
     systems = [values, *(parse(system, {"model", "features"}) for system in others)]
     if others and not all("model" in system for system in systems):
         raise bench.InputError("+ stands between systems: give model= before and behind it")
-    points, labels, context = measured(systems, shared | {"out": str(out / "stress")})
+    out.mkdir(parents=True, exist_ok=True)
+    points, labels, context = measured(systems, shared)
     table = compared(points, labels, context, until, out)
     table.to_csv(out / "learning.csv", index=False)
     return table

@@ -130,7 +130,7 @@ def test_the_ui_opens_a_view_with_columns_that_runs_have(in_net, monkeypatch, ca
     view = json.loads(store.client.get_experiment(store.experiment_id).tags[f"mlflow.sharedViewState.{key}"])
     shown = store.runs(view["searchFilter"])  # as the page asks for them
     kinds = {run.info.run_name.split()[0] for run in shown}
-    assert kinds == {"run", "tune", "choose", "stress", "stream", "watch"}
+    assert kinds == {"run", "tune", "choose", "watch"}
     run = next(run for run in shown if run.info.run_name.startswith("run "))
     for column in view["selectedColumns"]:
         kind, name = re.fullmatch("(metrics|params)[.]`(.+)`", column).groups()

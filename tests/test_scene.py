@@ -2,10 +2,10 @@
 
 import pytest
 
+from bench.candidate import Losses
 from bench.corpora.faults import SEVERITIES, all_faults
 from bench.errors import InputError
 from bench.options import keys
-from bench.outcomes.candidates import Faults
 from bench.scene_file import EVERY, boards, read_scene
 
 SCENE = """
@@ -45,7 +45,7 @@ def test_lines_are_keys_of_choose(tmp_path):
         "max_worst_person": "40",
         "max_worst_tenth": "29.5",
     }
-    assert {*scene.values} <= keys("choose") and scene.faults == Faults(("noise",), 2)
+    assert {*scene.values} <= keys("choose") and scene.faults == Losses(("noise",), 2)
     assert scene.faults.circumstances == [("noise", 1), ("noise", 2)]
     robot = scene.reactions
     assert (robot.groups, robot.costs, robot.silence, robot.ignored) == (
@@ -62,7 +62,7 @@ def test_shipped_scenes_and_boards_can_be_read():
     for name in ("companion", "toy", "handle"):
         assert read_scene(name).reactions.groups
     every = boards()
-    assert (Faults(EVERY).severity, {*EVERY}) == (SEVERITIES, {*all_faults()})
+    assert (Losses(EVERY).severity, {*EVERY}) == (SEVERITIES, {*all_faults()})
     assert len(every) >= 10 and all(b.source.startswith("https://") and b.ram_kb < b.flash_kb for b in every.values())
     assert (every["nano33ble"].flash_kb, every["nano33ble"].fpu, every["pico"].fpu) == (1048.576, True, False)
 

@@ -44,7 +44,7 @@ class Circumstance(Options, Shown):
         key: its key of ``bench run``.
         tracked: names of its options as parameters of a run; a run that has the first has the circumstance.
         columns: further columns of its tables; a corpus cannot have them.
-        noun: what its levels count, such as "captures of each class".
+        noun: words for what its levels count, such as "captures of each class".
         absent: value of that parameter of a run without the circumstance.
         sliced: True if groups of captures are tested in its cases, too.
         word: a word for one of its cases.

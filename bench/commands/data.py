@@ -22,7 +22,7 @@ from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
 from bench.measures import Measure, text
 from bench.options import SMALL, keys
-from bench.outcomes.runs import every_result, grouped, plain
+from bench.outcomes.runs import NothingTracked, grouped, stored
 from bench.outcomes.same_wrong import agreements
 from bench.outcomes.store import connect, exists
 from bench.plan.cells import corpus_variants
@@ -111,8 +111,11 @@ def same_wrong(corpus: Corpus) -> None:
     from reports.run_groups import largest_groups
 
     store = connect() if exists() else None
-    stored = [r for r in plain(every_result(store)) if "confusion" in r.tables] if store else []
-    here = [r for r in stored if r["corpus_digest"] == corpus.digest and r["target"] == corpus.target]
+    try:
+        every = stored(store) if store else []
+    except NothingTracked:
+        every = []
+    here = [r for r in every if r["corpus_digest"] == corpus.digest and r["target"] == corpus.target]
     if here:
         for found in agreements(largest_groups(grouped(here))[0]):
             rows = found.same_wrong[found.same_wrong["capture"].isin(corpus.index)]

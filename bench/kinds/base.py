@@ -29,10 +29,55 @@ if TYPE_CHECKING:
     from bench.plan.cells import Cell
     from reports.part import Section
 
-CONSUMERS = "commands summary text heading ranked searches shown costs place sheets alike mark noun words axis "
-CONSUMERS += "budget shows printed write figure section brief candidates lends lost then holds score unit "
-CONSUMERS += "recordings made_by views unseen held tracked offers gestures other meaning chosen told promise rows "
-CONSUMERS += "_without consumers"
+CONSUMERS = frozenset(
+    {
+        "commands",
+        "summary",
+        "text",
+        "heading",
+        "ranked",
+        "searches",
+        "shown",
+        "costs",
+        "place",
+        "sheets",
+        "alike",
+        "mark",
+        "noun",
+        "words",
+        "axis",
+        "budget",
+        "shows",
+        "printed",
+        "write",
+        "figure",
+        "section",
+        "brief",
+        "candidates",
+        "lends",
+        "lost",
+        "then",
+        "holds",
+        "score",
+        "unit",
+        "recordings",
+        "made_by",
+        "views",
+        "unseen",
+        "held",
+        "tracked",
+        "offers",
+        "gestures",
+        "other",
+        "meaning",
+        "chosen",
+        "told",
+        "promise",
+        "rows",
+        "_without",
+        "consumers",
+    }
+)
 
 
 def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "text", alias: str = "") -> Any:
@@ -86,7 +131,7 @@ class Shown:
         alike: parameters that two results share if they may be compared.
     """
 
-    consumers: ClassVar[frozenset[str]] = frozenset(CONSUMERS.split())
+    consumers: ClassVar[frozenset[str]] = CONSUMERS
     commands: ClassVar[Mapping[str, Spelling]] = {}
     heading: ClassVar[str] = ""
     shown: ClassVar[tuple[Measure, ...]] = ()

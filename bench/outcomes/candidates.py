@@ -74,7 +74,7 @@ def candidates(
     Args:
         results: results of all kinds, from `bench.outcomes.runs.every_result`.
         asked: filters, as in `eligible`.
-        wish: what is asked of these ways; None for whole captures, each gesture its own reaction.
+        wish: demands on these ways; None for whole captures, each gesture its own reaction.
         clock: clock of the target in MHz: the measured cycles at this clock are part of the decision time.
         batch: True to include batch systems, as in `eligible`.
         recordings: True for kinds of run on recordings alone, which no other choice has.

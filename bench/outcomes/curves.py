@@ -61,7 +61,7 @@ def loss(table: pd.DataFrame) -> dict[str, float]:
 
 
 def joined(results: Sequence[Result], name: str, make: Callable[[Result], pd.DataFrame] | None = None) -> pd.DataFrame:
-    """A table of some results below each other, with data, subset, protocol, system and seed.
+    """A table of the results that have it, below each other, with data, subset, protocol, system and seed.
 
     Args:
         results: results.
@@ -74,6 +74,7 @@ def joined(results: Sequence[Result], name: str, make: Callable[[Result], pd.Dat
             "system": r.system,
             "seed": r["seed"],
         }
-        table = make(r) if make else r.tables[name]
+        if (table := make(r) if make else r.tables.get(name)) is None:
+            continue
         parts.append(table.assign(**about)[[*about, *table.columns]])
-    return pd.concat(parts, ignore_index=True)
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()

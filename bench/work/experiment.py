@@ -26,8 +26,8 @@ class Case:
 
     Attributes:
         case: its name, such as that of a fault; empty for the key of the circumstance.
-        level: how much of it, as a number to sort and draw by.
-        amount: how much of it, in words.
+        level: size of the change, to sort and draw by.
+        amount: size of the change, in words.
         corpus: the captures as they are changed; None for the captures as they are.
         system: a system that labels in place of the fitted one.
         train_subjects: number of subjects that it was fitted on, where it is another one.

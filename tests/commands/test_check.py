@@ -47,10 +47,10 @@ def copied(tmp_path, monkeypatch):
     write()
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     monkeypatch.syspath_prepend(site)
-    registry.names.cache_clear()
+    registry.forget()
     yield write
     sys.modules.pop("copied_system", None)
-    registry.names.cache_clear()
+    registry.forget()
 
 
 COPIED = """

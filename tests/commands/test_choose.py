@@ -95,11 +95,11 @@ def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(st
 
 
 def kept(store, run, **tables):
-    """Store tables with a run: parquet for stress, CSV else."""
+    """Store tables with a run: parquet for labels, CSV else."""
     with tempfile.TemporaryDirectory() as folder:
         for name, table in tables.items():
-            if name == "stress":
-                table.to_parquet(Path(folder) / "stress.parquet")
+            if name == "labels":
+                table.to_parquet(Path(folder) / "labels.parquet")
             else:
                 table.to_csv(Path(folder) / f"{name}.csv", index=False)
         store.keep(run, Path(folder))
@@ -136,10 +136,11 @@ def test_a_scene_scores_reactions_and_asks_for_losses_and_the_worst_person(store
         for s in "123"
         for k in (0, 1)
     ]
-    table = pd.DataFrame(rows, columns=["subject", "capture", "true", "predicted", "fault", "severity"])
-    table = pd.concat([table, table.assign(fault="noise", severity=3, predicted="pat")])
+    table = pd.DataFrame(rows, columns=["subject", "capture", "true", "predicted", "case", "level"])
+    table = pd.concat([table, table.assign(case="noise", level=3, predicted="pat")])
+    table["circumstance"] = table["case"].map({"none": "", "noise": "under"})
     stressed_run = stressed(store, "svm", 1.0, {"noise": 0.0})
-    kept(store, stressed_run, stress=table.assign(fold=table["subject"], train_subjects=2))
+    kept(store, stressed_run, labels=table.assign(fold=table["subject"], train_subjects=2))
     result = bench.choose(data="haart", scene=str(tmp_path / "robot.toml"))
     rows = result.choice.table.set_index("system")
     costs = {}

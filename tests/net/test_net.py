@@ -110,7 +110,7 @@ def shown(value, folders):
         runs, tables = getattr(value, "runs", []), getattr(value, "tables", {})
         own = (
             {}
-            if all(r.kind == "cell" for r in runs)
+            if all("labels" not in r.tables and r.kind == "cell" for r in runs) or len(runs) > 3
             else {name: tables[name] for name in tables if name != "predictions"}
         )
         named = {"": value, **({"full": value.full} if own else {}), **own}

@@ -7,9 +7,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from bench.outcomes.runs import stored
+from bench.outcomes.runs import every_result
 from bench.outcomes.store import connect
 from bench.outcomes.tables import TEXT
+from bench.result import PLAIN
 from tests.net import masks
 from tests.net.build import EARLIER, inside, step, unpack
 
@@ -17,13 +18,17 @@ PRINTED = {  # by what was typed behind "$ bench"
     re.match("[$] bench (.*)", text)[1]: text
     for text in re.split("(?m)^(?=[$] bench )", Path(str(EARLIER).replace(".tar.xz", ".txt")).read_text())[1:]
 }
-TABLES = {  # of runs, by their kind
-    "cell": "confusion per_class per_subject predictions",
-    "stress": "stress",
-    "stream": "chosen instants predictions stopping trials",
-    "watch": "chosen curve per_subject predictions reports touches trials",
-    "chip": "per_subject predictions",
+BESIDE = "stability/stability"  # files that the runs of a command shared
+TABLES = {  # of runs, by their kind: names of today, and of the stored files where they are others
+    "cell": {"confusion", "per_class", "per_subject", "predictions"},
+    "stress": {"labels": "stress"} | {n: f"{BESIDE}_{n}" for n in ("faults", "conditions", "learning", "slices")},
+    "stream": {"rules": "chosen", "instants": "instants", "replay": "predictions", "stopping": "stopping"},
+    "watch": {"chosen", "curve", "per_subject", "predictions", "reports", "touches", "trials"},
+    "chip": {"c": "predictions"},
 }
+TABLES["stress"] |= {"margins": f"{BESIDE}_half_margins"}
+TABLES["stream"] |= {"thresholds": "trials"}
+TABLES |= {kind: {n: n for n in names} for kind, names in TABLES.items() if isinstance(names, set)}
 NOTHING = re.compile("(?!)")  # times, sizes and processors are those of the stored runs, so no column is masked
 SCENE = """by = "fault_loss"
 [reactions]
@@ -59,14 +64,32 @@ def test_stored_runs_of_an_earlier_version_print_the_same(command, earlier):
 def test_stored_tables_of_an_earlier_version_are_read(kind, earlier):
     """As their files have them, CSV or Parquet; text stays text."""
     with inside(earlier):
-        runs = stored(connect(), kind)
-        assert runs and all({*run.tables} == {*TABLES[kind].split()} for run in runs)
+        runs = [r for r in every_result(connect()) if r.about.get(PLAIN, r.kind) == kind]
+        assert runs and all({*run.tables} == {*TABLES[kind]} for run in runs)
         for run in runs:
             for name, table in run.tables.items():
-                (path,) = Path(run["artifacts"]).glob(f"{name}.*")
+                (path,) = [
+                    p
+                    for p in Path(run["artifacts"]).glob(f"{TABLES[kind][name]}.*")
+                    if p.suffix in (".csv", ".parquet")
+                ]
                 csv = path.suffix == ".csv"
                 kept = pd.read_csv(path, float_precision="round_trip") if csv else pd.read_parquet(path)
-                assert [*table] == [*kept] and len(table) == len(kept) > 0
+                if "stability" in TABLES[kind][name]:  # of all systems of the command
+                    kept = kept[kept["system"] == run["system"]].reset_index(drop=True)
+                    kept = kept.drop(columns=["data", "subset", "protocol", "system", "seed"])
+                assert {*table} - {"circumstance"} == {*kept.columns} if name != "labels" else len(table.columns) == 13
+                assert len(table) == len(kept) > 0
+                if (
+                    name == "labels"
+                ):  # the key of the circumstance is another column, and numbers of subjects are levels
+                    harmed = table["circumstance"] == "under"
+                    assert (harmed == (kept["fault"] != "none")).all() and {*table["circumstance"]} > {""}
+                    assert (table["case"][harmed] == kept["fault"][harmed]).all()
+                    assert (table["level"][harmed] == kept["severity"][harmed]).all()
+                    fewer = table[table["circumstance"] == "train_subjects"]
+                    assert (fewer["level"] == fewer["train_subjects"]).all() and {*fewer["level"]} == {1, 2}
+                    kept = kept.drop(columns=["fault", "severity"])
                 numbers = kept.select_dtypes("number").columns.difference(TEXT)
                 pd.testing.assert_frame_equal(table[numbers], kept[numbers], check_dtype=False, check_exact=True)
                 cells = table[table.columns.intersection(TEXT)].stack().dropna()

@@ -41,10 +41,10 @@ def wayward(tmp_path, monkeypatch):
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: wayward\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text("[touchbench.models]\nwayward = tests.work.wayward:Wayward\n")
     monkeypatch.syspath_prepend(info.parent)
-    registry.names.cache_clear()
+    registry.forget()
     get_reusable_executor().shutdown(kill_workers=True)
     yield
-    registry.names.cache_clear()
+    registry.forget()
     get_reusable_executor().shutdown(kill_workers=True)
 
 

@@ -8,10 +8,12 @@ import pytest
 from scipy import stats
 
 from bench.cli import main
-from reports.fault_curves import contexts, stream_sections, stress_sections
-from reports.new_person import WITHOUT, curve_of, curves_of, enough, new_person_sections
+from reports.contexts import contexts
+from reports.fault_curves import fault_section
+from reports.new_person import WITHOUT, curve_of, curves_of, enough, gained, new_person_section
 from reports.run_groups import Group
-from reports.summary import early, shots, told_apart
+from reports.streaming import ALIKE, early, stream_section
+from reports.summary import told_apart
 from tests.results import evaluated, made_up, result, streamed, stressed
 
 EVEN, ODD, BOTH = [70, 60] * 6, [60, 70] * 6, {"noise": 0.1, "shift": 0.234}
@@ -62,11 +64,12 @@ def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lo
         stressed("rf", 0.7, BOTH, subset="cover == 'none'"),
         stressed("rf", 0.7, BOTH, data="synth", synthetic="true"),
     ]
-    named = contexts(results)
+    named = contexts(results, more="loss.")
     (first, runs), *rest = named.items()
     assert runs == [forest, whole] and first.endswith("only the lowest seed of each system")
     assert ["cover" in name for name, _ in rest] == [True, False] and "(synthetic)" in rest[1][0]
-    _, picture, table = stress_sections(named, tmp_path)[0]
+    part = fault_section(results, tmp_path).parts[0]
+    picture, table = part.picture, part.table
     drawn = picture.paths[1].read_text()
     assert all(f">{text}</text>" in drawn for text in ("23", "10", "5", "-", "svm (60 % clean)", "rf (70 % clean)"))
     row = table.shown().set_index("system").loc["svm"]
@@ -79,20 +82,21 @@ def test_early_decisions_by_start_and_hop(tmp_path):
     for start, hop, system in (("onset", "None", "svm"), ("onset", "None", "rf"), ("middle", "125.0", "svm")):
         numbers = {"accuracy_at_500_ms": 0.5, "adaptive_accuracy": 0.66 if system == "svm" else 0.6}
         results.append(streamed(system, start, hop, metrics=numbers))
-    named = contexts(results)
-    (first, picture, table), (second, *_) = stream_sections(named, tmp_path)
+    first, second = contexts(results, ALIKE, "replay_accuracy")
+    part, _ = stream_section(results, tmp_path).parts
+    picture, table = part.picture, part.table
     assert set(table.shown()["system"]) == {"rf", "svm"} and picture.paths[0].exists() and "middle" not in first
     assert "middle" in second and "125.0 ms" in second
     row = table.shown().set_index("system").loc["svm"]
     assert (row["250 ms"], row["500 ms"], row["adaptive"], row["after ms"]) == ("-", "50.0", "66.0", "812")
     assert row["decision ms p50 / p95"] == "1.0 / 2.0"
-    words = early(named)
+    _, words = early(results)
     assert re.findall(r"svm|rf|\b\d+\.\d|\d+ ms", words) == ["svm", "70.0", "66.0", "812 ms"]
-    late = {"here": [streamed("svm", metrics={"adaptive_accuracy": 0.66, "adaptive_ms": 900.0})]}
-    assert "66.0" not in early(late) and "saving" in early(late) and early({}) == ""
+    _, late = early([streamed("svm", metrics={"adaptive_accuracy": 0.66, "adaptive_ms": 900.0})])
+    assert "66.0" not in late and "saving" in late and early([]) is None
 
 
-def test_gains_of_shots_are_paired_and_who_loses_is_named():
+def test_gains_of_shots_are_paired_and_who_loses_is_named(monkeypatch):
     by_known = {"0": [80.0, 60.0, 70.0], "2": [90.0, 70.0, 65.0], WITHOUT: [82.0, 58.0, 70.0]}
     shots_of = {"0": ("0", "False"), "2": ("2", "False"), WITHOUT: ("0", "True")}
     results = []
@@ -102,15 +106,20 @@ def test_gains_of_shots_are_paired_and_who_loses_is_named():
         results.append(result("s", tables={"per_subject": people}, **about))
     long = curve_of(results)
     curve = long.set_index("known")
+
+    def of(curve):
+        monkeypatch.setattr("reports.new_person.curves_of", lambda _: [("here", {"s": curve})])
+        return gained([])
+
     assert curve.index.tolist() == ["0", WITHOUT, "2"] and curve["accuracy"].tolist() == pytest.approx([70, 70, 75])
     gain = np.array([10.0, 10, -5])
     low, high = stats.t.interval(0.95, 2, gain.mean(), stats.sem(gain))
     assert curve.loc["2", ["gain", "gain_low", "gain_high"]].tolist() == pytest.approx([5, low, high])
     assert curve.loc["2", "worse"] == "c (-5.0)" and curve.loc[WITHOUT, "worse"] == "b (-2.0)"
-    assert f"2 labelled captures of each class change the accuracy of s by +5.0 [{low:+.1f}, {high:+.1f}]" in shots(
-        [("here", {"s": long})]
+    assert (
+        f"2 labelled captures of each class change the accuracy of s by +5.0 [{low:+.1f}, {high:+.1f}]" in of(long)[1]
     )
-    assert shots([("here", {"s": long[long["known"] != "2"]})]) == ""
+    assert of(long[long["known"] != "2"]) is None
 
 
 def test_the_fewest_shots_that_are_enough():
@@ -138,7 +147,8 @@ def test_runs_of_a_new_person_become_curves_with_those_that_are_drawn_alike(tmp_
     known = [by_system["lda"]["known"].tolist() for _, by_system in curves]
     assert known == [["0", WITHOUT, "1", "3"], ["0", WITHOUT, "1"]]
     assert curves_of(results[:1]) == [] == curves_of(others)
-    _, picture, table = new_person_sections(curves, tmp_path)[0]
+    part = new_person_section(results, tmp_path).parts[0]
+    picture, table = part.picture, part.table
     assert "Synthetic" in picture.caption and all(path.exists() for path in picture.paths)
     assert table.texts[0]["gain"] == "-" and table.texts[0]["enough"] in ("0", "1", "3")
 

@@ -86,7 +86,7 @@ class Echo(Experiment):
     number: int = 0
 
     def options(self):
-        return {}
+        return {"echo.number": self.number}
 
     def arguments(self):
         return {}

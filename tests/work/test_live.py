@@ -18,7 +18,7 @@ from bench.work.live import decided_at
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from bench.work.saved import Recogniser
 from tests.conftest import BENCH
-from tests.work.test_stream import Rising, coded_corpus, lengths_of
+from tests.work.test_replay import Rising, coded_corpus, lengths_of
 
 
 @given(lengths_of, st.floats(10, 200), st.integers(1, 12))
