@@ -7,20 +7,27 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import bench
 from bench.circumstances.faults import Faults
+from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects
+from bench.cli import main
 from bench.corpora.faults import FAULTS, as_shares, damaged
+from bench.errors import InputError
 from bench.kinds.captures import Captures
 from bench.outcomes import scores
 from bench.outcomes.curves import COLUMNS, unharmed
+from bench.outcomes.runs import every_result, plain
+from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, Plan, folds_of
 from bench.result import Result
 from bench.work.fitted import labelled
 from bench.work.fold import decisions
+from bench.work.loop import prepared
 from bench.work.subset import subset
 from bench.work.tracking import key_of
-from tests.conftest import random_corpus, with_other_values
+from tests.conftest import SMALL, random_corpus, with_other_values
 from tests.work.fakes import Level, cell_of
 
 FEW = ("noise", "early_end")
@@ -152,3 +159,60 @@ def test_other_faults_or_training_subjects_are_another_run(corpus):
     keys = [key_of(plan, stress(*how)) for how in ((FEW, ()), (FEW[:1], ()), (FEW, (2,)))]
     assert len(set(keys)) == 3 and keys[0] == key_of(plan, stress(FEW))
     assert key_of(plan, Captures()) not in keys
+
+
+def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
+    every = (Faults(FEW), Instants((250.0, 1000.0)), Subjects((1,)))
+    together = Captures(every).fold(cell_of(Level), CORPUS, FOLD, 1)
+    measured = Captures(every).result(PLAN, ABOUT, [together])
+    for one in every:
+        alone = Captures((one,)).fold(cell_of(Level), CORPUS, FOLD, 1)
+        pd.testing.assert_frame_equal(alone.table, together.table)
+        for name, table in alone.tables.items():
+            if name == "labels":
+                wanted = together.tables[name]["circumstance"].isin(["", one.key])
+                pd.testing.assert_frame_equal(together.tables[name][wanted].reset_index(drop=True), table)
+            else:
+                pd.testing.assert_frame_equal(together.tables[name], table)
+        numbers = Captures((one,)).result(PLAN, ABOUT, [alone]).metrics
+        same = [n for n in numbers if n.startswith(("accuracy", "loss", "replay_accuracy")) or n == "chance"]
+        assert len(same) > 3 and {n: measured.metrics[n] for n in same} == {n: numbers[n] for n in same}
+    assert "stopping" not in measured.tables and {"labels", "replay", "learning", "slices"} < {*measured.tables}
+    assert {"fault", "time"} <= {*measured.tables["slices"]["circumstance"]}
+
+
+@pytest.mark.parametrize(
+    ("words", "fact"),
+    [
+        (["hop_ms=200"], "hop_ms= needs after="),
+        (["bits=8"], "bits= needs form="),
+        (["after=0ms"], "after=0ms"),
+        (["after=250ms", "hop_ms=200"], "leave one of them out"),
+        (["under=nois"], "did you mean noise"),
+        (["train_subjects=0"], "at least 1"),
+        (["form=rust"], "form=rust: give c"),
+    ],
+)
+def test_what_no_circumstance_takes_is_one_line(words, fact, capsys):
+    assert main(["run", *SMALL, "model=bayes", "features=jung28", *words]) == 2
+    error = capsys.readouterr().err
+    assert fact in error and error.count("\n") == 1
+
+
+def test_a_plain_run_and_one_in_a_circumstance_are_one_system(capsys):
+    words = [*SMALL, "model=bayes", "features=jung28"]
+    assert main(["run", *words, "under=noise"]) == 0 and main(["run", *words]) == 0
+    every = every_result(connect())
+    (one,) = plain(every)
+    assert len(every) == 2 and not Faults.holds(one)
+    assert one["accuracy"] == next(r for r in every if Faults.holds(r))["accuracy"]
+    assert bench.choose(data="synth").choice.table["unit"].tolist() == ["capture"]
+    assert len(bench.results()) == 1
+
+
+def test_a_column_that_tables_of_labels_need_is_refused_before_anything_runs(monkeypatch):
+    named = CORPUS.changed(captures=CORPUS.captures.assign(level=1))
+    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: named)
+    with pytest.raises(InputError, match="'level'"):
+        prepared(cells({"model": "bayes", "features": "jung28"}), [stress()], 1)
+    assert prepared(cells({"model": "bayes", "features": "jung28"}), [Captures()], 1)
