@@ -48,6 +48,7 @@ class Circumstance(Options, Shown):
         absent: value of that parameter of a run without the circumstance.
         sliced: True if groups of captures are tested in its cases, too.
         word: a word for one of its cases.
+        chooses: True if its cases are candidates of a choice.
         views: True if ``bench run`` prints a table of it.
     """
 
@@ -58,6 +59,7 @@ class Circumstance(Options, Shown):
     sliced: ClassVar[bool] = True
     absent: ClassVar[str] = ""
     word: ClassVar[str] = "case"
+    chooses: ClassVar[bool] = True
     views: ClassVar[bool] = True
 
     # producer, part of a run's identity
@@ -220,7 +222,9 @@ class Circumstance(Options, Shown):
 
     @classmethod
     def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
-        """Accuracy in each case, and the mean loss."""
+        """Accuracy in each case, and the mean loss; its own columns alone where it counts nothing."""
+        if not cls.noun:
+            return cls.shown
         names = dict.fromkeys(k for r in results for k in r.metrics if k.startswith(f"accuracy.{cls.key}."))
         levels = sorted((name.rpartition(".")[2] for name in names), key=float)
         columns = [percent(f"at_{n}", f"{n} {cls.noun}", f"accuracy.{cls.key}.{n}", spare=1) for n in levels]
@@ -243,6 +247,11 @@ class Circumstance(Options, Shown):
         from bench.outcomes.curves import joined
 
         return {cls.key: joined(results, cls.key)} if results else {}
+
+    @classmethod
+    def offers(cls, result: Result, wish: Wish) -> bool:
+        """Whether a run has a candidate."""
+        return cls.chooses
 
     @classmethod
     def candidates(cls, result: Result, wish: Wish) -> Iterable[Candidate]:

@@ -175,11 +175,6 @@ class InC(Circumstance):
     )
 
     @classmethod
-    def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
-        """Costs of the C."""
-        return cls.shown
-
-    @classmethod
     def printed(cls, results: Sequence[Result]) -> Iterator[str | Table]:
         """Costs of watching an endless stream, of the systems that can."""
         if watching := [r for r in results if "chip_watch_flash_bytes" in r]:

@@ -20,7 +20,7 @@ from bench.usual import CLEAN, SEVERITIES
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.candidate import Candidate, Losses, Wish
+    from bench.candidate import Losses
     from bench.outcomes.results import FoldResult
     from bench.result import Result
     from bench.source import Code
@@ -76,6 +76,7 @@ class Faults(Circumstance):
     key: ClassVar[str] = "under"
     tracked: ClassVar[tuple[str, ...]] = ("faults",)
     word: ClassVar[str] = "fault"
+    chooses: ClassVar[bool] = False  # a damaged sensor is nothing to choose, its loss is a cost
 
     under: tuple[str, ...] = option(
         (), "faults that damage the test captures, or all", (*FAULTS.split(), CLEAN), alias="faults"
@@ -203,11 +204,6 @@ class Faults(Circumstance):
     )
 
     @classmethod
-    def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
-        """Columns of losses."""
-        return cls.shown
-
-    @classmethod
     def write(cls, results: Sequence[Result], folder: Path) -> list[str]:
         """Write tables, figures and ``stability.md`` for the results of each context."""
         from reports.stability_tables import write_all
@@ -234,16 +230,6 @@ class Faults(Circumstance):
         from bench.outcomes.curves import joined
 
         return {"faults": joined(results, "faults")} if results else {}
-
-    @classmethod
-    def offers(cls, result: Result, wish: Wish) -> bool:
-        """False: it has no candidates."""
-        return False
-
-    @classmethod
-    def candidates(cls, result: Result, wish: Wish) -> Sequence[Candidate]:
-        """None: a damaged sensor is nothing to choose, its loss is a cost."""
-        return ()
 
     @classmethod
     def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:

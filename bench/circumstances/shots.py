@@ -15,7 +15,6 @@ from bench.circumstances.base import Circumstance
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.candidate import Candidate, Wish
     from bench.result import Result
     from reports.part import Section
 
@@ -27,6 +26,7 @@ class Shots(Circumstance):
     key: ClassVar[str] = "shots"
     tracked: ClassVar[tuple[str, ...]] = ("protocol.shots", "protocol.unlabelled")
     views: ClassVar[bool] = False
+    chooses: ClassVar[bool] = False
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
@@ -46,13 +46,3 @@ class Shots(Circumstance):
     def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """None: ``comparison.csv`` has a row for each number of shots."""
         return {}
-
-    @classmethod
-    def offers(cls, result: Result, wish: Wish) -> bool:
-        """False: it has no candidates."""
-        return False
-
-    @classmethod
-    def candidates(cls, result: Result, wish: Wish) -> Sequence[Candidate]:
-        """None besides the system itself."""
-        return ()

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from bench.candidate import Candidate, Wish
     from bench.measures import Measure
     from bench.outcomes.results import FoldResult
     from bench.plan.plan import Plan
@@ -30,6 +29,9 @@ class Subjects(Circumstance):
     key: ClassVar[str] = "train_subjects"
     tracked: ClassVar[tuple[str, ...]] = ("train_subjects",)
     absent: ClassVar[str] = "all"
+    noun: ClassVar[str] = "subjects"
+    heading: ClassVar[str] = "Accuracy in percent by number of training subjects"
+    chooses: ClassVar[bool] = False  # nobody ships a system that has learned less than it could
     sliced: ClassVar[bool] = False  # a slice is compared with the system itself, and every system is worse with less
 
     train_subjects: tuple[int, ...] = option((), "numbers of training subjects for a learning curve", type="counts")
@@ -100,16 +102,6 @@ class Subjects(Circumstance):
         from bench.outcomes.curves import joined
 
         return {"learning": joined(results, "learning")} if results else {}
-
-    @classmethod
-    def offers(cls, result: Result, wish: Wish) -> bool:
-        """False: it has no candidates."""
-        return False
-
-    @classmethod
-    def candidates(cls, result: Result, wish: Wish) -> Sequence[Candidate]:
-        """None: nobody ships a system that has learned less than it could."""
-        return ()
 
     @classmethod
     def told(cls, result: Result, reactions: Any) -> str:

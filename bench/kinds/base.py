@@ -76,6 +76,7 @@ CONSUMERS = frozenset(
         "rows",
         "_without",
         "consumers",
+        "chooses",
     }
 )
 

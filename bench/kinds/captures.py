@@ -257,7 +257,7 @@ class Captures(Kind):
         if wish.plain and result.plain:
             yield from cls._without(plain_candidates(result, wish), result, None)
         if not wish.windows:
-            for c in cls.held([result]):
+            for c in (c for c in cls.held([result]) if c.offers(result, wish)):
                 yield from cls._without(c.candidates(result, wish), result, c)
 
     @classmethod
