@@ -11,7 +11,7 @@ from bench.comparable import MARK
 from bench.errors import InputError
 from bench.measures import Interval, columns, framed, run_columns
 from bench.table import rows_of
-from reports.numbers import notes_on
+from reports.numbers import busy, notes_on
 
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
 NEEDED = ("system", *TOGETHER, "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes")
@@ -110,7 +110,11 @@ def _caption(part: pd.DataFrame) -> str:
         "without code."
     )
     if "predict_ms_p50" in part:
-        parts.append("ms: median time of one capture, from raw frames to label, on one thread.")
+        parts.append(
+            "ms: median time of one capture, from raw frames to label, on one thread; fit s: training in a fold. Both "
+            "are processor time on this machine when quiet."
+        )
+        parts += [f"{row['system']}: {note}" for row in rows_of(part) for note in busy(row)]
     against = [name for name in dict.fromkeys(part.get("against", [])) if name]
     if against and part["p_holm"].notna().any():
         parts.append(

@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 
 from bench.comparable import MARK, MARKED
+from bench.measures import Row, known
+from bench.usual import BUSY
 
 DESIGNED = (
     "The systems reflex, touchnet and rocket and the features touch were designed on seven of HAART's ten people, the "
@@ -24,6 +26,14 @@ def notes_on(system: str, data: str) -> list[str]:
     ours = re.search(r"(?<![\w.])(reflex|rocket|touch|touchnet)(?![\w.])", system) is not None
     designed = ours and "haart" in data.split("+")
     return [DESIGNED] * designed + [MAYBE_TWICE] * ("+" in data) + [MARKED] * system.endswith(MARK)
+
+
+def busy(row: Row) -> list[str]:
+    """The footnote of a run that was made on a busy machine."""
+    slower = known(row.get("slowdown"))
+    if slower is None or slower <= BUSY:
+        return []
+    return [f"measured while other programs made this machine {slower:.1f} times slower; its times are converted."]
 
 
 def listed(names: Sequence[str], most: int = 4) -> str:

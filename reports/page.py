@@ -20,7 +20,7 @@ from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
 from bench.result import Result
 from bench.scratch import owner, sweep
-from bench.table import of_text, write_sheet
+from bench.table import of_text, rows_of, write_sheet
 from reports import over_corpora
 from reports.budgets import budget_tables, by_budget
 from reports.candidates import Considered, considered, marks
@@ -28,7 +28,7 @@ from reports.comparison import comparison, published, shown
 from reports.figures import save
 from reports.latex import latex
 from reports.layout import markdown, page
-from reports.numbers import listed, notes_on
+from reports.numbers import busy, listed, notes_on
 from reports.papers import published_section
 from reports.provenance import provenance, software
 from reports.reference_rows import systems_by_subject
@@ -178,7 +178,7 @@ def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
     together = table["group"] + table["unit"].map({"capture": ", whole captures", "window": ", single windows"})
     each = max(1, ROWS // together.nunique()) if len(table) > ROWS else len(table)
     kept = table.groupby(together, sort=False).head(each)
-    remarks = [notes_on(r.system, r.data) for r in kept.itertuples()]
+    remarks = [notes_on(str(row["system"]), str(row["data"])) + busy(row) for row in rows_of(kept)]
     few = table.loc[table["subjects"] < statistics.FEW_SUBJECTS, "group"]
     return {
         "table": shown(kept, remarks, [*together[kept.index]]),

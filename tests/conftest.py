@@ -154,7 +154,7 @@ class InProcess:
         self.submitted.append(task)
 
     def finished(self):
-        from bench.work.machine import this_machine
+        from bench.machine import this_machine
         from bench.work.workers import Done, do_fold
 
         task = self.submitted.pop(0)

@@ -16,6 +16,7 @@ from bench.measures import Interval, Measure, Row, known, text
 from bench.progress import console
 from bench.result import Result
 from bench.table import Table, rows_of
+from bench.usual import BUSY
 from bench.work.bar import named
 
 if TYPE_CHECKING:
@@ -120,6 +121,10 @@ def show(results: Sequence[Result], views: Sequence[tuple[type[Shown], Sequence[
         out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
     if not all(r.alone for r in results):
         out.print(MARKED, markup=False, highlight=False)
+    if slower := {r.system: r["slowdown"] for r in results if r.get("slowdown", 0) > BUSY}:
+        line = f"other programs made this machine up to {max(slower.values()):.1f} times slower during "
+        line += f"{_first([*slower], 'more')}; times are converted to those of the quiet machine"
+        out.print(line, markup=False, highlight=False)
     return failures(results)
 
 

@@ -1,12 +1,14 @@
 """Runs of earlier versions, read as runs of this one: their tags, numbers and tables under today's names.
 
 In version 1 of the stored form, a run under faults, a replay and a run in C were kinds of their own. Each is read here
-as a run on captures in one circumstance, without the labels of the captures as they are.
+as a run on captures in one circumstance, without the labels of the captures as they are. Its times are of the wall
+clock, and keep that name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pandas as pd
@@ -39,6 +41,8 @@ ABOUT = ("data", "subset", "protocol", "system", "seed")  # their first columns
 def adopted(result: Result) -> Result:
     """A run as this version has it: the same, or one of an earlier version under today's names."""
     kind = result.kind
+    if "quiet_ms" not in result.metrics:
+        result = Result(result.about, by_the_wall(result.metrics), result.tables, result.errors)
     if kind not in TAGS:
         return result
     about = result.about | {"touchbench.kind": CELL, PLAIN: kind}
@@ -46,6 +50,13 @@ def adopted(result: Result) -> Result:
         about |= {"stream.after": "each", "stream.stopping": "True"}
     numbers = {RENAMED[kind].get(name, name): value for name, value in result.metrics.items()}
     return Result(about, numbers, _Adopted(result, kind), result.errors)
+
+
+def by_the_wall(numbers: Mapping[str, float]) -> dict[str, float]:
+    """The numbers of a run whose times are of the wall clock, under names that say so; sums with them are left out."""
+    timed = re.compile(r"(fit|adapt)(_seconds)|(predict|decide|replay)(_ms_p\d+)")
+    named = {timed.sub(lambda m: "_wall".join(filter(None, m.groups())), name): v for name, v in numbers.items()}
+    return {name: value for name, value in named.items() if name not in ("decision_ms", "capture_decision_ms")}
 
 
 class _Adopted(Tables):

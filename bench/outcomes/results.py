@@ -98,12 +98,14 @@ def costs(results: list[FoldResult]) -> dict[str, float]:
     """Seconds are means over folds, milliseconds quantiles over their timed captures.
 
     For sizes and other amounts the worst fold counts: the largest, or the smallest of a cost that should be high. For
-    the reference workload, and for times as a multiple of it, the median fold counts.
+    the reference workload, and for times as a multiple of it, the median fold counts. All times but those with wall in
+    their name are of the quiet machine (`bench.timing`).
     """
     names = dict.fromkeys(name for r in results for name in r.metrics)  # a fold may have one that another has not
     metrics = {k: [r.metrics[k] for r in results if k in r.metrics] for k in names}
     kinds: dict[str, Callable[[list[float]], SupportsFloat]]
-    kinds = {"seconds": np.mean, "reference_ms": np.median, "predict_relative": np.median}
+    kinds = {"seconds": np.mean}
+    kinds |= dict.fromkeys(("reference_ms", "quiet_ms", "slowdown", "predict_relative"), np.median)
     high = {cost.read or cost.key for cost in measures.costs().values() if cost.better == "high"}
     numbers = {}
     for name, values in metrics.items():

@@ -83,7 +83,7 @@ def fold_here(check: bytes, fold: bytes, folder: str) -> tuple[str, bytes]:
     """The reason why this machine cannot be used, if any, and the pickled fold result with the machine's properties."""
     import cloudpickle
 
-    from bench.work.machine import this_machine
+    from bench.machine import this_machine
     from bench.work.workers import do_fold, fill_cache
 
     try:

@@ -28,8 +28,8 @@ def evaluated(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> tuple[con
         estimator, metrics, predictions = one.estimator, one.metrics, pd.concat(parts, ignore_index=True)
     with computing(1):
         spent = latency(estimator, corpus[fold.test], int(predictions["frames"].max()))
-    predict_ms, decide_ms, relative = spent
-    metrics |= footprint(estimator, corpus) | relative
+    predict_ms, decide_ms, walls, pace = spent
+    metrics |= footprint(estimator, corpus) | pace
     if (searched := contract.search_seconds(estimator)) is not None:
         metrics["search_seconds"] = searched
     return estimator, FoldResult(
@@ -42,4 +42,5 @@ def evaluated(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> tuple[con
         contract.chosen(estimator),
         contract.trials(estimator),
         effects,
+        times=walls,
     )

@@ -14,6 +14,7 @@ import numpy as np
 
 from bench import contract
 from bench.errors import InputError
+from bench.machine import this_machine
 from bench.outcomes.results import FoldResult, costs
 from bench.outcomes.store import connect, only_one, reached
 from bench.plan.cells import Cell
@@ -24,7 +25,6 @@ from bench.usual import FALSE_ALARMS
 from bench.work.bar import Bar
 from bench.work.experiment import Experiment
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
-from bench.work.machine import this_machine
 from bench.work.replay import Replay, Stopping, learned, unlearnable
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
 from bench.work.watch import recordings_of, usual

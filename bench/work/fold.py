@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import resource
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +15,14 @@ from threadpoolctl import threadpool_limits
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.timing import Times, timed, timed_once
 from models.sizes import sizes
 
 ALONE = 32  # test captures of a fold that are predicted alone, too
 SOME = 8  # the same of captures that are damaged, or of which the beginning is seen
 TOLERANCE = 1e-3  # of a probability: float32 rounds otherwise in a batch of another size
-TIMED_CAPTURES = 20
+TIMED_CAPTURES = 10
 WARM_UP = 3
-REFERENCES = 8  # before the timed captures, and again after them
 
 
 @contextmanager
@@ -38,15 +38,18 @@ def computing(threads: int) -> Iterator[None]:
 
 
 def fitted(estimator: contract.System, corpus: Corpus) -> dict[str, float]:
-    """Fit to all captures of a corpus; its wall and CPU seconds.
+    """Fit to all captures of a corpus; its seconds, as `seconds_of` has them.
 
     Of a system that searches, the last fit alone: the search before it may have been stored in part.
     """
-    wall, cpu = time.perf_counter(), time.process_time()
-    estimator.fit(corpus, corpus.gestures)
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    wall, cpu = contract.fit_seconds(estimator, wall, cpu)
-    return {"fit_seconds": wall, "fit_cpu_seconds": cpu}
+    counted = partial(contract.fit_seconds, estimator)
+    return seconds_of("fit", *timed_once(partial(estimator.fit, corpus, corpus.gestures), counted)[1:])
+
+
+def seconds_of(name: str, times: Times, cpu_ms: float) -> dict[str, float]:
+    """Seconds of work that was done once: on the quiet machine, by the wall clock, and of the processor."""
+    spent = (times.ms[0], times.wall_ms[0], cpu_ms)
+    return {f"{name}{kind}_seconds": ms / 1000 for kind, ms in zip(("", "_wall", "_cpu"), spent, strict=True)}
 
 
 def footprint(estimator: contract.System, corpus: Corpus) -> dict[str, float]:
@@ -174,51 +177,25 @@ def _label(proba: pd.DataFrame) -> str:
 
 def latency(
     estimator: contract.System, tested: Corpus, frames: int
-) -> tuple[list[float], list[float], dict[str, float]]:
-    """Milliseconds from raw frames to a label, one capture at a time, warm, on one thread.
+) -> tuple[list[float], list[float], dict[str, list[float]], dict[str, float]]:
+    """Milliseconds from raw frames to a label, one capture at a time, warm, on one thread (`bench.timing`).
 
     Returns:
-        One value per timed capture, for the whole capture and for no more of it than one decision needs; and
-        ``predict_relative``, the processor time of labelling a whole capture as a multiple of ``reference_ms``, that of
-        one `reference`. Other programs on the machine change the former and hardly the ratio.
+        One value per timed capture, for the whole capture and for no more of it than one decision needs; both by the
+        wall clock, by name; and ``predict_relative``, the mean time of a whole capture as a multiple of the reference
+        workload's, with `paced`.
     """
     chosen = np.unique(np.linspace(0, len(tested) - 1, min(TIMED_CAPTURES, len(tested))).astype(int))
     whole = [contract.blinded(estimator, tested[i : i + 1].detached()) for i in chosen]
     first = [one.changed(lengths=np.minimum(one.lengths, frames)) for one in whole]
-    for _ in range(WARM_UP):
-        reference()
-    workload = [milliseconds(reference)[1] for _ in range(REFERENCES)]
     for one in (whole * WARM_UP)[:WARM_UP]:
         estimator.predict(one)
-    timed = [milliseconds(estimator.predict, one) for one in whole]
-    workload += [milliseconds(reference)[1] for _ in range(REFERENCES)]  # before and after: clocks change
-    # Means, because some systems count processor time in steps of 15 ms.
-    reference_ms, predict_ms = np.mean(workload), np.mean([cpu for _, cpu in timed])
-    relative = {"reference_ms": float(reference_ms)}
-    if reference_ms > 0:
-        relative["predict_relative"] = float(predict_ms / reference_ms)
-    return [wall for wall, _ in timed], [milliseconds(estimator.predict, one)[0] for one in first], relative
+    predict, decide = (timed(partial(estimator.predict, one) for one in some) for some in (whole, first))
+    walls = {"predict_wall_ms": predict.wall_ms, "decide_wall_ms": decide.wall_ms}
+    relative = float(np.mean(predict.ms)) / predict.quiet_ms
+    return predict.ms, decide.ms, walls, paced(predict) | {"predict_relative": relative}
 
 
-def reference() -> float:
-    """A fixed piece of work of some milliseconds: matrix products, a sort, a spectrum, and Python with small arrays."""
-    matrix = np.linspace(-1, 1, 96 * 96).reshape(96, 96)
-    product = matrix
-    for _ in range(10):
-        product = matrix @ product
-        product = product / np.abs(product).max()
-    wave = np.sort(np.sin(np.arange(16384.0)))
-    total = float(product.sum() + np.abs(np.fft.rfft(wave)).sum())
-    for i in range(15000):
-        total += i * 7 % 13
-    for i in range(200):
-        total += float(np.asarray([total, i]).mean() > 0)
-    return total
-
-
-def milliseconds(work: Callable, *arguments: object) -> tuple[float, float]:
-    """Milliseconds of the wall clock and of the processor."""
-    wall, cpu = time.perf_counter(), time.process_time()
-    work(*arguments)
-    cpu = time.process_time() - cpu
-    return (time.perf_counter() - wall) * 1000, cpu * 1000
+def paced(times: Times) -> dict[str, float]:
+    """How fast the machine was: the reference workload's milliseconds, now and at best, and how busy it was."""
+    return {"reference_ms": times.reference_ms, "quiet_ms": times.quiet_ms, "slowdown": times.slowdown}

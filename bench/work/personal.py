@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench import contract
-from bench.work.fold import fitted
+from bench.timing import timed_once
+from bench.work.fold import fitted, seconds_of
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
@@ -62,8 +63,8 @@ def met(cell: Cell, corpus: Corpus, fold: Fold) -> Iterator[Met]:
                 yield Met(name, estimator, tested, fitted(estimator, corpus[both]))
             elif adapts:
                 part = corpus[shots]
-                began = time.perf_counter()
-                estimator = contract.adapted(general, part, part.gestures if calibration.labelled else None)
-                yield Met(name, estimator, tested, seconds | {"adapt_seconds": time.perf_counter() - began})
+                labels = part.gestures if calibration.labelled else None
+                estimator, times, cpu = timed_once(partial(contract.adapted, general, part, labels))
+                yield Met(name, estimator, tested, seconds | seconds_of("adapt", times, cpu))
             else:  # it can do nothing without labels
                 yield Met(name, general, tested, seconds)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +25,8 @@ from bench.errors import InputError
 from bench.outcomes.results import FoldResult
 from bench.outcomes.scores import PREFIX, classes_of, windows
 from bench.outcomes.stopping import learn_stopping
-from bench.work.fold import SOME, TIMED_CAPTURES, batch_effects, computing, decisions, milliseconds
+from bench.timing import Times, timed
+from bench.work.fold import SOME, TIMED_CAPTURES, batch_effects, computing, decisions
 from models.search.inner_folds import inner_folds
 
 if TYPE_CHECKING:
@@ -138,9 +140,8 @@ def replay_fold(replay: Replay, at: Fitted, stopping: bool) -> FoldResult:
         spent = decision_latency(system, begun[fold.test], instants)
     hop = system_hop(system, at.train)
     metrics = {"system_hop_ms": 1000 / corpus.rate_hz * hop} if hop else {}
-    return FoldResult(
-        fold.name, metrics=metrics, tables={"replay": table} | tables, times={"replay_ms": spent}, batch_effects=effects
-    )
+    times = {"replay_ms": spent.ms, "replay_wall_ms": spent.wall_ms}
+    return FoldResult(fold.name, metrics=metrics, tables={"replay": table} | tables, times=times, batch_effects=effects)
 
 
 def replayed(
@@ -352,20 +353,20 @@ def learned(
     return Stopping(calibration, Waiting.fit(table, corpus.rate_hz), threshold), series
 
 
-def decision_latency(estimator: contract.System, begun: Corpus, instants: np.ndarray) -> list[float]:
-    """Milliseconds from raw frames to a decision: one at a time, warm, over the instants of single captures.
+def decision_latency(estimator: contract.System, begun: Corpus, instants: np.ndarray) -> Times:
+    """Times from raw frames to a decision: one at a time, warm, over the instants of single captures.
 
     A system that decides on windows sees its newest one, as it has decided on those before.
     """
     chosen = np.unique(np.linspace(0, len(begun) - 1, min(TIMED_CAPTURES, len(begun))).astype(int))
     seen = instants[np.unique(np.linspace(0, len(instants) - 1, TIMED_INSTANTS).astype(int))]
-    spent = []
+    each = []
     for i in chosen:
         for frames in np.unique(np.minimum(seen, begun.lengths[i])):  # its end is a decision, too
             first = frames - contract.frames_at_once(estimator, int(frames))
             newest = uncached(begun[i : i + 1], storage(begun)[1][i : i + 1] + first, np.array([frames - first]))
-            spent.append(milliseconds(estimator.predict, contract.blinded(estimator, newest.detached()))[0])
-    return spent
+            each.append(partial(estimator.predict, contract.blinded(estimator, newest.detached())))
+    return timed(each)
 
 
 def system_hop(estimator: contract.System, captures: Corpus) -> float | None:

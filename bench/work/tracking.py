@@ -15,6 +15,7 @@ import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.machine import Machine
 from bench.outcomes.results import FoldResult
 from bench.outcomes.runs import ROOMS
 from bench.outcomes.store import Store
@@ -24,7 +25,6 @@ from bench.plan.plan import Fold, Plan
 from bench.result import Result
 from bench.source import git_revision, source_digest, versions
 from bench.work.experiment import Experiment
-from bench.work.machine import Machine
 
 if TYPE_CHECKING:
     from mlflow.entities import Run

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,9 +15,10 @@ from bench.corpora.recordings import Recordings
 from bench.errors import InputError
 from bench.outcomes.events import REPORT, intervals, last_confidence, matched, per_subject, summary, unknown_scores
 from bench.outcomes.results import FoldResult, costs, table_of
+from bench.timing import Times, timed
 from bench.usual import NO_TOUCH
 from bench.work.detector import behind, cut, touched
-from bench.work.fold import SOME, TIMED_CAPTURES, batch_effects, computing, fitted, footprint, milliseconds
+from bench.work.fold import SOME, TIMED_CAPTURES, WARM_UP, batch_effects, computing, fitted, footprint, paced
 from bench.work.watcher import UNKNOWN
 from bench.work.watcher_training import bias_table, learn_reject, learned
 from features.touch import TouchFeatures
@@ -150,7 +152,7 @@ def fold_of(
     )
     with computing(1):
         spent = _decision_ms(watcher, test)
-    metrics |= footprint(estimator, corpus)
+    metrics |= footprint(estimator, corpus) | paced(spent)
     metrics["flash_bytes"] += 4 * watcher.detector.numbers  # in C it is stored beside the system
     chosen: dict[str, object] = {"bias": watcher.bias, "tail": watcher.tail, "strong": watcher.strong}
     chosen |= {"refused": watcher.detector.limit_, "reject": watcher.reject}
@@ -158,11 +160,12 @@ def fold_of(
         fold.name,
         table.assign(fold=fold.name),
         metrics,
-        spent,
-        spent,
+        spent.ms,
+        spent.ms,
         chosen=chosen,
         trials=settings,
         batch_effects=effects,
+        times={"predict_wall_ms": spent.wall_ms, "decide_wall_ms": spent.wall_ms},
     )
 
 
@@ -261,14 +264,16 @@ def _probability(watcher: Watcher, rate_hz: float, odds: np.ndarray) -> pd.DataF
     return shown[shown["reported"] <= SHOWN_S * rate_hz]
 
 
-def _decision_ms(watcher: Watcher, test: Recordings) -> list[float]:
-    """Milliseconds of some decisions on one thread: the detector's window, and the recogniser's."""
+def _decision_ms(watcher: Watcher, test: Recordings) -> Times:
+    """Times of some decisions on one thread: the detector's window, and the recogniser's."""
     clock, recording = watcher.clock, contract.blinded(watcher.system, test.corpus[[0]].detached())
     inner = behind(watcher.system)[1]
-    ends = np.linspace(max(clock.name, clock.detect), recording.lengths[0], TIMED_CAPTURES + 3).astype(int)
-    spent = []
-    for end in ends:
-        detect = milliseconds(TouchFeatures().transform, cut(recording, np.array([end]), clock.detect))[0]
-        name = milliseconds(contract.probabilities, inner, cut(recording, np.array([end]), clock.name))[0]
-        spent.append(detect + name)
-    return spent[3:]
+    ends = np.linspace(max(clock.name, clock.detect), recording.lengths[0], TIMED_CAPTURES + WARM_UP).astype(int)
+
+    def decide(end: int) -> None:
+        TouchFeatures().transform(cut(recording, np.array([end]), clock.detect))
+        contract.probabilities(inner, cut(recording, np.array([end]), clock.name))
+
+    for end in ends[:WARM_UP]:
+        decide(end)
+    return timed(partial(decide, end) for end in ends[WARM_UP:])

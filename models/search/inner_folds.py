@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -13,6 +13,7 @@ from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.timing import timed
 
 TIMED = 3  # single captures whose prediction is timed
 
@@ -116,10 +117,5 @@ class Tables:
 
 
 def milliseconds_of(call: Callable, each: Iterable[object]) -> float:
-    """Median time of a call, once with each of some arguments."""
-    times = []
-    for one in each:
-        started = time.perf_counter()
-        call(one)
-        times.append((time.perf_counter() - started) * 1000)
-    return float(np.median(times))
+    """Median time of a call with each of some arguments, on the quiet machine (`bench.timing`)."""
+    return float(np.median(timed(partial(call, one) for one in each).ms))

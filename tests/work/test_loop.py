@@ -12,13 +12,13 @@ from filelock import FileLock
 from bench.cli import main
 from bench.commands.printing import choices_table
 from bench.errors import ClusterError, InputError, StoreError
+from bench.machine import Machine
 from bench.plan.cells import cells
 from bench.plan.plan import planned, share_cores
 from bench.scratch import home
 from bench.work import loop
 from bench.work.fold import forget_peak, peak_memory
 from bench.work.loop import Interrupted, execute, prepared
-from bench.work.machine import Machine
 from bench.work.workers import Done
 from tests.conftest import InProcess, predictions, runs
 from tests.work.fakes import DONE, MEASURED, Echo, Memory

@@ -1,0 +1,147 @@
+"""Times that say what work takes on a quiet machine, measured while the machine does other things.
+
+Wall time counts the waiting for a busy processor. Processor time does not, but shared caches and clocks slow it, too.
+So work is timed in processor time, summed over all threads of the process, and so is a fixed workload right before
+and right after it. The ratio, times what the workload takes on this machine when it is quiet, is what tables show.
+Threads of BLAS and torch that wait actively for others count as work.
+
+What the workload takes on a quiet machine is the shortest time that was ever seen, kept in the user's data folder by
+processor and versions.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from typing import TypeVar
+
+import numpy as np
+
+from bench.machine import cpu_model
+from bench.scratch import home, replacing
+
+REPEATS = 2  # of each piece of work; the shorter one counts
+AROUND = 8  # workloads before work that is done once, and again after it
+WARM_UP = 3
+KEPT = "reference.json"
+
+Given = TypeVar("Given")
+
+
+@dataclass(frozen=True)
+class Times:
+    """Milliseconds of several pieces of work.
+
+    Attributes:
+        ms: on the quiet machine, one each.
+        wall_ms: by the wall clock, one each.
+        reference_ms: processor time of the workloads around them; the median.
+        quiet_ms: the same on the quiet machine.
+        slowdown: wall time of these workloads, by their time on the quiet machine; the median.
+    """
+
+    ms: list[float]
+    wall_ms: list[float]
+    reference_ms: float
+    quiet_ms: float
+    slowdown: float
+
+
+def reference() -> float:
+    """The workload, of some milliseconds: matrix products, a sort, a spectrum, and Python with small arrays."""
+    matrix = np.linspace(-1, 1, 96 * 96).reshape(96, 96)
+    product = matrix
+    for _ in range(10):
+        product = matrix @ product
+        product = product / np.abs(product).max()
+    wave = np.sort(np.sin(np.arange(16384.0)))
+    total = float(product.sum() + np.abs(np.fft.rfft(wave)).sum())
+    for i in range(15000):
+        total += i * 7 % 13
+    for i in range(200):
+        total += float(np.asarray([total, i]).mean() > 0)
+    return total
+
+
+def spent(work: Callable[[], object]) -> tuple[float, float]:
+    """Milliseconds of the wall clock and of the processor."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    work()
+    cpu = time.process_time() - cpu
+    return (time.perf_counter() - wall) * 1000, cpu * 1000
+
+
+def timed(works: Iterable[Callable[[], object]]) -> Times:
+    """Do each piece of work twice, with the workload between all of them, and give the shorter times."""
+    references = [spent(reference) for _ in range(WARM_UP)][-1:]
+    ratios, walls = [], []
+    for work in works:
+        done = []
+        for _ in range(REPEATS):
+            wall, cpu = spent(work)
+            references.append(spent(reference))
+            done.append((cpu / _middle(references[-2:]), wall))
+        ratios.append(min(ratio for ratio, _ in done))
+        walls.append(min(wall for _, wall in done))
+    return _times(ratios, walls, references)
+
+
+def timed_once(
+    work: Callable[[], Given], counted: Callable[[float, float], tuple[float, float]] | None = None
+) -> tuple[Given, Times, float]:
+    """Do a longer piece of work, with workloads before and after it; what it gives, its times, processor milliseconds.
+
+    Args:
+        work: the work.
+        counted: the seconds that count, from those of the wall clock and of the processor; all of them by default.
+    """
+    references = [spent(reference) for _ in range(WARM_UP + AROUND)][WARM_UP:]
+    given: list[Given] = []
+    wall, cpu = spent(lambda: given.append(work()))
+    references += [spent(reference) for _ in range(AROUND)]
+    if counted:
+        wall, cpu = (1000 * seconds for seconds in counted(wall / 1000, cpu / 1000))
+    return given[0], _times([cpu / _middle(references)], [wall], references), cpu
+
+
+def _times(ratios: Sequence[float], walls: Sequence[float], references: Sequence[tuple[float, float]]) -> Times:
+    here = _middle(references)
+    quiet = quiet_ms(min(cpu for _, cpu in references))
+    slowdown = float(np.median([wall for wall, _ in references])) / quiet
+    return Times([ratio * quiet for ratio in ratios], [*walls], here, quiet, slowdown)
+
+
+def _middle(references: Sequence[tuple[float, float]]) -> float:
+    """Processor time of a workload: the median, which no interruption changes."""
+    middle = float(np.median([cpu for _, cpu in references]))
+    if middle <= 0:
+        raise OSError("the processor time of this system is too coarse to time a prediction")
+    return middle
+
+
+def quiet_ms(seen: float) -> float:
+    """Milliseconds of the workload on this machine when it is quiet.
+
+    Args:
+        seen: a time that was just measured; kept if it is the shortest.
+    """
+    path, key = home() / KEPT, _key()
+    known: dict[str, float] = {}
+    with suppress(OSError, ValueError, AttributeError):
+        known = {str(name): float(ms) for name, ms in json.loads(path.read_text()).items()}
+    if seen < known.get(key, np.inf):
+        known[key] = seen
+        with suppress(OSError), replacing(path) as beside:  # a folder that cannot be written knows no shorter time
+            beside.write_text(json.dumps(known))
+    return known[key]
+
+
+@cache
+def _key() -> str:
+    import platform
+
+    return f"{cpu_model()}, Python {platform.python_version()}, numpy {np.__version__}"
