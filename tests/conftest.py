@@ -106,10 +106,11 @@ def brief_measurements(request, monkeypatch):
 
 
 def shorten_measurements(patch):
-    """Time 3 captures instead of 20, and predict 4 alone instead of 32: most of the time of a small fold."""
+    """Time 3 captures once instead of 10 twice, and predict 4 alone instead of 32: most of the time of a small fold."""
     for name in ("fold", "replay", "watch"):
         patch.setattr(f"bench.work.{name}.TIMED_CAPTURES", 3)
-    patch.setattr("bench.work.fold.REFERENCES", 1)
+    patch.setattr("bench.timing.AROUND", 1)
+    patch.setattr("bench.timing.REPEATS", 1)
     patch.setattr("bench.work.fold.WARM_UP", 1)
     for name in ("fitted", "replay", "watch"):
         patch.setattr(f"bench.work.{name}.SOME", 2)

@@ -94,3 +94,11 @@ def test_stored_tables_of_an_earlier_version_are_read(kind, earlier):
                 pd.testing.assert_frame_equal(table[numbers], kept[numbers], check_dtype=False, check_exact=True)
                 cells = table[table.columns.intersection(TEXT)].stack().dropna()
                 assert cells.map(type).eq(str).all()
+
+
+def test_times_of_an_earlier_version_are_of_the_wall_clock(earlier):
+    with inside(earlier):
+        for run in every_result(connect()):
+            names = {name for name in run.metrics if re.match("(fit|adapt|predict|decide|replay)_.*(ms|seconds)", name)}
+            assert names and all("wall" in name or "cpu" in name for name in names)
+            assert "decision_ms" not in run.metrics

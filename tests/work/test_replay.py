@@ -155,7 +155,7 @@ def test_decisions_are_timed_one_by_one_and_the_hop_is_that_of_the_system():
 
     assert list(Replay(60_000.0).instants(300, 100.0)) == [300]  # no capture reaches the first instant
     spent = decision_latency(Timed().fit(corpus, corpus.gestures), corpus[:3], np.array([4, 300]))
-    assert seen == [[4], [10], [3], [4], [7]] and len(spent) == 5 and min(spent) > 0
+    assert seen == [[4], [10], [3], [4], [7]] and len(spent.ms) == 5 and min(spent.ms) > 0
     Timed.window_ = seen.clear() or 2
     decision_latency(Timed().fit(corpus, corpus.gestures), corpus[:1], np.array([1, 10]))
     assert seen == [[1], [2]]

@@ -1,0 +1,68 @@
+"""Times of ten systems on a quiet machine and beside four busy loops, in turns: do numbers and order stay?
+
+    python benchmarks/bench_times.py [CORPUS]
+
+Each round fits every system to the training captures of a challenge split and times predictions, as ``bench run``
+does. It prints, for fit and prediction, the times as tables show them and by the wall clock, as a ratio to those of the
+first quiet round.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pandas as pd
+from scipy.stats import spearmanr
+
+import bench
+from bench.work.fold import computing, fitted, latency
+
+SYSTEMS = ["svm", "bayes", "lda", "rf", "et", "xgb", "tree", "softmax", "perceptron"]
+LOOPS = 4
+ROUNDS = ("quiet", "loops", "quiet", "loops")
+SHOWN = ("fit_seconds", "fit_wall_seconds", "predict_ms", "predict_wall_ms")
+
+
+def measured(plan: object) -> dict[str, float]:
+    """Times of a system in the first fold of a plan."""
+    fold, system = plan.folds[0], plan.cell.estimator()
+    with computing(1):
+        numbers = fitted(system, plan.corpus[fold.train])
+        predict_ms, _, walls, pace = latency(system, plan.corpus[fold.test], int(plan.corpus.lengths.max()))
+    medians = {"predict_ms": np.median(predict_ms), "predict_wall_ms": np.median(walls["predict_wall_ms"])}
+    return numbers | medians | pace
+
+
+def main(data: str) -> None:
+    """Print the table of all rounds, and what changes between them."""
+    warnings.simplefilter("ignore")
+    protocol = "challenge" if data != "synth" else "kfold"
+    plans = bench.plans(data=data, protocol=protocol, model=SYSTEMS, features=["touch"], jobs=1)
+    plans += bench.plans(data=data, protocol=protocol, model=["reflex"], jobs=1)
+    rows = []
+    for number, state in enumerate(ROUNDS):
+        count = LOOPS if state == "loops" else 0
+        loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+        try:
+            for plan in plans:
+                rows.append({"system": plan.cell.system(), "round": f"{number} {state}"} | measured(plan))
+                print(f"{rows[-1]['round']}: {rows[-1]['system']}", file=sys.stderr)
+        finally:
+            for loop in loops:
+                loop.kill()
+    table = pd.DataFrame(rows)
+    for name in SHOWN:
+        wide = table.pivot(index="system", columns="round", values=name)
+        ratios = wide.div(wide.iloc[:, 0], axis=0)
+        order = [spearmanr(wide.iloc[:, 0], wide[column]).statistic for column in wide]
+        print(f"\n{name}\n{wide.round(3)}\nratio to the first round\n{ratios.round(2)}")
+        print(f"rank correlation with the first round: {np.round(order, 3)}")
+    slower = table.groupby("round")["slowdown"].agg(["min", "median", "max"])
+    print(f"\nslowdown of the reference workload\n{slower.round(2)}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else "haart")

@@ -1,0 +1,82 @@
+"""Times of the quiet machine, with clocks that the tests turn."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bench import timing
+from bench.scratch import home
+
+
+class Clocks:
+    """Processor and wall clock of a machine that other programs make slower.
+
+    A piece of work takes ``cost`` of processor time when the machine is quiet.
+    """
+
+    def __init__(self, monkeypatch):
+        self.cpu = self.wall = 0.0
+        self.shared, self.waiting = 1.0, 1.0  # factors of processor time, and of wall time on top
+        monkeypatch.setattr(timing.time, "process_time", lambda: self.cpu)
+        monkeypatch.setattr(timing.time, "perf_counter", lambda: self.wall)
+        monkeypatch.setattr(timing, "reference", lambda: self.work(0.002))
+
+    def work(self, cost):
+        self.cpu += cost * self.shared
+        self.wall += cost * self.shared * self.waiting
+
+
+@pytest.fixture
+def clocks(monkeypatch, tmp_path):
+    monkeypatch.setenv("TOUCHBENCH_HOME", str(tmp_path))
+    monkeypatch.setattr(timing, "REPEATS", 2)
+    return Clocks(monkeypatch)
+
+
+def test_a_busy_machine_changes_no_time_but_the_wall_clock(clocks):
+    costs = [0.010, 0.030]
+    works = [lambda cost=cost: clocks.work(cost) for cost in costs]
+    quiet = timing.timed(works)
+    clocks.shared, clocks.waiting = 1.25, 3.0
+    busy = timing.timed(works)
+    (given, once, cpu_ms) = timing.timed_once(lambda: clocks.work(0.5) or "given")
+    for times in (quiet, busy):
+        assert times.ms == pytest.approx([10, 30]) and times.quiet_ms == pytest.approx(2)
+    assert quiet.wall_ms == pytest.approx([10, 30]) and busy.wall_ms == pytest.approx([37.5, 112.5])
+    assert (quiet.slowdown, busy.slowdown) == (pytest.approx(1), pytest.approx(3.75))
+    assert (given, cpu_ms) == ("given", pytest.approx(625)) and once.ms == pytest.approx([500])
+
+
+def test_an_interruption_of_one_repetition_does_not_count(clocks):
+    costs = iter([0.010, 0.200, 0.150, 0.010])
+    times = timing.timed([lambda: clocks.work(next(costs))] * 2)
+    assert times.ms == pytest.approx([10, 10])
+
+
+def test_seconds_that_a_system_tells_count_in_place_of_the_measured_ones(clocks):
+    _, times, cpu_ms = timing.timed_once(lambda: clocks.work(9.0), lambda wall, cpu: (wall / 3, cpu / 9))
+    assert (times.wall_ms[0], times.ms[0], cpu_ms) == pytest.approx((3000, 1000, 1000))
+
+
+def test_the_quiet_machine_is_the_fastest_that_was_seen(clocks):
+    clocks.shared = 2.0
+    assert timing.timed([lambda: clocks.work(0.01)]).ms == pytest.approx([20])  # nothing faster is known yet
+    clocks.shared = 1.0
+    assert timing.timed([lambda: clocks.work(0.01)]).ms == pytest.approx([10])
+    clocks.shared = 2.0
+    assert timing.timed([lambda: clocks.work(0.01)]).ms == pytest.approx([10])
+    (kept,) = json.loads((home() / timing.KEPT).read_text()).values()
+    assert kept == pytest.approx(2)
+    (home() / timing.KEPT).write_text("{cut off")
+    assert timing.timed([lambda: clocks.work(0.01)]).quiet_ms == pytest.approx(4)
+
+
+def test_a_clock_that_stands_still_is_an_error(clocks):
+    clocks.shared = 0.0
+    with pytest.raises(OSError, match="too coarse"):
+        timing.timed([lambda: clocks.work(0.01)])
+
+
+def test_the_workload_does_the_same_each_time():
+    assert timing.reference() == timing.reference() and np.isfinite(timing.reference())
