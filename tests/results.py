@@ -95,7 +95,7 @@ def evaluated(system="svm", predictions=None, failed=0, cost=1.0, kind="cell", m
     folds = [
         FoldResult(
             name,
-            metrics={k: cost * v for k, v in sizes.items()},
+            metrics={k: cost * v for k, v in sizes.items()} | {"quiet_ms": 2.0},
             predict_ms=[1.0 * cost, 2.0 * cost],
             decide_ms=[0.5 * cost],
         )
@@ -186,7 +186,7 @@ def watched(system, end_correct, alarms, latency, flash=4000.0, tables=None, **a
     """A result of ``bench watch`` with the shares of touches of each subject that end with the correct label."""
     metrics = {"end_correct": sum(end_correct) / len(end_correct), "touches_found": 0.9, "first_correct": 0.5}
     metrics |= {"false_alarms_per_hour": alarms, "latency_s_p50": latency, "flash_bytes": flash, "ram_bytes": 900.0}
-    metrics |= {"touches": 2.0, "background_minutes": 1.5}
+    metrics |= {"touches": 2.0, "background_minutes": 1.5, "quiet_ms": 2.0}
     hours = {"false_alarms_per_hour": alarms, "background_s": 90.0 / len(end_correct)}
     names = map(str, range(1, len(end_correct) + 1))
     usual = {
