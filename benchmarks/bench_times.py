@@ -4,7 +4,7 @@
 
 Each round fits every system to the training captures of a challenge split and times predictions, as ``bench run``
 does. It prints, for fit and prediction, the times as tables show them and by the wall clock, as a ratio to those of the
-first quiet round.
+first quiet round. A round before it warms up libraries and caches.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from bench.work.fold import computing, fitted, latency
 
 SYSTEMS = ["svm", "bayes", "lda", "rf", "et", "xgb", "tree", "softmax", "perceptron"]
 LOOPS = 4
-ROUNDS = ("quiet", "loops", "quiet", "loops")
+ROUNDS = ("warm-up", "quiet", "loops", "quiet", "loops")
 SHOWN = ("fit_seconds", "fit_wall_seconds", "predict_ms", "predict_wall_ms")
 
 
@@ -54,6 +54,7 @@ def main(data: str) -> None:
             for loop in loops:
                 loop.kill()
     table = pd.DataFrame(rows)
+    table = table[table["round"] != f"0 {ROUNDS[0]}"]
     for name in SHOWN:
         wide = table.pivot(index="system", columns="round", values=name)
         ratios = wide.div(wide.iloc[:, 0], axis=0)
