@@ -27,7 +27,7 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError, nearest
+from bench.errors import InputError, PredictionError, nearest
 from bench.registry import required
 from features.base import FeatureSet
 from models.search.space import Space
@@ -305,7 +305,7 @@ def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         probabilities [decisions, classes], zeros where it abstains.
 
     Raises:
-        ValueError: a label is no class, or probabilities are none.
+        PredictionError: a label is no class, or probabilities are none.
     """
     X = blinded(estimator, X)
     if method := DECIDE(estimator):
@@ -323,7 +323,7 @@ def probabilities(estimator: System, X: Corpus) -> np.ndarray:
     """``predict_proba(X)`` [captures, classes], zeros where it abstains; a system without gets 1 for its label.
 
     Raises:
-        ValueError: a label is no class, or probabilities are none.
+        PredictionError: a label is no class, or probabilities are none.
     """
     X = blinded(estimator, X)
     if has_probabilities(estimator):
@@ -335,16 +335,16 @@ def labels(estimator: System, X: Corpus) -> np.ndarray:
     """``predict(X)``: the label of each capture as text, a class or its `abstention`.
 
     Raises:
-        ValueError: a label is neither, or their number is another than that of the captures.
+        PredictionError: a label is neither, or their number is another than that of the captures.
     """
     given = np.asarray(estimator.predict(blinded(estimator, X)), dtype=object).ravel()  # CatBoost gives a column
     if len(given) != len(X):
-        raise ValueError(f"predict gives {len(given)} labels for {len(X)} captures; give one each")
+        raise PredictionError(f"predict gives {len(given)} labels for {len(X)} captures; give one each")
     strange = ~np.isin(given, np.asarray(estimator.classes_, dtype=object))
     if strange.any() and (label := abstention(estimator)) is not None:
         strange &= given != label
     if strange.any():
-        raise ValueError(
+        raise PredictionError(
             f"predict gives {given[strange.argmax()]!r}, which is not one of the trained gestures; a system that "
             "abstains declares the label that it then gives, such as abstains = 'unknown'"
         )
@@ -355,11 +355,11 @@ def _probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarr
     """Probabilities that a method gives, zeros for a row of NaN of a system that abstains.
 
     Raises:
-        ValueError: they are no probabilities; the message says what to do.
+        PredictionError: they are no probabilities; the message says what to do.
     """
     proba = np.asarray(proba)
     if proba.shape != (shape := (rows, len(estimator.classes_))):
-        raise ValueError(f"{method} gives probabilities of shape {proba.shape} for {shape} decisions and classes_")
+        raise PredictionError(f"{method} gives probabilities of shape {proba.shape} for {shape} decisions and classes_")
     total, least = proba.sum(axis=1), proba.min(axis=1)
     sound = (least >= -SUM) & (np.abs(total - 1) <= SUM)
     if sound.all():
@@ -370,12 +370,12 @@ def _probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarr
         sound = (proba.min(axis=1) >= -SUM) & (total <= 1 + SUM)
     if (wrong := ~sound).any():
         if not np.isfinite(proba[wrong]).all():
-            raise ValueError(
+            raise PredictionError(
                 f"{method} gives {int((~np.isfinite(proba)).sum())} probabilities that are not finite; a system that "
                 "abstains by a row of NaN declares its label for that, such as abstains = 'unknown'"
             )
         row = int(wrong.argmax())
-        raise ValueError(
+        raise PredictionError(
             f"{method} gives values from {proba[row].min():.3g} to {proba[row].max():.3g} with a sum of "
             f"{total[row]:.3g}, not probabilities; convert scores or logits with scipy.special.softmax(scores, axis=1), "
             "or leave the method out"
