@@ -106,7 +106,9 @@ class Method:
             return None
         count = len(self.parameters)
         same = tuple(p.name for p in found[:count]) == self.parameters
-        return method if same and not any(p.default is p.empty and p.kind not in STARRED for p in found[count:]) else None
+        return (
+            method if same and not any(p.default is p.empty and p.kind not in STARRED for p in found[count:]) else None
+        )
 
 
 CHECK = Method("check", ())
@@ -377,8 +379,8 @@ def _probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarr
         row = int(wrong.argmax())
         raise PredictionError(
             f"{method} gives values from {proba[row].min():.3g} to {proba[row].max():.3g} with a sum of "
-            f"{total[row]:.3g}, not probabilities; convert scores or logits with scipy.special.softmax(scores, axis=1), "
-            "or leave the method out"
+            f"{total[row]:.3g}, not probabilities; convert scores with scipy.special.softmax(scores, axis=1), or leave "
+            "the method out"
         )
     return proba
 

@@ -35,8 +35,8 @@ def curve(labels: pd.DataFrame, key: str) -> pd.DataFrame:
 
     Columns: ``case``, ``level``, ``amount``, ``captures``, ``subjects``, ``accuracy`` with a 95 % bootstrap interval
     over subjects (``low``, ``high``), ``subject_sd``, ``loss`` (clean accuracy minus this), and how many captures went
-    from a right label to a wrong one (``broken``) and back (``mended``). Where a system abstains in a case, ``abstained``
-    is the share of the captures on which it does.
+    from a right label to a wrong one (``broken``) and back (``mended``). Where a system abstains in a case,
+    ``abstained`` is the share of the captures on which it does.
     """
     hits = labels.assign(hit=labels["true"] == labels["predicted"])
     clean = unharmed(hits).set_index(CAPTURE)["hit"]

@@ -16,7 +16,16 @@ from bench.outcomes.events import REPORT, intervals, last_confidence, matched, p
 from bench.outcomes.results import FoldResult, costs, table_of
 from bench.usual import NO_TOUCH
 from bench.work.detector import behind, cut, touched
-from bench.work.fold import SOME, TIMED_CAPTURES, batch_effects, check_agreement, computing, fitted, footprint, milliseconds
+from bench.work.fold import (
+    SOME,
+    TIMED_CAPTURES,
+    batch_effects,
+    check_agreement,
+    computing,
+    fitted,
+    footprint,
+    milliseconds,
+)
 from bench.work.watcher import UNKNOWN
 from bench.work.watcher_training import bias_table, learn_reject, learned
 from features.touch import TouchFeatures
