@@ -186,9 +186,21 @@ def check_training(estimator: System, X: Corpus, y: np.ndarray) -> None:
 
 
 def window(estimator: System, rate_hz: float) -> int | None:
-    """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows."""
+    """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows.
+
+    Raises:
+        InputError: its method raises anything, or gives something else: it is asked before any fold.
+    """
     if length := LENGTH(estimator):
-        return length(rate_hz)
+        try:
+            frames = length(rate_hz)
+        except InputError:
+            raise
+        except Exception as e:  # a system of the user's may raise anything
+            raise InputError(f"length({rate_hz:g}) of the system raises {type(e).__name__}: {e}") from e
+        if not isinstance(frames, int | np.integer | None):
+            raise InputError(f"length({rate_hz:g}) of the system gives {frames!r}; give a number of frames, or None")
+        return frames
     frames = estimator.get_params(deep=False).get("frames") if isinstance(estimator, BaseEstimator) else None
     return frames if isinstance(frames, int) else None
 

@@ -54,7 +54,8 @@ class FoldResult:
         """The exception of a fold that failed, in one line: the first line after the last place in the code."""
         lines = self.error.strip().splitlines()
         last = max((i for i, line in enumerate(lines) if line.startswith('  File "')), default=-1)
-        return next((line for line in lines[last + 1 :] if line and not line[0].isspace()), lines[-1])
+        line = next((line for line in lines[last + 1 :] if line and not line[0].isspace()), lines[-1])
+        return line.removeprefix("bench.errors.")
 
     @property
     def table(self) -> pd.DataFrame:

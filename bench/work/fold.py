@@ -111,7 +111,7 @@ def disagreement(estimator: contract.System, tested: Corpus) -> str:
         every = pd.concat([table[table["capture"] == place].drop(columns="capture"), mean.loc[[place]]])
         given = every[label] if label in every else -1.0
         if not (every.max(axis=1) - given <= TOLERANCE).any() and every.to_numpy().any():
-            found.append((tested.index[place], label, mean.loc[place].idxmax()))
+            found.append((tested.index[place], str(label), mean.loc[place].idxmax()))
     if not found:
         return ""
     capture, label, probable = found[0]
