@@ -392,7 +392,7 @@ def _probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarr
         raise PredictionError(
             f"{method} gives values from {proba[row].min():.3g} to {proba[row].max():.3g} with a sum of "
             f"{total[row]:.3g}, not probabilities; convert scores with scipy.special.softmax(scores, axis=1), or leave "
-            "the method out"
+            f"{method} out"
         )
     return proba
 
