@@ -200,7 +200,7 @@ def window(estimator: System, rate_hz: float) -> int | None:
             raise InputError(f"length({rate_hz:g}) of the system raises {type(e).__name__}: {e}") from e
         if not isinstance(frames, int | np.integer | None):
             raise InputError(f"length({rate_hz:g}) of the system gives {frames!r}; give a number of frames, or None")
-        return frames
+        return None if frames is None else int(frames)
     frames = estimator.get_params(deep=False).get("frames") if isinstance(estimator, BaseEstimator) else None
     return frames if isinstance(frames, int) else None
 

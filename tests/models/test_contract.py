@@ -187,7 +187,10 @@ def test_a_method_is_known_by_the_names_of_its_parameters_others_are_the_authors
     assert not contract.adapts(own) and not contract.decides_often(own)
     assert contract.kept(own, 40, 64) == 40 * 64 and contract.kept_before(own, 64) == 0
     assert len(contract.decide(own, corpus)[0]) == len(corpus)
-    for length, fact in ((lambda rate_hz: 1 / 0, "raises ZeroDivisionError"), (lambda rate_hz: 0.5, "gives 0.5; give a")):
+    for length, fact in (
+        (lambda rate_hz: 1 / 0, "raises ZeroDivisionError"),
+        (lambda rate_hz: 0.5, "gives 0.5; give a"),
+    ):
         own.length = length
         with pytest.raises(InputError, match=fact):
             contract.window(own, 100.0)
