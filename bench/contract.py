@@ -27,12 +27,14 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError, nearest
+from bench.errors import InputError, PredictionError, nearest
 from bench.registry import required
 from features.base import FeatureSet
 from models.search.space import Space
 
+SUM = 1e-3  # by which probabilities of a capture may miss a sum of 1: they may be float32, or printed and read
 TABLES = {"sklearn", "xgboost", "lightgbm", "catboost", "imblearn"}  # packages whose estimators learn from tables
+STARRED = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 Value = TypeVar("Value")
 Part = TypeVar("Part")
 
@@ -77,6 +79,46 @@ class Hook(Generic[Value]):
     def __call__(self, part: object) -> Value:
         """Its value for a part."""
         return getattr(part, self.name, copy(self.default))
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method that a system or another part may have, known by its name and the names of its parameters.
+
+    Anything else of this name is the author's own: a number, a set, or a method with other parameters.
+
+    Args:
+        name: name of the method.
+        parameters: names of its parameters; further ones need a default.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+
+    def __call__(self, part: object) -> Callable[..., Any] | None:
+        """The method of a part, None for a part without it."""
+        method = getattr(part, self.name, None)
+        if not callable(method):
+            return None
+        try:
+            found = [*inspect.signature(method).parameters.values()]
+        except (TypeError, ValueError):  # of a callable without a signature
+            return None
+        count = len(self.parameters)
+        same = tuple(p.name for p in found[:count]) == self.parameters
+        return (
+            method if same and not any(p.default is p.empty and p.kind not in STARRED for p in found[count:]) else None
+        )
+
+
+CHECK = Method("check", ())
+CHECK_TRAINING = Method("check_training", ("X", "y"))
+LENGTH = Method("length", ("rate_hz",))
+SEEN = Method("seen", ("X",))
+ADAPT = Method("adapt", ("X", "y"))
+DECIDE = Method("decide", ("X",))
+KEEPS_BEFORE = Method("keeps_before", ("taxels",))
+KEEPS = Method("keeps", ("frames", "taxels"))
 
 
 # Attributes of a factory
@@ -133,18 +175,32 @@ learns: Hook[bool] = Hook("learns", True)
 
 def check(part: object) -> None:
     """``check()``: raises an `InputError` for parameters that cannot be, of a system or a feature set."""
-    getattr(part, "check", lambda: None)()
+    if method := CHECK(part):
+        method()
 
 
 def check_training(estimator: System, X: Corpus, y: np.ndarray) -> None:
     """``check_training(X, y)``: raises an `InputError` for a training part that it cannot learn from."""
-    getattr(estimator, "check_training", lambda X, y: None)(X, y)
+    if method := CHECK_TRAINING(estimator):
+        method(X, y)
 
 
 def window(estimator: System, rate_hz: float) -> int | None:
-    """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows."""
-    if callable(length := getattr(estimator, "length", None)):
-        return length(rate_hz)
+    """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows.
+
+    Raises:
+        InputError: its method raises anything, or gives something else: it is asked before any fold.
+    """
+    if length := LENGTH(estimator):
+        try:
+            frames = length(rate_hz)
+        except InputError:
+            raise
+        except Exception as e:  # a system of the user's may raise anything
+            raise InputError(f"length({rate_hz:g}) of the system raises {type(e).__name__}: {e}") from e
+        if not isinstance(frames, int | np.integer | None):
+            raise InputError(f"length({rate_hz:g}) of the system gives {frames!r}; give a number of frames, or None")
+        return None if frames is None else int(frames)
     frames = estimator.get_params(deep=False).get("frames") if isinstance(estimator, BaseEstimator) else None
     return frames if isinstance(frames, int) else None
 
@@ -166,7 +222,7 @@ def features(estimator: System) -> dict[str, Features]:
 
 def seen_by_features(estimator: System, X: Corpus) -> list[Corpus]:
     """``seen(X)``: the input of its feature sets, in training and prediction; by default the captures unchanged."""
-    return getattr(estimator, "seen", lambda X: [X])(X)
+    return seen(X) if (seen := SEEN(estimator)) else [X]
 
 
 def conditions(estimator: System) -> tuple[str, ...]:
@@ -217,7 +273,7 @@ def blinded(estimator: System, X: Part) -> Part:
 def adapts(estimator: System) -> bool:
     """Return True if it has ``adapt``, or is a pipeline whose last part has."""
     part = estimator.steps[-1][1] if isinstance(estimator, Pipeline) else estimator
-    return getattr(part, "adapt", None) is not None
+    return ADAPT(part) is not None
 
 
 def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
@@ -243,7 +299,16 @@ def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
 
 def decides_often(estimator: System) -> bool:
     """Return True if it has ``decide``, and so may decide more than once per capture."""
-    return getattr(estimator, "decide", None) is not None
+    return DECIDE(estimator) is not None
+
+
+def abstention(estimator: System) -> str | None:
+    """``abstains``: the label that it, or a part of it, predicts for a capture without a class; None if there is none.
+
+    In place of its probabilities stands a row of NaN.
+    """
+    parts = (part for system in (estimator, inside(estimator)) for part in _nested(system))
+    return next((label for part in parts if isinstance(label := getattr(part, "abstains", None), str)), None)
 
 
 def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
@@ -251,11 +316,15 @@ def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
 
     Returns:
         A table with ``capture`` (position in X), ``start`` and ``frames`` (first frame and frames seen), and
-        probabilities [decisions, classes].
+        probabilities [decisions, classes], zeros where it abstains.
+
+    Raises:
+        PredictionError: a label is no class, or probabilities are none.
     """
     X = blinded(estimator, X)
-    if decides_often(estimator):
-        return estimator.decide(X)  # type: ignore[attr-defined]
+    if method := DECIDE(estimator):
+        table, proba = method(X)
+        return table, _probable(estimator, proba, len(table), "decide")
     return pd.DataFrame({"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}), probabilities(estimator, X)
 
 
@@ -265,11 +334,67 @@ def has_probabilities(estimator: System) -> bool:
 
 
 def probabilities(estimator: System, X: Corpus) -> np.ndarray:
-    """``predict_proba(X)`` [captures, classes]; a system without gets 1 for its label."""
+    """``predict_proba(X)`` [captures, classes], zeros where it abstains; a system without gets 1 for its label.
+
+    Raises:
+        PredictionError: a label is no class, or probabilities are none.
+    """
     X = blinded(estimator, X)
     if has_probabilities(estimator):
-        return estimator.predict_proba(X)  # type: ignore[attr-defined]
-    return np.asarray(estimator.predict(X))[:, None] == estimator.classes_
+        return _probable(estimator, estimator.predict_proba(X), len(X), "predict_proba")  # type: ignore[attr-defined]
+    return labels(estimator, X)[:, None] == np.asarray(estimator.classes_).astype(str)
+
+
+def labels(estimator: System, X: Corpus) -> np.ndarray:
+    """``predict(X)``: the label of each capture as text, a class or its `abstention`.
+
+    Raises:
+        PredictionError: a label is neither, or their number is another than that of the captures.
+    """
+    given = np.asarray(estimator.predict(blinded(estimator, X)), dtype=object).ravel()  # CatBoost gives a column
+    if len(given) != len(X):
+        raise PredictionError(f"predict gives {len(given)} labels for {len(X)} captures; give one each")
+    strange = ~np.isin(given, np.asarray(estimator.classes_, dtype=object))
+    if strange.any() and (label := abstention(estimator)) is not None:
+        strange &= given != label
+    if strange.any():
+        raise PredictionError(
+            f"predict gives {given[strange.argmax()]!r}, which is not one of the trained gestures; a system that "
+            "abstains declares the label that it then gives, such as abstains = 'unknown'"
+        )
+    return given.astype(str)
+
+
+def _probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarray:
+    """Probabilities that a method gives, zeros for a row of NaN of a system that abstains.
+
+    Raises:
+        PredictionError: they are no probabilities; the message says what to do.
+    """
+    proba = np.asarray(proba)
+    if proba.shape != (shape := (rows, len(estimator.classes_))):
+        raise PredictionError(f"{method} gives probabilities of shape {proba.shape} for {shape} decisions and classes_")
+    total, least = proba.sum(axis=1), proba.min(axis=1)
+    sound = (least >= -SUM) & (np.abs(total - 1) <= SUM)
+    if sound.all():
+        return proba
+    if abstention(estimator) is not None:  # windows of a capture on which it abstains leave a sum below 1
+        proba = np.where(np.isnan(proba).all(axis=1, keepdims=True), 0, proba)
+        total = proba.sum(axis=1)
+        sound = (proba.min(axis=1) >= -SUM) & (total <= 1 + SUM)
+    if (wrong := ~sound).any():
+        if not np.isfinite(proba[wrong]).all():
+            raise PredictionError(
+                f"{method} gives {int((~np.isfinite(proba)).sum())} probabilities that are not finite; a system that "
+                "abstains by a row of NaN declares its label for that, such as abstains = 'unknown'"
+            )
+        row = int(wrong.argmax())
+        raise PredictionError(
+            f"{method} gives values from {proba[row].min():.3g} to {proba[row].max():.3g} with a sum of "
+            f"{total[row]:.3g}, not probabilities; convert scores with scipy.special.softmax(scores, axis=1), or leave "
+            f"{method} out"
+        )
+    return proba
 
 
 # What happened while it was fitted
@@ -288,12 +413,12 @@ def inside(estimator: System) -> System:
 
 def kept_before(estimator: System, taxels: int) -> int:
     """``keeps_before(taxels)``: numbers in memory for the steps before the system; none by default."""
-    return getattr(estimator, "keeps_before", lambda taxels: 0)(taxels)
+    return keeps(taxels) if (keeps := KEEPS_BEFORE(estimator)) else 0
 
 
 def kept(feature_set: Features, frames: int, taxels: int) -> int:
     """``keeps(frames, taxels)`` of a feature set: numbers in memory while it is computed; by default the capture."""
-    return getattr(feature_set, "keeps", lambda frames, taxels: frames * taxels)(frames, taxels)
+    return keeps(frames, taxels) if (keeps := KEEPS(feature_set)) else frames * taxels
 
 
 # From a factory or an object to a system

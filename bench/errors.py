@@ -18,6 +18,10 @@ class HiddenError(Exception):
     """Access of a system to a forbidden part of a corpus, such as labels in prediction; one line."""
 
 
+class PredictionError(ValueError):
+    """A system predicts what cannot be counted, such as a label that is no class; one line that says what to do."""
+
+
 class ClusterError(Exception):
     """The cluster failed in the middle of the work: one line; the same command goes on later."""
 

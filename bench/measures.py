@@ -524,6 +524,7 @@ def run_columns() -> list[Measure]:
         percent("subject_sd", "SD", "subject_accuracy_sd", spare=11, shows=("terminal", "latex", "csv")),
         percent("macro_f1", "macro-F1 %", latex="macro-F1", spare=12, shows=every),
         percent("macro_precision", shows=csv),
+        percent("abstained", "abstained %", latex="abstained", spare=1, shows=every),
         percent("window_accuracy", "window accuracy %", spare=13, shows=("terminal",)),
         Measure("fit_seconds", "fit s", form=".2f", spare=1, latex="fit s", shows=("page", "latex", "csv")),
         Measure("predict_ms_p50", "predict ms", form=".2f", latex="ms", shows=("terminal", "latex", "csv")),

@@ -8,7 +8,7 @@ them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bench.comparable import comparable, context_of, depends_on_batch, method_of, system_of
 from bench.errors import InputError
@@ -71,6 +71,13 @@ class Tables(Mapping[str, "pd.DataFrame"]):
         return sum(1 for _ in self)
 
 
+class Failure(NamedTuple):
+    """The exception of a failed fold in one line, and the location of its traceback."""
+
+    reason: str
+    where: str
+
+
 class Result(Mapping[str, Any]):
     """A finished run.
 
@@ -78,7 +85,7 @@ class Result(Mapping[str, Any]):
         about: tags and parameters, which are text, with ``run_id``, ``status`` and ``started``.
         metrics: numbers by name.
         tables: tables by name.
-        errors: location of the traceback of each failed fold, by fold name.
+        errors: failure of each failed fold, by fold name.
     """
 
     def __init__(
@@ -86,7 +93,7 @@ class Result(Mapping[str, Any]):
         about: Mapping[str, Any],
         metrics: Mapping[str, float],
         tables: Mapping[str, pd.DataFrame],
-        errors: Mapping[str, str] | None = None,
+        errors: Mapping[str, Failure] | None = None,
     ) -> None:
         self.about, self.metrics, self.errors = dict(about), dict(metrics), dict(errors or {})
         self.tables = tables if isinstance(tables, Tables) else Tables(tables)

@@ -29,7 +29,7 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
     """
     values = counts.to_numpy(dtype=float)
     share = 100 * values / np.maximum(values.sum(axis=1, keepdims=True), 1)
-    k = len(counts)
+    k, names = len(counts), plain(counts.columns)
     side = max(2.4, 0.34 * min(k, WRITTEN))
     edge = width_of(counts.columns) + 0.4
     beside = 2 * (side + edge) + 0.4 <= WIDEST
@@ -38,9 +38,9 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
     margins, between = (edge, 0.2, edge, 0.75), (edge + 0.2, edge + 0.4)
     figure, axes = new_figure(size, (1, 2) if beside else (2, 1), margins, between, title)
     for ax, shown, words in zip(axes.flat, (values, share), ("captures", "% of the true gesture"), strict=True):
-        ax.pcolormesh(np.arange(k + 1) - 0.5, np.arange(k + 1) - 0.5, share, cmap="Blues", vmin=0, vmax=100)
+        ax.pcolormesh(np.arange(len(names) + 1) - 0.5, np.arange(k + 1) - 0.5, share, cmap="Blues", vmin=0, vmax=100)
         ax.set(aspect="equal", ylim=(k - 0.5, -0.5), xlabel="predicted", ylabel="true", title=words)
-        ax.set_xticks(np.arange(k), plain(counts.columns), rotation=90)
+        ax.set_xticks(np.arange(len(names)), names, rotation=90)
         ax.set_yticks(np.arange(k), plain(counts.index))
         for i, j in np.argwhere(shown) if k <= WRITTEN else ():
             colour = "white" if share[i, j] > 60 else "black"

@@ -11,7 +11,7 @@ from bench.errors import InputError
 from bench.measures import SECTIONS, Cost, Interval, Measure, costs, percent, run_columns, text, three
 from bench.outcomes.resampling import drawn, ratio_interval, weights
 from bench.outcomes.tables import file_of, read_table, uniform, write_table
-from bench.result import SMALL, Result, Tables
+from bench.result import SMALL, Failure, Result, Tables
 from bench.scene_file import OTHER
 from bench.table import Table, of_text
 
@@ -136,7 +136,9 @@ def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
         return pd.DataFrame({"n": range({"small": 3, "large": SMALL + 1}.get(name, 0))}) if name != "none" else None
 
     tables = Tables({"kept": pd.DataFrame({"n": [1]})}, read, "s (run 7) is missing", lambda: ["small", "large"])
-    result = Result(about, {"accuracy": 0.5, "folds": 2, "folds_failed": 1}, tables, {"f": "traceback"})
+    result = Result(
+        about, {"accuracy": 0.5, "folds": 2, "folds_failed": 1}, tables, {"f": Failure("ValueError: no", "traceback")}
+    )
     assert result["accuracy"] == 0.5 and dict(result)["accuracy"] == 0.5  # a number before a text of the same name
     assert len(result) == len(dict(result)) == len([*result]) == len(about) + 2
     assert (result.method, result.context[0], result.folds) == ("s, seed 1", "d (synthetic)", "2/3")

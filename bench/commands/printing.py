@@ -129,11 +129,11 @@ def show(results: Sequence[Result], views: Sequence[tuple[type[Shown], Sequence[
 
 
 def failures(results: Sequence[Result]) -> int:
-    """Print which folds failed and where the first traceback is; the exit code."""
-    failed = {f"{_title(r)}: {named(name)}": where for r in results for name, where in r.errors.items()}
+    """Print which folds failed, the first exception and where its traceback is; the exit code."""
+    failed = {f"{_title(r)}: {named(name)}": failure for r in results for name, failure in r.errors.items()}
     if failed:
-        words = f"{len(failed)} failed: {_first([*failed], 'more')}; traceback of the first: "
-        line = words + next(iter(failed.values()))
+        reason, where = next(iter(failed.values()))
+        line = f"{len(failed)} failed: {_first([*failed], 'more')}; {reason}; traceback of the first: {where}"
         console.print(line, style="bold red", markup=False, highlight=False, soft_wrap=True)
     return int(bool(failed))
 

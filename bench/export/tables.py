@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from sklearn.pipeline import Pipeline
 
+from bench import contract
 from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from bench.export.classifiers import HAVE, Decider, decider, detector, has_c, number
@@ -133,6 +134,8 @@ def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
     Raises:
         InputError: it is something else.
     """
+    if contract.abstention(estimator) is not None:
+        raise InputError("a system that abstains has no C, which always names a gesture; remove abstains")
     recipe = estimator if isinstance(estimator, Recipe) else None
     system = getattr(recipe, inside) if recipe else estimator
     if isinstance(system, Reflex):

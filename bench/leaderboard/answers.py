@@ -16,6 +16,7 @@ from bench.leaderboard import tasks
 from bench.leaderboard.submissions import EVENT, NUMBERS, TEXTS
 from bench.leaderboard.tasks import RATE_HZ, Task
 from bench.outcomes.events import REPORT
+from bench.outcomes.scores import ABSTAINED
 from bench.result import Result
 
 FILE = re.compile(r"(?<==)(?:.*[/\\])?([^/\\]+\.py)(:\w+)$")  # of a word of a command that names a part of a file
@@ -75,7 +76,7 @@ def table(task: Task, run: Result) -> pd.DataFrame:
         return _reported(task, rows, run)
     rows = rows.assign(capture=rows["capture"].astype(str)).rename(columns={"true": "tracked"})
     joined = tasks.rows_of(task).merge(rows, on=["capture", *task.keys], how="left", validate="one_to_one")
-    if (missing := joined["predicted"].isna()).any():
+    if (missing := joined["predicted"].isna() | (joined["predicted"] == ABSTAINED)).any():
         row = ", ".join(f"{k} {v}" for k, v in joined.loc[missing, ["capture", *task.keys]].iloc[0].items())
         raise InputError(f"run {run['run_id']} has no label of {row}, which {task.name} needs")
     if (joined["tracked"] != joined["true"]).any():

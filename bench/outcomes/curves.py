@@ -35,7 +35,8 @@ def curve(labels: pd.DataFrame, key: str) -> pd.DataFrame:
 
     Columns: ``case``, ``level``, ``amount``, ``captures``, ``subjects``, ``accuracy`` with a 95 % bootstrap interval
     over subjects (``low``, ``high``), ``subject_sd``, ``loss`` (clean accuracy minus this), and how many captures went
-    from a right label to a wrong one (``broken``) and back (``mended``).
+    from a right label to a wrong one (``broken``) and back (``mended``). Where a system abstains in a case,
+    ``abstained`` is the share of the captures on which it does.
     """
     hits = labels.assign(hit=labels["true"] == labels["predicted"])
     clean = unharmed(hits).set_index(CAPTURE)["hit"]
@@ -46,9 +47,11 @@ def curve(labels: pd.DataFrame, key: str) -> pd.DataFrame:
         people = scores.per_subject(part)["accuracy"]
         changed = before.mean() - now.mean(), int((before & ~now).sum()), int((~before & now).sum())
         about = [case, level, part["amount"].iloc[0], len(part), len(people)]
-        rows.append([*about, now.mean(), *scores.subject_interval(part), people.std(ddof=1), *changed])
+        gone = (part["predicted"] == scores.ABSTAINED).mean()
+        rows.append([*about, now.mean(), *scores.subject_interval(part), people.std(ddof=1), *changed, gone])
     names = ["case", "level", "amount", "captures", "subjects", "accuracy", "low", "high", "subject_sd"]
-    return pd.DataFrame(rows, columns=[*names, "loss", "broken", "mended"])
+    table = pd.DataFrame(rows, columns=[*names, "loss", "broken", "mended", "abstained"])
+    return table if table["abstained"].any() else table.drop(columns="abstained")
 
 
 def loss(table: pd.DataFrame) -> dict[str, float]:

@@ -78,7 +78,8 @@ def merges(proba: np.ndarray, true: np.ndarray) -> list[np.ndarray]:
     chain = [group]
     while group.any():
         counts = np.zeros_like(given)
-        np.add.at(counts, (true, labels(proba, group)), 1)
+        label = labels(proba, group)
+        np.add.at(counts, (true[label >= 0], label[label >= 0]), 1)
         a, b = _most_confused(counts, given, captures, group)
         group = np.where(group == b, a, group)
         chain.append(group)
@@ -86,9 +87,13 @@ def merges(proba: np.ndarray, true: np.ndarray) -> list[np.ndarray]:
 
 
 def labels(proba: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """The group of each capture with the highest summed probability; arguments as of `merges` and its result."""
+    """The group of each capture with the highest summed probability, -1 where a system abstains.
+
+    Arguments are those of `merges` and its result.
+    """
     numbers = np.unique(group)
-    return numbers[np.argmax(proba @ (group[:, None] == numbers).astype(float), axis=1)]
+    best = numbers[np.argmax(proba @ (group[:, None] == numbers).astype(float), axis=1)]
+    return np.where(proba.any(axis=1), best, -1)
 
 
 def _most_confused(counts: np.ndarray, given: np.ndarray, captures: np.ndarray, group: np.ndarray) -> tuple[int, int]:

@@ -19,7 +19,8 @@ class Reactions:
     """Groups of gestures to which a robot reacts alike; by default every gesture is a reaction of its own.
 
     The robot takes the reaction with the lowest expected cost. The probability of a reaction is the sum over its
-    gestures. With the default costs, it therefore takes the most probable reaction.
+    gestures. With the default costs, it therefore takes the most probable reaction. Where a system abstains, it does
+    nothing.
 
     Attributes:
         groups: gestures of each reaction; the robot does not react to gestures of ``nothing``.
@@ -94,7 +95,8 @@ class Reactions:
         table, reactions = self.cost_table(probabilities.columns), self.of(probabilities.columns)
         member = np.array([[reactions[str(g)] == name for name in table.index] for g in probabilities], dtype=float)
         expected = (probabilities.to_numpy(dtype=float) @ member) @ table.to_numpy()
-        return table.columns.to_numpy(object)[expected.round(12).argmin(axis=1)]  # equal sums differ by rounding
+        taken = table.columns.to_numpy(object)[expected.round(12).argmin(axis=1)]  # equal sums differ by rounding
+        return np.where(probabilities.to_numpy().any(axis=1), taken, NOTHING)
 
     def mistakes(self, labelled: pd.DataFrame) -> np.ndarray:
         """The cost of each label, 0 for the right reaction, float [rows].

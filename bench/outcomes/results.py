@@ -50,6 +50,14 @@ class FoldResult:
     seconds: float = 0.0
 
     @property
+    def reason(self) -> str:
+        """The exception of a fold that failed, in one line: the first line after the last place in the code."""
+        lines = self.error.strip().splitlines()
+        last = max((i for i, line in enumerate(lines) if line.startswith('  File "')), default=-1)
+        line = next((line for line in lines[last + 1 :] if line and not line[0].isspace()), lines[-1])
+        return line.removeprefix("bench.errors.")
+
+    @property
     def table(self) -> pd.DataFrame:
         """The predictions of a fold that went well."""
         if self.predictions is None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from bench.comparable import seed_number
-from bench.outcomes.scores import PREFIX, captures, classes_of
+from bench.outcomes.scores import ABSTAINED, PREFIX, captures, classes_of
 from bench.result import Result
 
 LEAST = 5  # models; fewer are too few to doubt a label
@@ -58,7 +58,8 @@ def agreement(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     rows = pd.concat(labelled, ignore_index=True).drop(columns=["fold", "start", "frames"])
     groups = rows.assign(right=rows["true"] == rows["predicted"]).groupby("capture")
     found = groups.first().assign(**{PROBABILITY: groups[PROBABILITY].mean()}, right=groups["right"].sum())
-    found["predicted"] = found["predicted"].where(groups["predicted"].nunique() == 1)
+    alike = (groups["predicted"].nunique() == 1) & (found["predicted"] != ABSTAINED)
+    found["predicted"] = found["predicted"].where(alike)
     found = found[groups.size() == len(labelled)].reset_index()
     return found[[*COLUMNS, *found.columns.drop(COLUMNS)]]
 

@@ -1,7 +1,8 @@
 """Scores and units, all computed from the predictions table of a run.
 
 The table has one row per decision: ``fold``, ``capture``, ``start`` (first frame), ``frames`` (frames seen), ``true``,
-one column ``p_<class>`` per class, and the columns of the corpus's captures (``subject`` and conditions).
+one column ``p_<class>`` per class, and the columns of the corpus's captures (``subject`` and conditions). A system that
+abstains gives 0 to every class. A capture without a probability is labelled `ABSTAINED`, which is wrong.
 """
 
 from __future__ import annotations
@@ -13,17 +14,24 @@ from bench.corpora.corpus import PROBABILITY as PREFIX
 from bench.corpora.corpus import RESERVED as RESERVED
 from bench.outcomes.resampling import DRAWS, ratio_interval
 
+ABSTAINED = ""  # the label of a system that abstains; no gesture is called so
+
 
 def classes_of(predictions: pd.DataFrame) -> list[str]:
     """Class names, in the order of the probability columns."""
     return [c.removeprefix(PREFIX) for c in predictions.columns if c.startswith(PREFIX)]
 
 
+def most_probable(proba: np.ndarray, classes: list[str]) -> np.ndarray:
+    """The label of each row of probabilities [decisions, classes]: a class, or `ABSTAINED` where all are 0."""
+    return np.where(proba.max(axis=1) > 0, np.asarray(classes, dtype=object)[proba.argmax(axis=1)], ABSTAINED)
+
+
 def windows(predictions: pd.DataFrame) -> pd.DataFrame:
     """The decisions themselves with their label in ``predicted``."""
     classes = classes_of(predictions)
     proba = predictions[[PREFIX + c for c in classes]].to_numpy()
-    return predictions.assign(predicted=np.asarray(classes, dtype=object)[proba.argmax(axis=1)])
+    return predictions.assign(predicted=most_probable(proba, classes))
 
 
 def captures(predictions: pd.DataFrame, vote: bool = False) -> pd.DataFrame:
@@ -37,11 +45,13 @@ def captures(predictions: pd.DataFrame, vote: bool = False) -> pd.DataFrame:
     groups = predictions.groupby(keys, sort=False)
     score = groups[columns].mean()
     if vote:
-        ballots = pd.DataFrame(np.eye(len(classes))[predictions[columns].to_numpy().argmax(axis=1)], columns=columns)
+        proba = predictions[columns].to_numpy()
+        votes = np.eye(len(classes))[proba.argmax(axis=1)] * (proba.max(axis=1, keepdims=True) > 0)
+        ballots = pd.DataFrame(votes, columns=columns)
         ballots[keys] = predictions[keys].to_numpy()
         score = score + ballots.groupby(keys, sort=False)[columns].sum().to_numpy() * 2  # means are at most 1
     rows = groups.first().drop(columns=columns).reset_index()
-    return rows.assign(predicted=np.asarray(classes, dtype=object)[score.to_numpy().argmax(axis=1)])
+    return rows.assign(predicted=most_probable(score.to_numpy(), classes))
 
 
 def per_subject(labelled: pd.DataFrame) -> pd.DataFrame:
@@ -60,12 +70,16 @@ def per_class(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
 
 
 def confusion(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
-    """Counts, rows are the true classes, columns the predicted ones."""
+    """Counts, rows are the true classes, columns the predicted ones, and ``(abstained)`` where a system did."""
     true, predicted = (pd.Index(classes).get_indexer(pd.Index(labelled[name])) for name in ("true", "predicted"))
     counts = np.zeros((len(classes), len(classes)), dtype=np.int64)
     known = (true >= 0) & (predicted >= 0)
     np.add.at(counts, (true[known], predicted[known]), 1)
-    return pd.DataFrame(counts, index=classes, columns=classes)
+    table = pd.DataFrame(counts, index=classes, columns=classes)
+    if not (gone := labelled["predicted"] == ABSTAINED).any():
+        return table
+    without = labelled["true"][gone].value_counts().reindex(classes, fill_value=0)
+    return pd.concat([table, without.rename("(abstained)")], axis=1)
 
 
 def subject_interval(labelled: pd.DataFrame, draws: int = DRAWS, seed: int = 0) -> tuple[float, float]:
@@ -97,6 +111,8 @@ def summary(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
     classes = classes_of(predictions)
     capture = captures(predictions)
     scores = _prefixed("", capture, classes)
+    if (gone := capture["predicted"] == ABSTAINED).any():
+        scores["abstained"] = gone.mean()
     low, high = subject_interval(capture)
     ends = (predictions["start"] + predictions["frames"]).groupby([predictions["fold"], predictions["capture"]])
     scores |= {

@@ -69,6 +69,7 @@ def fault_tables(labels: pd.DataFrame, key: str) -> dict[str, pd.DataFrame]:
     table = curve(labels, key).rename(columns={"case": "fault", "level": "severity"})
     units = unharmed(labels)
     names = ["fault", "severity", "amount", "captures", "accuracy", "low", "high", "loss", "broken", "mended"]
+    names += [name for name in ("abstained",) if name in table]
     return {"faults": table[names], "margins": half_margins(table, clean_of(units), chance_of(units))}
 
 

@@ -55,7 +55,7 @@ class Bar(Progress):
         run = self._of(key)
         self.advance(run.id)
         if result.error:
-            self.console.print(f"{named(result.name)} failed: {last_line(result.error)}", style="red", markup=False)
+            self.console.print(f"{named(result.name)} failed: {result.reason}", style="red", markup=False)
         else:  # what failed at once says nothing of the others
             run.fields["seconds"].append(result.seconds)
         if not self.console.is_terminal:
@@ -136,8 +136,3 @@ def named(fold: str) -> str:
 
 def _line(words: str) -> Text:
     return Text(f"  {words}", overflow="ellipsis", no_wrap=True)
-
-
-def last_line(error: str) -> str:
-    """The last line of a traceback: its exception."""
-    return error.strip().splitlines()[-1]

@@ -8,7 +8,7 @@ import pandas as pd
 
 from bench import contract
 from bench.outcomes.results import FoldResult
-from bench.work.fold import ALONE, batch_effects, computing, decisions, footprint, latency
+from bench.work.fold import ALONE, batch_effects, check_agreement, computing, decisions, footprint, latency
 from bench.work.personal import met
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ def evaluated(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> tuple[con
         for one in met(cell, corpus, fold):
             parts.append(decisions(one.estimator, corpus, one.name, one.tested))
             effects += batch_effects(one.estimator, corpus, one.tested, parts[-1], share)
+        if not effects:  # of other predictions in each batch
+            check_agreement(one.estimator, corpus, one.tested)
         estimator, metrics, predictions = one.estimator, one.metrics, pd.concat(parts, ignore_index=True)
     with computing(1):
         spent = latency(estimator, corpus[fold.test], int(predictions["frames"].max()))

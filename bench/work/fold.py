@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.errors import PredictionError
 from bench.timing import Times, timed, timed_once
 from models.sizes import sizes
 
@@ -100,6 +101,30 @@ def decisions(
     return pd.concat([table[["fold", "capture", "start", "frames", "true"]], about, named], axis=1)
 
 
+def disagreement(estimator: contract.System, tested: Corpus) -> str:
+    """The captures that ``predict`` labels otherwise than the probabilities do, in words; empty if there is none.
+
+    A label agrees if its probability is the highest within `TOLERANCE`, on average or in one decision on the capture,
+    as of a system that votes. Where a system abstains in its probabilities, each label agrees.
+    """
+    table = _decided(estimator, tested).drop(columns=["start", "frames"])
+    mean = table.groupby("capture").mean()
+    found = []
+    for place, label in enumerate(contract.labels(estimator, tested)):
+        every = pd.concat([table[table["capture"] == place].drop(columns="capture"), mean.loc[[place]]])
+        given = every[label] if label in every else -1.0
+        if not (every.max(axis=1) - given <= TOLERANCE).any() and every.to_numpy().any():
+            found.append((tested.index[place], str(label), mean.loc[place].idxmax()))
+    if not found:
+        return ""
+    capture, label, probable = found[0]
+    return (
+        f"predict and the probabilities disagree on {len(found)} of {len(tested)} captures; on capture {capture}, "
+        f"predict gives {label!r} and {probable!r} has the highest probability; the columns of probabilities need the "
+        "order of classes_; without predict_proba, the labels of predict count"
+    )
+
+
 def batch_effects(
     estimator: contract.System,
     corpus: Corpus,
@@ -124,7 +149,7 @@ def batch_effects(
     """
     if predictions is None:
         predictions = decisions(estimator, corpus, "", test)
-    chosen = test[np.unique(np.linspace(0, len(test) - 1, min(most, len(test))).astype(int))][::-1]
+    chosen = some_of(test, most)[::-1]
     together = _decided(estimator, corpus[chosen].detached())
     names = [f"p_{name}" for name in np.asarray(estimator.classes_).astype(str)]
     expected = predictions.groupby("capture", sort=False)
@@ -144,6 +169,21 @@ def batch_effects(
                     effects.append(f"capture {capture} has {now} {how}, {before} among {len(test)} test captures")
                 break
     return effects
+
+
+def check_agreement(estimator: contract.System, corpus: Corpus, test: np.ndarray) -> None:
+    """Verify on a few test captures that ``predict`` and the probabilities agree.
+
+    Raises:
+        PredictionError: they do not.
+    """
+    if words := disagreement(estimator, corpus[some_of(test, SOME)]):
+        raise PredictionError(words)
+
+
+def some_of(test: np.ndarray, most: int) -> np.ndarray:
+    """At most so many of the positions of test captures, evenly spread."""
+    return test[np.unique(np.linspace(0, len(test) - 1, min(most, len(test))).astype(int))]
 
 
 def _decided(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:

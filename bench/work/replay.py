@@ -221,10 +221,11 @@ class Calibration:
         return cls(float(ms.min()), float(ms.max()), float(first), float(last))
 
     def __call__(self, proba: np.ndarray, ms: np.ndarray) -> np.ndarray:
-        """Calibrated probabilities [decisions, classes] of decisions that had seen ``ms``."""
+        """Calibrated probabilities [decisions, classes] of decisions that had seen ``ms``; zeros stay zeros."""
         late = _lateness(ms, self.first_ms, self.last_ms)
         temperature = np.exp(np.log(self.first) * (1 - late) + np.log(self.last) * late)
-        return softmax(np.log(np.maximum(proba, LEAST)) / temperature[:, None], axis=1)
+        calibrated = softmax(np.log(np.maximum(proba, LEAST)) / temperature[:, None], axis=1)
+        return np.where(proba.any(axis=1, keepdims=True), calibrated, 0)
 
 
 def _lateness(ms: np.ndarray, first: float, last: float) -> np.ndarray:

@@ -29,7 +29,7 @@ from mlflow.types.schema import AnyType
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.read.table import from_frame
 from bench.errors import InputError
-from bench.outcomes.scores import PREFIX, classes_of
+from bench.outcomes.scores import PREFIX, classes_of, most_probable
 from bench.outcomes.store import store_uri
 from bench.registry import FILE_MODULE, place_of
 from bench.work.fold import decisions
@@ -104,10 +104,10 @@ class Recogniser(PythonModel):
         """Classify captures, a row each: label, confidence (probability of the label), and p_<class> for each class.
 
         A system that decides per window has the mean probability of its windows. Probabilities are calibrated, where
-        the model has learned how sure it may be.
+        the model has learned how sure it may be. Where it abstains, the label is empty and every probability 0.
         """
         proba = self._calibrated(self._mean(corpus), corpus.lengths)
-        label = np.asarray(self.classes, dtype=object)[proba.to_numpy().argmax(axis=1)]
+        label = most_probable(proba.to_numpy(), self.classes)
         return pd.concat([pd.DataFrame({"label": label, "confidence": proba.max(axis=1)}), proba], axis=1)
 
     def decision(self, corpus: Corpus, before: str | None) -> tuple[str, float, float | None]:
@@ -121,14 +121,13 @@ class Recogniser(PythonModel):
             The last is None where the model has not learned when to decide, or has found no saving.
         """
         raw = self._mean(corpus)
-        proba = self._calibrated(raw, corpus.lengths).to_numpy()[0]
-        best, settled = int(proba.argmax()), None
+        proba, settled = self._calibrated(raw, corpus.lengths).to_numpy(), None
         if self.stopping is not None and self.stopping.saves:
             earlier = [] if before is None else [raw.assign(**{PREFIX + c: float(c == before) for c in self.classes})]
             rows = pd.concat([*earlier, raw], ignore_index=True)
             state = rows.assign(fold="", capture=0, frames=int(corpus.lengths[0]))
             settled = float(np.clip(1 - self.stopping.waiting(state, self.rate_hz)[-1], 0, 1))
-        return self.classes[best], float(proba[best]), settled
+        return str(most_probable(proba, self.classes)[0]), float(proba.max()), settled
 
     def is_settled(self, settled: float | None) -> bool:
         """Return True if a label is settled enough to act on, by the rule from training subjects."""

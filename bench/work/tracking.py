@@ -22,7 +22,7 @@ from bench.outcomes.store import Store
 from bench.outcomes.tables import FOR_PEOPLE, file_of, read_table, uniform, write_table
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
-from bench.result import Result
+from bench.result import Failure, Result
 from bench.source import git_revision, source_digest, versions
 from bench.work.experiment import Experiment
 
@@ -95,7 +95,7 @@ class TrackedRun:
         params: parameters of the run.
         finished: True if an earlier command finished it.
         done: finished folds by name, as they were stored.
-        errors: location of the traceback of each failed fold, by fold name.
+        errors: failure of each failed fold, by fold name.
         machine: machine of its first fold, named by the run as a whole; None before that.
         others: machine of each finished fold that was done elsewhere, by fold name.
     """
@@ -120,7 +120,7 @@ class TrackedRun:
         self.machine = Machine(self.params["cpu"], self.params.get("simd", "")) if "cpu" in self.params else None
         self.done: dict[str, FoldResult] = {}
         self.others: dict[str, Machine] = {}
-        self.errors: dict[str, str] = {}
+        self.errors: dict[str, Failure] = {}
         for child in store.folds(self.run_id) if stored else []:
             if child.info.status == "FINISHED":
                 result = self._load(child)
@@ -223,7 +223,7 @@ class TrackedRun:
             self.store.keep(child, folder, "fold")
         self.store.end(child, "FAILED" if result.error else "FINISHED")
         if result.error:
-            self.errors[result.name] = self.store.where(child, "fold/traceback.txt")
+            self.errors[result.name] = Failure(result.reason, self.store.where(child, "fold/traceback.txt"))
             return
         self.done[result.name] = result
         if machine and machine != self.machine:

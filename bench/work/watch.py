@@ -18,7 +18,17 @@ from bench.outcomes.results import FoldResult, costs, table_of
 from bench.timing import Times, timed
 from bench.usual import NO_TOUCH
 from bench.work.detector import behind, cut, touched
-from bench.work.fold import SOME, TIMED_CAPTURES, WARM_UP, batch_effects, computing, fitted, footprint, paced
+from bench.work.fold import (
+    SOME,
+    TIMED_CAPTURES,
+    WARM_UP,
+    batch_effects,
+    check_agreement,
+    computing,
+    fitted,
+    footprint,
+    paced,
+)
 from bench.work.watcher import UNKNOWN
 from bench.work.watcher_training import bias_table, learn_reject, learned
 from features.touch import TouchFeatures
@@ -135,6 +145,8 @@ def fold_of(
         odds = watcher.log_odds(test.corpus)
         reports = watcher.reports(test.corpus, odds)
         effects = batch_effects(estimator, corpus, fold.test, most=SOME)
+        if not effects:
+            check_agreement(estimator, corpus, fold.test)
     subjects = test.subjects.astype(str)
     frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths})
     table = pd.concat(

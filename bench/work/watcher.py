@@ -173,7 +173,8 @@ class Tracker:
             self.total += self.waiting.popleft()[1]
             self.count += 1
         confidence = float(self.total.max() / self.count)
-        label = str(self.watcher.names[self.total.argmax()]) if confidence >= self.watcher.reject else UNKNOWN
+        known = confidence > 0 and confidence >= self.watcher.reject  # 0 where the system abstains
+        label = str(self.watcher.names[self.total.argmax()]) if known else UNKNOWN
         if before is None:
             self.event = Event(rules.reported, label, label, confidence)
         else:

@@ -183,8 +183,7 @@ def do_fold(
 
 def fill_cache(cell: Cell, corpus: Corpus) -> None:
     """Compute once for all folds the features that need no learning; failures recur in every fold, recorded there."""
-    captures = contract.seen_by_features(cell.untrained, corpus[:1])
     for features in cell.feature_sets().values():
-        for seen in captures:
-            with suppress(Exception, SystemExit):
+        with suppress(Exception, SystemExit):
+            for seen in contract.seen_by_features(cell.untrained, corpus[:1]):
                 features.fit_transform(seen, seen.gestures)

@@ -182,6 +182,8 @@ def test_the_rows_of_each_kind_of_run():
     assert rows["predicted"].tolist() == [mean.columns[i][2:] for i in mean.to_numpy().argmax(axis=1)]
     with pytest.raises(InputError, match="1a2b has no label of capture 7,"):
         table("haart-loso-v1", stored.query("capture != 7"))
+    with pytest.raises(InputError, match="1a2b has no label of capture 7,"):  # on which it abstains
+        table("haart-loso-v1", stored.assign(**{p: stored[p].where(stored["capture"] != 7, 0.0) for p in mean}))
     with pytest.raises(InputError, match="other captures than haart-loso-v1"):
         table("haart-loso-v1", stored.assign(true="pat"))
     draws = pd.concat(

@@ -106,3 +106,91 @@ def test_an_object_is_known_by_its_classes_settings_and_libraries():
     assert "'classifier__n_estimators': 500," in contract.settings(rf(Jung28()))
     fitted = KNeighborsClassifier(3).fit([[0], [1], [2]], [0, 1, 1])
     assert not hasattr(contract.copied(fitted), "classes_")
+
+
+class Given(Plain):
+    """Predicts the labels or probabilities that a test gives it."""
+
+    def __init__(self, labels=None, proba=None):
+        self.labels, self.proba = labels, proba
+
+    def predict(self, X):
+        return np.resize(np.array(self.labels, dtype=object), len(X))
+
+    def __getattr__(self, name):
+        if name == "predict_proba" and self.__dict__.get("proba") is not None:
+            return lambda X: np.resize(np.array(self.proba, dtype=float), (len(X), len(self.classes_)))
+        raise AttributeError(name)
+
+
+@pytest.mark.parametrize("label", ["unknown", "Pat", None, b"pat", 0, float("nan")])
+def test_a_label_that_is_no_class_fails(corpus, label):
+    system = Given([label]).fit(corpus, corpus.gestures)
+    with pytest.raises(ValueError, match=f"predict gives {label!r}, which is not one of the trained gestures"):
+        contract.decide(system, corpus)
+
+
+@pytest.mark.parametrize(
+    ("row", "fact"),
+    [
+        ([-3.0, -1.0, -2.0], "softmax"),  # distances
+        ([0.2, 2.0, -1.2], "softmax"),  # logits, with a sum of 1 by chance
+        ([0.5, 0.5, 0.01], "sum of 1.01"),
+        ([0.0, 0.0, 0.0], "sum of 0"),
+        ([np.nan, np.nan, np.nan], "not finite; .* abstains"),
+        ([np.nan, 0.5, 0.5], "not finite"),
+    ],
+)
+def test_values_that_are_no_probabilities_fail(corpus, row, fact):
+    system = Given(proba=row).fit(corpus, corpus.gestures)
+    with pytest.raises(ValueError, match=f"predict_proba gives .*{fact}"):
+        contract.decide(system, corpus)
+
+
+def test_a_system_that_declares_it_abstains_by_a_label_or_a_row_of_nan(corpus):
+    by_label = Given(["unknown", corpus.gestures[0]]).fit(corpus, corpus.gestures)
+    by_nan = Given(proba=[[np.nan] * 3, [1.0, 0, 0]]).fit(corpus, corpus.gestures)
+    for system in (by_label, by_nan, make_pipeline(by_nan)):
+        by_label.abstains = by_nan.abstains = "unknown"
+        proba = contract.decide(system, corpus)[1]
+        assert proba.sum(axis=1).tolist() == [i % 2 for i in range(len(corpus))]
+    by_label.labels = ["Unknown"]
+    with pytest.raises(ValueError, match="'Unknown'"):
+        contract.decide(by_label, corpus)
+
+
+class Owner(Plain):
+    """Has attributes of the names of our methods for purposes of its own."""
+
+    seen, keeps_before = {1, 2}, 3
+
+    def length(self):
+        return 5
+
+    def decide(self, scores, threshold):
+        return scores > threshold
+
+    def adapt(self, rate):
+        return rate
+
+    def keeps(self):
+        return True
+
+    def check(self, value):
+        raise RuntimeError(value)
+
+
+def test_a_method_is_known_by_the_names_of_its_parameters_others_are_the_authors_own(corpus):
+    own = Owner().fit(corpus, corpus.gestures)
+    contract.check(own)
+    assert contract.window(own, 100.0) is None and contract.seen_by_features(own, corpus) == [corpus]
+    assert not contract.adapts(own) and not contract.decides_often(own)
+    assert contract.kept(own, 40, 64) == 40 * 64 and contract.kept_before(own, 64) == 0
+    assert len(contract.decide(own, corpus)[0]) == len(corpus)
+    for length, fact in (
+        (lambda rate_hz: 1 / 0, "raises ZeroDivisionError"),
+        (lambda rate_hz: 0.5, "gives 0.5; give a"),
+    ):
+        own.length = length
+        with pytest.raises(InputError, match=fact):
+            contract.window(own, 100.0)

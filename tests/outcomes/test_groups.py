@@ -29,6 +29,13 @@ def table(mistakes, of=4, gestures="abcd"):
     return pd.DataFrame(rows, columns=["fold", "capture", "subject", "true", *(f"p_{g}" for g in gestures)])
 
 
+def test_an_abstention_is_in_no_group_and_no_confusion():
+    rows = table(["ab ba", "ab ba", "ab ba"])
+    gone = rows["true"] == "a"
+    abstaining = rows.assign(**{name: rows[name].where(~gone, 0.0) for name in ("p_a", "p_b", "p_c", "p_d")})
+    assert groupings(abstaining)["accuracy"].tolist() == pytest.approx([100 * 11 / 16, 75, 75])
+
+
 def test_the_pair_with_the_most_confusions_per_pair_of_captures_is_merged():
     # 12 captures of each. a and b: 5 mutual confusions / (12 * 12). Then ab and c: 4 / (24 * 12), c and d: 3 / (12 *
     # 12), so c and d are merged although ab and c have more confusions. The order is the same without any one person.

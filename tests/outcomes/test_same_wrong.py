@@ -38,6 +38,8 @@ def test_agreement_by_hand():
     assert found["right"].tolist() == [4, 5, 0, 0]
     mean = [(0.6 + 3 * 0.6 + 0.8) / 5, (0.8 * 5) / 5, (0.7 + 3 * 0.9 + 0.6) / 5, (0.8 + 3 * 0.6 + 0.9) / 5]
     assert found["mean probability"].tolist() == pytest.approx(mean)
+    abstaining = [one.assign(p_pat=one["p_pat"] * 0, p_rub=one["p_rub"] * 0) for one in FIVE]
+    assert agreement(abstaining)["predicted"].isna().all()  # which is no label
     assert agreement([*FIVE, table([[0.9], [0.9], [0.2]], captures=[7, 3, 5])])["capture"].tolist() == [3, 5, 7]
 
 

@@ -66,3 +66,18 @@ def test_interval_equals_a_loop_over_drawn_subjects():
 def test_one_subject_has_no_spread():
     found = scores.summary(PREDICTIONS[PREDICTIONS["subject"] == "1"], rate_hz=100)
     assert "subject_accuracy_sd" not in found and "accuracy_low" not in found
+
+
+def test_an_abstention_is_wrong_and_counted_by_hand():
+    """Capture 0 abstains on its last window, capture 1 on its only one, capture 2 names b twice."""
+    table = PREDICTIONS.assign(p_a=[0.6, 0.6, 0, 0, 0.1, 0.2], p_b=[0.4, 0.4, 0, 0, 0.9, 0.8])
+    labelled = scores.captures(table)
+    assert labelled["predicted"].tolist() == ["a", "", "b"]
+    assert scores.captures(table, vote=True)["predicted"].tolist() == ["a", "", "b"]
+    assert scores.windows(table)["predicted"].tolist() == ["a", "a", "", "", "b", "b"]
+    found = scores.summary(table, rate_hz=100)
+    assert (found["accuracy"], found["abstained"]) == (pytest.approx(1 / 3), pytest.approx(1 / 3))
+    assert found["macro_recall"] == pytest.approx((1 / 2 + 0) / 2) and found["window_accuracy"] == pytest.approx(2 / 6)
+    counts = scores.confusion(labelled, ["a", "b"])
+    assert counts.to_dict("split")["data"] == [[1, 1, 0], [0, 0, 1]] and counts.columns[-1] == "(abstained)"
+    assert "abstained" not in scores.summary(PREDICTIONS, rate_hz=100)

@@ -51,6 +51,38 @@ class Logits(Nearest):
         return np.log(super().predict_proba(X))
 
 
+class Unknown(Nearest):
+    predict_proba = None
+
+    def predict(self, X):
+        return np.where(self.level(X) > np.median(self.means_), self.classes_[0], "unknown")
+
+
+class Reversed(Nearest):
+    def predict_proba(self, X):
+        return super().predict_proba(X)[:, ::-1]
+
+    def predict(self, X):
+        return self.classes_[super().predict_proba(X).argmax(axis=1)]
+
+
+class RemembersInItsClass(Nearest):
+    """Keeps labels by the first frame in its class, so that a later fold knows the captures of an earlier one."""
+
+    seen = {}
+
+    def training(self, X, y):
+        self.seen.update(zip((frames.tobytes() for frames in X), y, strict=True))
+        return X, y
+
+    def predict_proba(self, X):
+        proba = super().predict_proba(X)
+        for i, frames in enumerate(X):
+            if (label := self.seen.get(frames.tobytes())) in self.classes_:
+                proba[i] = self.classes_ == label
+        return proba
+
+
 class CentresOnTheBatch(Nearest):
     def level(self, X):
         return super().level(X) - super().level(X).mean()
@@ -150,7 +182,9 @@ def audit_of(kind):
 MISTAKES = [
     (FailsToFit, "fit", "RuntimeError: too few"),
     (ReadsLabels, "no labels needed", "X.captures"),
-    (Logits, "probabilities", "-"),
+    (Logits, "labels and probabilities", "softmax"),
+    (Unknown, "labels and probabilities", "'unknown', which is not one of the trained gestures"),
+    (Reversed, "labels and probabilities", "disagree on "),
     (CentresOnTheBatch, "single capture", "of 28 predictions"),
     (Unseeded, "equal seeds", "parameter seed"),
     (DependsOnOrder, "training order", "%"),
@@ -158,6 +192,7 @@ MISTAKES = [
     (ChangesArguments, "clone and parameters", "RuntimeError: Cannot clone object"),
     (ChangesParametersInFit, "clone and parameters", "fit() changes parameters"),
     (KeepsState, "no state between fits", "fit before it: "),
+    (RemembersInItsClass, "no state between fits", "remembers captures"),
     (ReadsTestFrames, "test captures", "change what is learned: "),
     (EightByEight, "another grid and rate", "ValueError: cannot reshape array"),
     (NeedsTwoFrames, "one-frame captures", "ValueError: one frame"),

@@ -1,6 +1,7 @@
 """What a system may use: in prediction frames and grid of its captures alone, in training no other capture."""
 
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -15,12 +16,13 @@ from bench.cli import main
 from bench.corpora.faults import all_faults
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
-from bench.errors import HiddenError, InputError
+from bench.errors import HiddenError, InputError, PredictionError
 from bench.kinds.captures import Captures
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
 from bench.plan.splits import Calibration
 from bench.work import loop
+from bench.work.evaluation import evaluated
 from bench.work.fit import fit
 from bench.work.fold import batch_effects, decisions
 from bench.work.loop import execute, prepared
@@ -242,3 +244,56 @@ def test_the_next_person_is_learned_from_although_one_has_a_single_capture():
     both = np.concatenate([TRAIN, np.repeat(shots, 2)])
     expected = [Level().fit(FEW[rows], FEW.gestures[rows]).means_ for rows in (both, TRAIN, both)]
     np.testing.assert_allclose(fitted, expected)
+
+
+class Swapped(Mean):
+    """Has the columns of its probabilities in another order than its classes."""
+
+    def predict(self, X):
+        return self.classes_[super().predict_proba(X).argmax(axis=1)]
+
+    def predict_proba(self, X):
+        return np.roll(super().predict_proba(X), 1, axis=1)
+
+
+class Votes(Mean):
+    """Decides three times; most decisions name its label, the mean probability names another."""
+
+    def decide(self, X):
+        proba = np.tile([[0.6, 0.4, 0], [0.6, 0.4, 0], [0.0, 1.0, 0]], (len(X), 1))
+        return pd.DataFrame({"capture": np.repeat(np.arange(len(X)), 3), "start": 0, "frames": 1}), proba
+
+    def predict(self, X):
+        return np.full(len(X), self.classes_[0])
+
+
+class Undecided(Mean):
+    """Gives two classes the same probability, and names the second."""
+
+    def predict_proba(self, X):
+        return np.tile([0.5, 0.5, 0], (len(X), 1))
+
+    def predict(self, X):
+        return np.full(len(X), self.classes_[1])
+
+
+def test_a_fold_fails_where_predict_and_the_probabilities_disagree():
+    fold = Fold("x", TRAIN, TEST)
+    with pytest.raises(PredictionError, match=r"disagree on 6 of 6 captures; .* the order of classes_"):
+        evaluated(cell_of(Swapped), FEW, fold, 1)
+    for kind in (Votes, Undecided):
+        assert not evaluated(cell_of(kind), FEW, fold, 1)[1].batch_effects
+    assert evaluated(cell_of(Centred), FEW, fold, 1)[
+        1
+    ].batch_effects  # its labels differ with the batch: marked, not failed
+
+
+def test_a_fold_fails_where_labels_are_none_and_no_mark_of_the_batch_is_set(store):
+    Path("none.py").write_text(
+        "from tests.work.fakes import Level\n\nclass Nothing(Level):\n    predict_proba = None\n"
+        "    def predict(self, X):\n        return [None] * len(X)\n"
+    )
+    (result,) = execute(
+        prepared(cells({"model": "none.py:Nothing", "data.subjects": 2, "data.repetitions": 1}), [Captures()], 1)
+    )
+    assert result.alone and set(result.errors) == {"1", "2"}

@@ -17,6 +17,7 @@ from bench.errors import InputError
 from bench.kinds.captures import Captures
 from bench.outcomes import scores
 from bench.outcomes.curves import COLUMNS, unharmed
+from bench.outcomes.reactions import Reactions, by_capture
 from bench.outcomes.runs import every_result, plain
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
@@ -127,6 +128,39 @@ def test_labels_are_right_where_a_class_is_not_tested_and_a_window_net_decides_o
     rows = labelled(decisions(model, corpus, "3", test))
     assert rows["predicted"].eq("tap").all() and rows["capture"].tolist() == test.tolist()
     assert rows["p_true"].tolist() == pytest.approx(np.where(rows["true"] == "tap", 0.55, 0.45))
+
+
+class Shy(Level):
+    """Abstains where no class is likely enough."""
+
+    abstains = "unknown"
+
+    def predict_proba(self, X):
+        proba = super().predict_proba(X)
+        return np.where(proba.max(axis=1, keepdims=True) > 0.9945, proba, np.nan)
+
+    def predict(self, X):
+        proba = self.predict_proba(X)
+        return np.where(np.isnan(proba[:, 0]), "unknown", self.classes_[np.nan_to_num(proba).argmax(axis=1)])
+
+
+def test_abstentions_are_wrong_in_every_circumstance_and_their_share_is_told():
+    kind = Captures((Faults(("noise",)), Instants((250.0, 1000.0))))
+    result = kind.fold(cell_of(Shy), CORPUS, FOLD, 1)
+    run = kind.result(PLAN, ABOUT, [result])
+    system, shares = Shy().fit(CORPUS[TRAIN], CORPUS.gestures[TRAIN]), as_shares(CORPUS, TEST)
+    for severity, row in run.tables["faults"].set_index("severity").iterrows():
+        proba = system.predict_proba(damaged(CORPUS, TEST, shares, FAULTS["noise"], severity)[TEST])
+        gone = np.isnan(proba[:, 0])
+        hit = system.classes_[np.nan_to_num(proba).argmax(axis=1)] == CORPUS.gestures[TEST]
+        assert (row["accuracy"], row["abstained"]) == ((hit & ~gone).mean(), gone.mean())
+    gone = np.isnan(system.predict_proba(CORPUS[TEST])[:, 0]).mean()
+    assert 0 < run.metrics["abstained"] == gone < 1
+    labelled = scores.captures(run.tables["predictions"])
+    rows = by_capture(run.tables["predictions"], Reactions(silence=0.25)).assign(predicted=labelled["predicted"])
+    assert (rows["taken"] == "nothing").tolist() == labelled["predicted"].eq("").tolist()
+    wrong = (labelled["predicted"] != labelled["true"]).mean()
+    assert Reactions(silence=0.25).scores(rows)["2"] == pytest.approx(100 * (1 - wrong + 0.75 * gone))
 
 
 def test_metrics_are_those_of_the_table(stressed):

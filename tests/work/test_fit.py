@@ -15,12 +15,15 @@ import pytest
 
 from bench.cli import main
 from bench.corpora.library import open_corpus
+from bench.errors import InputError
+from bench.export.write import files_of
 from bench.plan.cells import cells
 from bench.work.fit import fit
-from bench.work.replay import Replay, learned
+from bench.work.replay import STATE, Calibration, Replay, Stopping, Waiting, learned
 from bench.work.saved import Recogniser, load, quiet, requirements
 from tests.conftest import random_corpus, runs
 from tests.work.fakes import Level
+from tests.work.test_circumstances import CORPUS, TEST, TRAIN, Shy
 
 CELL = {"model": "lda", "features": "touch", "data.subjects": "3", "data.variants": "normal"}
 CELL |= {"where": "gesture in ['pat', 'rub', 'tap']"}
@@ -195,3 +198,15 @@ def test_a_saved_system_runs_elsewhere_on_the_code_that_it_was_trained_with(tmp_
     done = subprocess.run(arguments, cwd=tmp_path / "elsewhere", env=plain, capture_output=True, text=True, check=True)
     file, printed = done.stdout.split()
     assert printed.split(",") == labels and "saved/code" in file
+
+
+def test_a_saved_system_that_abstains_gives_an_empty_label_without_confidence_and_has_no_c():
+    system = Shy().fit(CORPUS[TRAIN], CORPUS.gestures[TRAIN])
+    gone = np.isnan(system.predict_proba(CORPUS[TEST])[:, 0])
+    stopping = Stopping(Calibration(100.0, 200.0, 2.0, 3.0), Waiting((0.1,) * len(STATE)), 0.5)
+    recogniser = Recogniser(system, CORPUS[TRAIN], stopping)
+    table = recogniser.label(CORPUS[TEST])
+    assert table["label"].eq("").tolist() == table["confidence"].eq(0).tolist() == gone.tolist()
+    assert recogniser.decision(CORPUS[TEST[gone][:1]], "pat")[:2] == ("", 0.0)
+    with pytest.raises(InputError, match="abstains has no C"):
+        files_of(recogniser, 32, "a test")

@@ -10,7 +10,7 @@ import pytest
 from filelock import FileLock
 
 from bench.cli import main
-from bench.commands.printing import choices_table
+from bench.commands.printing import choices_table, failures
 from bench.errors import ClusterError, InputError, StoreError
 from bench.machine import Machine
 from bench.plan.cells import cells
@@ -127,10 +127,10 @@ def test_what_is_cut_off_goes_on_and_ends_the_same(workers, how, error, store, p
 
 
 def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(store, plan, monkeypatch, capsys):
-    monkeypatch.setattr(Echo, "fails", {"2": SystemExit("enough"), "3": ValueError("not finite")})
+    monkeypatch.setattr(Echo, "fails", {"2": SystemExit("enough"), "3": ValueError("not finite\n  at frame 7")})
     (outcome,) = execute(todo(plan, 0))
     assert [r.name for r in MEASURED[0]] == ["1", "4"] and not outcome.complete and set(outcome.errors) == {"2", "3"}
-    assert "ValueError: not finite" in Path(outcome.errors["3"]).read_text()
+    assert "ValueError: not finite" in Path(outcome.errors["3"].where).read_text()
     (run,) = store.parents("echo")
     assert run.info.status == "FAILED" and (run.data.metrics["folds"], run.data.metrics["folds_failed"]) == (2, 2)
     assert {f.data.tags["touchbench.fold"]: f.info.status for f in store.folds(run.info.run_id)} == {
@@ -140,7 +140,11 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
         "4": "FINISHED",
     }
     err = capsys.readouterr().err
-    assert "SystemExit: enough" in err and "not finite" in err
+    assert "fold 2 failed: SystemExit: enough" in err and "fold 3 failed: ValueError: not finite\n" in err
+    assert failures([outcome]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    error, where = outcome.errors["2"]
+    assert error == "SystemExit: enough" and line.endswith(f"; SystemExit: enough; traceback of the first: {where}")
     Echo.fails.clear()
     DONE.clear()
     (outcome,) = execute(todo(plan, 0))

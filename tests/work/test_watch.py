@@ -70,6 +70,7 @@ def test_a_touch_by_hand():
     news = followed(probabilities, lambda seen: (0.9, 0.1) if seen < 105 else (0.0, 1.0), tail=0)
     assert news == [(100, 100, None, "pat", "pat"), (115, 100, None, "pat", "rub"), (140, 100, 120, "pat", "rub")]
     assert followed(probabilities, lambda seen: (0.6, 0.4), reject=0.7)[0][3] == "unknown"
+    assert followed(probabilities, lambda seen: (0.0, 0.0))[0][3] == "unknown"  # it abstains
 
 
 def test_short_touches_and_touches_that_begin_again():
