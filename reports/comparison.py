@@ -42,7 +42,8 @@ def comparison(
     """Table with a row per run and way to score it, best first within each data, subset, protocol and unit.
 
     ``unit`` is what is labelled, a capture or a window; ``combined`` is how a system on windows labels a capture.
-    Accuracies, SDs and F1 are in percent, with the ends of the interval in ``low`` and ``high``. ``difference``
+    Accuracies, SDs and F1 are in percent. ``accuracy`` is the mean over subjects, ``low`` and ``high`` are the ends of its
+    t-interval, ``interval`` says so, or that subjects are too few; ``pooled_accuracy`` is over captures. ``difference``
     (points, mean over subjects) and ``p_holm`` compare the system with ``against``, the best of its group, as
     `bench.outcomes.statistics.against_best` does; a system on windows with its captures by mean probability.
     ``published`` holds numbers of the same system, data, subset, protocol and unit; rows from generated captures have
@@ -101,10 +102,8 @@ def views(result: Result, numbers: Mapping[tuple, list]) -> Iterator[Row]:
             continue
         windowed = result.get("windows", 0) > 0
         scored = {k.removeprefix(prefix): v for k, v in result.metrics.items() if prefix and k.startswith(prefix)}
-        ends = dict.fromkeys(("accuracy_low", "accuracy_high")) if prefix else {}
         yield {
             **result.metrics,
-            **ends,
             **scored,
             "system": result.system,
             "source": "store",
@@ -125,8 +124,7 @@ def _reference(name: str, answer: Submission) -> dict[str, object]:
     texts = dict.fromkeys(("combined", "seed", "against", "published", "folds", "run_id"), "")
     sizes = {k: answer.metadata.get(k) for k in ("parameters", "flash_bytes", "ram_bytes")}
     counts = {k: answer.table[k.removesuffix("s")].nunique() for k in ("captures", "subjects")}
-    names = {"low": "accuracy_low", "high": "accuracy_high"}
-    names |= {f"subject_{k}": f"subject_accuracy_{k}" for k in ("mean", "sd")}
+    names = {f"subject_{k}": f"subject_accuracy_{k}" for k in ("mean", "sd")}
     scored = {names.get(k, k): v for k, v in answer.scores.items()}
     return {"system": name, "source": "reference", "unit": "capture"} | texts | scored | sizes | counts
 

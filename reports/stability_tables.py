@@ -143,8 +143,9 @@ def _clean_table(results: Sequence[Result]) -> Table:
     rows, names = [], {}
     for r in results:
         units = unharmed(r.tables["labels"])
-        low, high = scores.subject_interval(units)
-        row = {"result": r, "units": len(units), "accuracy": r["accuracy"], "accuracy_low": low, "accuracy_high": high}
+        scored = scores.over_people(units)
+        row = {"result": r, "units": len(units), "accuracy": scored["accuracy"]}
+        row |= {f"accuracy_{side}": scored[side] for side in ("low", "high")}
         for factor, part in r.tables["conditions"].groupby("factor", sort=False):
             worst = part.loc[part["accuracy"].idxmin()]
             names[f"worst {factor}"] = None

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from bench.comparable import MARKED, alike
 from bench.errors import InputError
+from bench.few import INTERVAL, too_few
 from bench.measures import Interval, Measure, Row, known, text
 from bench.progress import console
 from bench.result import Result
@@ -160,7 +161,10 @@ def runs_table(results: Sequence[Result], view: type[Shown]) -> Table:
         data, captures_of, protocol = results[0].context
         title = f"{data}, {'all captures' if captures_of == 'all' else captures_of}, {protocol}\n{title}"
     if view.ranked and any(isinstance(m.cell(r), Interval) for m in measures for r in results):
-        title += "; in brackets 95 % confidence intervals over subjects"
+        title += "; in brackets 95 % t-intervals over subjects"
+    if any(measure.ends for measure in measures):
+        few = sorted({int(r["subjects"]) for r in results if r.get("subjects", INTERVAL) < INTERVAL})
+        title += "".join(f"; {too_few(people)}" for people in few)
     bold = [i for i, r in enumerate(results) if r in marked]
     return Table([system, *differing, *measures, folds], results, title, bold)
 

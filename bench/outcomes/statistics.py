@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 from scipy import special, stats
 
+from bench import few
 from bench.comparable import MIXED
-from bench.paired import FEW_SUBJECTS as FEW_SUBJECTS
 from bench.paired import interval as interval
 
 RANKED = 30  # systems that are compared in one table and diagram
@@ -31,11 +31,11 @@ def friedman(subjects: pd.DataFrame) -> tuple[pd.Series, float]:
         subjects: [systems, subjects], three systems and two subjects or more.
 
     Returns:
-        Mean rank of each system, best (1) first, and p of Friedman's test, NaN if it is not defined.
+        Mean rank of each system, best (1) first, and p of Friedman's test, NaN if it is not defined or people are too few.
     """
     subjects = subjects.round(9)
     with np.errstate(invalid="ignore", divide="ignore"):  # NaN where all systems are equal on every subject
-        p = stats.friedmanchisquare(*subjects.to_numpy()).pvalue
+        p = stats.friedmanchisquare(*subjects.to_numpy()).pvalue if subjects.shape[1] >= few.TEST else np.nan
     return subjects.rank(axis=0, ascending=False).mean(axis=1).sort_values(kind="stable"), float(p)
 
 
@@ -66,6 +66,8 @@ def against_best(
             if test_over_train is not None:
                 by_fold = (by_system[system] - by_system[best.name]).to_numpy(dtype=float).round(9)
                 row |= dict(zip(("nb_low", "nb_high", "nb_p"), nadeau_bengio(by_fold, test_over_train), strict=True))
+                row |= {"nb_p": np.nan} if len(lost) < few.TEST else {}
+                row |= {"nb_low": np.nan, "nb_high": np.nan} if len(lost) < few.INTERVAL else {}
             row |= dict(zip(("dz", "dz_low", "dz_high"), cohen_dz(lost), strict=True))
             row |= {"rank_biserial": rank_biserial(lost)}
         rows.append(row)
@@ -130,9 +132,10 @@ def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[floa
 def wilcoxon(differences: np.ndarray) -> float:
     """Two-sided p of the signed rank test, exact up to 13 differences also where some are equal.
 
-    Equal differences share their mean rank, zeros are left out. 1 where at most one differs, NaN for a single subject.
+    Equal differences share their mean rank, zeros are left out. 1 where at most one differs, NaN for fewer than
+    `bench.few.TEST` subjects.
     """
-    if len(differences) < 2:
+    if len(differences) < few.TEST:
         return np.nan
     moved = differences[differences != 0]
     if len(moved) < 2:  # whatever its sign, one alone is as likely
@@ -160,6 +163,8 @@ def cohen_dz(differences: np.ndarray) -> tuple[float, float, float]:
     if sd < 1e-9:
         return np.nan, np.nan, np.nan
     d = differences.mean() / sd
+    if n < few.INTERVAL:
+        return float(d), np.nan, np.nan
     low, high = (special.nctdtrinc(n - 1, level, d * np.sqrt(n)) / np.sqrt(n) for level in (0.975, 0.025))
     return float(d), float(low), float(high)
 
@@ -186,11 +191,8 @@ def least_p(subjects: int, comparisons: int) -> float:
 def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
     """Limits of the conclusions, in sentences; empty for none."""
     lines = []
-    if subjects < FEW_SUBJECTS:
-        lines.append(
-            f"{subjects} subject{'s are' if subjects != 1 else ' is'} too few for conclusions: below "
-            f"{FEW_SUBJECTS} subjects, no signed rank test can reach p < 0.05, and intervals are unreliable."
-        )
+    if words := few.too_few(subjects):
+        lines.append(f"{words}.")
     elif least_p(subjects, systems - 1) > 0.05:
         lines.append(
             f"With {subjects} subjects, the smallest possible p is {least_p(subjects, 1):.2g}; corrected for "
