@@ -30,10 +30,10 @@ SECTIONS = ("budget", "faults", "people", "stream")  # of a scene file, with bud
 
 
 class Interval(NamedTuple):
-    """A number with the ends of its 95 % confidence interval."""
+    """A number with the ends of its 95 % confidence interval; without a lower end, the other is an upper limit."""
 
     value: float
-    low: float
+    low: float | None
     high: float
 
 
@@ -93,7 +93,7 @@ class Measure:
         if value is None or not self.ends:
             return value
         low, high = (self._shown(row.get(f"{self.ends}_{side}")) for side in ("low", "high"))
-        return value if low is None or high is None else Interval(value, low, high)
+        return value if high is None else Interval(value, low, high)
 
     def text(self, cell: Cell) -> str:
         """A value as text."""
@@ -102,7 +102,8 @@ class Measure:
         if isinstance(cell, str):
             return cell
         if isinstance(cell, Interval):
-            return f"{self._number(cell.value)} [{self._number(cell.low)}, {self._number(cell.high)}]"
+            low = "at most " if cell.low is None else f"{self._number(cell.low)}, "
+            return f"{self._number(cell.value)} [{low}{self._number(cell.high)}]"
         if isinstance(cell, tuple):
             cell = cell[:1] if all(v is None for v in cell[1:]) else cell  # such as a mean without its SD
             return self.join.join(NONE if v is None else self._number(v) for v in cell)

@@ -42,10 +42,10 @@ def comparison(
     """Table with a row per run and way to score it, best first within each data, subset, protocol and unit.
 
     ``unit`` is what is labelled, a capture or a window; ``combined`` is how a system on windows labels a capture.
-    Accuracies, SDs and F1 are in percent. ``accuracy`` is the mean over subjects, ``low`` and ``high`` are the ends of its
-    t-interval, ``interval`` says so, or that subjects are too few; ``pooled_accuracy`` is over captures. ``difference``
-    (points, mean over subjects) and ``p_holm`` compare the system with ``against``, the best of its group, as
-    `bench.outcomes.statistics.against_best` does; a system on windows with its captures by mean probability.
+    Accuracies, SDs and F1 are in percent. ``accuracy`` is the mean over subjects, ``low`` and ``high`` are the ends of
+    its t-interval, ``interval`` says so, or that subjects are too few; ``pooled_accuracy`` is over captures.
+    ``difference`` (points, mean over subjects) and ``p_holm`` compare the system with ``against``, the best of its
+    group, as `bench.outcomes.statistics.against_best` does; a system on windows with its captures by mean probability.
     ``published`` holds numbers of the same system, data, subset, protocol and unit; rows from generated captures have
     none, whatever they are called.
 

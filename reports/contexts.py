@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from bench import few
 from bench.comparable import Row, alike, context_of, seed_number
 from bench.outcomes.curves import clean_accuracy
 from bench.result import Result
@@ -42,6 +43,12 @@ def contexts(
         words = context_words(best[0], same) + (f", {left} less accurate systems left out" if left else "")
         named[words + (", only the lowest seed of each system" if key in several else "")] = best
     return named
+
+
+def scarce(results: Sequence[Result]) -> list[str]:
+    """A sentence for each number of subjects of some results that is too small for an interval."""
+    people = sorted({int(r["subjects"]) for r in results if r.get("subjects", few.INTERVAL) < few.INTERVAL})
+    return [f"{few.too_few(n)}." for n in people]
 
 
 def context_words(run: Row, same: Sequence[str] = ()) -> str:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pandas as pd
 
+from bench import few
 from bench.comparable import MARK
 from bench.errors import InputError
 from bench.measures import Interval, columns, framed, run_columns
@@ -104,11 +105,12 @@ def _caption(part: pd.DataFrame) -> str:
         parts.append("The captures are generated and say nothing about people.")
     if "origin" in part:
         parts.append(f"Origin: {'; '.join(dict.fromkeys(part['origin']))}.")
-    interval = " with a 95 % bootstrap interval over subjects" if part["low"].notna().any() else ""
+    interval = ", its 95 % t-interval" if part["low"].notna().any() else ""
     parts.append(
-        f"In percent: accuracy, pooled over {one['unit']}s{interval}; SD over subjects; macro-F1. kB: learnt numbers, "
+        f"In percent: accuracy by {one['unit']}, mean over subjects{interval} and SD; macro-F1. kB: learnt numbers, "
         "without code."
     )
+    parts += [f"{few.too_few(n)}." for n in sorted({int(n) for n in part["subjects"].dropna()}) if n < few.TEST]
     if "predict_ms_p50" in part:
         parts.append("ms: median time of one capture, from raw frames to label, on one thread.")
     against = [name for name in dict.fromkeys(part.get("against", [])) if name]

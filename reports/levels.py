@@ -12,7 +12,7 @@ from bench.measures import text
 from bench.outcomes.curves import clean_accuracy
 from bench.result import Result
 from bench.table import Table
-from reports.contexts import contexts
+from reports.contexts import contexts, scarce
 from reports.figures import DASHES, MARKERS, bars, new_figure, plain, save
 from reports.part import Part, Section
 
@@ -28,10 +28,11 @@ def level_section(circumstance: Any, results: Sequence[Result], folder: Path) ->
     parts = []
     noun = circumstance.noun or circumstance.key
     for i, (context, members) in enumerate(contexts(results, circumstance.alike).items(), 1):
-        caption = f"{context}: accuracy by {noun}; mean over subjects with 95 % t-intervals; dotted: captures as they are."
+        caption = f"{context}: accuracy by {noun}; means over subjects, 95 % t-intervals; dotted: captures as they are."
         picture = save(levels(circumstance.key, noun, members), folder, f"0-{circumstance.key}-{i}", context, caption)
         table = Table([text("system", read=lambda r: r.method), *circumstance.shows(members)], members)
-        parts.append(Part(picture, table, f"{context}: {circumstance.heading or f'accuracy by {noun}'}"))
+        caption = f"{context}: {circumstance.heading or f'accuracy by {noun}'}"
+        parts.append(Part(picture, table, caption, scarce(members)))
     return Section(circumstance.heading or noun.capitalize(), parts) if parts else None
 
 

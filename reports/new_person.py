@@ -15,6 +15,7 @@ from bench.outcomes.runs import subject_accuracy
 from bench.paired import interval
 from bench.result import Result
 from bench.table import Table, rows_of
+from reports.contexts import scarce
 from reports.figures import MARKERS, bars, new_figure, save
 from reports.part import Part, Section
 
@@ -33,9 +34,9 @@ COLUMNS = (
 
 PEOPLE = "People"  # heading
 CAPTION = (
-    "{}: accuracy in percent, mean over people, for each number of shots. gain: paired difference to no shots, in"
-    " points. worse: subjects with lower accuracy, and their loss in points. enough: the fewest shots within one "
-    "standard error of the best number of shots."
+    "{}: accuracy in percent, mean over people with its 95 % t-interval, for each number of shots. gain: paired "
+    "difference to no shots, in points. worse: subjects with lower accuracy, and their loss in points. enough: the "
+    "fewest shots within one standard error of the best number of shots."
 )
 Curves = tuple[str, dict[str, pd.DataFrame]]  # a set of comparable runs in words, and the curve of each system
 
@@ -78,7 +79,7 @@ def new_person_section(results: Sequence[Result], folder: Path) -> Section | Non
         caption += f" {len(curves) - SHOWN} less accurate systems left out." if len(curves) > SHOWN else ""
         figure = drawn(dict([*curves.items()][:SHOWN]), context)
         picture = save(figure, folder, f"0-newcomer-{i}", context, caption)
-        parts.append(Part(picture, table_of(curves), CAPTION.format(context)))
+        parts.append(Part(picture, table_of(curves), CAPTION.format(context), scarce(results)))
     return Section(PEOPLE, parts) if parts else None
 
 

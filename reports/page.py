@@ -11,9 +11,9 @@ from typing import Any
 
 import pandas as pd
 
+from bench import few
 from bench.comparable import MARKED
 from bench.errors import InputError
-from bench.outcomes import statistics
 from bench.outcomes.ranking import COLUMNS as RANKED
 from bench.outcomes.runs import every_result, grouped, stored
 from bench.outcomes.same_wrong import COLUMNS, agreements
@@ -157,7 +157,7 @@ def assemble(
             for figure, caption in [over_corpora.rank_plot(o)]
         ],
         "same_wrong": [same_wrong_section(a) for a in agreed],
-        "few": statistics.FEW_SUBJECTS,
+        "few": few.INTERVAL,
         "provenance": provenance_section(runs, tables["provenance"]),
     }
     return values, tables
@@ -179,10 +179,10 @@ def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
     each = max(1, ROWS // together.nunique()) if len(table) > ROWS else len(table)
     kept = table.groupby(together, sort=False).head(each)
     remarks = [notes_on(r.system, r.data) for r in kept.itertuples()]
-    few = table.loc[table["subjects"] < statistics.FEW_SUBJECTS, "group"]
+    scarce = table.loc[table["subjects"] < few.INTERVAL].drop_duplicates("group")
     return {
         "table": shown(kept, remarks, [*together[kept.index]]),
-        "few": [*few.unique()],
+        "few": [f"{row.group}. {few.too_few(int(row.subjects))}" for row in scarce.itertuples()],
         "all": len(table),
         "each": each,
         "reference": (table["source"] == "reference").any(),

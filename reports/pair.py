@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 import pandas as pd
 
+from bench import few
 from bench.comparable import MARK, MARKED
 from bench.errors import InputError, nearest
-from bench.measures import NONE, Measure, p_value
+from bench.measures import Measure, p_value
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
 from bench.result import Result
@@ -29,9 +30,10 @@ class Compared:
         accuracy: percent of correctly classified captures [subjects, 2], means over seeds; its columns are the two
             systems.
         difference: accuracy of the first system less that of the second, mean over subjects, in points.
-        low: lower end of the 95 % t-interval of the difference over subjects; NaN for one subject.
+        low: lower end of the 95 % t-interval of the difference over subjects; NaN for fewer than 5 subjects.
         high: upper end of it.
-        p: p-value of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for one subject.
+        p: p-value of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for fewer than 6
+            subjects.
         subjects: number of them.
         gain: subjects on whom the first system is more accurate.
         lose: subjects on whom the second system is more accurate.
@@ -63,14 +65,14 @@ class Compared:
 
     def __repr__(self) -> str:
         points = f"{abs(self.difference):.1f} points {'more' if self.difference >= 0 else 'less'} accurate"
-        span = f"[{self.low:+.1f}, {self.high:+.1f}]" if self.low == self.low else NONE
+        told = f"95 % t-interval [{self.low:+.1f}, {self.high:+.1f}], " if self.low == self.low else ""
+        told += f"p = {P.of({'p': self.p})} (paired two-sided Wilcoxon test)." if self.p == self.p else ""
+        told += f"{words}." if (words := few.too_few(self.subjects)) else ""
         lines = [
             f"On {self.on}: {self.system} is {points} than {self.other}.",
-            f"95 % interval {span}, p = {P.of({'p': self.p})} (paired two-sided Wilcoxon test).",
+            told,
             f"{self.subjects} subjects: {_counted(self.gain, 'gain')}, {_counted(self.lose, 'lose')}.",
         ]
-        if self.subjects < statistics.FEW_SUBJECTS:
-            lines.append(f"Below {statistics.FEW_SUBJECTS} subjects, this test cannot reach p < 0.05.")
         if any(MARK in name for name in (self.system, self.other)):
             lines.append(f"{MARKED}.")
         return "\n".join(lines)

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench import few
 from bench.measures import Measure, p_value, text
 from bench.outcomes import statistics
 from bench.table import Table, of_text, rows_of
@@ -71,6 +72,8 @@ def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
     ax.grid(axis="x", alpha=0.25)
     left = len(subjects) - len(kept)
     return figure, (
-        f"Each tick is one of {subjects.shape[1]} subjects, the dot is their mean, the bar is its 95 % t-interval. "
-        "Seeds are averaged." + (f" {left} less accurate systems are left out." if left else "")
+        f"Each tick is one of {subjects.shape[1]} subjects, the dot is their mean"
+        + (", the bar is its 95 % t-interval" if subjects.shape[1] >= few.INTERVAL else "")
+        + ". Seeds are averaged."
+        + (f" {left} less accurate systems are left out." if left else "")
     )

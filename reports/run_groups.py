@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench import few as fewest
 from bench.comparable import facts_of, seed_number
 from bench.outcomes import scores, statistics
 from bench.result import Result
@@ -52,8 +53,8 @@ class Group:
 
     @property
     def few(self) -> bool:
-        """True if there are too few subjects for any conclusion."""
-        return self.subjects.shape[1] < statistics.FEW_SUBJECTS
+        """True if there are too few subjects for a p value."""
+        return self.subjects.shape[1] < fewest.TEST
 
 
 def largest_groups(groups: Mapping[str, Sequence[Result]]) -> tuple[dict[str, Sequence[Result]], list[str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from bench import few
 from bench.outcomes import statistics
 from reports.numbers import listed
 from reports.run_groups import Group
@@ -42,15 +43,15 @@ def told_apart(group: Group) -> str:
     best, (systems, n) = subjects.index[0], subjects.shape
     if systems == 1:
         return f"{best} is the only system, so there is no comparison."
-    if n < statistics.FEW_SUBJECTS:
-        return f"{n} subject{'s are' if n != 1 else ' is'} too few to compare {systems} systems."
+    if words := few.too_few(n):
+        return f"{words}."
     rows = statistics.against_best(subjects).iloc[1:]
     beaten = rows["p_holm"] < 0.05
     behind, level = [*rows.loc[beaten, "system"]], [*rows.loc[~beaten, "system"]]
     parts = [f"{best} is significantly more accurate than {listed(behind)}"] if behind else []
     parts += [f"{best} does not differ significantly from {listed(level)}"] if level else []
     test = f"(paired Wilcoxon tests against the best system, Holm's correction, {n} subjects, 5 % level)"
-    few = " With so few subjects, no difference can be significant." * (statistics.least_p(n, systems - 1) > 0.05)
+    scarce = " With so few subjects, no difference can be significant." * (statistics.least_p(n, systems - 1) > 0.05)
     mixed = " Training and test captures come from the same subjects: expect lower accuracy for a new person."
     mixed *= group.mixed
-    return f"{'; '.join(parts)} {test}.{few}{mixed}"
+    return f"{'; '.join(parts)} {test}.{scarce}{mixed}"

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from bench.measures import Measure, percent
 from bench.outcomes.events import FALSE_ALARM, matched
 from bench.result import Result
-from reports.contexts import context_words, contexts
+from reports.contexts import context_words, contexts, scarce
 from reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
 from reports.part import Part, Section
 
@@ -56,7 +56,9 @@ def sentence(run: Result) -> str:
         f"{context_words(run, ALIKE)}, {run['touches']:.0f} touches in "
         f"{run['background_minutes']:.0f} minutes of background: "
         f"{run.method} finds {found} percent of the touches, and {end} percent have the correct label at the end. "
-        f"It raises {alarms} {ALARMS}. Its median latency is {latency} s; brackets are 95 % intervals over subjects."
+        f"It raises {alarms} {ALARMS}. Its median latency is {latency} s. Shares are means over subjects with 95 % "
+        "t-intervals; that of false alarms is the wider of a bootstrap over subjects and the exact Poisson interval."
+        + "".join(f" {words}" for words in scarce([run]))
     )
 
 

@@ -167,9 +167,10 @@ def in_c(system="svm", predictions=None, bits=32, metrics=(), c=None, **about):
     predictions = made_up(per_class=1) if predictions is None else predictions
     c = predictions if c is None else c
     labelled = scores.captures(c)
-    low, high = scores.subject_interval(labelled)
     numbers = {"c_accuracy": (labelled["true"] == labelled["predicted"]).mean()}
-    numbers |= {"c_accuracy_low": low, "c_accuracy_high": high} | dict(metrics)
+    people = scores.over_people(labelled)
+    numbers |= {"c_subject_accuracy_mean": people["accuracy"], "c_subject_accuracy_sd": people["subject_sd"]}
+    numbers |= dict(metrics)
     return evaluated(system, predictions, metrics=numbers, tables={"c": c}, **{"chip.bits": bits} | about)
 
 

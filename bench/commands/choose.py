@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench import pareto
+from bench import few, pareto
 from bench.amounts import convert, quantity
 from bench.arguments import BACKEND, Values, items, parse, typed
 from bench.candidate import Losses, Wish
@@ -246,7 +246,7 @@ def _lacking(among: Candidates, asked: list[str], scene: Scene) -> dict[str, lis
 def _curve(among: Candidates, chosen: int) -> dict[str, list[str]]:
     """Commands that measure what more people promise, by that in words; none where there are too few people."""
     trained = repeated(among.table["arguments"][chosen], impersonal=True)
-    if not trained or among.mixed:
+    if not trained or among.mixed or among.subjects.shape[1] < few.INTERVAL:
         return {}
     every = (c.promise(trained, among.subjects.shape[1] - 1) for c in classes("circumstances").values())
     return {what: [command] for what, command in filter(None, every)}

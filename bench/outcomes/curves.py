@@ -31,7 +31,7 @@ def unharmed(labels: pd.DataFrame) -> pd.DataFrame:
 
 
 def clean_accuracy(result: Result) -> float:
-    """Accuracy of the captures as they are, mean over subjects; some runs of earlier versions have it in labels alone."""
+    """Accuracy of the captures as they are, mean over subjects; some runs of earlier versions have labels alone."""
     if "subject_accuracy_mean" in result.metrics:
         return result.metrics["subject_accuracy_mean"]
     return scores.over_people(unharmed(result.tables["labels"]))["accuracy"]
@@ -40,9 +40,9 @@ def clean_accuracy(result: Result) -> float:
 def curve(labels: pd.DataFrame, key: str) -> pd.DataFrame:
     """Accuracy by case and level of a circumstance, a row each.
 
-    Columns: ``case``, ``level``, ``amount``, ``captures``, ``subjects``, ``accuracy`` (mean over subjects) with its 95 %
-    t-interval (``low``, ``high``) and SD (``subject_sd``), ``loss`` (clean accuracy minus this), and how many captures
-    went from a right label to a wrong one (``broken``) and back (``mended``).
+    Columns: ``case``, ``level``, ``amount``, ``captures``, ``subjects``, ``accuracy`` (mean over subjects) with its
+    95 % t-interval (``low``, ``high``) and SD (``subject_sd``), ``loss`` (clean accuracy minus this), and how many
+    captures went from a right label to a wrong one (``broken``) and back (``mended``).
     """
     hits = labels.assign(hit=labels["true"] == labels["predicted"])
     clean = unharmed(hits).set_index(CAPTURE)["hit"]

@@ -79,7 +79,7 @@ def subject_interval(labelled: pd.DataFrame, draws: int = DRAWS, seed: int = 0) 
 
 
 def over_people(labelled: pd.DataFrame) -> dict[str, float]:
-    """Mean over subjects of their accuracies, its 95 % t-interval (``low``, ``high``), and their SD (``subject_sd``)."""
+    """Mean over subjects of their accuracies, its 95 % t-interval (``low``, ``high``) and SD (``subject_sd``)."""
     each = per_subject(labelled)["accuracy"]
     mean, sd = float(each.mean()), float(each.std(ddof=1))
     low, high = share_interval(mean, sd, len(each))

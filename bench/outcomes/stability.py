@@ -178,8 +178,8 @@ def slices(table: pd.DataFrame, words: Mapping[str, str], target: str) -> pd.Dat
     a quarter of the error rate each, and two more for each circumstance but the first: the many pairs do not hide a
     fault as such, and faults, most of which fail, do not let others pass. Tested are slices of at least 10 units with
     counts with which p could be 0.05 or less at all (``floor``: the smallest p that the slice can have); this choice
-    does not look at labels. ``failing`` is p_corrected of at most 0.05. With fewer than `bench.few.TEST` subjects, nothing
-    is tested.
+    does not look at labels. ``failing`` is p_corrected of at most 0.05. Runs with fewer than `bench.few.TEST` subjects
+    have no p.
     """
     keys = ["fold", "capture"]
     units = unharmed(table)

@@ -31,7 +31,8 @@ def friedman(subjects: pd.DataFrame) -> tuple[pd.Series, float]:
         subjects: [systems, subjects], three systems and two subjects or more.
 
     Returns:
-        Mean rank of each system, best (1) first, and p of Friedman's test, NaN if it is not defined or people are too few.
+        Mean rank of each system, best (1) first, and p of Friedman's test, NaN if it is not defined or for too few
+        subjects.
     """
     subjects = subjects.round(9)
     with np.errstate(invalid="ignore", divide="ignore"):  # NaN where all systems are equal on every subject

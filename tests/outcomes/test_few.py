@@ -32,7 +32,8 @@ def test_below_five_people_there_is_no_interval_and_below_six_no_p(people):
         assert table.notna().all(axis=None) == (people >= 6) == table.notna().any(axis=None)
     assert np.isfinite(statistics.friedman(values)[1]) == (people >= 6)
     counts = np.column_stack([np.arange(people), np.full(people, 9)])
-    assert np.isfinite(ratio_interval(counts)).all() == (people >= 5) == np.isfinite(paired.interval(counts[:, 0])).all()
+    for ends in (ratio_interval(counts), paired.interval(counts[:, 0])):
+        assert np.isfinite(ends).tolist() == [people >= 5] * 2
 
 
 def test_the_accuracy_that_users_see_is_the_mean_over_subjects_with_its_t_interval():
