@@ -75,7 +75,7 @@ def _one(part: pd.DataFrame, position: int) -> str:
         cells[heading] = [escaped(plain.of(row)) for row in rows]
         if any(isinstance(value, Interval) for value in values):
             ends = [value if isinstance(value, Interval) else None for value in values]
-            cells[r"95\,\% interval"] = ["-" if v is None else f"{v.low:.1f}--{v.high:.1f}" for v in ends]
+            cells[r"95\,\% interval"] = ["-" if v is None or v.low is None else f"{v.low:.1f}--{v.high:.1f}" for v in ends]
     compared = ~part["system"].astype(str).str.endswith(MARK)
     best = compared & (part["accuracy"] == part["accuracy"][compared].max()) & (len(part) > 1)
     cells["accuracy"] = cells["accuracy"].mask(best, r"\textbf{" + cells["accuracy"] + "}")

@@ -19,7 +19,7 @@ from tests.results import evaluated, made_up, systems_of
 
 
 def table(accuracies, **costs):
-    subjects = pd.DataFrame(accuracies).rename(columns=lambda i: "abcd"[i]).astype(float)
+    subjects = pd.DataFrame(accuracies).rename(columns=lambda i: "abcdef"[i]).astype(float)
     rows = pd.DataFrame({"system": [f"s{i}" for i in range(len(subjects))], "unit": "capture"})
     usual = {name: [1.0] * len(rows) for name in ("flash", "ram", "predict", "decision")}
     return rows.assign(accuracy=subjects.mean(axis=1), **usual | costs), subjects
@@ -46,7 +46,7 @@ def test_the_cheapest_within_one_standard_error_is_chosen():
         "0.5 ± 1.2",
         "gains 0.5 points",
         "50 kB",
-        "4 subjects: too few for an interval",
+        "4 subjects: too few",
     ):
         assert fact in words(choice)
 
