@@ -288,13 +288,14 @@ def scene(**values: object) -> pd.DataFrame:
     return _scene.grouped(_values(values, keys("scene")))[0]
 
 
-def results(of: str = "", full: bool = False, **values: object) -> Results | pd.DataFrame:
-    """Tracked evaluations, accuracies in percent, with published numbers and reference results beside them.
+def results(of: str = "", full: bool = False, against: str = "", **values: object) -> Results | pd.DataFrame:
+    """Tracked evaluations, accuracies in percent, with published numbers; reference results come last.
 
     Args:
         of: nothing for the store; ``reference`` for the results that come with touchbench: a row per frozen task and
             system, and by ``<task>/<name>`` the labels of every capture.
         full: one row per run with every tag, parameter and metric, as MLflow has them: accuracies are fractions there.
+        against: system that p values compare with, in the groups that have it; default the best one of each.
         values: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to keep. With ``model``
             or ``features``, reference results are left out.
 
@@ -316,7 +317,9 @@ def results(of: str = "", full: bool = False, **values: object) -> Results | pd.
         raise InputError("no run is stored for these values; make one with bench.run")
     if full:
         return frame_of(runs)
-    table = comparison(grouped(runs), published(), beside=not {"model", "features"} & set(typed))
+    if against and against not in (systems := sorted({r.system for r in runs})):
+        raise InputError(f"against={against}: no run of this system is stored; {nearest(against, systems)}")
+    table = comparison(grouped(runs), published(), not {"model", "features"} & set(typed), against)
     return _with(Results(table), runs)
 
 
@@ -324,8 +327,7 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
     """Two tracked systems on whole captures, paired over subjects; seeds are averaged.
 
     Args:
-        system: system name as in tables, such as ``"svm · jung54"`` or ``"reflex (reference)"``, or its values as `run`
-            takes them, such as ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or
+        system: system name as in tables, such as ``"svm · jung54"``, or its values as `run` takes them, such as ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or
             ``protocol`` among these, only matching runs are searched.
         other: the system to compare it with.
         values: ``data``, ``where``, ``target`` and ``protocol`` of both.

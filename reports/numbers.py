@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
 
 from bench.comparable import MARK, MARKED
 
@@ -22,8 +24,22 @@ def notes_on(system: str, data: str) -> list[str]:
         data: name of the corpus.
     """
     ours = re.search(r"(?<![\w.])(reflex|rocket|touch|touchnet)(?![\w.])", system) is not None
-    designed = ours and "haart" in data.split("+")
+    designed = ours and any(part.split("-")[0] == "haart" for part in data.split("+"))
     return [DESIGNED] * designed + [MAYBE_TWICE] * ("+" in data) + [MARKED] * system.endswith(MARK)
+
+
+def noted(table: pd.DataFrame, data_of: Mapping[str, str] | None = None) -> pd.DataFrame:
+    """A table of systems with their footnotes in a column ``note``; the same where none of them has any.
+
+    Args:
+        table: a table, with ``system`` (and ``other``, or ``choice``) and the corpus in ``data``, or else ``group``.
+        data_of: corpus by group.
+    """
+    names = [name for name in ("system", "other", "choice") if name in table]
+    data = table["data"] if "data" in table else table.get("group", pd.Series(index=table.index)).map(data_of or {})
+    every = zip(*(table[name] for name in names), data, strict=True) if names and "note" not in table else ()
+    notes = [" ".join(dict.fromkeys(n for s in systems for n in notes_on(str(s), str(on)))) for *systems, on in every]
+    return table.assign(note=notes) if any(notes) else table
 
 
 def listed(names: Sequence[str], most: int = 4) -> str:

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARK, MARKED
+from bench.comparable import MARK
 from bench.errors import InputError, nearest
 from bench.measures import Measure, p_value
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
 from bench.result import Result
-from reports.reference_rows import accuracies, references
+from reports.numbers import notes_on
 
 P = Measure("p", form=p_value)
 
@@ -73,8 +73,8 @@ class Compared:
             told,
             f"{self.subjects} subjects: {_counted(self.gain, 'gain')}, {_counted(self.lose, 'lose')}.",
         ]
-        if any(MARK in name for name in (self.system, self.other)):
-            lines.append(f"{MARKED}.")
+        notes = [note for name in (self.system, self.other) for note in notes_on(name, self.on.split(",")[0])]
+        lines += [f"{note.rstrip('.')}." for note in dict.fromkeys(notes)]
         return "\n".join(lines)
 
 
@@ -106,12 +106,11 @@ def compared(sides: Sequence[tuple[str, Mapping[str, Sequence[Result]]]]) -> Com
 
 
 def _groups(name: str, runs: Mapping[str, Sequence[Result]]) -> dict[str, str]:
-    """Groups in which a system has a complete run or a reference result, and its name there, with its marks."""
+    """Groups in which a system has a complete run, and its name there, with its marks."""
     groups, names = {}, set()
     for group, results in runs.items():
-        complete = [r for r in results if r.complete]
-        systems = [*dict.fromkeys(r.system for r in complete), *(references(complete) if complete else ())]
-        names |= {r.system for r in complete}
+        systems = [*dict.fromkeys(r.system for r in results if r.complete)]
+        names |= {*systems}
         if matching := [system for system in systems if _is(name, system)]:
             groups[group] = matching[0]
     if not groups:
@@ -125,9 +124,6 @@ def _is(name: str, system: str) -> bool:
 
 
 def _accuracy(name: str, results: Sequence[Result]) -> pd.Series:
-    others = references(results)
-    if name in others:
-        return pd.Series(accuracies(others[name]))
     return by_subject([r for r in results if _is(name, r.system)])[0].iloc[0]
 
 

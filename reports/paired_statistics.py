@@ -24,7 +24,7 @@ COLUMNS = (  # of `bench.outcomes.statistics.against_best`
 
 
 def statistics_table(rows: pd.DataFrame, data: str = "") -> Table:
-    """Every system against the best one.
+    """Every system against the best one, or another one.
 
     Args:
         rows: `bench.outcomes.statistics.against_best`, with the number of ``seeds``.

@@ -50,7 +50,7 @@ def report(arguments: list[str]) -> int:
     from reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
     out = Path(values.get("out", "report"))
-    paths = write_report(connect(), out, limits)
+    paths = write_report(connect(), out, limits, str(values.get("against", "")))
     counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
     page = out / "index.html"
     print(f"{page}: all runs; in the same folder .md, .tex, {counts['.csv']} CSV files and {counts['.png']} figures")

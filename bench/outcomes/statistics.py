@@ -40,23 +40,37 @@ def friedman(subjects: pd.DataFrame) -> tuple[pd.Series, float]:
     return subjects.rank(axis=0, ascending=False).mean(axis=1).sort_values(kind="stable"), float(p)
 
 
+def base_of(subjects: pd.DataFrame, against: str = "") -> str:
+    """The system that others are compared with: the one that was asked for where it is there, else the best one."""
+    return against if against in subjects.index else str(subjects.index[0])
+
+
+def kept_of(subjects: pd.DataFrame, against: str = "") -> pd.DataFrame:
+    """The `RANKED` most accurate systems of a table, and the one that others are compared with."""
+    return subjects[(np.arange(len(subjects)) < RANKED) | (subjects.index == base_of(subjects, against))]
+
+
 def against_best(
-    subjects: pd.DataFrame, folds: pd.DataFrame | None = None, test_over_train: float | None = None
+    subjects: pd.DataFrame,
+    folds: pd.DataFrame | None = None,
+    test_over_train: float | None = None,
+    against: str = "",
 ) -> pd.DataFrame:
-    """Every system against the best one, by differences within subjects.
+    """Every system against the best one, or against another one, by differences within subjects.
 
     Args:
         subjects: accuracy in percent [systems, subjects], the best system first.
         folds: accuracy in percent [systems, folds], if folds are not subjects.
         test_over_train: tested by training captures of a fold, if folds share training captures; otherwise None.
+        against: name of the system to compare with (`base_of`); empty for the best one.
 
     Returns:
-        A row per system: ``difference`` from the best, in points, with a 95 % t-interval over subjects (``low``,
+        A row per system: ``difference`` from the best, or from that system, in points, with a 95 % t-interval over subjects (``low``,
         ``high``); the same with Nadeau and Bengio's variance (``nb_low``, ``nb_high``, ``nb_p``); ``p``, Wilcoxon's
         signed rank test, and ``p_holm``, corrected for all systems of the table; Cohen's dz with its interval, and the
         matched-pairs rank-biserial correlation. NaN where something is not defined.
     """
-    best = subjects.iloc[0]
+    best = subjects.loc[base_of(subjects, against)]
     by_system = (subjects if folds is None else folds).T
     rows = []
     for system, accuracy in subjects.iterrows():
@@ -189,8 +203,8 @@ def least_p(subjects: int, comparisons: int) -> float:
     return min(1.0, 2.0 ** (1 - subjects) * comparisons)
 
 
-def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
-    """Limits of the conclusions, in sentences; empty for none."""
+def warnings(subjects: int, systems: int, folds: int, mixed: bool, selected: bool = True) -> list[str]:
+    """Limits of the conclusions, in sentences; systems are compared with the best one where that was ``selected``."""
     lines = []
     if words := few.too_few(subjects):
         lines.append(f"{words}.")
@@ -203,6 +217,6 @@ def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
         lines.append("There is only one split, so the variation between training sets is unknown.")
     if mixed:
         lines.append(MIXED)
-    if systems > 1:
+    if systems > 1 and selected:
         lines.append("The best system was selected by these results, so its advantage may be overestimated.")
     return lines
