@@ -40,7 +40,7 @@ SHOWN = (  # columns that matter, by name
     "origin seed folds run_id subset target data protocol"
 ).split()
 RENAMED = {"accuracy_low": "low", "accuracy_high": "high", "subject_accuracy_sd": "subject_sd"}
-POOLED = ["accuracy", "accuracy_low", "accuracy_high"]  # over captures, as runs store them
+POOLED = ["accuracy", "accuracy_low", "accuracy_high"]  # over captures, as runs store them; shown over subjects
 ON = ("data", "where", "target", "protocol")
 SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in percent
 
@@ -327,8 +327,9 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
     """Two tracked systems on whole captures, paired over subjects; seeds are averaged.
 
     Args:
-        system: system name as in tables, such as ``"svm · jung54"``, or its values as `run` takes them, such as ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or
-            ``protocol`` among these, only matching runs are searched.
+        system: system name as in tables, such as ``"svm · jung54"``, or its values as `run` takes them, such as
+            ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or ``protocol`` among
+            these, only matching runs are searched.
         other: the system to compare it with.
         values: ``data``, ``where``, ``target`` and ``protocol`` of both.
 
@@ -354,7 +355,8 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
 
 def results_of(runs: Sequence[Result]) -> Results:
     """Results as a table with a row each."""
-    scored = Table([over_people("accuracy")], runs).frame().dropna(axis=1, how="all")
+    scored = Table([over_people("accuracy")], runs).frame()
+    scored = scored.reindex(columns=POOLED if scored["accuracy"].notna().any() else [])
     named = table_of(runs).drop(columns=POOLED, errors="ignore").join(scored).rename(columns=RENAMED)
     return _with(Results(named[[name for name in SHOWN if name in named]]), runs)
 

@@ -568,5 +568,5 @@ def run_columns() -> list[Measure]:
             replace(m, shows=tuple(dict.fromkeys((*m.shows, "csv")))) for m in plugged("columns")
         ),  # page and LaTeX read it
         text("folds", shows=("page", "csv")),
-        *(text(name, shows=csv) for name in ("run_id", "group", "subset", "data", "protocol", "note")),
+        *(text(name, shows=csv) for name in ("run_id", "group", "note", "subset", "data", "protocol")),
     ]

@@ -23,6 +23,7 @@ from bench.registry import classes
 from bench.result import Result
 from bench.scene_file import EVERY
 from bench.table import rows_of
+from reports.numbers import notes_on
 from reports.speed import LOOKS
 
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
@@ -93,6 +94,7 @@ def considered(
     lines = sentences(choice, BY, None, among.subjects.shape[1], among.mixed)
     lines += [*expectation(one, among, choice.chosen), *among.notes]
     systems = among.table["system"].unique()
+    lines += dict.fromkeys(note for system in systems for note in notes_on(str(system), str(first["data"])))
     if len(systems) == 1:
         lines.insert(0, f"Only {systems[0]} has a run here, so there is no other system to compare.")
     words = _command(among.table, first, every)

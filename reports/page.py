@@ -31,6 +31,7 @@ from reports.layout import markdown, page
 from reports.numbers import listed, noted, notes_on
 from reports.papers import published_section
 from reports.provenance import provenance, software
+from reports.reproduction import against as beside_papers
 from reports.run_groups import GROUPS, group_of, largest_groups, slug
 from reports.same_wrong import same_wrong_section
 from reports.sections import briefs as told
@@ -56,7 +57,7 @@ def write_report(
         The files written.
 
     Raises:
-        InputError: the store holds no scored run, or none of the system to compare with, or the folder cannot be written.
+        InputError: the store holds no scored run, or none of ``against``, or the folder cannot be written.
     """
     results = every_result(store)
     runs = stored(store)  # which says so where there is none
@@ -128,7 +129,7 @@ def assemble(
     tables = {
         "comparison": compared[compared["source"] == "store"],
         "budgets": by_budget(candidates, alone),
-        "published": against(papers, runs),
+        "published": beside_papers(papers, runs),
         "statistics": pd.concat([g.rows.assign(group=name) for name, g in parts.items()], ignore_index=True),
         "pairs": pd.concat([g.pairs.assign(group=name) for name, g in parts.items()], ignore_index=True),
         "ranking": pd.concat(

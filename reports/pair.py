@@ -15,6 +15,7 @@ from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
 from bench.result import Result
 from reports.numbers import notes_on
+from reports.reference_rows import REFERENCE
 
 P = Measure("p", form=p_value)
 
@@ -113,6 +114,8 @@ def _groups(name: str, runs: Mapping[str, Sequence[Result]]) -> dict[str, str]:
         names |= {*systems}
         if matching := [system for system in systems if _is(name, system)]:
             groups[group] = matching[0]
+    if name.endswith(REFERENCE):
+        raise InputError(f"{name}: reference results take part in no test; make a run of the system to compare it")
     if not groups:
         raise InputError(f"no complete run of {name!r} is tracked; {nearest(name, sorted(names))}")
     return groups

@@ -19,6 +19,7 @@ from bench.table import Table, of_text, rows_of, write_sheet
 from bench.usual import CLEAN
 from reports import stability_figures as figures
 from reports.layout import markdown
+from reports.numbers import noted, notes_on
 
 TOP = 10  # rows of a table
 SEEDS = (
@@ -80,7 +81,7 @@ def write(results: Sequence[Result], folder: Path) -> list[Path]:
         paths = []
         for name, table in tables.items():
             paths.append(folder / f"stability_{name}.csv")
-            write_sheet(table, paths[-1])
+            write_sheet(noted(table), paths[-1])
         paths.append(folder / "stability.md")
         text = markdown("stability.jinja", context=", ".join(results[0].context), sections=sections(results))
         paths[-1].write_text(text, encoding="utf-8")
@@ -151,7 +152,8 @@ def _clean_table(results: Sequence[Result]) -> Table:
             names[f"worst {factor}"] = None
             row[f"worst {factor}"] = f"{worst['value']}: {100 * worst['accuracy']:.1f}"
         rows.append(row)
-    return Table([*columns, *(text(name) for name in names)], rows)
+    remarks = [notes_on(r.system, str(r["data"])) for r in results]
+    return Table([*columns, *(text(name) for name in names)], rows, remarks=remarks)
 
 
 def _condition_table(results: Sequence[Result]) -> Table:

@@ -18,6 +18,7 @@ from bench.result import Result
 from bench.table import Table, write_sheet
 from reports.contexts import context_words, contexts, scarce
 from reports.figures import DASHES, MARKERS, bars, log_ticks, save
+from reports.numbers import noted
 from reports.part import Part, Section
 
 ALIKE = ("stream.start", "stream.hop_ms", "stream.after")  # of comparable replays
@@ -61,7 +62,7 @@ def write_streaming(results: Sequence[Result], folder: Path) -> list[Path]:
         paths = []
         for name, table in sheets(results).items():
             paths.append(folder / f"{name}.csv")
-            write_sheet(table, paths[-1])
+            write_sheet(noted(table), paths[-1])
         return paths + figure(results, folder)
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e

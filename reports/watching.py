@@ -15,6 +15,7 @@ from bench.outcomes.events import FALSE_ALARM, matched
 from bench.result import Result
 from reports.contexts import context_words, contexts, scarce
 from reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
+from reports.numbers import notes_on
 from reports.part import Part, Section
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ def watch_section(results: Sequence[Result], folder: Path) -> Section | None:
     for i, (context, members) in enumerate(contexts(shown, ALIKE, "end_correct").items(), 1):
         figure, caption_of = watching_figure(members), f"{context}: {caption(members[0])}"
         picture = save(figure, folder, f"0-watch-{i}", context, caption_of)
-        parts.append(Part(picture, sentences=[sentence(r) for r in members]))
+        notes = dict.fromkeys(note for r in members for note in notes_on(r.system, str(r["data"])))
+        parts.append(Part(picture, sentences=[*(sentence(r) for r in members), *notes]))
     return Section("Continuous touch", parts) if parts else None
 
 

@@ -17,7 +17,7 @@ from bench.amounts import convert, quantity
 from bench.arguments import BACKEND, Values, items, parse, typed
 from bench.candidate import Losses, Wish
 from bench.commands.printing import output, say, then
-from bench.comparable import MARK, MARKED, several
+from bench.comparable import several
 from bench.errors import InputError, nearest
 from bench.measures import Cost, Measure, Row, budgets, costs, costs_of, text
 from bench.options import SMALL, keys, makers
@@ -31,6 +31,7 @@ from bench.registry import classes
 from bench.result import Result
 from bench.scene_file import EVERY, Scene, read_scene
 from bench.table import Table, rows_of
+from reports.numbers import notes_on
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 RUNNING = {*BACKEND, "inner", "seed"}  # keys that are of use with over= alone
@@ -100,6 +101,9 @@ class Chosen:
         elif "decision" in {self.by, *self.budgets}:
             lines.append("Decision time is touch before the decision, without computing time on this machine.")
         lines += [*self._dominated(), *self.notes, *self._meaning(), *self.among.notes]
+        data = str(self.among.first["data"])
+        notes = dict.fromkeys(note for system in table["system"] for note in notes_on(str(system), data))
+        lines += [f"{note.rstrip('.')}." for note in notes]
         for what, commands in self.lacking.items():
             more = f"; and {len(commands) - SHOWN} more" if len(commands) > SHOWN else ""
             lines.append(f"{what} is not stored. To measure it: {'; '.join(commands[:SHOWN])}{more}.")
@@ -346,7 +350,7 @@ def _print(result: Chosen) -> None:
     table_of(result).print(output())
     if 0 < table["linked"].sum() < len(table):
         output().print("* as linked in C, with code; other sizes exclude code", style="dim")
-    say(*result.lines(), *([f"{MARKED}."] if table["system"].str.contains(MARK).any() else []))
+    say(*result.lines())
     if result.choice.chosen is not None:
         one = table.loc[result.choice.chosen]
         trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in FIT}

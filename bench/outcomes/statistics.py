@@ -65,7 +65,7 @@ def against_best(
         against: name of the system to compare with (`base_of`); empty for the best one.
 
     Returns:
-        A row per system: ``difference`` from the best, or from that system, in points, with a 95 % t-interval over subjects (``low``,
+        A row per system: ``difference`` from that one, in points, with a 95 % t-interval over subjects (``low``,
         ``high``); the same with Nadeau and Bengio's variance (``nb_low``, ``nb_high``, ``nb_p``); ``p``, Wilcoxon's
         signed rank test, and ``p_holm``, corrected for all systems of the table; Cohen's dz with its interval, and the
         matched-pairs rank-biserial correlation. NaN where something is not defined.

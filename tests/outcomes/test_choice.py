@@ -73,7 +73,7 @@ def test_budgets_rule_out_what_is_over_them_or_not_known():
 def test_a_margin_asks_for_proof_of_equivalence():
     best = np.random.default_rng(0).uniform(60, 90, 6)
     noise = np.array([0.5, -0.4, 0.1, -0.1, 0.3, -0.2])
-    rows, subjects = table([best, best - 1 + noise, best - 1 + 8 * noise], flash=[9.0, 2.0, 1.0])
+    rows, subjects = table([best, best - 1 + noise, best - 1 + 12 * noise], flash=[9.0, 2.0, 1.0])
     for i, expected in ((1, True), (2, False)):
         p = ttest_rel(subjects.loc[0] - 3, subjects.loc[i], alternative="less").pvalue
         assert (p < 0.05) == expected
