@@ -136,10 +136,10 @@ def assemble(
             [pd.DataFrame(columns=[*RANKED, "group"]), *(o.found.table.assign(group=o.title) for o in over)]
         ),
         "same_wrong_label": pd.concat(same_wrong, ignore_index=True),
-        "provenance": provenance(grouped(results)),
     }
     tables |= {"reference": shipped} if len(shipped) else {}
     tables = {name: noted(table, data_of) for name, table in (sheets(results) | tables).items()}
+    tables["provenance"] = provenance(grouped(results))
     values = {
         "title": f"Which system to choose: {_corpora(runs)}",
         "synthetic": any(r["synthetic"] == "true" for r in runs),

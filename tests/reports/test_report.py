@@ -219,13 +219,13 @@ def test_p_values_compare_with_the_system_that_was_asked_for(quick, store):
 def test_the_footnote_of_reflex_stands_wherever_it_is_compared_on_haart(quick, store, capsys):
     for name, hits in (("reflex", range(12, 18)), ("svm · jung54", range(11, 17))):
         tracked_run(store, name, with_hits(hits), **LOSO, **typed(name))
-        keep(store, stressed(name, 0.6, {"noise": 0.1}, **LOSO))
+        keep(store, streamed(name, **LOSO))
     words = "designed on seven of HAART's ten people"
     assert main(["choose", "data=haart"]) == 0 and words in capsys.readouterr().out
     page.write_report(store, Path("report"))
     for name in ("comparison.tex", "comparison.md", "index.html"):
         assert words in html.unescape(Path("report", name).read_text()).replace(r"\textquotesingle{}", "'"), name
-    for name in ("comparison", "statistics", "pairs", "budgets", "faults"):
+    for name in ("comparison", "statistics", "pairs", "budgets", "streaming"):
         rows = pd.read_csv(f"report/{name}.csv").fillna("").astype(str)
         about = rows.drop(columns=["note", "against"], errors="ignore").agg(" ".join, axis=1).str.contains("reflex")
         assert rows["note"].str.contains(words).tolist() == about.tolist() and about.any(), name
