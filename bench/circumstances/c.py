@@ -141,7 +141,10 @@ class InC(Circumstance):
             given={"form": C},
         )
     }
-    heading: ClassVar[str] = "Accuracy in percent of whole captures, in C and in Python; a Cortex-M4F, linked"
+    heading: ClassVar[str] = (
+        "Accuracy in percent of whole captures, mean over subjects, in C and in Python; a "
+        "Cortex-M4F, linked"
+    )
     ranked: ClassVar[bool] = True
     score: ClassVar[str] = "c_subject_accuracy_mean"
     shown: ClassVar[tuple[Measure, ...]] = (

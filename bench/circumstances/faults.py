@@ -178,7 +178,10 @@ class Faults(Circumstance):
             out=("stress", "folder for tables and figures"),
         )
     }
-    heading: ClassVar[str] = "Accuracy in percent of clean captures, and mean loss in points over all faults"
+    heading: ClassVar[str] = (
+        "Accuracy in percent of clean captures, mean over subjects, and mean loss in points over "
+        "all faults"
+    )
     shown: ClassVar[tuple[Measure, ...]] = (
         Measure("accuracy", "clean", _clean),
         Measure("mean_loss", "mean loss", _mean_loss),
