@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from bench import few
 from bench.comparable import MARK, MARKED
 
 DESIGNED = (
@@ -28,17 +29,26 @@ def notes_on(system: str, data: str) -> list[str]:
     return [DESIGNED] * designed + [MAYBE_TWICE] * ("+" in data) + [MARKED] * system.endswith(MARK)
 
 
-def noted(table: pd.DataFrame, data_of: Mapping[str, str] | None = None) -> pd.DataFrame:
-    """A table of systems with their footnotes in a column ``note``; the same where none of them has any.
+def noted(
+    table: pd.DataFrame, data_of: Mapping[str, str] | None = None, people_of: Mapping[str, int] | None = None
+) -> pd.DataFrame:
+    """A table of systems with footnotes in a column ``note``, also on too few subjects; the same where there are none.
 
     Args:
         table: a table, with ``system`` (and ``other``, or ``choice``) and the corpus in ``data``, or else ``group``.
         data_of: corpus by group.
+        people_of: number of subjects by group.
     """
     names = [name for name in ("system", "other", "choice") if name in table]
-    data = table["data"] if "data" in table else table.get("group", pd.Series(index=table.index)).map(data_of or {})
-    every = zip(*(table[name] for name in names), data, strict=True) if names and "note" not in table else ()
-    notes = [" ".join(dict.fromkeys(n for s in systems for n in notes_on(str(s), str(on)))) for *systems, on in every]
+    if not names or "note" in table:
+        return table
+    group = table.get("group", pd.Series(index=table.index, dtype=object))
+    data = table["data"] if "data" in table else group.map(data_of or {})
+    people = table["subjects"] if "subjects" in table else group.map(people_of or {})
+    notes = []
+    for *systems, on, n in zip(*(table[name] for name in names), data, people, strict=True):
+        words = [f"{few.too_few(int(n))}."] if n < few.TEST else []  # False where it is unknown
+        notes.append(" ".join(dict.fromkeys([*words, *(w for s in systems for w in notes_on(str(s), str(on)))])))
     return table.assign(note=notes) if any(notes) else table
 
 

@@ -138,7 +138,8 @@ def assemble(
         "same_wrong_label": pd.concat(same_wrong, ignore_index=True),
     }
     tables |= {"reference": shipped} if len(shipped) else {}
-    tables = {name: noted(table, data_of) for name, table in (sheets(results) | tables).items()}
+    people_of = {name: g.subjects.shape[1] for name, g in parts.items() if len(g.subjects)}
+    tables = {name: noted(table, data_of, people_of) for name, table in (sheets(results) | tables).items()}
     tables["provenance"] = provenance(grouped(results))
     values = {
         "title": f"Which system to choose: {_corpora(runs)}",

@@ -142,8 +142,7 @@ class InC(Circumstance):
         )
     }
     heading: ClassVar[str] = (
-        "Accuracy in percent of whole captures, mean over subjects, in C and in Python; a "
-        "Cortex-M4F, linked"
+        "Accuracy in percent of whole captures, mean over subjects, in C and in Python; a Cortex-M4F, linked"
     )
     ranked: ClassVar[bool] = True
     score: ClassVar[str] = "c_subject_accuracy_mean"

@@ -179,8 +179,7 @@ class Faults(Circumstance):
         )
     }
     heading: ClassVar[str] = (
-        "Accuracy in percent of clean captures, mean over subjects, and mean loss in points over "
-        "all faults"
+        "Accuracy in percent of clean captures, mean over subjects, and mean loss in points over all faults"
     )
     shown: ClassVar[tuple[Measure, ...]] = (
         Measure("accuracy", "clean", _clean),

@@ -170,8 +170,7 @@ class Instants(Circumstance):
         )
     }
     heading: ClassVar[str] = (
-        "Accuracy in percent, mean over subjects, against touch seen; stopping learned on "
-        "training subjects"
+        "Accuracy in percent, mean over subjects, against touch seen; stopping learned on training subjects"
     )
     ranked: ClassVar[bool] = True
     score: ClassVar[str] = "replay_accuracy"
