@@ -11,7 +11,7 @@ import pandas as pd
 
 from bench.arguments import typed
 from bench.candidate import Losses, Wish
-from bench.comparable import COMPARABLE
+from bench.comparable import COMPARABLE, notes_on
 from bench.errors import InputError
 from bench.measures import costs, costs_of
 from bench.outcomes import statistics
@@ -23,7 +23,6 @@ from bench.registry import classes
 from bench.result import Result
 from bench.scene_file import EVERY
 from bench.table import rows_of
-from reports.numbers import notes_on
 from reports.speed import LOOKS
 
 BY = "flash"  # the cost that is to be low, unless bench choose is told another

@@ -8,14 +8,13 @@ from importlib.resources import files
 
 import pandas as pd
 
-from bench.comparable import seed_number
+from bench.comparable import notes_on, seed_number
 from bench.leaderboard.submissions import Submission
 from bench.measures import Cost, Measure, Row, columns, framed, run_columns, text
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
 from bench.result import Result
 from bench.table import Table, rows_of
-from reports.numbers import notes_on
 from reports.reference_rows import beside
 
 SAME = ["data", "subset_key", "target_key", "protocol_key", "system"]  # of published.csv, and without _key of a run
@@ -75,6 +74,7 @@ def comparison(
     frame = Table([text("system"), *stored], rows).frame()
     table = frame.rename(columns={"accuracy_low": "low", "accuracy_high": "high"})
     table = table.reindex(columns=[*dict.fromkeys(["system", "accuracy", "low", "high", *table])])
+    table = table.astype(dict.fromkeys(TESTED, float))  # also where nothing is tested
     context = [*CONTEXT, "unit"]
     best = table.groupby([*context, "system"])["accuracy"].transform("max")
     order = table.assign(best=-best, number=table["seed"].map(seed_number), last=table["source"] == "reference")

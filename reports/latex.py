@@ -8,11 +8,10 @@ from dataclasses import replace
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARK
+from bench.comparable import MARK, notes_on
 from bench.errors import InputError
 from bench.measures import Interval, columns, framed, run_columns
 from bench.table import rows_of
-from reports.numbers import notes_on
 
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
 NEEDED = ("system", *TOGETHER, "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes")

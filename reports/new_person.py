@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.comparable import notes_on
 from bench.measures import Measure, Row, text
 from bench.outcomes.runs import subject_accuracy
 from bench.paired import interval
@@ -17,7 +18,6 @@ from bench.result import Result
 from bench.table import Table, rows_of
 from reports.contexts import scarce
 from reports.figures import MARKERS, bars, new_figure, save
-from reports.numbers import notes_on
 from reports.part import Part, Section
 
 WITHOUT = "no labels"  # where half of the person's captures are known without them

@@ -2,31 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARK, MARKED
-
-DESIGNED = (
-    "The systems reflex, touchnet and rocket and the features touch were designed on seven of HAART's ten people, the "
-    "training subjects of its challenge split. LOSO tests on these seven, too."
-)
-MAYBE_TWICE = "Whether a person is in more than one of the joined corpora is unknown; each counts as another."
-
-
-def notes_on(system: str, data: str) -> list[str]:
-    """The footnotes of a system that a table names.
-
-    Args:
-        system: system name as in tables.
-        data: name of the corpus.
-    """
-    ours = re.search(r"(?<![\w.])(reflex|rocket|touch|touchnet)(?![\w.])", system) is not None
-    designed = ours and any(part.split("-")[0] == "haart" for part in data.split("+"))
-    return [DESIGNED] * designed + [MAYBE_TWICE] * ("+" in data) + [MARKED] * system.endswith(MARK)
+from bench.comparable import notes_on
 
 
 def noted(

@@ -9,6 +9,7 @@ from itertools import product
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.comparable import notes_on
 from bench.measures import Cell, Interval, Measure, Row, known, p_value, text
 from bench.outcomes import statistics
 from bench.outcomes.ranking import Ranking, distinct, ranking
@@ -16,7 +17,7 @@ from bench.outcomes.runs import by_subject
 from bench.result import Result
 from bench.table import Table, rows_of
 from reports.figures import LINE, bars, new_figure, plain, width_of
-from reports.numbers import listed, notes_on
+from reports.numbers import listed
 
 NAMED = 20  # systems that a sentence names
 CAPTION = (

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARKED
+from bench.comparable import MARKED, notes_on
 from bench.errors import InputError, nearest
 from bench.outcomes.ranking import COLUMNS as RANKED
 from bench.outcomes.runs import every_result, grouped, stored
@@ -28,7 +28,7 @@ from reports.comparison import comparison, published, shown
 from reports.figures import save
 from reports.latex import latex
 from reports.layout import markdown, page
-from reports.numbers import listed, noted, notes_on
+from reports.numbers import listed, noted
 from reports.papers import published_section
 from reports.provenance import provenance, software
 from reports.reproduction import against as beside_papers

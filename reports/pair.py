@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARK
+from bench.comparable import MARK, notes_on
 from bench.errors import InputError, nearest
 from bench.measures import Measure, p_value
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
 from bench.result import Result
-from reports.numbers import notes_on
 from reports.reference_rows import REFERENCE
 
 P = Measure("p", form=p_value)

@@ -7,11 +7,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench import few
+from bench.comparable import notes_on
 from bench.measures import Measure, p_value, text
 from bench.outcomes import statistics
 from bench.table import Table, of_text, rows_of
 from reports.figures import LINE, new_figure, plain, width_of
-from reports.numbers import notes_on
 
 COLUMNS = (  # of `bench.outcomes.statistics.against_best`
     text("system"),

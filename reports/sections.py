@@ -9,9 +9,9 @@ from typing import Any
 
 import pandas as pd
 
+from bench.comparable import notes_on
 from bench.registry import classes
 from bench.result import Result
-from reports.numbers import notes_on
 from reports.part import Part, Section
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bench.comparable import notes_on
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.outcomes import scores
@@ -19,7 +20,7 @@ from bench.table import Table, of_text, rows_of, write_sheet
 from bench.usual import CLEAN
 from reports import stability_figures as figures
 from reports.layout import markdown
-from reports.numbers import noted, notes_on
+from reports.numbers import noted
 
 TOP = 10  # rows of a table
 SEEDS = (

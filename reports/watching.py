@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.comparable import notes_on
 from bench.measures import Measure, percent
 from bench.outcomes.events import FALSE_ALARM, matched
 from bench.result import Result
 from reports.contexts import context_words, contexts, scarce
 from reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
-from reports.numbers import notes_on
 from reports.part import Part, Section
 
 if TYPE_CHECKING:

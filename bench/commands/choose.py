@@ -17,7 +17,7 @@ from bench.amounts import convert, quantity
 from bench.arguments import BACKEND, Values, items, parse, typed
 from bench.candidate import Losses, Wish
 from bench.commands.printing import output, say, then
-from bench.comparable import several
+from bench.comparable import notes_on, several
 from bench.errors import InputError, nearest
 from bench.measures import Cost, Measure, Row, budgets, costs, costs_of, text
 from bench.options import SMALL, keys, makers
@@ -31,7 +31,6 @@ from bench.registry import classes
 from bench.result import Result
 from bench.scene_file import EVERY, Scene, read_scene
 from bench.table import Table, rows_of
-from reports.numbers import notes_on
 
 AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 RUNNING = {*BACKEND, "inner", "seed"}  # keys that are of use with over= alone

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from bench.comparable import alike
+from bench.comparable import alike, notes_on
 from bench.errors import InputError
 from bench.few import INTERVAL, too_few
 from bench.measures import Interval, Measure, Row, known, text
@@ -119,8 +119,6 @@ def show(results: Sequence[Result], views: Sequence[tuple[type[Shown], Sequence[
         runs_table(members, view).print(out)
     if any(r["synthetic"] == "true" for r in results):
         out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
-    from reports.numbers import notes_on  # reports load pandas
-
     for note in dict.fromkeys(note for r in results for note in notes_on(r.system, str(r["data"]))):
         out.print(note, markup=False, highlight=False, soft_wrap=True)
     return failures(results)
