@@ -20,6 +20,7 @@ from bench.commands.smallest import smallest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
+from bench.measures import over_people
 from bench.options import keys, makers
 from bench.outcomes.runs import frame_of, grouped, selected, stored, without_runs
 from bench.outcomes.store import connect
@@ -27,6 +28,7 @@ from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import Plan, captures_of, planned
 from bench.progress import warn
 from bench.result import COUNTS, Result
+from bench.table import Table
 from bench.work.fit import Fitted
 from reports.comparison import comparison, published
 from reports.latex import latex as latex
@@ -38,6 +40,7 @@ SHOWN = (  # columns that matter, by name
     "origin seed folds run_id subset target data protocol"
 ).split()
 RENAMED = {"accuracy_low": "low", "accuracy_high": "high", "subject_accuracy_sd": "subject_sd"}
+POOLED = ["accuracy", "accuracy_low", "accuracy_high"]  # over captures, as runs store them; shown over subjects
 ON = ("data", "where", "target", "protocol")
 SHARES = ("accuracy", "macro_", "subject_accuracy")  # metrics that are shown in percent
 
@@ -85,7 +88,7 @@ class Results(pd.DataFrame):
 
     @property
     def full(self) -> pd.DataFrame:
-        """A row for each run with every number that was measured; accuracies in percent."""
+        """A row for each run with every number that was measured, in percent; ``accuracy`` is pooled over captures."""
         return table_of(self.runs) if self.runs else pd.DataFrame(self)  # reference results have no runs
 
 
@@ -152,9 +155,10 @@ def run(**values: object) -> Results:
             - ``cluster``: address of a dask scheduler whose workers do the folds.
 
     Returns:
-        One row per run: ``system``, ``accuracy`` in percent with its 95 % bootstrap interval over subjects (``low``,
-        ``high``), ``subject_sd`` over subjects and ``macro_f1`` in percent, ``flash_bytes``, ``predict_ms_p50``, what
-        it ran on, ``folds`` and ``run_id``. ``bench.results(full=True)`` has everything that was measured.
+        One row per run: ``system``, ``accuracy`` in percent, the mean over subjects, with its 95 % t-interval (``low``,
+        ``high``) and SD (``subject_sd``), ``macro_f1`` in percent, ``flash_bytes``, ``predict_ms_p50``, what it ran
+        on, ``folds`` and ``run_id``. ``bench.results(full=True)`` has everything that was measured; ``accuracy`` there
+        is pooled over captures, ``subject_accuracy_mean`` is the mean over subjects.
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
@@ -284,13 +288,14 @@ def scene(**values: object) -> pd.DataFrame:
     return _scene.grouped(_values(values, keys("scene")))[0]
 
 
-def results(of: str = "", full: bool = False, **values: object) -> Results | pd.DataFrame:
-    """Tracked evaluations, accuracies in percent, with published numbers and reference results beside them.
+def results(of: str = "", full: bool = False, against: str = "", **values: object) -> Results | pd.DataFrame:
+    """Tracked evaluations, accuracies in percent, with published numbers; reference results come last.
 
     Args:
         of: nothing for the store; ``reference`` for the results that come with touchbench: a row per frozen task and
             system, and by ``<task>/<name>`` the labels of every capture.
         full: one row per run with every tag, parameter and metric, as MLflow has them: accuracies are fractions there.
+        against: system that p values compare with, in the groups that have it; default the best one of each.
         values: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to keep. With ``model``
             or ``features``, reference results are left out.
 
@@ -312,7 +317,9 @@ def results(of: str = "", full: bool = False, **values: object) -> Results | pd.
         raise InputError("no run is stored for these values; make one with bench.run")
     if full:
         return frame_of(runs)
-    table = comparison(grouped(runs), published(), beside=not {"model", "features"} & set(typed))
+    if against and against not in (systems := sorted({r.system for r in runs})):
+        raise InputError(f"against={against}: no run of this system is stored; {nearest(against, systems)}")
+    table = comparison(grouped(runs), published(), not {"model", "features"} & set(typed), against)
     return _with(Results(table), runs)
 
 
@@ -320,9 +327,9 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
     """Two tracked systems on whole captures, paired over subjects; seeds are averaged.
 
     Args:
-        system: system name as in tables, such as ``"svm · jung54"`` or ``"reflex (reference)"``, or its values as `run`
-            takes them, such as ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or
-            ``protocol`` among these, only matching runs are searched.
+        system: system name as in tables, such as ``"svm · jung54"``, or its values as `run` takes them, such as
+            ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or ``protocol`` among
+            these, only matching runs are searched.
         other: the system to compare it with.
         values: ``data``, ``where``, ``target`` and ``protocol`` of both.
 
@@ -348,7 +355,9 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
 
 def results_of(runs: Sequence[Result]) -> Results:
     """Results as a table with a row each."""
-    named = table_of(runs).rename(columns=RENAMED)
+    scored = Table([over_people("accuracy")], runs).frame()
+    scored = scored.reindex(columns=POOLED if scored["accuracy"].notna().any() else [])
+    named = table_of(runs).drop(columns=POOLED, errors="ignore").join(scored).rename(columns=RENAMED)
     return _with(Results(named[[name for name in SHOWN if name in named]]), runs)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,9 +11,26 @@ BATCH, CONDITIONS = "touchbench.depends_on_batch", "touchbench.conditions"  # ta
 MARK = "\N{DAGGER}"  # behind the name of a system whose predictions depend on the batch
 MARKED = f"{MARK} predictions depend on other test captures; not compared with other systems"
 MIXED = "Training and test captures come from the same subjects: expect lower accuracy for a new person."
+DESIGNED = (
+    "The systems reflex, touchnet and rocket and the features touch were designed on seven of HAART's ten people, the "
+    "training subjects of its challenge split. LOSO tests on these seven, too."
+)
+MAYBE_TWICE = "Whether a person is in more than one of the joined corpora is unknown; each counts as another."
 Row = Mapping[str, Any]  # of a run: tags and parameters, which are text, and metrics; nan for what it has not
 COMPARABLE = ("data", "corpus_digest", "subset", "target", "protocol_label")  # tags, with the digest of the parameters
 SAME_SYSTEM = ("protocol", "system", "seed")  # besides, what makes two runs repetitions of one
+
+
+def notes_on(system: str, data: str) -> list[str]:
+    """The footnotes of a system that a table names.
+
+    Args:
+        system: system name as in tables.
+        data: name of the corpus.
+    """
+    ours = re.search(r"(?<![\w.])(reflex|rocket|touch|touchnet)(?![\w.])", system) is not None
+    designed = ours and any(part.split("-")[0] == "haart" for part in data.split("+"))
+    return [DESIGNED] * designed + [MAYBE_TWICE] * ("+" in data) + [MARKED] * system.endswith(MARK)
 
 
 def comparable(run: Row) -> tuple[str, ...]:

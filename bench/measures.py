@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from bench.amounts import UNITS, quantity
 from bench.errors import InputError
+from bench.few import INTERVAL, too_few
 from bench.registry import classes
 from bench.registry import plugged as installed
 
@@ -29,10 +30,10 @@ SECTIONS = ("budget", "faults", "people", "stream")  # of a scene file, with bud
 
 
 class Interval(NamedTuple):
-    """A number with the ends of its 95 % confidence interval."""
+    """A number with the ends of its 95 % confidence interval; without a lower end, the other is an upper limit."""
 
     value: float
-    low: float
+    low: float | None
     high: float
 
 
@@ -92,7 +93,7 @@ class Measure:
         if value is None or not self.ends:
             return value
         low, high = (self._shown(row.get(f"{self.ends}_{side}")) for side in ("low", "high"))
-        return value if low is None or high is None else Interval(value, low, high)
+        return value if high is None else Interval(value, low, high)
 
     def text(self, cell: Cell) -> str:
         """A value as text."""
@@ -101,7 +102,8 @@ class Measure:
         if isinstance(cell, str):
             return cell
         if isinstance(cell, Interval):
-            return f"{self._number(cell.value)} [{self._number(cell.low)}, {self._number(cell.high)}]"
+            low = "at most " if cell.low is None else f"{self._number(cell.low)}, "
+            return f"{self._number(cell.value)} [{low}{self._number(cell.high)}]"
         if isinstance(cell, tuple):
             cell = cell[:1] if all(v is None for v in cell[1:]) else cell  # such as a mean without its SD
             return self.join.join(NONE if v is None else self._number(v) for v in cell)
@@ -134,6 +136,35 @@ def known(value: Any) -> Any:
 def percent(key: str, heading: str = "", read: str = "", **more: Any) -> Measure:
     """A stored share, shown in percent."""
     return Measure(key, heading, read, times=100, **more)
+
+
+def over_people(key: str, heading: str = "", prefix: str = "", **more: Any) -> Measure:
+    """The mean over subjects of their accuracies in percent, with its 95 % t-interval; none for too few subjects.
+
+    Args:
+        key: name in tables of numbers.
+        heading: heading of its column.
+        prefix: beginning of the names under which a run stores mean and SD.
+        more: further attributes of `Measure`.
+    """
+
+    def read(row: Row) -> Cell:
+        from bench.paired import share_interval  # loads NumPy
+
+        mean, sd = (known(row.get(f"{prefix}subject_accuracy_{name}")) for name in ("mean", "sd"))
+        people = known(row.get("subjects"))
+        if mean is None or sd is None or people is None or people < INTERVAL:
+            return None if mean is None else 100 * mean
+        low, high = share_interval(mean, sd, int(people))
+        return Interval(100 * mean, 100 * low, 100 * high)
+
+    return Measure(key, heading, read, ends=key, **more)
+
+
+def interval_words(row: Row) -> str:
+    """The kind of interval in a row of a run, or why there is none."""
+    people = int(row["subjects"])
+    return too_few(people) if people < INTERVAL else "95 % t-interval over subjects"
 
 
 def text(key: str, heading: str = "", read: str | Callable[[Any], Cell] = "", **more: Any) -> Measure:
@@ -507,12 +538,10 @@ def run_columns() -> list[Measure]:
     """
     page, csv, every = ("page",), ("csv",), OUTPUTS
 
-    def mean_with_sd(row: Row) -> Cell:
-        mean, sd = (known(row.get(f"subject_{name}")) for name in ("mean", "sd"))
-        return None if mean is None else f"{mean:.1f}" + ("" if sd is None else f" ± {sd:.1f}")
-
     return [
-        percent("accuracy", "accuracy %", ends="accuracy", latex="accuracy", shows=every),
+        over_people("accuracy", "accuracy %", latex="accuracy", shows=every),
+        percent("subject_sd", "SD", "subject_accuracy_sd", spare=11, shows=every),
+        text("interval", read=interval_words, shows=csv),
         Measure("difference", form="+.1f", shows=csv),
         Measure("p_holm", "p Holm", form=p_value, latex="$p$ (Holm)", spare=1, shows=("page", "latex", "csv")),
         text("against", shows=csv),
@@ -520,12 +549,11 @@ def run_columns() -> list[Measure]:
         text("combined", "windows combined by", spare=1, shows=("page", "csv")),
         text("seed", shows=("page", "csv")),
         text("source", shows=csv),
-        percent("subject_mean", read="subject_accuracy_mean", shows=csv),
-        percent("subject_sd", "SD", "subject_accuracy_sd", spare=11, shows=("terminal", "latex", "csv")),
+        percent("pooled_accuracy", read="accuracy", shows=csv),
         percent("macro_f1", "macro-F1 %", latex="macro-F1", spare=12, shows=every),
         percent("macro_precision", shows=csv),
         percent("abstained", "abstained %", latex="abstained", spare=1, shows=every),
-        percent("window_accuracy", "window accuracy %", spare=13, shows=("terminal",)),
+        percent("window_accuracy", "window accuracy %", "window_subject_accuracy_mean", spare=13, shows=("terminal",)),
         Measure("fit_seconds", "fit s", form=".2f", spare=1, latex="fit s", shows=("page", "latex", "csv")),
         Measure("predict_ms_p50", "predict ms", form=".2f", latex="ms", shows=("terminal", "latex", "csv")),
         Measure("predict_ms_p95", shows=csv),
@@ -535,7 +563,6 @@ def run_columns() -> list[Measure]:
         *(cost for cost in costs().values() if cost.column),
         Measure("predict", "predict ms p50 / p95", ("predict_ms_p50", "predict_ms_p95"), ".2f", spare=1, shows=page),
         Measure("decision_ms", "decision ms", form=".0f", spare=1, shows=("page", "csv")),
-        text("people", "subjects: mean ± SD", mean_with_sd, shows=page),
         Measure("parameters", form=whole, spare=1, shows=("page", "csv")),
         Measure("peak_rss_bytes", shows=csv),
         Measure("captures", form=".0f", shows=csv),
@@ -545,5 +572,5 @@ def run_columns() -> list[Measure]:
             replace(m, shows=tuple(dict.fromkeys((*m.shows, "csv")))) for m in plugged("columns")
         ),  # page and LaTeX read it
         text("folds", shows=("page", "csv")),
-        *(text(name, shows=csv) for name in ("run_id", "group", "subset", "data", "protocol")),
+        *(text(name, shows=csv) for name in ("run_id", "group", "note", "subset", "data", "protocol")),
     ]

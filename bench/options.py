@@ -141,6 +141,7 @@ OPTIONS = (
     Option("out", "data-show", "text", "look", "folder for figures, an animation and index.html, which shows them"),
     Option("format", "data-export", "text", "cost", "file format, that of CoST.csv", ("cost",)),
     Option("out", "report", "text", "report", "folder for the page"),
+    Option("against", "report", "text", "", "system that p values compare with; default the best of your own"),
     Option("task", "submit", "text", "", "haart-loso-v1, haart-early-v1 or another task of docs/leaderboard.md"),
     Option("who", "submit", "text", "", 'author of the result, such as who="A. Name, Lab"'),
     Option("run", "submit", "text", "", "run id instead of model=, such as a run of bench tune"),

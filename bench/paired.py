@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from bench import few
+
 TOLERANCE = 1e-9  # relative and absolute: accuracies are shares of captures, so that smaller gaps are rounding
-FEW_SUBJECTS = 6  # with five, no two-sided sign or Wilcoxon test can reach p < 0.05
 
 
 def mean_and_error(differences: np.ndarray) -> tuple[float, float]:
@@ -36,11 +37,23 @@ def within_one_standard_error(losses: np.ndarray) -> np.ndarray:
 
 
 def interval(values: np.ndarray) -> tuple[float, float]:
-    """95 % t-interval of a mean; NaN for fewer than two values."""
+    """95 % interval of a mean over people, by Student's t; NaN for fewer than `bench.few.INTERVAL` people."""
+    if len(values) < few.INTERVAL:
+        return np.nan, np.nan
+    return t_interval(float(values.mean()), float(values.std(ddof=1)), len(values))
+
+
+def t_interval(mean: float, sd: float, people: int) -> tuple[float, float]:
+    """The same of a mean and an SD over people."""
     from scipy.special import stdtrit  # not scipy.stats, which takes half a second
 
-    n = len(values)
-    if n < 2:
+    if people < few.INTERVAL:
         return np.nan, np.nan
-    half = stdtrit(n - 1, 0.975) * values.std(ddof=1) / np.sqrt(n)
-    return float(values.mean() - half), float(values.mean() + half)
+    half = float(stdtrit(people - 1, 0.975)) * sd / np.sqrt(people)
+    return float(mean - half), float(mean + half)
+
+
+def share_interval(mean: float, sd: float, people: int) -> tuple[float, float]:
+    """The same of a share, which is from 0 to 1."""
+    low, high = np.clip(t_interval(mean, sd, people), 0, 1)
+    return float(low), float(high)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from bench import few
 from bench.outcomes import resampling, scores
 
 
@@ -29,9 +30,9 @@ def macro_interval(
     The other arguments are those of `drawn_confusions`.
 
     Returns:
-        NaN, NaN for a single subject.
+        NaN, NaN for fewer than `bench.few.INTERVAL` subjects.
     """
-    if labelled["subject"].nunique() < 2:
+    if labelled["subject"].nunique() < few.INTERVAL:
         return np.nan, np.nan
     pooled = drawn_confusions(labelled, classes, draws, seed)
     right, totals = np.einsum("dii->di", pooled), pooled.sum(axis=1 if metric == "macro_precision" else 2)
@@ -43,11 +44,11 @@ def recall_interval(labelled: pd.DataFrame, classes: list[str], draws: int = 200
     """Percent of each class that is labelled correctly, with its interval; arguments as of `drawn_confusions`.
 
     Returns:
-        ``recall``, ``low``, ``high`` by class; NaN where there is no capture, no interval of a single subject.
+        ``recall``, ``low``, ``high`` by class; NaN where there is no capture, no interval of too few subjects.
     """
     counts = scores.confusion(labelled, classes).to_numpy()
     table = pd.DataFrame({"recall": _recalls(counts), "low": np.nan, "high": np.nan}, index=classes)
-    if labelled["subject"].nunique() > 1:
+    if labelled["subject"].nunique() >= few.INTERVAL:
         shares = _recalls(drawn_confusions(labelled, classes, draws, seed))
         for i, drawn in enumerate(shares.T):
             seen = drawn[np.isfinite(drawn)]  # a class that nobody drawn has shown

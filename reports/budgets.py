@@ -69,7 +69,15 @@ def budget_tables(table: pd.DataFrame) -> list[tuple[str, Table]]:
         Measure(BY, by.noun, lambda row: by.amount(row[BY])),
     ]
     return [
-        (str(group), Table(columns, rows_of(rows), groups=[costs()[name].noun for name in rows["cost"]]))
+        (
+            str(group),
+            Table(
+                columns,
+                rows_of(rows),
+                groups=[costs()[name].noun for name in rows["cost"]],
+                remarks=[[note] if note else [] for note in rows.get("note", [""] * len(rows))],
+            ),
+        )
         for group, rows in table.groupby("group", sort=False)
     ]
 

@@ -11,7 +11,7 @@ import pandas as pd
 
 from bench.arguments import typed
 from bench.candidate import Losses, Wish
-from bench.comparable import COMPARABLE
+from bench.comparable import COMPARABLE, notes_on
 from bench.errors import InputError
 from bench.measures import costs, costs_of
 from bench.outcomes import statistics
@@ -93,6 +93,7 @@ def considered(
     lines = sentences(choice, BY, None, among.subjects.shape[1], among.mixed)
     lines += [*expectation(one, among, choice.chosen), *among.notes]
     systems = among.table["system"].unique()
+    lines += dict.fromkeys(note for system in systems for note in notes_on(str(system), str(first["data"])))
     if len(systems) == 1:
         lines.insert(0, f"Only {systems[0]} has a run here, so there is no other system to compare.")
     words = _command(among.table, first, every)

@@ -1,4 +1,4 @@
-"""The table of tracked runs, rebuilt from MLflow, the published numbers and the reference results."""
+"""The table of stored runs, and that of reference results, with published numbers."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from importlib.resources import files
 
 import pandas as pd
 
-from bench.comparable import seed_number
+from bench.comparable import notes_on, seed_number
 from bench.leaderboard.submissions import Submission
 from bench.measures import Cost, Measure, Row, columns, framed, run_columns, text
 from bench.outcomes import statistics
+from bench.outcomes.runs import by_subject
 from bench.result import Result
 from bench.table import Table, rows_of
-from reports.reference_rows import BySubject, systems_by_subject
+from reports.reference_rows import beside
 
 SAME = ["data", "subset_key", "target_key", "protocol_key", "system"]  # of published.csv, and without _key of a run
 # Metrics' prefix: what a row labels, how its windows are combined, and the units of published numbers beside it.
@@ -36,54 +37,58 @@ def published() -> pd.DataFrame:
 def comparison(
     groups: Mapping[str, Sequence[Result]],
     papers: pd.DataFrame,
-    beside: bool = True,
-    by_group: Mapping[str, BySubject] | None = None,
+    references: bool = True,
+    against: str = "",
 ) -> pd.DataFrame:
     """Table with a row per run and way to score it, best first within each data, subset, protocol and unit.
 
+    Reference results of the same captures and protocol come last in each, with ``source`` reference and no test.
+
     ``unit`` is what is labelled, a capture or a window; ``combined`` is how a system on windows labels a capture.
-    Accuracies, SDs and F1 are in percent, with the ends of the interval in ``low`` and ``high``. ``difference``
-    (points, mean over subjects) and ``p_holm`` compare the system with ``against``, the best of its group, as
-    `bench.outcomes.statistics.against_best` does; a system on windows with its captures by mean probability.
+    Accuracies, SDs and F1 are in percent. ``accuracy`` is the mean over subjects, ``low`` and ``high`` are the ends of
+    its t-interval, ``interval`` says so, or that subjects are too few; ``pooled_accuracy`` is over captures.
+    ``difference`` (points, mean over subjects) and ``p_holm`` compare the system with ``against``, the best of its
+    group, as `bench.outcomes.statistics.against_best` does; a system on windows with its captures by mean probability.
     ``published`` holds numbers of the same system, data, subset, protocol and unit; rows from generated captures have
     none, whatever they are called.
 
     Args:
         groups: results from `bench.outcomes.runs.grouped`.
         papers: `published`.
-        beside: True to add reference results of the same captures and protocol.
-        by_group: `systems_by_subject` of each group, if already read.
+        references: True to add reference results.
+        against: the system to compare with, in groups that have it; empty for the best one of each.
     """
     rows: list[Row] = []
     numbers = {key: list(part.itertuples()) for key, part in papers.groupby(SAME)}
     for group, results in groups.items():
-        subjects, _, references = by_group[group] if by_group else systems_by_subject(results, beside)
-        tests = _tests(subjects)
+        tests = _tests(by_subject([r for r in results if r.alone])[0], against)
         first = dict(zip(CONTEXT, (*results[0].context, group), strict=True))
         for r in results:
             for row in views(r, numbers):
                 tested = row["combined"] != "majority vote" and row["unit"] == "capture"
                 rows.append({**row, **first} | (tests.get(r.system, {}) if tested else {}))
-        rows += [first | _reference(name, one) | tests.get(name, {}) for name, one in references.items()]
+        shipped = beside(results) if references else {}
+        rows += [first | _reference(name, one) for name, one in shipped.items()]
     measures = columns(run_columns(), "csv")
     stored = [Measure(m.read or m.key) if isinstance(m, Cost) and isinstance(m.read, str) else m for m in measures]
     frame = Table([text("system"), *stored], rows).frame()
     table = frame.rename(columns={"accuracy_low": "low", "accuracy_high": "high"})
     table = table.reindex(columns=[*dict.fromkeys(["system", "accuracy", "low", "high", *table])])
+    table = table.astype(dict.fromkeys(TESTED, float))  # also where nothing is tested
     context = [*CONTEXT, "unit"]
     best = table.groupby([*context, "system"])["accuracy"].transform("max")
-    order = table.assign(best=-best, number=table["seed"].map(seed_number)).sort_values(
-        [*context, "best", "system", "number"], kind="stable"
-    )
-    return order.drop(columns=["best", "number"]).reset_index(drop=True)
+    order = table.assign(best=-best, number=table["seed"].map(seed_number), last=table["source"] == "reference")
+    order = order.sort_values([*context, "last", "best", "system", "number"], kind="stable")
+    return order.drop(columns=["best", "number", "last"]).reset_index(drop=True)
 
 
-def _tests(subjects: pd.DataFrame) -> dict[str, dict[str, object]]:
-    """By system, its difference from the best one; empty where nothing can be compared."""
+def _tests(subjects: pd.DataFrame, against: str) -> dict[str, dict[str, object]]:
+    """By system, its difference from the compared one; empty where nothing can be compared."""
     if len(subjects) < 2 or subjects.shape[1] < 2:
         return {}
-    rows = statistics.against_best(subjects.iloc[: statistics.RANKED])
-    return {str(row["system"]): {k: row[k] for k in TESTED} | {"against": subjects.index[0]} for row in rows_of(rows)}
+    rows = statistics.against_best(statistics.kept_of(subjects, against), against=against)
+    against = statistics.base_of(subjects, against)
+    return {str(row["system"]): {k: row[k] for k in TESTED} | {"against": against} for row in rows_of(rows)}
 
 
 def views(result: Result, numbers: Mapping[tuple, list]) -> Iterator[Row]:
@@ -101,10 +106,8 @@ def views(result: Result, numbers: Mapping[tuple, list]) -> Iterator[Row]:
             continue
         windowed = result.get("windows", 0) > 0
         scored = {k.removeprefix(prefix): v for k, v in result.metrics.items() if prefix and k.startswith(prefix)}
-        ends = dict.fromkeys(("accuracy_low", "accuracy_high")) if prefix else {}
         yield {
             **result.metrics,
-            **ends,
             **scored,
             "system": result.system,
             "source": "store",
@@ -117,6 +120,7 @@ def views(result: Result, numbers: Mapping[tuple, list]) -> Iterator[Row]:
             "published": _published(result, units if windowed else (*units, "capture vote"), numbers),
             "folds": result.folds,
             "run_id": result["run_id"],
+            "note": " ".join(notes_on(result.system, str(result["data"]))),
         }
 
 
@@ -125,10 +129,11 @@ def _reference(name: str, answer: Submission) -> dict[str, object]:
     texts = dict.fromkeys(("combined", "seed", "against", "published", "folds", "run_id"), "")
     sizes = {k: answer.metadata.get(k) for k in ("parameters", "flash_bytes", "ram_bytes")}
     counts = {k: answer.table[k.removesuffix("s")].nunique() for k in ("captures", "subjects")}
-    names = {"low": "accuracy_low", "high": "accuracy_high"}
-    names |= {f"subject_{k}": f"subject_accuracy_{k}" for k in ("mean", "sd")}
+    names = {f"subject_{k}": f"subject_accuracy_{k}" for k in ("mean", "sd")}
     scored = {names.get(k, k): v for k, v in answer.scores.items()}
-    return {"system": name, "source": "reference", "unit": "capture"} | texts | scored | sizes | counts
+    note = " ".join(notes_on(name, answer.task.data))
+    about = {"system": name, "source": "reference", "unit": "capture", "note": note}
+    return about | texts | scored | sizes | counts
 
 
 def _published(result: Result, units: Sequence[str], numbers: Mapping[tuple, list]) -> str:

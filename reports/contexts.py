@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from bench import few
 from bench.comparable import Row, alike, context_of, seed_number
+from bench.outcomes.curves import clean_accuracy
 from bench.result import Result
 
 CONTEXTS = 3  # captures-and-protocol groups that are drawn
@@ -12,14 +14,14 @@ METHODS = 10  # of a context
 
 
 def contexts(
-    results: Sequence[Result], same: Sequence[str] = (), score: str = "accuracy", more: str = ""
+    results: Sequence[Result], same: Sequence[str] = (), score: str = "", more: str = ""
 ) -> dict[str, list[Result]]:
     """Complete results by comparability: for each system, the newest of its lowest seed.
 
     Args:
         results: results that have one circumstance, or are of one kind of run.
         same: parameters that comparable results share, besides captures and protocol.
-        score: number by which systems are ordered.
+        score: number by which systems are ordered; empty for the accuracy of the captures as they are.
         more: beginning of the names of numbers of which a result with more stands before a newer one with fewer.
 
     Returns:
@@ -36,11 +38,17 @@ def contexts(
     ordered = sorted(groups.items(), key=lambda g: (next(iter(g[1].values()))["synthetic"], -len(g[1])))
     named = {}
     for key, members in ordered[:CONTEXTS]:
-        best = sorted(members.values(), key=lambda r: -r[score])[:METHODS]
+        best = sorted(members.values(), key=lambda r: -(r[score] if score else clean_accuracy(r)))[:METHODS]
         left = len(members) - len(best)
         words = context_words(best[0], same) + (f", {left} less accurate systems left out" if left else "")
         named[words + (", only the lowest seed of each system" if key in several else "")] = best
     return named
+
+
+def scarce(results: Sequence[Result]) -> list[str]:
+    """A sentence for each number of subjects of some results that is too small for an interval."""
+    people = sorted({int(r["subjects"]) for r in results if r.get("subjects", few.INTERVAL) < few.INTERVAL})
+    return [f"{few.too_few(n)}." for n in people]
 
 
 def context_words(run: Row, same: Sequence[str] = ()) -> str:

@@ -11,6 +11,7 @@ import pandas as pd
 
 from bench.comparable import Row, several
 from bench.measures import Measure, percent, text
+from bench.outcomes.curves import clean_accuracy
 from bench.result import Result
 from bench.table import Table
 from reports.contexts import context_words, contexts
@@ -21,7 +22,7 @@ from reports.stability_figures import heat_map
 FAULTS = "Faults"  # heading
 FAILING = (  # columns of the table of systems under faults
     text("system", read=lambda r: r.method),
-    percent("accuracy", "clean %"),
+    Measure("accuracy", "clean %", lambda r: 100 * clean_accuracy(r)),
     text("halves", "half of the margin is lost at", read=lambda r: _halves(r)),
     Measure("failing", "failing of tested groups", lambda r: f"{r['failing_slices']:.0f} of {r['tested_slices']:.0f}"),
 )
@@ -45,7 +46,7 @@ def fault_section(results: Sequence[Result], folder: Path) -> Section | None:
     for i, (context, members) in enumerate(contexts(results, more="loss.").items(), 1):
         losses, picture = pd.DataFrame({r.method: losses_of(r) for r in members}).T, None
         if losses.size:  # else learning curves alone
-            figure = heat_map(losses, [r["accuracy"] for r in members], context)
+            figure = heat_map(losses, [clean_accuracy(r) for r in members], context)
             caption = "Points of accuracy lost under each fault, mean over five severities, worst fault first."
             picture = save(figure, folder, f"0-stress-{i}", context, f"{context}: {caption}")
         worst = dict.fromkeys(f"worst.{name}" for r in members for name in under(r, "worst."))

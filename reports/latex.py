@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import pandas as pd
 
-from bench.comparable import MARK
+from bench import few
+from bench.comparable import MARK, notes_on
 from bench.errors import InputError
 from bench.measures import Interval, columns, framed, run_columns
 from bench.table import rows_of
-from reports.numbers import busy, notes_on
+from reports.numbers import busy
 
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
 NEEDED = ("system", *TOGETHER, "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes")
@@ -38,7 +39,8 @@ def latex(table: pd.DataFrame) -> str:
 
     Args:
         table: table from `bench.results`, of the store or of ``reference``: a row per run and unit, accuracies in
-            percent. Rows on the same captures, under the same protocol and in the same unit share one table. Choose
+            percent. Rows on the same captures, under the same protocol and in the same unit share one table;
+            reference results have their own. Choose
             systems with `bench.results` rather than in its table: p is corrected for all systems of that.
 
     Returns:
@@ -51,7 +53,7 @@ def latex(table: pd.DataFrame) -> str:
         raise InputError(f"bench.latex: give the table of bench.results(), not {type(table).__name__}")
     if lacking := [name for name in NEEDED if name not in table]:
         raise InputError(f"bench.latex: no column {', '.join(lacking[:3])}; give what bench.results() returns")
-    same = [name for name in (*TOGETHER, "group") if name in table]
+    same = [name for name in (*TOGETHER, "group", "source") if name in table]
     parts = [part for _, part in table.groupby(same, sort=False)]
     return HEAD + "".join(f"\n{_one(part, i)}" for i, part in enumerate(parts, 1))
 
@@ -74,8 +76,10 @@ def _one(part: pd.DataFrame, position: int) -> str:
         cells[heading] = [escaped(plain.of(row)) for row in rows]
         if any(isinstance(value, Interval) for value in values):
             ends = [value if isinstance(value, Interval) else None for value in values]
-            cells[r"95\,\% interval"] = ["-" if v is None else f"{v.low:.1f}--{v.high:.1f}" for v in ends]
-    compared = ~part["system"].astype(str).str.endswith(MARK)
+            cells[r"95\,\% interval"] = [
+                "-" if v is None or v.low is None else f"{v.low:.1f}--{v.high:.1f}" for v in ends
+            ]
+    compared = ~part["system"].astype(str).str.endswith(MARK) & ~_shipped(part)
     best = compared & (part["accuracy"] == part["accuracy"][compared].max()) & (len(part) > 1)
     cells["accuracy"] = cells["accuracy"].mask(best, r"\textbf{" + cells["accuracy"] + "}")
     return (
@@ -104,11 +108,12 @@ def _caption(part: pd.DataFrame) -> str:
         parts.append("The captures are generated and say nothing about people.")
     if "origin" in part:
         parts.append(f"Origin: {'; '.join(dict.fromkeys(part['origin']))}.")
-    interval = " with a 95 % bootstrap interval over subjects" if part["low"].notna().any() else ""
+    interval = ", its 95 % t-interval" if part["low"].notna().any() else ""
     parts.append(
-        f"In percent: accuracy, pooled over {one['unit']}s{interval}; SD over subjects; macro-F1. kB: learnt numbers, "
+        f"In percent: accuracy by {one['unit']}, mean over subjects{interval} and SD; macro-F1. kB: learnt numbers, "
         "without code."
     )
+    parts += [f"{few.too_few(n)}." for n in sorted({int(n) for n in part["subjects"].dropna()}) if n < few.TEST]
     if "predict_ms_p50" in part:
         parts.append(
             "ms: median time of one capture, from raw frames to label, on one thread; fit s: training in a fold. Both "
@@ -120,11 +125,16 @@ def _caption(part: pd.DataFrame) -> str:
         parts.append(
             f"p: paired two-sided Wilcoxon test over subjects against {against[0]}, corrected by Holm's procedure."
         )
-    if "source" in part and (part["source"] == "reference").any():
-        parts.append("Rows marked (reference) come with touchbench.")
+    if _shipped(part):
+        parts.append("These reference results come with touchbench; no test compares them.")
     notes = [note for system in part["system"] for note in notes_on(str(system), str(one["data"]))]
     parts += [note.rstrip(".") + "." for note in dict.fromkeys(notes)]
     return escaped(" ".join(parts)).replace(r"95 \%", r"95\,\%")
+
+
+def _shipped(part: pd.DataFrame) -> bool:
+    """True for a table of reference results."""
+    return "source" in part and bool((part["source"] == "reference").any())
 
 
 def _numbers(column: pd.Series) -> str:

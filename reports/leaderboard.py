@@ -156,7 +156,7 @@ def _columns(table: pd.DataFrame) -> list[Measure]:
 
     return [
         text("system"),
-        Measure("accuracy", "accuracy % [95 %]", accuracy),
+        Measure("accuracy", "pooled accuracy % [95 %]", accuracy),
         Measure("behind", "behind the best [95 %]", less),
         text("origin"),
         text("verified"),

@@ -9,9 +9,10 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from bench.measures import text
+from bench.outcomes.curves import clean_accuracy
 from bench.result import Result
 from bench.table import Table
-from reports.contexts import contexts
+from reports.contexts import contexts, scarce
 from reports.figures import DASHES, MARKERS, bars, new_figure, plain, save
 from reports.part import Part, Section
 
@@ -27,10 +28,11 @@ def level_section(circumstance: Any, results: Sequence[Result], folder: Path) ->
     parts = []
     noun = circumstance.noun or circumstance.key
     for i, (context, members) in enumerate(contexts(results, circumstance.alike).items(), 1):
-        caption = f"{context}: accuracy by {noun}; 95 % intervals over subjects; dotted: captures as they are."
+        caption = f"{context}: accuracy by {noun}; means over subjects, 95 % t-intervals; dotted: captures as they are."
         picture = save(levels(circumstance.key, noun, members), folder, f"0-{circumstance.key}-{i}", context, caption)
         table = Table([text("system", read=lambda r: r.method), *circumstance.shows(members)], members)
-        parts.append(Part(picture, table, f"{context}: {circumstance.heading or f'accuracy by {noun}'}"))
+        caption = f"{context}: {circumstance.heading or f'accuracy by {noun}'}"
+        parts.append(Part(picture, table, caption, scarce(members)))
     return Section(circumstance.heading or noun.capitalize(), parts) if parts else None
 
 
@@ -52,7 +54,7 @@ def levels(key: str, noun: str, results: Sequence[Result]) -> Figure:
             look = {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "linestyle": DASHES[i % len(DASHES)]}
             ends = bars(middle, low, high)
             ax.errorbar(curve["level"], middle, yerr=ends, capsize=3, markersize=5, label=plain([name])[0], **look)
-        ax.axhline(100 * r["accuracy"], color=f"C{i % 10}", linewidth=0.8, linestyle=":")
+        ax.axhline(100 * clean_accuracy(r), color=f"C{i % 10}", linewidth=0.8, linestyle=":")
     ax.set(xlabel=noun, ylabel="correctly classified captures, %")
     ax.grid(alpha=0.3)
     ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1), frameon=False)

@@ -10,11 +10,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.comparable import notes_on
 from bench.measures import Measure, Row, text
 from bench.outcomes.runs import subject_accuracy
 from bench.paired import interval
 from bench.result import Result
 from bench.table import Table, rows_of
+from reports.contexts import scarce
 from reports.figures import MARKERS, bars, new_figure, save
 from reports.part import Part, Section
 
@@ -33,9 +35,9 @@ COLUMNS = (
 
 PEOPLE = "People"  # heading
 CAPTION = (
-    "{}: accuracy in percent, mean over people, for each number of shots. gain: paired difference to no shots, in"
-    " points. worse: subjects with lower accuracy, and their loss in points. enough: the fewest shots within one "
-    "standard error of the best number of shots."
+    "{}: accuracy in percent, mean over people with its 95 % t-interval, for each number of shots. gain: paired "
+    "difference to no shots, in points. worse: subjects with lower accuracy, and their loss in points. enough: the "
+    "fewest shots within one standard error of the best number of shots."
 )
 Curves = tuple[str, dict[str, pd.DataFrame]]  # a set of comparable runs in words, and the curve of each system
 
@@ -78,7 +80,7 @@ def new_person_section(results: Sequence[Result], folder: Path) -> Section | Non
         caption += f" {len(curves) - SHOWN} less accurate systems left out." if len(curves) > SHOWN else ""
         figure = drawn(dict([*curves.items()][:SHOWN]), context)
         picture = save(figure, folder, f"0-newcomer-{i}", context, caption)
-        parts.append(Part(picture, table_of(curves), CAPTION.format(context)))
+        parts.append(Part(picture, table_of(curves, context.split(",")[0]), CAPTION.format(context), scarce(results)))
     return Section(PEOPLE, parts) if parts else None
 
 
@@ -169,13 +171,13 @@ def enough(people: pd.DataFrame) -> str:
     return str(best)
 
 
-def table_of(curves: dict[str, pd.DataFrame]) -> Table:
-    """All curves, a row per system and calibration."""
+def table_of(curves: dict[str, pd.DataFrame], data: str) -> Table:
+    """All curves on a corpus, a row per system and calibration."""
     rows: list[Row] = []
     for system, curve in curves.items():
         for i, row in enumerate(rows_of(curve.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))):
             rows.append(row | {"system": system, "enough": "" if i else curve.attrs["enough"]})
-    return Table(COLUMNS, rows)
+    return Table(COLUMNS, rows, remarks=[notes_on(str(row["system"]), data) for row in rows])
 
 
 def drawn(curves: dict[str, pd.DataFrame], context: str) -> Figure:

@@ -2,30 +2,37 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from bench.comparable import MARK, MARKED
+import pandas as pd
+
+from bench import few
+from bench.comparable import notes_on
 from bench.measures import Row, known
 from bench.usual import BUSY
 
-DESIGNED = (
-    "The systems reflex, touchnet and rocket and the features touch were designed on seven of HAART's ten people, the "
-    "training subjects of its challenge split. LOSO tests on these seven, too."
-)
-MAYBE_TWICE = "Whether a person is in more than one of the joined corpora is unknown; each counts as another."
 
-
-def notes_on(system: str, data: str) -> list[str]:
-    """The footnotes of a system that a table names.
+def noted(
+    table: pd.DataFrame, data_of: Mapping[str, str] | None = None, people_of: Mapping[str, int] | None = None
+) -> pd.DataFrame:
+    """A table of systems with footnotes in a column ``note``, also on too few subjects; the same where there are none.
 
     Args:
-        system: system name as in tables.
-        data: name of the corpus.
+        table: a table, with ``system`` (and ``other``, or ``choice``) and the corpus in ``data``, or else ``group``.
+        data_of: corpus by group.
+        people_of: number of subjects by group.
     """
-    ours = re.search(r"(?<![\w.])(reflex|rocket|touch|touchnet)(?![\w.])", system) is not None
-    designed = ours and "haart" in data.split("+")
-    return [DESIGNED] * designed + [MAYBE_TWICE] * ("+" in data) + [MARKED] * system.endswith(MARK)
+    names = [name for name in ("system", "other", "choice") if name in table]
+    if not names or "note" in table:
+        return table
+    group = table.get("group", pd.Series(index=table.index, dtype=object))
+    data = table["data"] if "data" in table else group.map(data_of or {})
+    people = table["subjects"] if "subjects" in table else group.map(people_of or {})
+    notes = []
+    for *systems, on, n in zip(*(table[name] for name in names), data, people, strict=True):
+        words = [f"{few.too_few(int(n))}."] if n < few.TEST else []  # False where it is unknown
+        notes.append(" ".join(dict.fromkeys([*words, *(w for s in systems for w in notes_on(str(s), str(on)))])))
+    return table.assign(note=notes) if any(notes) else table
 
 
 def busy(row: Row) -> list[str]:

@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
 
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.comparable import notes_on
 from bench.measures import Cell, Interval, Measure, Row, known, p_value, text
 from bench.outcomes import statistics
 from bench.outcomes.ranking import Ranking, distinct, ranking
+from bench.outcomes.runs import by_subject
 from bench.result import Result
 from bench.table import Table, rows_of
 from reports.figures import LINE, bars, new_figure, plain, width_of
-from reports.numbers import listed, notes_on
-
-if TYPE_CHECKING:
-    from reports.reference_rows import BySubject
+from reports.numbers import listed
 
 NAMED = 20  # systems that a sentence names
 CAPTION = (
@@ -49,27 +47,22 @@ class OverCorpora:
     caption: str = CAPTION
 
 
-def of_runs(groups: Mapping[str, Sequence[Result]], by_group: Mapping[str, BySubject]) -> list[OverCorpora]:
-    """The rankings of stored runs, with reference results; one for each subset and target.
+def of_runs(groups: Mapping[str, Sequence[Result]]) -> list[OverCorpora]:
+    """The rankings of stored runs, one for each subset and target.
 
     Args:
         groups: results from `bench.outcomes.runs.grouped`.
-        by_group: `reports.reference_rows.systems_by_subject` of each group.
     """
     sections = []
     for chosen, left_out in distinct(groups):
-        parts, shipped = [], {}
+        parts = []
         for data, group in chosen.items():
-            same = by_group[group]
-            bare = {name: str(one.metadata["system"]) for name, one in same.references.items()}
-            rows = same.subjects.rename(index=bare).rename_axis("system").reset_index()
+            rows = by_subject([r for r in groups[group] if r.alone])[0].rename_axis("system").reset_index()
             parts.append(rows.melt("system", var_name="subject", value_name="accuracy").assign(data=data))
-            shipped[data] = {*bare.values()}
         if found := ranking(pd.concat(parts)):
             notes: dict[str, list[str]] = {}
             for data, system in product(found.people, found.table["system"]):
-                ours = [f"The result on {data} comes with touchbench."] * (system in shipped[data])
-                notes.setdefault(system, []).extend(notes_on(system, data) + ours)
+                notes.setdefault(system, []).extend(notes_on(system, data))
             sections.append(section(found, chosen, left_out, notes))
     return sections
 

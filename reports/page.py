@@ -11,9 +11,9 @@ from typing import Any
 
 import pandas as pd
 
-from bench.comparable import MARKED
-from bench.errors import InputError
-from bench.outcomes import statistics
+from bench import few
+from bench.comparable import MARKED, notes_on
+from bench.errors import InputError, nearest
 from bench.outcomes.ranking import COLUMNS as RANKED
 from bench.outcomes.runs import every_result, grouped, stored
 from bench.outcomes.same_wrong import COLUMNS, agreements
@@ -28,11 +28,10 @@ from reports.comparison import comparison, published, shown
 from reports.figures import save
 from reports.latex import latex
 from reports.layout import markdown, page
-from reports.numbers import busy, listed, notes_on
+from reports.numbers import busy, listed, noted
 from reports.papers import published_section
 from reports.provenance import provenance, software
-from reports.reference_rows import systems_by_subject
-from reports.reproduction import against
+from reports.reproduction import against as beside_papers
 from reports.run_groups import GROUPS, group_of, largest_groups, slug
 from reports.same_wrong import same_wrong_section
 from reports.sections import briefs as told
@@ -43,27 +42,33 @@ from reports.summary import briefs
 ROWS = 300  # of a table on the page; the CSV files hold all
 
 
-def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None = None) -> list[Path]:
+def write_report(
+    store: Store, folder: Path, budgets: Mapping[str, float] | None = None, against: str = ""
+) -> list[Path]:
     """Write ``index.html``, ``comparison.md``, ``comparison.tex``, a CSV file for each table, figures as PNG and SVG.
 
     Args:
         store: store of the runs.
         folder: destination folder; it is created.
         budgets: budget of each cost (`bench.measures.costs`) of the system to choose.
+        against: the system that tests compare with, in each group that has it; empty for the best one of each.
 
     Returns:
         The files written.
 
     Raises:
-        InputError: the store holds no scored run, or the folder cannot be written.
+        InputError: the store holds no scored run, or none of ``against``, or the folder cannot be written.
     """
     results = every_result(store)
     runs = stored(store)  # which says so where there is none
+    systems = sorted({r.system for r in runs if r.complete and r.alone})
+    if against and against not in systems:
+        raise InputError(f"against={against}: no complete run of this system is stored; {nearest(against, systems)}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         sweep(folder, ".")
         with tempfile.TemporaryDirectory(prefix=f".{owner()}", dir=folder) as beside:
-            written = _write(Path(beside), runs, results, budgets or {})
+            written = _write(Path(beside), runs, results, budgets or {}, against)
             (folder / "figures").mkdir(exist_ok=True)
             for name in written:  # a report that is stopped while it is made leaves the earlier one as it was
                 os.replace(Path(beside) / name, folder / name)
@@ -75,14 +80,17 @@ def write_report(store: Store, folder: Path, budgets: Mapping[str, float] | None
     return [folder / name for name in written]
 
 
-def _write(folder: Path, runs: list[Result], results: list[Result], budgets: Mapping[str, float]) -> list[Path]:
+def _write(
+    folder: Path, runs: list[Result], results: list[Result], budgets: Mapping[str, float], against: str
+) -> list[Path]:
     """Write a report into an empty folder; its files, the page last, relative to the folder."""
     (folder / "figures").mkdir()
-    values, tables = assemble(runs, results, folder / "figures", budgets)
+    values, tables = assemble(runs, results, folder / "figures", budgets, against)
     for name, table in tables.items():
         write_sheet(table, folder / f"{name}.csv")
     (folder / "comparison.md").write_text(markdown("report.jinja", **values), encoding="utf-8")
-    (folder / "comparison.tex").write_text(latex(tables["comparison"]), encoding="utf-8")
+    every = pd.concat([tables[name] for name in ("comparison", "reference") if name in tables])
+    (folder / "comparison.tex").write_text(latex(every), encoding="utf-8")
     (folder / "index.html").write_text(page("report.jinja", **values), encoding="utf-8")
     drawn = sorted(path.relative_to(folder) for path in (folder / "figures").iterdir())
     texts = [*(f"{name}.csv" for name in tables), "comparison.md", "comparison.tex", "index.html"]
@@ -90,7 +98,7 @@ def _write(folder: Path, runs: list[Result], results: list[Result], budgets: Map
 
 
 def assemble(
-    runs: list[Result], results: list[Result], folder: Path, budgets: Mapping[str, float]
+    runs: list[Result], results: list[Result], folder: Path, budgets: Mapping[str, float], against: str = ""
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """The variables of ``report.jinja``, by name, and the tables of the CSV files.
 
@@ -99,34 +107,40 @@ def assemble(
         results: results of all kinds.
         folder: destination folder of figures.
         budgets: budget of each cost.
+        against: the system that tests compare with; empty for the best one of each group.
     """
     papers = published()
     alone = [r for r in results if r.alone]
     groups = grouped(runs)
-    by_group = {name: systems_by_subject(members) for name, members in groups.items()}
     largest, left_out = largest_groups(groups)
     files = {name: f"{i}-{slug(name)}" for i, name in enumerate(largest, 1)}
-    parts = {name: group_of(name, largest[name], by_group[name], folder, files[name]) for name in largest}
+    parts = {name: group_of(name, largest[name], folder, files[name], against) for name in largest}
     answers = [considered(name, largest[name], alone, budgets) for name in largest]
     candidates = [answer for answer in answers if isinstance(answer, Considered)]
     models = {r.system: str(r["model_name"]) for r in alone}
     known = {*papers["system"]} - {""}
     agreed = agreements(largest)
     same_wrong = [pd.DataFrame(columns=["group", *COLUMNS]), *(a.same_wrong.assign(group=a.group) for a in agreed)]
-    over = over_corpora.of_runs(groups, by_group)
+    over = over_corpora.of_runs(groups)
+    compared = comparison(groups, papers, against=against)
+    shipped = compared[compared["source"] == "reference"].dropna(axis=1, how="all")
+    data_of = {name: str(members[0]["data"]) for name, members in groups.items()}
+    data_of |= {o.title: "haart" for o in over if "haart" in o.found.people}
     tables = {
-        "comparison": comparison(groups, papers, by_group=by_group),
+        "comparison": compared[compared["source"] == "store"],
         "budgets": by_budget(candidates, alone),
-        "published": against(papers, runs),
+        "published": beside_papers(papers, runs),
         "statistics": pd.concat([g.rows.assign(group=name) for name, g in parts.items()], ignore_index=True),
         "pairs": pd.concat([g.pairs.assign(group=name) for name, g in parts.items()], ignore_index=True),
         "ranking": pd.concat(
             [pd.DataFrame(columns=[*RANKED, "group"]), *(o.found.table.assign(group=o.title) for o in over)]
         ),
         "same_wrong_label": pd.concat(same_wrong, ignore_index=True),
-        "provenance": provenance(grouped(results)),
     }
-    tables = sheets(results) | tables
+    tables |= {"reference": shipped} if len(shipped) else {}
+    people_of = {name: g.subjects.shape[1] for name, g in parts.items() if len(g.subjects)}
+    tables = {name: noted(table, data_of, people_of) for name, table in (sheets(results) | tables).items()}
+    tables["provenance"] = provenance(grouped(results))
     values = {
         "title": f"Which system to choose: {_corpora(runs)}",
         "synthetic": any(r["synthetic"] == "true" for r in runs),
@@ -146,6 +160,7 @@ def assemble(
         ],
         "budgets": budget_tables(tables["budgets"]),
         "runs": runs_section(tables["comparison"], [*largest, *left_out]),
+        "reference": runs_section(shipped, [*largest, *left_out])["table"] if len(shipped) else None,
         "counts": (len(runs), len({r.system for r in runs})),
         "briefs": briefs(told(results), parts),
         "published": published_section(tables["published"]),
@@ -157,7 +172,7 @@ def assemble(
             for figure, caption in [over_corpora.rank_plot(o)]
         ],
         "same_wrong": [same_wrong_section(a) for a in agreed],
-        "few": statistics.FEW_SUBJECTS,
+        "few": few.INTERVAL,
         "provenance": provenance_section(runs, tables["provenance"]),
     }
     return values, tables
@@ -179,13 +194,12 @@ def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
     each = max(1, ROWS // together.nunique()) if len(table) > ROWS else len(table)
     kept = table.groupby(together, sort=False).head(each)
     remarks = [notes_on(str(row["system"]), str(row["data"])) + busy(row) for row in rows_of(kept)]
-    few = table.loc[table["subjects"] < statistics.FEW_SUBJECTS, "group"]
+    scarce = table.loc[table["subjects"] < few.INTERVAL].drop_duplicates("group")
     return {
         "table": shown(kept, remarks, [*together[kept.index]]),
-        "few": [*few.unique()],
+        "few": [f"{row.group}. {few.too_few(int(row.subjects))}" for row in scarce.itertuples()],
         "all": len(table),
         "each": each,
-        "reference": (table["source"] == "reference").any(),
     }
 
 

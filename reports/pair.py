@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 
 import pandas as pd
 
-from bench.comparable import MARK, MARKED
+from bench import few
+from bench.comparable import MARK, notes_on
 from bench.errors import InputError, nearest
-from bench.measures import NONE, Measure, p_value
+from bench.measures import Measure, p_value
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
 from bench.result import Result
-from reports.reference_rows import accuracies, references
+from reports.reference_rows import REFERENCE
 
 P = Measure("p", form=p_value)
 
@@ -29,9 +30,10 @@ class Compared:
         accuracy: percent of correctly classified captures [subjects, 2], means over seeds; its columns are the two
             systems.
         difference: accuracy of the first system less that of the second, mean over subjects, in points.
-        low: lower end of the 95 % t-interval of the difference over subjects; NaN for one subject.
+        low: lower end of the 95 % t-interval of the difference over subjects; NaN for fewer than 5 subjects.
         high: upper end of it.
-        p: p-value of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for one subject.
+        p: p-value of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for fewer than 6
+            subjects.
         subjects: number of them.
         gain: subjects on whom the first system is more accurate.
         lose: subjects on whom the second system is more accurate.
@@ -63,16 +65,16 @@ class Compared:
 
     def __repr__(self) -> str:
         points = f"{abs(self.difference):.1f} points {'more' if self.difference >= 0 else 'less'} accurate"
-        span = f"[{self.low:+.1f}, {self.high:+.1f}]" if self.low == self.low else NONE
+        told = f"95 % t-interval [{self.low:+.1f}, {self.high:+.1f}], " if self.low == self.low else ""
+        told += f"p = {P.of({'p': self.p})} (paired two-sided Wilcoxon test)." if self.p == self.p else ""
+        told += f"{words}." if (words := few.too_few(self.subjects)) else ""
         lines = [
             f"On {self.on}: {self.system} is {points} than {self.other}.",
-            f"95 % interval {span}, p = {P.of({'p': self.p})} (paired two-sided Wilcoxon test).",
+            told,
             f"{self.subjects} subjects: {_counted(self.gain, 'gain')}, {_counted(self.lose, 'lose')}.",
         ]
-        if self.subjects < statistics.FEW_SUBJECTS:
-            lines.append(f"Below {statistics.FEW_SUBJECTS} subjects, this test cannot reach p < 0.05.")
-        if any(MARK in name for name in (self.system, self.other)):
-            lines.append(f"{MARKED}.")
+        notes = [note for name in (self.system, self.other) for note in notes_on(name, self.on.split(",")[0])]
+        lines += [f"{note.rstrip('.')}." for note in dict.fromkeys(notes)]
         return "\n".join(lines)
 
 
@@ -104,14 +106,15 @@ def compared(sides: Sequence[tuple[str, Mapping[str, Sequence[Result]]]]) -> Com
 
 
 def _groups(name: str, runs: Mapping[str, Sequence[Result]]) -> dict[str, str]:
-    """Groups in which a system has a complete run or a reference result, and its name there, with its marks."""
+    """Groups in which a system has a complete run, and its name there, with its marks."""
     groups, names = {}, set()
     for group, results in runs.items():
-        complete = [r for r in results if r.complete]
-        systems = [*dict.fromkeys(r.system for r in complete), *(references(complete) if complete else ())]
-        names |= {r.system for r in complete}
+        systems = [*dict.fromkeys(r.system for r in results if r.complete)]
+        names |= {*systems}
         if matching := [system for system in systems if _is(name, system)]:
             groups[group] = matching[0]
+    if name.endswith(REFERENCE):
+        raise InputError(f"{name}: reference results take part in no test; make a run of the system to compare it")
     if not groups:
         raise InputError(f"no complete run of {name!r} is tracked; {nearest(name, sorted(names))}")
     return groups
@@ -123,9 +126,6 @@ def _is(name: str, system: str) -> bool:
 
 
 def _accuracy(name: str, results: Sequence[Result]) -> pd.Series:
-    others = references(results)
-    if name in others:
-        return pd.Series(accuracies(others[name]))
     return by_subject([r for r in results if _is(name, r.system)])[0].iloc[0]
 
 

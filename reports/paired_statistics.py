@@ -6,11 +6,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench import few
+from bench.comparable import notes_on
 from bench.measures import Measure, p_value, text
 from bench.outcomes import statistics
 from bench.table import Table, of_text, rows_of
 from reports.figures import LINE, new_figure, plain, width_of
-from reports.numbers import notes_on
 
 COLUMNS = (  # of `bench.outcomes.statistics.against_best`
     text("system"),
@@ -23,7 +24,7 @@ COLUMNS = (  # of `bench.outcomes.statistics.against_best`
 
 
 def statistics_table(rows: pd.DataFrame, data: str = "") -> Table:
-    """Every system against the best one.
+    """Every system against the best one, or another one.
 
     Args:
         rows: `bench.outcomes.statistics.against_best`, with the number of ``seeds``.
@@ -71,6 +72,8 @@ def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
     ax.grid(axis="x", alpha=0.25)
     left = len(subjects) - len(kept)
     return figure, (
-        f"Each tick is one of {subjects.shape[1]} subjects, the dot is their mean, the bar is its 95 % t-interval. "
-        "Seeds are averaged." + (f" {left} less accurate systems are left out." if left else "")
+        f"Each tick is one of {subjects.shape[1]} subjects, the dot is their mean"
+        + (", the bar is its 95 % t-interval" if subjects.shape[1] >= few.INTERVAL else "")
+        + ". Seeds are averaged."
+        + (f" {left} less accurate systems are left out." if left else "")
     )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pandas as pd
 
+from bench import few
 from bench.measures import NONE, Measure, Row, known, text
-from bench.outcomes import statistics
 from bench.table import Table, rows_of
 from reports.numbers import listed
 
@@ -50,7 +50,7 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
             switch=switch.format(listed(elsewhere)) if elsewhere else "",
         ),
         "counts": beside.loc[beside["ours"].notna(), "verdict"].value_counts().to_dict(),
-        "few": int((beside["subjects"] < statistics.FEW_SUBJECTS).sum()),
+        "few": int((beside["subjects"] < few.INTERVAL).sum()),
         "haart": any(row["data"] == "haart" and not row["away"] for row in rows),
     }
 
@@ -67,9 +67,8 @@ def _on(row: Row) -> str:
 
 
 def _verdict(row: Row) -> str:
-    few = row["subjects"] < statistics.FEW_SUBJECTS  # False where ours is missing
-    subjects = f", {row['subjects']:.0f} subject{'s' * (row['subjects'] != 1)} only" if few else ""
-    return f"{row['verdict']}{subjects}"
+    lacking = row["subjects"] < few.INTERVAL  # False where ours is missing
+    return few.too_few(int(row["subjects"])) if lacking else row["verdict"]
 
 
 def _features(row: Row) -> str | None:

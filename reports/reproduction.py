@@ -13,6 +13,7 @@ from importlib.resources import files
 import numpy as np
 import pandas as pd
 
+from bench import few
 from bench.comparable import Row, facts_of, seed_number
 from bench.outcomes import scores, statistics
 from bench.outcomes.runs import subject_accuracy
@@ -109,7 +110,7 @@ def _measured(run: Result, paper: object) -> Row | None:
         return {"verdict": "not run", "note": why}
     low, high = _interval(run, prefix, metric)
     subjects = int(run.get("subjects", 0))
-    notes = [f"{subjects} subjects: this interval is unreliable."] * (subjects < statistics.FEW_SUBJECTS)
+    notes = [f"{few.too_few(subjects)}."] * (subjects < few.INTERVAL)
     if facts_of(run).official_split is False:
         notes.append("Our split is random, not the official one.")
     return {

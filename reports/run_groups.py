@@ -10,14 +10,15 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench import few as fewest
 from bench.comparable import facts_of, seed_number
 from bench.outcomes import scores, statistics
+from bench.outcomes.runs import by_subject
 from bench.result import Result
 from bench.table import Table
 from reports import details, paired_statistics
 from reports.bootstrap import recall_interval
 from reports.figures import Picture, save
-from reports.reference_rows import BySubject
 
 GROUPS = 3  # captures-and-protocol groups that get a verdict, statistics and figures
 SYSTEMS = 2  # systems of a group whose predictions are read and drawn
@@ -28,8 +29,8 @@ class Group:
     """The contents of a group in the report.
 
     Attributes:
-        subjects: accuracy in percent [systems, subjects], best first, reference results among them; empty without
-            complete runs.
+        subjects: accuracy in percent [systems, subjects], best first; empty without complete runs.
+        against: the system that others are compared with, if that was asked for; else empty.
         mixed: True if a fold has captures of one subject on both sides.
         rows: the statistics, a row per system.
         pairs: tests of all pairs of the most accurate systems.
@@ -42,6 +43,7 @@ class Group:
 
     subjects: pd.DataFrame
     mixed: bool = False
+    against: str = ""
     rows: pd.DataFrame = field(default_factory=pd.DataFrame)
     pairs: pd.DataFrame = field(default_factory=pd.DataFrame)
     limits: list[str] = field(default_factory=list)
@@ -51,9 +53,14 @@ class Group:
     labels_only: list[str] = field(default_factory=list)
 
     @property
+    def base(self) -> str:
+        """The system that the others are compared with."""
+        return statistics.base_of(self.subjects, self.against)
+
+    @property
     def few(self) -> bool:
-        """True if there are too few subjects for any conclusion."""
-        return self.subjects.shape[1] < statistics.FEW_SUBJECTS
+        """True if there are too few subjects for a p value."""
+        return self.subjects.shape[1] < fewest.TEST
 
 
 def largest_groups(groups: Mapping[str, Sequence[Result]]) -> tuple[dict[str, Sequence[Result]], list[str]]:
@@ -74,40 +81,43 @@ def largest_groups(groups: Mapping[str, Sequence[Result]]) -> tuple[dict[str, Se
     return {name: groups[name] for name in names[:GROUPS]}, names[GROUPS:]
 
 
-def group_of(group: str, results: Sequence[Result], compared: BySubject, folder: Path, name: str) -> Group:
+def group_of(group: str, results: Sequence[Result], folder: Path, name: str, against: str = "") -> Group:
     """Statistics and figures of the runs of one group.
 
     Args:
         group: captures and protocol in words.
         results: results of the group.
-        compared: `reports.reference_rows.systems_by_subject` of them.
         folder: destination folder of figures.
         name: prefix of file names.
+        against: the system to compare with; empty for the best one.
     """
-    subjects = compared.subjects
+    results = [r for r in results if r.alone]
+    subjects, seeds = by_subject(results)
     if not len(subjects):
         return Group(subjects)
-    results = [r for r in results if r.alone]
     first = next(r for r in results if r.complete)
     facts = facts_of(first)
-    kept = subjects.iloc[: statistics.RANKED]
+    kept = statistics.kept_of(subjects, against)
     by_fold = fold_table(results, kept, facts.test_over_train)
-    rows = statistics.against_best(kept, by_fold, facts.test_over_train)
-    rows = rows.assign(seeds=rows["system"].map(compared.seeds))
+    rows = statistics.against_best(kept, by_fold, facts.test_over_train, against)
+    rows = rows.assign(seeds=rows["system"].map(seeds))
     pairs, matrix = statistics.pairs(kept.iloc[: statistics.PAIRED]), None
     if len(kept) > 2 and subjects.shape[1] > 1:
         ranks, p = statistics.friedman(kept)
         rows = rows.assign(mean_rank=rows["system"].map(ranks), friedman_p=p)
         if statistics.least_p(subjects.shape[1], len(pairs)) < 0.05:
             matrix = paired_statistics.matrix([*kept.index[: statistics.PAIRED]], pairs)
-    figures, labels_only = detail_figures(results, subjects.index.drop([*compared.references]), group)
+    figures, labels_only = detail_figures(results, subjects.index, group)
     figures["subjects"] = paired_statistics.strip_plot(subjects, group)
     return Group(
         subjects,
         facts.mixes_subjects,
+        against,
         rows,
         pairs,
-        statistics.warnings(subjects.shape[1], len(kept), int(first["folds"]), facts.mixes_subjects),
+        statistics.warnings(
+            subjects.shape[1], len(kept), int(first["folds"]), facts.mixes_subjects, against not in kept.index
+        ),
         paired_statistics.statistics_table(rows, first["data"]),
         matrix,
         {kind: save(drawn, folder, f"{name}-{kind}", group, caption) for kind, (drawn, caption) in figures.items()},

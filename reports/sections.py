@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from bench.comparable import notes_on
 from bench.registry import classes
 from bench.result import Result
-from reports.part import Section
+from reports.part import Part, Section
 
 
 def shown(results: Sequence[Result]) -> Iterator[tuple[Any, list[Result]]]:
@@ -24,7 +26,15 @@ def shown(results: Sequence[Result]) -> Iterator[tuple[Any, list[Result]]]:
 def sections(results: Sequence[Result], folder: Path) -> list[Section]:
     """The sections of the page; figures are written into a folder."""
     every = (view.section(members, folder) for view, members in shown(results))
-    return [section for section in every if section]
+    return [replace(section, parts=[*map(_noted, section.parts)]) for section in every if section]
+
+
+def _noted(part: Part) -> Part:
+    """A part whose table of results has the footnotes of their systems."""
+    if part.table is None or not all(isinstance(row, Result) for row in part.table.rows):
+        return part
+    remarks = [notes_on(row["system"], str(row["data"])) for row in part.table.rows]
+    return replace(part, table=replace(part.table, remarks=remarks))
 
 
 def briefs(results: Sequence[Result]) -> list[tuple[str, str]]:

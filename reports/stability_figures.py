@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.outcomes.curves import clean_accuracy
 from bench.outcomes.stability import learning
 from reports.figures import DASHES, MARKERS, bars
 
@@ -26,7 +27,7 @@ def draw(results: Sequence[Result], folder: Path) -> list[Path]:
     figures = {}
     if len(results[0].tables["faults"]):
         losses = pd.DataFrame({r.method: r.tables["margins"].set_index("fault")["loss"] for r in results}).T
-        figures["heat_map"] = heat_map(losses, [r["accuracy"] for r in results], ", ".join(results[0].context))
+        figures["heat_map"] = heat_map(losses, [clean_accuracy(r) for r in results], ", ".join(results[0].context))
         figures["severities"] = severities(results)
     if any("learning" in r.tables for r in results):
         figures["training_subjects"] = training_subjects(results)
@@ -83,7 +84,7 @@ def severities(results: Sequence[Result]) -> Figure:
     for ax, fault in zip(axes.flat, faults, strict=False):
         for k, r in enumerate(results):
             part = r.tables["faults"].query("fault == @fault").sort_values("severity")
-            accuracy = 100 * np.append(r["accuracy"], part["accuracy"])
+            accuracy = 100 * np.append(clean_accuracy(r), part["accuracy"])
             ax.plot(np.append(0, part["severity"]), accuracy, **_style(k), label=r.method)
         ax.axhline(100 * results[0]["chance"], color="0.5", linewidth=0.8, linestyle=(0, (1, 2)))
         amounts = [text.partition(" ") for text in part["amount"]]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bench.comparable import notes_on
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.outcomes import scores
@@ -19,6 +20,7 @@ from bench.table import Table, of_text, rows_of, write_sheet
 from bench.usual import CLEAN
 from reports import stability_figures as figures
 from reports.layout import markdown
+from reports.numbers import noted
 
 TOP = 10  # rows of a table
 SEEDS = (
@@ -80,7 +82,7 @@ def write(results: Sequence[Result], folder: Path) -> list[Path]:
         paths = []
         for name, table in tables.items():
             paths.append(folder / f"stability_{name}.csv")
-            write_sheet(table, paths[-1])
+            write_sheet(noted(table), paths[-1])
         paths.append(folder / "stability.md")
         text = markdown("stability.jinja", context=", ".join(results[0].context), sections=sections(results))
         paths[-1].write_text(text, encoding="utf-8")
@@ -143,14 +145,16 @@ def _clean_table(results: Sequence[Result]) -> Table:
     rows, names = [], {}
     for r in results:
         units = unharmed(r.tables["labels"])
-        low, high = scores.subject_interval(units)
-        row = {"result": r, "units": len(units), "accuracy": r["accuracy"], "accuracy_low": low, "accuracy_high": high}
+        scored = scores.over_people(units)
+        row = {"result": r, "units": len(units), "accuracy": scored["accuracy"]}
+        row |= {f"accuracy_{side}": scored[side] for side in ("low", "high")}
         for factor, part in r.tables["conditions"].groupby("factor", sort=False):
             worst = part.loc[part["accuracy"].idxmin()]
             names[f"worst {factor}"] = None
             row[f"worst {factor}"] = f"{worst['value']}: {100 * worst['accuracy']:.1f}"
         rows.append(row)
-    return Table([*columns, *(text(name) for name in names)], rows)
+    remarks = [notes_on(r.system, str(r["data"])) for r in results]
+    return Table([*columns, *(text(name) for name in names)], rows, remarks=remarks)
 
 
 def _condition_table(results: Sequence[Result]) -> Table:

@@ -16,8 +16,9 @@ from bench.measures import Measure, percent, text
 from bench.outcomes.stopping import NO_SAVING, saves
 from bench.result import Result
 from bench.table import Table, write_sheet
-from reports.contexts import context_words, contexts
+from reports.contexts import context_words, contexts, scarce
 from reports.figures import DASHES, MARKERS, bars, log_ticks, save
+from reports.numbers import noted
 from reports.part import Part, Section
 
 ALIKE = ("stream.start", "stream.hop_ms", "stream.after")  # of comparable replays
@@ -33,8 +34,8 @@ OVER_TIME = (  # columns of the table of replayed systems
     Measure("replay_ms", "decision ms p50 / p95", ("replay_ms_p50", "replay_ms_p95")),
 )
 CAPTION = (
-    "{}: accuracy in percent after given milliseconds of touch, and with adaptive stopping after a mean time of touch; "
-    "computing time per decision."
+    "{}: accuracy in percent, mean over subjects, after given milliseconds of touch, and with adaptive stopping after "
+    "a mean time of touch; computing time per decision."
 )
 CONTEXT = ("system", "data", "synthetic", "subset", "target", "protocol_label")  # of a run, in its tables
 LEFT_LABEL = "ms of touch seen; a capture that has ended keeps its label"
@@ -61,7 +62,7 @@ def write_streaming(results: Sequence[Result], folder: Path) -> list[Path]:
         paths = []
         for name, table in sheets(results).items():
             paths.append(folder / f"{name}.csv")
-            write_sheet(table, paths[-1])
+            write_sheet(noted(table), paths[-1])
         return paths + figure(results, folder)
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
@@ -91,7 +92,7 @@ def stream_section(results: Sequence[Result], folder: Path) -> Section | None:
     for i, (context, members) in enumerate(contexts(results, ALIKE, "replay_accuracy").items(), 1):
         caption = "Left: accuracy against milliseconds of touch. Right: fixed windows and adaptive stopping."
         picture = save(draw(members), folder, f"0-stream-{i}", context, f"{context}: {caption}")
-        parts.append(Part(picture, Table(OVER_TIME, members), CAPTION.format(context)))
+        parts.append(Part(picture, Table(OVER_TIME, members), CAPTION.format(context), scarce(members)))
     return Section(EARLY, parts) if parts else None
 
 
@@ -125,7 +126,7 @@ def figure(results: Sequence[Result], folder: Path) -> list[Path]:
 def draw(results: Sequence[Result]) -> Figure:
     """Accuracy against time seen, and fixed windows beside adaptive stopping; a row of panels for each comparable set.
 
-    Left, the shade behind a line is the bootstrap interval over subjects. Systems differ by marker and dashes, not only
+    Left, the shade behind a line is the t-interval over subjects. Systems differ by marker and dashes, not only
     by colour. Right, the line joins fixed windows, dashes join the thresholds of adaptive stopping, and the star with
     its interval is what stopping at the threshold learned on training subjects gives.
 

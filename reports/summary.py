@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from bench import few
 from bench.outcomes import statistics
 from reports.numbers import listed
 from reports.run_groups import Group
@@ -37,20 +38,21 @@ def people(groups: dict[str, Group]) -> str:
 
 
 def told_apart(group: Group) -> str:
-    """The systems of a group that differ from the best one, and the others, by the p Holm of its table."""
-    subjects = group.subjects.iloc[: statistics.RANKED]
-    best, (systems, n) = subjects.index[0], subjects.shape
+    """The systems of a group that differ from the compared one, and the others, by the p Holm of its table."""
+    subjects = statistics.kept_of(group.subjects, group.against)
+    base, (systems, n) = group.base, subjects.shape
     if systems == 1:
-        return f"{best} is the only system, so there is no comparison."
-    if n < statistics.FEW_SUBJECTS:
-        return f"{n} subject{'s are' if n != 1 else ' is'} too few to compare {systems} systems."
-    rows = statistics.against_best(subjects).iloc[1:]
-    beaten = rows["p_holm"] < 0.05
-    behind, level = [*rows.loc[beaten, "system"]], [*rows.loc[~beaten, "system"]]
-    parts = [f"{best} is significantly more accurate than {listed(behind)}"] if behind else []
-    parts += [f"{best} does not differ significantly from {listed(level)}"] if level else []
-    test = f"(paired Wilcoxon tests against the best system, Holm's correction, {n} subjects, 5 % level)"
-    few = " With so few subjects, no difference can be significant." * (statistics.least_p(n, systems - 1) > 0.05)
+        return f"{base} is the only system, so there is no comparison."
+    if words := few.too_few(n):
+        return f"{words}."
+    rows = statistics.against_best(subjects, against=base).set_index("system").drop(base)
+    differs, below = rows["p_holm"] < 0.05, rows["difference"] < 0
+    words = {"is significantly more accurate than": differs & below}
+    words |= {"is significantly less accurate than": differs & ~below, "does not differ significantly from": ~differs}
+    parts = [f"{base} {verb} {listed([*rows.index[those]])}" for verb, those in words.items() if those.any()]
+    whom = "the best system" if base == subjects.index[0] else base
+    test = f"(paired Wilcoxon tests against {whom}, Holm's correction, {n} subjects, 5 % level)"
+    scarce = " With so few subjects, no difference can be significant." * (statistics.least_p(n, systems - 1) > 0.05)
     mixed = " Training and test captures come from the same subjects: expect lower accuracy for a new person."
     mixed *= group.mixed
-    return f"{'; '.join(parts)} {test}.{few}{mixed}"
+    return f"{'; '.join(parts)} {test}.{scarce}{mixed}"

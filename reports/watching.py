@@ -10,10 +10,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bench.comparable import notes_on
 from bench.measures import Measure, percent
 from bench.outcomes.events import FALSE_ALARM, matched
 from bench.result import Result
-from reports.contexts import context_words, contexts
+from reports.contexts import context_words, contexts, scarce
 from reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
 from reports.part import Part, Section
 
@@ -45,7 +46,8 @@ def watch_section(results: Sequence[Result], folder: Path) -> Section | None:
     for i, (context, members) in enumerate(contexts(shown, ALIKE, "end_correct").items(), 1):
         figure, caption_of = watching_figure(members), f"{context}: {caption(members[0])}"
         picture = save(figure, folder, f"0-watch-{i}", context, caption_of)
-        parts.append(Part(picture, sentences=[sentence(r) for r in members]))
+        notes = dict.fromkeys(note for r in members for note in notes_on(r.system, str(r["data"])))
+        parts.append(Part(picture, sentences=[*(sentence(r) for r in members), *notes]))
     return Section("Continuous touch", parts) if parts else None
 
 
@@ -56,7 +58,9 @@ def sentence(run: Result) -> str:
         f"{context_words(run, ALIKE)}, {run['touches']:.0f} touches in "
         f"{run['background_minutes']:.0f} minutes of background: "
         f"{run.method} finds {found} percent of the touches, and {end} percent have the correct label at the end. "
-        f"It raises {alarms} {ALARMS}. Its median latency is {latency} s; brackets are 95 % intervals over subjects."
+        f"It raises {alarms} {ALARMS}. Its median latency is {latency} s. Shares are means over subjects with 95 % "
+        "t-intervals; that of false alarms is the wider of a bootstrap over subjects and the exact Poisson interval."
+        + "".join(f" {words}" for words in scarce([run]))
     )
 
 

@@ -148,7 +148,12 @@ HAART = {"data": "haart", "synthetic": "false", "corpus_digest": "d", "protocol_
 
 def stressed(system, accuracy, losses, more=(), tables=None, **about):
     """A result of ``bench stress`` with losses by fault."""
-    metrics = {"accuracy": accuracy, "failing_slices": 3, "tested_slices": 40, "worst.subject": accuracy / 2}
+    metrics = {
+        "subject_accuracy_mean": accuracy,
+        "failing_slices": 3,
+        "tested_slices": 40,
+        "worst.subject": accuracy / 2,
+    }
     metrics |= {f"loss.{fault}": loss for fault, loss in losses.items()} | dict(more)
     return evaluated(system, metrics=metrics, tables=tables, **HAART | {"faults": ", ".join(losses)} | about)
 
@@ -167,9 +172,10 @@ def in_c(system="svm", predictions=None, bits=32, metrics=(), c=None, **about):
     predictions = made_up(per_class=1) if predictions is None else predictions
     c = predictions if c is None else c
     labelled = scores.captures(c)
-    low, high = scores.subject_interval(labelled)
     numbers = {"c_accuracy": (labelled["true"] == labelled["predicted"]).mean()}
-    numbers |= {"c_accuracy_low": low, "c_accuracy_high": high} | dict(metrics)
+    people = scores.over_people(labelled)
+    numbers |= {"c_subject_accuracy_mean": people["accuracy"], "c_subject_accuracy_sd": people["subject_sd"]}
+    numbers |= dict(metrics)
     return evaluated(system, predictions, metrics=numbers, tables={"c": c}, **{"chip.bits": bits} | about)
 
 

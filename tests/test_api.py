@@ -70,7 +70,8 @@ def test_results_and_run_show_what_is_tracked(in_net, capsys):
     assert "already stored" in capsys.readouterr().err
     tracked = {run.info.run_id: run.data.metrics for run in runs("cell")[1]}
     assert (table["folds"] == "4/4").all()
-    shown = {"accuracy": "accuracy", "low": "accuracy_low", "macro_f1": "macro_f1", "flash_bytes": "flash_bytes"}
+    shown = {"accuracy": "subject_accuracy_mean", "macro_f1": "macro_f1", "flash_bytes": "flash_bytes"}
+    assert table[["low", "high"]].isna().all(axis=None)  # of four subjects
     for row in table.to_dict("records"):
         scale = {name: 1 if name == "flash_bytes" else 100 for name in shown}
         expected = {name: scale[name] * tracked[row["run_id"]][metric] for name, metric in shown.items()}
@@ -130,14 +131,16 @@ def test_what_cannot_be_compared_is_refused(store):
     assert bench.compare("a", "b", where="variant == 'rough'").difference == pytest.approx(5)
 
 
-def test_a_run_is_compared_with_a_reference_result(store):
+def test_reference_results_are_listed_and_take_part_in_no_test(store):
     tags = {"data": "haart", "synthetic": "false", "corpus_digest": HAART, "protocol_label": "LOSO (10 subjects)"}
     hits_of(store, "mine", [18] * 10, **tags)
-    found = bench.compare("mine", "reflex (reference)")
+    with pytest.raises(bench.InputError, match="take part in no test"):
+        bench.compare("mine", "reflex (reference)")
     results = bench.results("reference")
     reference = results.tables["haart-loso-v1/reflex"]
     own = (reference["true"] == reference["predicted"]).groupby(reference["subject"]).mean().mean()
-    assert found.difference == pytest.approx(90 - 100 * own)
+    row = bench.results().set_index("system").loc["reflex (reference)"]
+    assert row["accuracy"] == pytest.approx(100 * own) and pd.isna(row["p_holm"]) and not row["against"]
     assert results.full.equals(pd.DataFrame(results)) and not results.runs
     assert "haart-loso-v1" in repr(results) and "reflex" in results._repr_html_()
 

@@ -17,8 +17,8 @@ ROOT = Path(bench.__file__).parents[1]
 PACKAGES = ("bench", "features", "models", "protocols", "reports")
 
 # Rooms from the bottom to the top: modules, or packages with all below them, and the rooms that they may import.
-GROUND = "bench.amounts bench.errors bench.memory bench.paired bench.pareto bench.progress bench.registry "
-GROUND += "bench.machine bench.scratch bench.source bench.timing bench.usual"
+GROUND = "bench.amounts bench.errors bench.few bench.machine bench.memory bench.paired bench.pareto bench.progress "
+GROUND += "bench.registry bench.scratch bench.source bench.timing bench.usual"
 VALUES = "bench.arguments bench.candidate bench.comparable bench.measures bench.options bench.result bench.table"
 ROOMS = {
     "ground": (GROUND, ""),

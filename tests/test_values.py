@@ -83,19 +83,20 @@ def test_a_cost_fills_in_its_words_and_refuses_what_nothing_can_use():
 
 def test_columns_of_runs_by_hand():
     run = {"accuracy": 0.8, "subject_accuracy_mean": 0.75, "subject_accuracy_sd": 0.125, "fit_seconds": 1.234}
+    run |= {"subjects": 4}
     columns = {measure.key: measure for measure in run_columns()}
-    found = {name: columns[name].of(run) for name in ("accuracy", "subject_mean", "subject_sd", "fit_seconds")}
-    assert found == {"accuracy": "80.0", "subject_mean": "75.0", "subject_sd": "12.5", "fit_seconds": "1.23"}
-    people = columns["people"]  # of a table of numbers, in percent
-    assert people.of({"subject_mean": 75.0, "subject_sd": 12.5}) == "75.0 ± 12.5"
-    assert people.of({"subject_mean": 75.0, "subject_sd": np.nan}) == "75.0" and people.of({}) == "-"
+    found = {name: columns[name].of(run) for name in ("accuracy", "pooled_accuracy", "subject_sd", "fit_seconds")}
+    assert found == {"accuracy": "75.0", "pooled_accuracy": "80.0", "subject_sd": "12.5", "fit_seconds": "1.23"}
+    half = 12.5 * 2.262157 / 10**0.5  # t of 9 degrees of freedom
+    assert columns["accuracy"].of(run | {"subjects": 10}) == f"75.0 [{75 - half:.1f}, {75 + half:.1f}]"
+    assert columns["accuracy"].of({}) == "-"
 
 
 def test_people_are_drawn_with_the_usual_seed():
-    people = np.random.default_rng(0).integers(0, 4, (2000, 4))
-    assert drawn(4).tolist() == people.tolist()
+    people = np.random.default_rng(0).integers(0, 5, (2000, 5))
+    assert drawn(5).tolist() == people.tolist()
     assert weights([4], 9)[0].tolist() == np.random.default_rng(0).multinomial(4, [0.25] * 4, 9).tolist()
-    hits, captures = np.array([5, 0, 3, 1]), np.array([5, 1, 4, 2])
+    hits, captures = np.array([5, 0, 3, 1, 2]), np.array([5, 1, 4, 2, 2])
     shares = [sum(hits[each]) / sum(captures[each]) for each in people]
     assert ratio_interval(np.stack([hits, captures], axis=1)) == pytest.approx(np.quantile(shares, [0.025, 0.975]))
 

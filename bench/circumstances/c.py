@@ -11,7 +11,7 @@ from bench.arguments import Values, items
 from bench.circumstances.base import Circumstance, option
 from bench.errors import InputError
 from bench.kinds.base import Spelling
-from bench.measures import Cost, Measure, percent, text
+from bench.measures import Cost, Measure, over_people, percent, text
 from bench.options import Command
 from bench.table import Table
 
@@ -141,13 +141,15 @@ class InC(Circumstance):
             given={"form": C},
         )
     }
-    heading: ClassVar[str] = "Accuracy in percent of whole captures, in C and in Python; a Cortex-M4F, linked"
+    heading: ClassVar[str] = (
+        "Accuracy in percent of whole captures, mean over subjects, in C and in Python; a Cortex-M4F, linked"
+    )
     ranked: ClassVar[bool] = True
-    score: ClassVar[str] = "c_accuracy"
+    score: ClassVar[str] = "c_subject_accuracy_mean"
     shown: ClassVar[tuple[Measure, ...]] = (
         Measure("bits", read="chip.bits"),
-        percent("accuracy", "in C", "c_accuracy", ends="c_accuracy"),
-        percent("python_accuracy", "in Python", "accuracy"),
+        over_people("accuracy", "in C", "c_"),
+        percent("python_accuracy", "in Python", "subject_accuracy_mean"),
         Measure("other_labels", "other labels", form=",.0f", spare=4),
         Measure("chip_flash_bytes", "flash kB", form=",.1f", per=1000),
         Measure("chip_ram_bytes", "library RAM kB", form=",.1f", per=1000),

@@ -13,7 +13,7 @@ from bench.circumstances.base import LABELS, Case, Circumstance, option
 from bench.errors import InputError, nearest
 from bench.kinds.base import Spelling
 from bench.measures import Cell as Shown
-from bench.measures import Cost, Measure, Row, percent, text
+from bench.measures import Cost, Measure, Row, text
 from bench.options import FAULTS, Command
 from bench.usual import CLEAN, SEVERITIES
 
@@ -35,6 +35,12 @@ def losses(row: Row) -> dict[str, float]:
     """Mean loss of accuracy under each fault, of a result."""
     names = str(row.get("faults", "")).split(", ")
     return {name: row[f"loss.{name}"] for name in names if f"loss.{name}" in row}
+
+
+def _clean(row: Result) -> Shown:
+    from bench.outcomes.curves import clean_accuracy
+
+    return 100 * clean_accuracy(row)
 
 
 def _mean_loss(row: Row) -> Shown:
@@ -172,9 +178,11 @@ class Faults(Circumstance):
             out=("stress", "folder for tables and figures"),
         )
     }
-    heading: ClassVar[str] = "Accuracy in percent of clean captures, and mean loss in points over all faults"
+    heading: ClassVar[str] = (
+        "Accuracy in percent of clean captures, mean over subjects, and mean loss in points over all faults"
+    )
     shown: ClassVar[tuple[Measure, ...]] = (
-        percent("accuracy", "clean"),
+        Measure("accuracy", "clean", _clean),
         Measure("mean_loss", "mean loss", _mean_loss),
         Measure("trained", "faults trained on", _of("faults_trained", "faults_tested"), spare=2),
         text("worst_fault", "worst fault", _worst_fault),

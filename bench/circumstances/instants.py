@@ -169,7 +169,9 @@ class Instants(Circumstance):
             ),
         )
     }
-    heading: ClassVar[str] = "Accuracy in percent against touch seen; stopping learned on training subjects"
+    heading: ClassVar[str] = (
+        "Accuracy in percent, mean over subjects, against touch seen; stopping learned on training subjects"
+    )
     ranked: ClassVar[bool] = True
     score: ClassVar[str] = "replay_accuracy"
     shown: ClassVar[tuple[Measure, ...]] = (

@@ -105,7 +105,7 @@ def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, fl
     for now in after:
         if not any(gate.counterpart(then, [now]) for then in before):
             hits = (now.labels["true"] == now.labels["predicted"]).mean()
-            say(f"{'new':8} {gate.named(now)}: {100 * hits:.1f} %")
+            say(f"{'new':8} {gate.named(now)}: pooled {100 * hits:.1f} %")
     for then in before:
         if then not in kept:
             say(f"{'gone':8} {gate.named(then)}: bench run {then.run} no longer makes it")

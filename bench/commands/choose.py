@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from bench import pareto
+from bench import few, pareto
 from bench.amounts import convert, quantity
 from bench.arguments import BACKEND, Values, items, parse, typed
 from bench.candidate import Losses, Wish
 from bench.commands.printing import output, say, then
-from bench.comparable import MARK, MARKED, several
+from bench.comparable import notes_on, several
 from bench.errors import InputError, nearest
 from bench.measures import Cost, Measure, Row, budgets, costs, costs_of, text
 from bench.options import SMALL, keys, makers
@@ -100,6 +100,9 @@ class Chosen:
         elif "decision" in {self.by, *self.budgets}:
             lines.append("Decision time is touch before the decision, without computing time on this machine.")
         lines += [*self._dominated(), *self.notes, *self._meaning(), *self.among.notes]
+        data = str(self.among.first["data"])
+        notes = dict.fromkeys(note for system in table["system"] for note in notes_on(str(system), data))
+        lines += [f"{note.rstrip('.')}." for note in notes]
         for what, commands in self.lacking.items():
             more = f"; and {len(commands) - SHOWN} more" if len(commands) > SHOWN else ""
             lines.append(f"{what} is not stored. To measure it: {'; '.join(commands[:SHOWN])}{more}.")
@@ -246,7 +249,7 @@ def _lacking(among: Candidates, asked: list[str], scene: Scene) -> dict[str, lis
 def _curve(among: Candidates, chosen: int) -> dict[str, list[str]]:
     """Commands that measure what more people promise, by that in words; none where there are too few people."""
     trained = repeated(among.table["arguments"][chosen], impersonal=True)
-    if not trained or among.mixed:
+    if not trained or among.mixed or among.subjects.shape[1] < few.INTERVAL:
         return {}
     every = (c.promise(trained, among.subjects.shape[1] - 1) for c in classes("circumstances").values())
     return {what: [command] for what, command in filter(None, every)}
@@ -346,7 +349,7 @@ def _print(result: Chosen) -> None:
     table_of(result).print(output())
     if 0 < table["linked"].sum() < len(table):
         output().print("* as linked in C, with code; other sizes exclude code", style="dim")
-    say(*result.lines(), *([f"{MARKED}."] if table["system"].str.contains(MARK).any() else []))
+    say(*result.lines())
     if result.choice.chosen is not None:
         one = table.loc[result.choice.chosen]
         trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in FIT}

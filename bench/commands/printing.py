@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from bench.comparable import MARKED, alike
+from bench.comparable import alike, notes_on
 from bench.errors import InputError
+from bench.few import INTERVAL, too_few
 from bench.measures import Interval, Measure, Row, known, text
 from bench.progress import console
 from bench.result import Result
@@ -119,12 +120,12 @@ def show(results: Sequence[Result], views: Sequence[tuple[type[Shown], Sequence[
         runs_table(members, view).print(out)
     if any(r["synthetic"] == "true" for r in results):
         out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
-    if not all(r.alone for r in results):
-        out.print(MARKED, markup=False, highlight=False)
     if slower := {r.system: r["slowdown"] for r in results if r.get("slowdown", 0) > BUSY}:
         line = f"other programs made this machine up to {max(slower.values()):.1f} times slower during "
         line += f"{_first([*slower], 'more')}; times are converted to those of the quiet machine"
         out.print(line, markup=False, highlight=False)
+    for note in dict.fromkeys(note for r in results for note in notes_on(r.system, str(r["data"]))):
+        out.print(note, markup=False, highlight=False, soft_wrap=True)
     return failures(results)
 
 
@@ -165,7 +166,10 @@ def runs_table(results: Sequence[Result], view: type[Shown]) -> Table:
         data, captures_of, protocol = results[0].context
         title = f"{data}, {'all captures' if captures_of == 'all' else captures_of}, {protocol}\n{title}"
     if view.ranked and any(isinstance(m.cell(r), Interval) for m in measures for r in results):
-        title += "; in brackets 95 % confidence intervals over subjects"
+        title += "; in brackets 95 % t-intervals over subjects"
+    if any(measure.ends for measure in measures):
+        few = sorted({int(r["subjects"]) for r in results if r.get("subjects", INTERVAL) < INTERVAL})
+        title += "".join(f"; {too_few(people)}" for people in few)
     bold = [i for i, r in enumerate(results) if r in marked]
     return Table([system, *differing, *measures, folds], results, title, bold)
 

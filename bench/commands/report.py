@@ -20,9 +20,8 @@ from bench.outcomes.store import connect, store_uri
 HERE = "127.0.0.1"
 NAME, WIDE = "attributes.`Run Name`", 300  # pixels, instead of 190: kind, system, data and protocol fit
 COLUMNS = {  # of MLflow's table of runs, and their widths in pixels
-    "metrics.`accuracy`": 80,
-    "metrics.`accuracy_low`": 100,
-    "metrics.`accuracy_high`": 100,
+    "metrics.`subject_accuracy_mean`": 160,
+    "metrics.`subject_accuracy_sd`": 150,
     "metrics.`flash_bytes`": 85,
     "metrics.`ram_bytes`": 90,
     "metrics.`predict_ms_p50`": 90,
@@ -50,7 +49,7 @@ def report(arguments: list[str]) -> int:
     from reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
     out = Path(values.get("out", "report"))
-    paths = write_report(connect(), out, limits)
+    paths = write_report(connect(), out, limits, str(values.get("against", "")))
     counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
     page = out / "index.html"
     print(f"{page}: all runs; in the same folder .md, .tex, {counts['.csv']} CSV files and {counts['.png']} figures")
@@ -82,7 +81,10 @@ def ui(arguments: list[str]) -> int:
         while server.poll() is None and not _answers(port):
             time.sleep(0.2)
         if server.poll() is None:
-            print(f"{page}\nopen this page in a browser: accuracy, interval and sizes of all runs", flush=True)
+            print(
+                f"{page}\nopen this page in a browser: accuracy (mean over subjects), SD and sizes of all runs",
+                flush=True,
+            )
         return server.wait()
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -7,6 +7,7 @@ from statistics import mean
 
 import pandas as pd
 
+from bench import few
 from bench.arguments import Values, items, parse, setting
 from bench.commands.choose import AMONG
 from bench.commands.printing import output, say, then, unwritable, writable
@@ -47,10 +48,11 @@ def scene(arguments: list[str]) -> int:
     table, title, notes = grouped(values)
     out = writable(Path(str(values.get("out", "scene"))))
     found = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
-    Table(COLUMNS, found, f"{title}; accuracy is the mean over subjects with its 95 % interval").print(output())
+    Table(COLUMNS, found, f"{title}; accuracy is the mean over subjects with its 95 % t-interval").print(output())
     say(
         "The groups of each subject are chosen on the other subjects. same choice: subjects with the groups above.",
         "largest group: accuracy of always naming the largest group.",
+        *([f"{few.too_few(people)}."] if (people := int(table["subjects"].iloc[0])) < few.INTERVAL else []),
         *notes,
     )
     reached = {level: enough(table, level) for level in LEVELS}

@@ -160,7 +160,8 @@ class Captures(Kind):
             )
         )
     }
-    heading: ClassVar[str] = "Accuracy in percent; SD over subjects"
+    heading: ClassVar[str] = "Accuracy in percent: mean and SD over subjects"
+    score: ClassVar[str] = "subject_accuracy_mean"
     ranked: ClassVar[bool] = True
     searches: ClassVar[bool] = True
 

@@ -74,7 +74,7 @@ class Continuous(Kind):
         return fold_numbers(result, rate_hz)
 
     def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
-        """Scores of all touches, with intervals over subjects; tables of touches, reports, subjects and the curve."""
+        """Scores of touches, means over subjects with intervals; tables of touches, reports, subjects and the curve."""
         from bench.work.watch import run_numbers
 
         return Result(about, *run_numbers(folds, plan.corpus.rate_hz, self.unknown))
@@ -94,8 +94,8 @@ class Continuous(Kind):
         )
     }
     heading: ClassVar[str] = (
-        "Percent of touches found, correct when first reported and at the end; false alarms per hour of background; "
-        "in brackets 95 % confidence intervals over subjects"
+        "Percent of touches found, correct when first reported and at the end, means over subjects; false alarms per "
+        "hour of background; in brackets 95 % intervals over subjects"
     )
     score: ClassVar[str] = "end_correct"
     unit: ClassVar[str] = "touches in recordings"

@@ -190,8 +190,7 @@ def behind(one: Submission, best: Submission) -> tuple[float, float, float]:
     rows = [each.counted for each in (one, best)]  # in the order of the task's rows
     ours, theirs = ((table["true"] == table["predicted"]).to_numpy(int) for table in rows)
     each = pd.Series(ours - theirs).groupby(rows[0]["subject"].to_numpy()).agg(["sum", "size"]).to_numpy()
-    sums = each[resampling.drawn(len(each))].sum(axis=1)
-    low, high = resampling.interval(sums[:, 0] / sums[:, 1])
+    low, high = resampling.ratio_interval(each)
     return float((ours - theirs).mean()), float(low), float(high)
 
 

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bench import few
 from bench.comparable import MIXED, Row, several
 from bench.measures import costs
 from bench.outcomes.pick import fitting, pick, within
-from bench.paired import FEW_SUBJECTS, mean_and_error
+from bench.paired import mean_and_error
 from bench.table import rows_of
 
 
@@ -209,9 +210,8 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
             f"({cost.unknown}). The most accurate of these is {named(first)}, {first['accuracy']:.1f} %."
         )
     lines += limits
-    if subjects < FEW_SUBJECTS:
-        alone = ", so there is no standard error" if subjects == 1 else ""
-        lines.append(f"Only {several(subjects, 'subject')}{alone}: the order may differ for other people.")
+    if words := few.too_few(subjects):
+        lines.append(f"{words}. The order may differ for other people.")
     if mixed:
         lines.append(MIXED)
     return lines

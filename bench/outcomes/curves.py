@@ -30,13 +30,20 @@ def unharmed(labels: pd.DataFrame) -> pd.DataFrame:
     return labels[labels["circumstance"] == ""].reset_index(drop=True)
 
 
+def clean_accuracy(result: Result) -> float:
+    """Accuracy of the captures as they are, mean over subjects; some runs of earlier versions have labels alone."""
+    if "subject_accuracy_mean" in result.metrics:
+        return result.metrics["subject_accuracy_mean"]
+    return scores.over_people(unharmed(result.tables["labels"]))["accuracy"]
+
+
 def curve(labels: pd.DataFrame, key: str) -> pd.DataFrame:
     """Accuracy by case and level of a circumstance, a row each.
 
-    Columns: ``case``, ``level``, ``amount``, ``captures``, ``subjects``, ``accuracy`` with a 95 % bootstrap interval
-    over subjects (``low``, ``high``), ``subject_sd``, ``loss`` (clean accuracy minus this), and how many captures went
-    from a right label to a wrong one (``broken``) and back (``mended``). Where a system abstains in a case,
-    ``abstained`` is the share of the captures on which it does.
+    Columns: ``case``, ``level``, ``amount``, ``captures``, ``subjects``, ``accuracy`` (mean over subjects) with its
+    95 % t-interval (``low``, ``high``) and SD (``subject_sd``), ``loss`` (clean accuracy minus this), and how many
+    captures went from a right label to a wrong one (``broken``) and back (``mended``). Where a system abstains in a
+    case, ``abstained`` is the share of the captures on which it does.
     """
     hits = labels.assign(hit=labels["true"] == labels["predicted"])
     clean = unharmed(hits).set_index(CAPTURE)["hit"]
@@ -44,11 +51,13 @@ def curve(labels: pd.DataFrame, key: str) -> pd.DataFrame:
     for (case, level), part in hits[hits["circumstance"] == key].groupby(["case", "level"], sort=False):
         before = clean.loc[pd.MultiIndex.from_frame(part[CAPTURE])].to_numpy()
         now = part["hit"].to_numpy()
-        people = scores.per_subject(part)["accuracy"]
-        changed = before.mean() - now.mean(), int((before & ~now).sum()), int((~before & now).sum())
-        about = [case, level, part["amount"].iloc[0], len(part), len(people)]
-        gone = (part["predicted"] == scores.ABSTAINED).mean()
-        rows.append([*about, now.mean(), *scores.subject_interval(part), people.std(ddof=1), *changed, gone])
+        scored = scores.over_people(part)
+        usual = pd.Series(before).groupby(part["subject"].to_numpy()).mean().mean()
+        about = {"case": case, "level": level, "amount": part["amount"].iloc[0]}
+        about |= {"captures": len(part), "subjects": part["subject"].nunique()}
+        changed = {"broken": int((before & ~now).sum()), "mended": int((~before & now).sum())}
+        shares = {"loss": usual - scored["accuracy"], "abstained": (part["predicted"] == scores.ABSTAINED).mean()}
+        rows.append(about | scored | shares | changed)
     names = ["case", "level", "amount", "captures", "subjects", "accuracy", "low", "high", "subject_sd"]
     table = pd.DataFrame(rows, columns=[*names, "loss", "broken", "mended", "abstained"])
     return table if table["abstained"].any() else table.drop(columns="abstained")

@@ -29,8 +29,8 @@ from typing import SupportsFloat
 import numpy as np
 import pandas as pd
 
+from bench.outcomes import scores
 from bench.outcomes.resampling import ratio_interval
-from bench.outcomes.scores import subject_interval
 
 REPORT = {"recording": np.int64, "reported": np.int64, "end": np.int64, "first": str, "label": str}
 REPORT |= {"confidence": np.float64}
@@ -172,8 +172,8 @@ def per_subject(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapp
     )
 
 
-def intervals(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> dict[str, float]:
-    """95 % bootstrap intervals of four scores of `summary`, whole subjects drawn with replacement.
+def over_people(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> dict[str, float]:
+    """Shares of touches as means over subjects with 95 % t-intervals, and the interval of false alarms.
 
     Args:
         touches: touches, from `matched`, with ``subject``.
@@ -181,21 +181,43 @@ def intervals(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mappin
         background_s: seconds outside of touches in the recordings of each subject, also of those without touches.
 
     Returns:
-        ``touches_found``, ``first_correct``, ``end_correct`` and ``false_alarms_per_hour``, each followed by ``_low``
-        and ``_high``; NaN where fewer than two subjects have touches, or background.
+        ``touches_found``, ``first_correct`` and ``end_correct``; these and ``false_alarms_per_hour``, each followed by
+        ``_low`` and ``_high``, NaN for too few subjects (`bench.few`) with touches, or with background; ``subjects``.
 
     Raises:
         ValueError: a touch or a report is of a subject without an entry in ``background_s``.
     """
     _check_subjects(touches, reports, background_s)
-    bounds = {}
+    numbers: dict[str, float] = {"subjects": len(background_s)}
     for share in SHARES:
         name = "touches_found" if share == "found" else share
-        bounds[name] = subject_interval(touches.assign(true=True, predicted=touches[share]))
+        scored = scores.over_people(touches.assign(true=True, predicted=touches[share]))
+        numbers |= {name: scored["accuracy"], f"{name}_low": scored["low"], f"{name}_high": scored["high"]}
     alarms = reports.loc[reports["touch"] == FALSE_ALARM, "subject"].value_counts()
     counts = [(alarms.get(s, 0), background_s[s] / 3600) for s in sorted(background_s)]
-    bounds["false_alarms_per_hour"] = ratio_interval(np.array(counts, dtype=np.float64).reshape(-1, 2))
-    return {f"{name}_{side}": b for name, pair in bounds.items() for side, b in zip(("low", "high"), pair, strict=True)}
+    low, high = alarm_interval(np.array(counts, dtype=np.float64).reshape(-1, 2))
+    return numbers | {"false_alarms_per_hour_low": low, "false_alarms_per_hour_high": high}
+
+
+def alarm_interval(counts: np.ndarray) -> tuple[float, float]:
+    """95 % interval of false alarms per hour: the wider of the bootstrap over subjects and the exact Poisson interval.
+
+    Without any alarm there is an upper limit alone, of 95 % confidence, and no lower end. With alarms of too few
+    subjects both are NaN.
+
+    Args:
+        counts: false alarms and hours of background of each subject [subjects, 2].
+    """
+    from scipy.special import gammaincinv  # not scipy.stats, which takes half a second
+
+    alarms, hours = counts.sum(axis=0)
+    if not hours:
+        return np.nan, np.nan
+    if not alarms:
+        return np.nan, float(-np.log(0.05) / hours)
+    drawn = ratio_interval(counts)
+    exact = float(gammaincinv(alarms, 0.025) / hours), float(gammaincinv(alarms + 1, 0.975) / hours)
+    return exact if drawn[1] - drawn[0] < exact[1] - exact[0] else drawn
 
 
 def _check_subjects(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> None:

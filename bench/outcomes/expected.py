@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from bench import few
 from bench.measures import costs
 from bench.outcomes import resampling, stability
 from bench.outcomes.candidates import Candidates
@@ -18,9 +19,7 @@ from bench.paired import interval
 from bench.table import rows_of
 
 DRAWS = 1000  # of people with replacement
-FEWEST = 3  # people, so that two are left to choose with
 POWER, LEVEL = 0.8, 0.05  # of the paired t-test, two-sided
-MOST_PEOPLE = 100_000  # that are looked for
 MORE = (5, 10, 20)  # training people
 SHOWN = 3  # systems that a sentence names
 
@@ -36,9 +35,7 @@ class Expected:
         rival: number of the candidate that is chosen most often beside the chosen one, or the most accurate other one
             that fits; None without one.
         difference: its score less that of the chosen one, in points; NaN without one.
-        smallest: difference of these two that so many people can show.
-        people: number of people that could show their difference; None if it is 0, or if it is more than
-            `MOST_PEOPLE`.
+        smallest: difference of these two that so many people can show; NaN if they are too few for a p value.
     """
 
     scores: np.ndarray
@@ -47,7 +44,6 @@ class Expected:
     rival: int | None = None
     difference: float = np.nan
     smallest: float = np.nan
-    people: int | None = None
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -72,10 +68,10 @@ def expected(
         margin: points that do not matter, or None.
 
     Returns:
-        None for fewer than `FEWEST` people, or one candidate.
+        None for fewer than `bench.few.INTERVAL` people, or one candidate.
     """
     candidates, count = people.scores.shape
-    if count < FEWEST or candidates < 2:
+    if count < few.INTERVAL or candidates < 2:
         return None
 
     def choices(drawn: np.ndarray) -> np.ndarray:
@@ -98,8 +94,8 @@ def expected(
         return Expected(scores, without, shares)
     differences = people.scores[rival] - people.scores[chosen]
     difference, spread = float(differences.mean()), float(differences.std(ddof=1))
-    needed = people_for(difference, spread)
-    return Expected(scores, without, shares, rival, difference, detectable(spread, count), needed)
+    smallest = detectable(spread, count) if count >= few.TEST else np.nan
+    return Expected(scores, without, shares, rival, difference, smallest)
 
 
 def expectation(one: Expected | None, among: Candidates, chosen: int | None) -> list[str]:
@@ -147,16 +143,15 @@ def expectation(one: Expected | None, among: Candidates, chosen: int | None) -> 
 
 
 def _compared(one: Expected, people: int) -> str:
-    """The difference of the next system to the chosen one, and how many people would show it."""
+    """The difference of the next system to the chosen one, and the smallest one that so many people can show."""
     if abs(one.difference) < 1e-9:
         return "which scores the same"
-    enough = (
-        "more than 100000" if one.people is None else str(one.people) if one.people <= people else f"about {one.people}"
-    )
+    words = f"{points(abs(one.difference), np.nan)} points {'better' if one.difference > 0 else 'worse'}"
+    if np.isnan(one.smallest):
+        return words
     return (
-        f"{points(abs(one.difference), np.nan)} points {'better' if one.difference > 0 else 'worse'}. Between these "
-        f"two, {people} people can show a difference of {points(one.smallest, np.nan)} points (80 % power, paired "
-        f"t-test, p < 0.05); {enough} people would show this one"
+        f"{words}. The smallest difference between these two that {people} people can show is "
+        f"{points(one.smallest, np.nan)} points (80 % power, paired t-test, p < 0.05)"
     )
 
 
@@ -188,23 +183,6 @@ def detectable(spread: float, people: int) -> float:
     return high
 
 
-def people_for(difference: float, spread: float) -> int | None:
-    """The smallest number of people that show a difference with `POWER`; None if there is none up to `MOST_PEOPLE`."""
-    if not abs(difference) > 1e-9:
-        return None
-    if not spread:
-        return 2
-    low, high = 1, 2
-    while power(difference, spread, high) < POWER:
-        low, high = high, 2 * high
-        if high > MOST_PEOPLE:
-            return None
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if power(difference, spread, middle) >= POWER else (middle, high)
-    return high
-
-
 def more_people(table: pd.DataFrame, reactions: Reactions) -> tuple[int, pd.DataFrame] | None:
     """The gain of more training people, from a learning curve.
 
@@ -218,13 +196,13 @@ def more_people(table: pd.DataFrame, reactions: Reactions) -> tuple[int, pd.Data
     Returns:
         The largest number of training people, and a row per number of `MORE`: ``more``, ``gain`` in points, ``low`` and
         ``high`` (95 % bootstrap interval over subjects). None for fewer than three numbers of training people, or
-        fewer than `FEWEST` subjects.
+        fewer than `bench.few.INTERVAL` subjects.
     """
     clean = stability.as_they_are(table)
     numbered = stability.trained_on(clean)
     parts = {n: reactions.scores(clean[numbered == n]) for n in sorted({*numbered})}
     curve = pd.DataFrame(parts).dropna()  # [subjects, numbers]
-    if curve.shape[1] < 3 or len(curve) < FEWEST:
+    if curve.shape[1] < 3 or len(curve) < few.INTERVAL:
         return None
     numbers = curve.columns.to_numpy()
     solve = np.linalg.pinv(np.column_stack([np.ones(len(numbers)), -1 / numbers]))

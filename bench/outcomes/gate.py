@@ -95,7 +95,7 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
             details.append(f"{label} unknown")
     percent = 100 / len(both)
     line = (
-        f"{100 * hit_then.mean():.1f} -> {100 * hit_now.mean():.1f} %, {percent * difference.sum():+.1f} "
+        f"pooled {100 * hit_then.mean():.1f} -> {100 * hit_now.mean():.1f} %, {percent * difference.sum():+.1f} "
         f"[{percent * low:+.1f}, {percent * high:+.1f}], p {p:.2g} ({len(units)} {kind}), "
         f"{changed} of {len(both)} labels changed{_free(then, now)}, {', '.join(details)}"
     )

@@ -19,7 +19,7 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.outcomes import scores
-from bench.outcomes.resampling import ratio_interval
+from bench.paired import interval
 
 LEVELS = (90, 95, 99)  # percent
 Grouping = tuple[tuple[str, ...], ...]  # names of the gestures of each group
@@ -34,7 +34,7 @@ def groupings(predictions: pd.DataFrame) -> pd.DataFrame:
     Returns:
         A row for each number of ``groups``, from one per gesture down to 2: ``grouping`` (chosen on all subjects, as
         names), ``accuracy`` (mean over subjects, in percent, each with the groups chosen without that subject) with
-        its 95 % bootstrap interval over subjects (``low``, ``high``), ``largest`` (accuracy of always naming the group
+        its 95 % t-interval over subjects (``low``, ``high``), ``largest`` (accuracy of always naming the group
         that is largest among the others, in percent), ``same`` (subjects without whom the same grouping is chosen) and
         ``subjects``.
 
@@ -58,7 +58,7 @@ def groupings(predictions: pd.DataFrame) -> pd.DataFrame:
             tested, actual = person == i, chain[k][true]
             correct.append(100 * (labels(proba[tested], chain[k]) == actual[tested]).mean())
             largest.append(100 * (np.bincount(actual[~tested]).argmax() == actual[tested]).mean())
-        low, high = ratio_interval(np.column_stack([correct, np.ones(len(people))]))
+        low, high = np.clip(interval(np.array(correct)), 0, 100)
         row = {"groups": len(classes) - k, "grouping": named(group, classes), "accuracy": np.mean(correct)}
         row |= {"low": low, "high": high, "largest": np.mean(largest)}
         table.append(row | {"same": sum(np.array_equal(chain[k], group) for chain in own), "subjects": len(people)})

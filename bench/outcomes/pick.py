@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench import few
 from bench.measures import costs
 from bench.paired import TOLERANCE, within_one_standard_error
 
@@ -94,7 +95,8 @@ def pick(
     """The cheapest candidate whose score is not below that of the best, for each drawing of people.
 
     Not below means: the mean over people of the difference is at most its standard error; or, with a margin, a
-    one-sided paired t-test finds it smaller than the margin (p < 0.05).
+    one-sided paired t-test finds it smaller than the margin (p < 0.05); fewer than
+    `bench.few.TEST` people show nothing.
 
     Args:
         scores: in percent, float [candidates, subjects].
@@ -121,7 +123,8 @@ def pick(
     order = np.lexsort((by, -np.where(can, means, -np.inf)), axis=1)
     best = np.where(any_can, order[:, 0], -1)
     losses = of_people[rows, best][:, None, :] - of_people
-    near = fits & any_can[:, None] & _not_below(losses, margin)
+    near = fits & any_can[:, None]
+    near &= _not_below(losses, margin) if margin is None or scores.shape[1] >= few.TEST else False
     near[rows[any_can], best[any_can]] = True
     cheap = np.lexsort((-means, np.where(can & near, by, np.inf)), axis=1)
     return np.where(any_can, cheap[:, 0], -1), best, near

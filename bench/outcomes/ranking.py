@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
+from bench import few
 from bench.outcomes import statistics
 from bench.outcomes.resampling import interval, weights
 from bench.result import Result
@@ -92,7 +93,7 @@ def ranking(results: pd.DataFrame) -> Ranking | None:
 def _intervals(ranks: Sequence[np.ndarray]) -> np.ndarray:
     """95 % intervals of mean ranks [2, systems], people drawn with replacement within each corpus."""
     people = [each.shape[1] for each in ranks]
-    if min(people) < 2:  # one person gives no interval
+    if min(people) < few.INTERVAL:
         return np.full((2, len(ranks[0])), np.nan)
     sums = [each @ drawn.T for each, drawn in zip(ranks, weights(people), strict=True)]
     return interval(np.sum(sums, axis=0) / sum(people), axis=1)

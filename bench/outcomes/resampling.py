@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bench import few
+
 DRAWS = 2000
 ENDS = (0.025, 0.975)  # of a 95 % interval
 
@@ -35,14 +37,15 @@ def interval(values: np.ndarray, axis: int = 0) -> np.ndarray:
 def ratio_interval(counts: np.ndarray, draws: int = DRAWS, seed: int = 0) -> tuple[float, float]:
     """95 % interval of a pooled ratio.
 
-    Draws whose denominators are all 0 are left out. Returns NaN, NaN if fewer than two denominators are above 0.
+    Draws whose denominators are all 0 are left out. Returns NaN, NaN if fewer than `bench.few.INTERVAL` denominators
+    are above 0.
 
     Args:
         counts: numerator and denominator of each subject [subjects, 2], such as hits and captures.
         draws: number of drawings.
         seed: seed of the drawings.
     """
-    if np.count_nonzero(counts[:, 1]) < 2:
+    if np.count_nonzero(counts[:, 1]) < few.INTERVAL:
         return np.nan, np.nan
     sums = counts[drawn(len(counts), draws, seed)].sum(axis=1)
     sums = sums[sums[:, 1] > 0]

@@ -80,7 +80,7 @@ def agreements(groups: Mapping[str, Sequence[Result]]) -> list[Agreement]:
             if r.complete and r.alone:
                 seeds.setdefault(r.system, r)
         models: dict[str, Result] = {}
-        for r in sorted(seeds.values(), key=lambda r: -r["accuracy"]):
+        for r in sorted(seeds.values(), key=lambda r: -r["subject_accuracy_mean"]):
             models.setdefault(r["model_name"], r)
         tables = {r.system: t for r in models.values() if (t := r.tables.get("predictions")) is not None}
         best = next(iter(models.values()), None)

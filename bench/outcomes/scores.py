@@ -13,6 +13,7 @@ import pandas as pd
 from bench.corpora.corpus import PROBABILITY as PREFIX
 from bench.corpora.corpus import RESERVED as RESERVED
 from bench.outcomes.resampling import DRAWS, ratio_interval
+from bench.paired import share_interval
 
 ABSTAINED = ""  # the label of a system that abstains; no gesture is called so
 
@@ -85,10 +86,18 @@ def confusion(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
 def subject_interval(labelled: pd.DataFrame, draws: int = DRAWS, seed: int = 0) -> tuple[float, float]:
     """95 % bootstrap interval of pooled accuracy, whole subjects drawn with replacement.
 
-    Returns NaN, NaN for a single subject: it says nothing about the next one.
+    Returns NaN, NaN for fewer than `bench.few.INTERVAL` subjects.
     """
     hits = (labelled["true"] == labelled["predicted"]).groupby(labelled["subject"]).agg(["sum", "size"]).to_numpy()
     return ratio_interval(hits, draws, seed)
+
+
+def over_people(labelled: pd.DataFrame) -> dict[str, float]:
+    """Mean over subjects of their accuracies, its 95 % t-interval (``low``, ``high``) and SD (``subject_sd``)."""
+    each = per_subject(labelled)["accuracy"]
+    mean, sd = float(each.mean()), float(each.std(ddof=1))
+    low, high = share_interval(mean, sd, len(each))
+    return {"accuracy": mean, "low": low, "high": high, "subject_sd": sd}
 
 
 def accuracies(predictions: pd.DataFrame) -> dict[str, float]:

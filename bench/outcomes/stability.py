@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from bench import few
 from bench.outcomes import scores
-from bench.outcomes.curves import COLUMNS, curve, unharmed
+from bench.outcomes.curves import COLUMNS, clean_accuracy, curve, unharmed
 from bench.usual import CLEAN
 
 if TYPE_CHECKING:
@@ -50,8 +51,8 @@ def sliced(
 
 
 def clean_of(units: pd.DataFrame) -> float:
-    """Accuracy of the captures as they are."""
-    return float((units["true"] == units["predicted"]).mean())
+    """Accuracy of the captures as they are, mean over subjects."""
+    return scores.over_people(units)["accuracy"]
 
 
 def chance_of(units: pd.DataFrame) -> float:
@@ -126,12 +127,12 @@ def factors(units: pd.DataFrame, target: str) -> dict[str, pd.Series]:
 
 
 def conditions(units: pd.DataFrame, target: str) -> pd.DataFrame:
-    """Clean accuracy of every subject, class, condition and length, with a bootstrap interval over subjects."""
+    """Clean accuracy of every subject, class, condition and length: mean over subjects with its 95 % t-interval."""
     rows = []
     for factor, values in factors(units, target).items():
         for value, part in units.groupby(values, sort=False):
-            interval = scores.subject_interval(part)
-            rows.append([factor, value, len(part), part["subject"].nunique(), part["hit"].mean(), *interval])
+            about = {"factor": factor, "value": value, "captures": len(part), "subjects": part["subject"].nunique()}
+            rows.append(about | scores.over_people(part))
     names = ["factor", "value", "captures", "subjects", "accuracy", "low", "high"]
     return pd.DataFrame(rows, columns=names)
 
@@ -160,8 +161,7 @@ def learning(table: pd.DataFrame) -> pd.DataFrame:
     table = as_they_are(table).assign(hit=lambda rows: rows["true"] == rows["predicted"])
     rows = []
     for number, part in table.groupby(trained_on(table).round(1)):
-        sd = scores.per_subject(part)["accuracy"].std(ddof=1)
-        rows.append([number, len(part), part["hit"].mean(), *scores.subject_interval(part), sd])
+        rows.append({"train_subjects": number, "captures": len(part)} | scores.over_people(part))
     return pd.DataFrame(rows, columns=["train_subjects", "captures", "accuracy", "low", "high", "subject_sd"])
 
 
@@ -179,7 +179,8 @@ def slices(table: pd.DataFrame, words: Mapping[str, str], target: str) -> pd.Dat
     a quarter of the error rate each, and two more for each circumstance but the first: the many pairs do not hide a
     fault as such, and faults, most of which fail, do not let others pass. Tested are slices of at least 10 units with
     counts with which p could be 0.05 or less at all (``floor``: the smallest p that the slice can have); this choice
-    does not look at labels. ``failing`` is p_corrected of at most 0.05.
+    does not look at labels. ``failing`` is p_corrected of at most 0.05. Runs with fewer than `bench.few.TEST` subjects
+    have no p.
     """
     keys = ["fold", "capture"]
     units = unharmed(table)
@@ -253,6 +254,8 @@ def _tested(
     lowest = np.maximum(binom.cdf(0, total, expected), 1 / FLIPS)
     floor = np.where(single, binom.cdf(0, total, overall), np.maximum(0.5**compared, lowest))
     p = np.where(single, by_count, np.maximum(by_count, flipped(difference)))
+    enough = len(units) >= few.TEST
+    p, floor = (each if enough else np.full(len(each), np.nan) for each in (p, floor))
     tested = (total >= FEWEST) & (floor <= ALPHA)
     corrected = np.full(len(p), np.nan)
     family = families(tests)
@@ -315,7 +318,7 @@ def seeds(results: Sequence[Result]) -> pd.DataFrame:
         labels = [each.set_index(["fold", "capture"])["predicted"].sort_index() for each in units]
         both = pd.concat(labels, axis=1, join="inner")
         changed = int((both.nunique(axis=1) > 1).sum())
-        accuracy = np.array([r["accuracy"] for r in same])
+        accuracy = np.array([clean_accuracy(r) for r in same])
         spread = accuracy.mean(), accuracy.std(ddof=1), accuracy.min(), accuracy.max()
         rows.append([system, ", ".join(r["seed"] for r in same), *spread, len(both), changed, changed / len(both)])
     names = ["system", "seeds", "accuracy", "sd", "lowest", "highest", "captures", "changed", "share_changed"]
@@ -332,7 +335,7 @@ def ranks(results: Sequence[Result]) -> pd.DataFrame:
 
     rows = []
     for r in results:
-        rows.append((r["system"], CLEAN, r["accuracy"]))
+        rows.append((r["system"], CLEAN, clean_accuracy(r)))
         by_fault = r.tables["faults"].groupby("fault", sort=False)["accuracy"].mean()
         rows += [(r["system"], str(fault), value) for fault, value in by_fault.items()]
     table = pd.DataFrame(rows, columns=["system", "fault", "accuracy"])

@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 from scipy import special, stats
 
+from bench import few
 from bench.comparable import MIXED
-from bench.paired import FEW_SUBJECTS as FEW_SUBJECTS
 from bench.paired import interval as interval
 
 RANKED = 30  # systems that are compared in one table and diagram
@@ -31,31 +31,46 @@ def friedman(subjects: pd.DataFrame) -> tuple[pd.Series, float]:
         subjects: [systems, subjects], three systems and two subjects or more.
 
     Returns:
-        Mean rank of each system, best (1) first, and p of Friedman's test, NaN if it is not defined.
+        Mean rank of each system, best (1) first, and p of Friedman's test, NaN if it is not defined or for too few
+        subjects.
     """
     subjects = subjects.round(9)
     with np.errstate(invalid="ignore", divide="ignore"):  # NaN where all systems are equal on every subject
-        p = stats.friedmanchisquare(*subjects.to_numpy()).pvalue
+        p = stats.friedmanchisquare(*subjects.to_numpy()).pvalue if subjects.shape[1] >= few.TEST else np.nan
     return subjects.rank(axis=0, ascending=False).mean(axis=1).sort_values(kind="stable"), float(p)
 
 
+def base_of(subjects: pd.DataFrame, against: str = "") -> str:
+    """The system that others are compared with: the one that was asked for where it is there, else the best one."""
+    return against if against in subjects.index else str(subjects.index[0])
+
+
+def kept_of(subjects: pd.DataFrame, against: str = "") -> pd.DataFrame:
+    """The `RANKED` most accurate systems of a table, and the one that others are compared with."""
+    return subjects[(np.arange(len(subjects)) < RANKED) | (subjects.index == base_of(subjects, against))]
+
+
 def against_best(
-    subjects: pd.DataFrame, folds: pd.DataFrame | None = None, test_over_train: float | None = None
+    subjects: pd.DataFrame,
+    folds: pd.DataFrame | None = None,
+    test_over_train: float | None = None,
+    against: str = "",
 ) -> pd.DataFrame:
-    """Every system against the best one, by differences within subjects.
+    """Every system against the best one, or against another one, by differences within subjects.
 
     Args:
         subjects: accuracy in percent [systems, subjects], the best system first.
         folds: accuracy in percent [systems, folds], if folds are not subjects.
         test_over_train: tested by training captures of a fold, if folds share training captures; otherwise None.
+        against: name of the system to compare with (`base_of`); empty for the best one.
 
     Returns:
-        A row per system: ``difference`` from the best, in points, with a 95 % t-interval over subjects (``low``,
+        A row per system: ``difference`` from that one, in points, with a 95 % t-interval over subjects (``low``,
         ``high``); the same with Nadeau and Bengio's variance (``nb_low``, ``nb_high``, ``nb_p``); ``p``, Wilcoxon's
         signed rank test, and ``p_holm``, corrected for all systems of the table; Cohen's dz with its interval, and the
         matched-pairs rank-biserial correlation. NaN where something is not defined.
     """
-    best = subjects.iloc[0]
+    best = subjects.loc[base_of(subjects, against)]
     by_system = (subjects if folds is None else folds).T
     rows = []
     for system, accuracy in subjects.iterrows():
@@ -66,6 +81,8 @@ def against_best(
             if test_over_train is not None:
                 by_fold = (by_system[system] - by_system[best.name]).to_numpy(dtype=float).round(9)
                 row |= dict(zip(("nb_low", "nb_high", "nb_p"), nadeau_bengio(by_fold, test_over_train), strict=True))
+                row |= {"nb_p": np.nan} if len(lost) < few.TEST else {}
+                row |= {"nb_low": np.nan, "nb_high": np.nan} if len(lost) < few.INTERVAL else {}
             row |= dict(zip(("dz", "dz_low", "dz_high"), cohen_dz(lost), strict=True))
             row |= {"rank_biserial": rank_biserial(lost)}
         rows.append(row)
@@ -130,9 +147,10 @@ def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[floa
 def wilcoxon(differences: np.ndarray) -> float:
     """Two-sided p of the signed rank test, exact up to 13 differences also where some are equal.
 
-    Equal differences share their mean rank, zeros are left out. 1 where at most one differs, NaN for a single subject.
+    Equal differences share their mean rank, zeros are left out. 1 where at most one differs, NaN for fewer than
+    `bench.few.TEST` subjects.
     """
-    if len(differences) < 2:
+    if len(differences) < few.TEST:
         return np.nan
     moved = differences[differences != 0]
     if len(moved) < 2:  # whatever its sign, one alone is as likely
@@ -160,6 +178,8 @@ def cohen_dz(differences: np.ndarray) -> tuple[float, float, float]:
     if sd < 1e-9:
         return np.nan, np.nan, np.nan
     d = differences.mean() / sd
+    if n < few.INTERVAL:
+        return float(d), np.nan, np.nan
     low, high = (special.nctdtrinc(n - 1, level, d * np.sqrt(n)) / np.sqrt(n) for level in (0.975, 0.025))
     return float(d), float(low), float(high)
 
@@ -183,14 +203,11 @@ def least_p(subjects: int, comparisons: int) -> float:
     return min(1.0, 2.0 ** (1 - subjects) * comparisons)
 
 
-def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
-    """Limits of the conclusions, in sentences; empty for none."""
+def warnings(subjects: int, systems: int, folds: int, mixed: bool, selected: bool = True) -> list[str]:
+    """Limits of the conclusions, in sentences; systems are compared with the best one where that was ``selected``."""
     lines = []
-    if subjects < FEW_SUBJECTS:
-        lines.append(
-            f"{subjects} subject{'s are' if subjects != 1 else ' is'} too few for conclusions: below "
-            f"{FEW_SUBJECTS} subjects, no signed rank test can reach p < 0.05, and intervals are unreliable."
-        )
+    if words := few.too_few(subjects):
+        lines.append(f"{words}.")
     elif least_p(subjects, systems - 1) > 0.05:
         lines.append(
             f"With {subjects} subjects, the smallest possible p is {least_p(subjects, 1):.2g}; corrected for "
@@ -200,6 +217,6 @@ def warnings(subjects: int, systems: int, folds: int, mixed: bool) -> list[str]:
         lines.append("There is only one split, so the variation between training sets is unknown.")
     if mixed:
         lines.append(MIXED)
-    if systems > 1:
+    if systems > 1 and selected:
         lines.append("The best system was selected by these results, so its advantage may be overestimated.")
     return lines

@@ -14,7 +14,7 @@ import pandas as pd
 
 from bench.candidate import EARLY, Candidate, Wish
 from bench.outcomes.reactions import by_decision
-from bench.outcomes.scores import subject_interval, windows
+from bench.outcomes.scores import over_people, windows
 from bench.paired import TOLERANCE, mean_and_error, within_one_standard_error
 
 if TYPE_CHECKING:
@@ -100,16 +100,7 @@ def learned_point(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: fl
 
 
 def _scored(labelled: pd.DataFrame, rate_hz: float) -> dict[str, float]:
-    low, high = subject_interval(labelled)
-    subjects = _hits(labelled)
-    return {
-        "mean_ms": 1000 / rate_hz * labelled["frames"].mean(),
-        "accuracy": (labelled["true"] == labelled["predicted"]).mean(),
-        "low": low,
-        "high": high,
-        "subject_mean": subjects.mean(),
-        "subject_sd": subjects.std(ddof=1),
-    }
+    return {"mean_ms": 1000 / rate_hz * labelled["frames"].mean()} | over_people(labelled)
 
 
 def after(table: pd.DataFrame, times: Iterable[float], rate_hz: float) -> dict[float, float]:
@@ -119,7 +110,7 @@ def after(table: pd.DataFrame, times: Iterable[float], rate_hz: float) -> dict[f
         frames = int(ms * rate_hz / 1000 + 1e-6)
         if table["instant"].min() <= frames <= table["instant"].max():
             labelled = standing(table, frames)
-            accuracy[ms] = float((labelled["true"] == labelled["predicted"]).mean())
+            accuracy[ms] = over_people(labelled)["accuracy"]
     return accuracy
 
 

@@ -13,7 +13,7 @@ from bench import contract
 from bench.corpora.composer import BACKGROUND, check_background, composed, is_recorded, pieces, recorded
 from bench.corpora.recordings import Recordings
 from bench.errors import InputError
-from bench.outcomes.events import REPORT, intervals, last_confidence, matched, per_subject, summary, unknown_scores
+from bench.outcomes.events import REPORT, last_confidence, matched, over_people, per_subject, summary, unknown_scores
 from bench.outcomes.results import FoldResult, costs, table_of
 from bench.timing import Times, timed
 from bench.usual import NO_TOUCH
@@ -190,10 +190,10 @@ def fold_numbers(result: FoldResult, rate_hz: float) -> dict[str, float]:
 def run_numbers(
     folds: list[FoldResult], rate_hz: float, unknown: str
 ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
-    """Scores of all touches, with intervals over subjects; tables of touches, reports, subjects and the curve."""
+    """Scores of touches as means over subjects, with intervals; tables of touches, reports, subjects and the curve."""
     table = table_of(folds)
     touches, reports, background_s = scored(table, rate_hz)
-    numbers = summary(touches, reports, sum(background_s.values())) | intervals(touches, reports, background_s)
+    numbers = summary(touches, reports, sum(background_s.values())) | over_people(touches, reports, background_s)
     hours = sum(background_s.values()) / 3600
     counts = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms"]].sum()
     missed, alarms = 1 - counts["hits"] / max(len(touches), 1), counts["alarms"] / (hours or np.nan)

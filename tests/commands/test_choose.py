@@ -159,7 +159,7 @@ def test_a_scene_scores_reactions_and_asks_for_losses_and_the_worst_person(store
     assert result.system == "svm" and "fault loss" in rows.loc["lda", "verdict"]
     for fact in (
         "To measure it: bench stress data=haart protocol=loso model=lda faults=noise.",
-        "left out of the choice and scored",
+        "3 subjects: too few for an interval. The order may differ for other people.",
         "Reactions: calm (pat, rub); unlisted gestures are their own reaction.",
         "tap taken for calm 3, doing nothing 1, any other mistake 1",
     ):

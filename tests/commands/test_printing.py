@@ -73,15 +73,16 @@ def test_run_marks_the_best_and_warns_of_one_label_and_what_it_prints_next_can_b
     assert "One in 3 of 3 folds" in warning and "lda" not in warning
     store, found = runs("cell")
     shares = {}
-    for run in found:  # pooled over captures, counted here by hand
+    for run in found:  # mean over subjects, counted here by hand
         table = predictions(store, run)
         chances = table[[c for c in table if c.startswith("p_")]]
         labels = chances.columns[chances.to_numpy().argmax(axis=1)].str[2:]
-        shares[run.data.tags["system"]] = 100 * (labels == table["true"]).mean()
+        shares[run.data.tags["system"]] = 100 * (labels == table["true"]).groupby(table["subject"]).mean().mean()
     top = max(shares.values())
     for system, share in shares.items():
         (row,) = [line for line in text.splitlines() if line.startswith(f"│ {system}")]
-        assert ("(best)" in row) == (share == top) and f"{share:.1f} [" in row
+        assert ("(best)" in row) == (share == top) and f" {share:.1f} " in row
+    assert "3 subjects: too few for an interval" in text
     commands = next_commands(text)
     assert commands == [["choose"]]
     assert main([*commands[0], "model=bayes,lda"]) == 0
@@ -98,7 +99,7 @@ def test_run_marks_the_best_and_warns_of_one_label_and_what_it_prints_next_can_b
 def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys):
     values = parse([*SMALL, "model=bayes,lda,tree", "features=jung28"], keys("run"))
     results = made("run", values)
-    top = max(results, key=lambda r: r["accuracy"])
+    top = max(results, key=lambda r: r["subject_accuracy_mean"])
     top.about[BATCH] = "true"
     assert printing.show(results, [(Captures, results)]) == 0
     text, name = capsys.readouterr().out, top["system"]

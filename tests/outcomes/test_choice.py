@@ -19,7 +19,7 @@ from tests.results import evaluated, made_up, systems_of
 
 
 def table(accuracies, **costs):
-    subjects = pd.DataFrame(accuracies).rename(columns=lambda i: "abcd"[i]).astype(float)
+    subjects = pd.DataFrame(accuracies).rename(columns=lambda i: "abcdef"[i]).astype(float)
     rows = pd.DataFrame({"system": [f"s{i}" for i in range(len(subjects))], "unit": "capture"})
     usual = {name: [1.0] * len(rows) for name in ("flash", "ram", "predict", "decision")}
     return rows.assign(accuracy=subjects.mean(axis=1), **usual | costs), subjects
@@ -39,7 +39,15 @@ def test_the_cheapest_within_one_standard_error_is_chosen():
     assert list(choice.table["verdict"]) == ["below the best", "chosen", "the best, costlier"]
     assert choice.table.loc[1, ["loss", "error"]].tolist() == pytest.approx([1, np.sqrt(2) / 2])
     assert choice.table.loc[2, ["loss", "error"]].tolist() == pytest.approx([0.5, np.sqrt(17 / 3) / 2])
-    for fact in ("s2: 74.5 %", "9 kB", "(s0, 75.0 %)", "0.5 ± 1.2", "gains 0.5 points", "50 kB", "Only 4 subjects"):
+    for fact in (
+        "s2: 74.5 %",
+        "9 kB",
+        "(s0, 75.0 %)",
+        "0.5 ± 1.2",
+        "gains 0.5 points",
+        "50 kB",
+        "4 subjects: too few",
+    ):
         assert fact in words(choice)
 
 
@@ -63,17 +71,17 @@ def test_budgets_rule_out_what_is_over_them_or_not_known():
 
 
 def test_a_margin_asks_for_proof_of_equivalence():
-    best = np.random.default_rng(0).uniform(60, 90, 4)
-    noise = np.array([0.5, -0.4, 0.1, -0.1])
-    rows, subjects = table([best, best - 1 + noise, best - 1 + 8 * noise], flash=[9.0, 2.0, 1.0])
+    best = np.random.default_rng(0).uniform(60, 90, 6)
+    noise = np.array([0.5, -0.4, 0.1, -0.1, 0.3, -0.2])
+    rows, subjects = table([best, best - 1 + noise, best - 1 + 12 * noise], flash=[9.0, 2.0, 1.0])
     for i, expected in ((1, True), (2, False)):
         p = ttest_rel(subjects.loc[0] - 3, subjects.loc[i], alternative="less").pvalue
         assert (p < 0.05) == expected
     assert [decide(rows, subjects, "flash", {}, margin).chosen for margin in (3.0, 0.5)] == [1, 0]
-    even, subjects = table([[90] * 4, [88] * 4], flash=[9.0, 1.0])  # no spread
+    even, subjects = table([[90] * 6, [88] * 6], flash=[9.0, 1.0])  # no spread
     assert [decide(even, subjects, "flash", {}, margin).chosen for margin in (3.0, 2.0)] == [1, 0]
-    one, subjects = table([[90], [89.5]], flash=[9.0, 1.0])
-    assert decide(one, subjects, "flash", {}, 3.0).chosen == 0  # one subject proves nothing
+    few, subjects = table([[90] * 5, [89.5] * 5], flash=[9.0, 1.0])
+    assert decide(few, subjects, "flash", {}, 3.0).chosen == 0  # too few for a p value
 
 
 def test_each_budget_has_its_price_and_what_binds():
@@ -116,7 +124,7 @@ def test_ties_and_one_subject():
     assert (choice.chosen, choice.best, choice.costlier) == (1, 1, None)
     rows, subjects = table([[90.0], [90.0], [80.0]], flash=[9.0, 5.0, 1.0])
     choice = decide(rows, subjects, "flash", {"ram": 2.0}, None)
-    assert choice.chosen == 1 and "Only 1 subject" in words(choice, subjects=1)
+    assert choice.chosen == 1 and "1 subject: too few for an interval" in words(choice, subjects=1)
     assert "within" not in words(choice, subjects=1) and "nan" not in words(choice, subjects=1)
 
 

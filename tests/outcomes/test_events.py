@@ -5,10 +5,19 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 from bench.corpora.recordings import event_table
-from bench.outcomes import scores
-from bench.outcomes.events import intervals, matched, per_subject, report_table, summary, unknown_scores
+from bench.measures import Measure
+from bench.outcomes.events import (
+    alarm_interval,
+    matched,
+    over_people,
+    per_subject,
+    report_table,
+    summary,
+    unknown_scores,
+)
 
 # Two recordings at 10 Hz; the collar of 0.5 s has 5 frames.
 TRUTH = event_table(
@@ -170,27 +179,34 @@ def test_subjects_and_intervals():
     np.testing.assert_allclose(table["false_alarms_per_hour"], [1, 2, 4, np.nan])
     assert table.loc["a"].to_dict() == summary(touches[:3], reports[:6], 3600) | {"background_s": 3600}
 
-    bounds = intervals(touches, reports, background)
-    hits = touches.assign(true="yes", predicted=np.where(touches["end_correct"], "yes", "no"))
-    assert (bounds["end_correct_low"], bounds["end_correct_high"]) == scores.subject_interval(hits)
-    draws = np.random.default_rng(0).integers(0, 4, (2000, 4))
-    alarms, hours = np.array([1, 1, 1, 0]), np.array([1, 0.5, 0.25, 0])
-    per_hour = [alarms[d].sum() / hours[d].sum() for d in draws if hours[d].any()]
-    expected = np.quantile(per_hour, [0.025, 0.975])
-    assert [bounds["false_alarms_per_hour_low"], bounds["false_alarms_per_hour_high"]] == pytest.approx(expected)
-    assert len(bounds) == 8
+    found = over_people(touches, reports, background)
+    each = touches.groupby("subject")["end_correct"].mean()
+    assert found["end_correct"] == pytest.approx(each.mean()) != touches["end_correct"].mean()
+    assert found["subjects"] == 4 and np.isnan([v for k, v in found.items() if k.endswith(("_low", "_high"))]).all()
 
-    alone = intervals(touches[:3], reports[:6], {"a": 3600.0})
-    assert np.isnan([*alone.values()]).all()
     with pytest.raises(ValueError, match="subject b"):
         per_subject(touches, reports, {"a": 1.0, "c": 1.0, "d": 1.0})
+
+
+def test_the_interval_of_false_alarms_is_the_wider_of_bootstrap_and_poisson_and_of_none_a_limit():
+    even = np.column_stack([[1, 1, 1, 1, 1], np.full(5, 0.26)])  # five alarms in 1.3 hours
+    exact = [stats.chi2.ppf(0.025, 10) / 2 / 1.3, stats.chi2.ppf(0.975, 12) / 2 / 1.3]
+    assert alarm_interval(even) == pytest.approx(exact)
+    assert np.round(exact, 1).tolist() == [1.2, 9.0]
+    assert alarm_interval(np.array([[50, 1.0], *[[0, 1.0]] * 5])) == pytest.approx((0, 25), abs=1)  # one person alone
+    low, high = alarm_interval(even * [0, 1])
+    assert np.isnan(low) and high == pytest.approx(3.0 / 1.3, abs=0.01)
+    assert np.isnan(alarm_interval(even[:4])).all()
+    shown = Measure("a", ends="a").of({"a": 0.0, "a_high": high})
+    assert shown == "0.0 [at most 2.3]"
 
 
 def test_no_subject_at_all():
     touches, reports = (t.assign(subject=pd.Series(dtype=str)) for t in matched(TRUTH[:0], REPORTS[:0], 10))
     table = per_subject(touches, reports, {})
     assert len(table) == 0 and {"subject", "touches_found", "false_alarms_per_hour"} <= {*table}
-    assert np.isnan([*intervals(touches, reports, {}).values()]).all()
+    found = over_people(touches, reports, {})
+    assert found.pop("subjects") == 0 and np.isnan([*found.values()]).all()
 
 
 def test_unknown_gestures_by_hand():

@@ -106,7 +106,7 @@ def test_verdicts_on_accuracy_and_labels():
     assert words(then, measured([0, 1] * 6 + [1, 0] * 54)) == ("changed",)  # 12 labels, none too many right or wrong
     assert words(then, measured([0, 1] + [1, 0] * 59)) == ()  # rounding
     (verdict,) = compare([then], [measured([0, 0] * 12 + [1, 0] * 48)], **LIMITS)
-    assert verdict.line.startswith("worse    s | toy* | loso: 50.0 -> 40.0 %, -10.0 [-15.8, -5.0], p ")
+    assert verdict.line.startswith("worse    s | toy* | loso: pooled 50.0 -> 40.0 %, -10.0 [-15.8, -5.0], p ")
 
 
 def test_a_random_system_is_held_to_its_labels_only_where_it_must_repeat_them():

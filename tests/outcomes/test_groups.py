@@ -49,8 +49,7 @@ def test_the_pair_with_the_most_confusions_per_pair_of_captures_is_merged():
     # Of 16 captures of each person correct: 11, 12, 13; with a and b merged 13, 14, 14; with both merged 14, 15, 15.
     assert found["accuracy"].tolist() == pytest.approx([100 * n / 48 for n in (36, 41, 44)])
     assert found["largest"].tolist() == pytest.approx([25, 50, 50])
-    # A draw of three people is three times the same with probability 1/27, more than 2.5 %.
-    assert found.loc[0, ["low", "high"]].tolist() == pytest.approx([100 * 11 / 16, 100 * 13 / 16])
+    assert found[["low", "high"]].isna().all(axis=None)  # of three people
 
 
 def test_each_person_is_scored_with_the_groups_of_the_others():
@@ -113,12 +112,12 @@ def test_groups_lie_side_by_side_in_the_figure():
 
 
 def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, tmp_path, capsys):
-    tracked_run(store, "lda", with_hits([12, 13, 14]))
-    for seed, hits in enumerate(([16, 17, 18], [18, 17, 16])):
+    tracked_run(store, "lda", with_hits([12, 13, 14, 13, 13]))
+    for seed, hits in enumerate(([16, 17, 18, 17, 17], [18, 17, 16, 17, 17])):
         tracked_run(store, "rf", with_hits(hits), seed=str(seed))
     assert main(["scene", "data=synth"]) == 0
     text = capsys.readouterr().out
-    assert "LOSO (3 subjects); rf" in text
+    assert "LOSO (5 subjects); rf" in text
     assert {p.name for p in (tmp_path / "scene").iterdir()} == {"groups.csv", "groups.png", "groups.svg"}
     found = bench.scene(data="synth")
     assert found["accuracy"][0] == pytest.approx(85) and found["low"][0] == pytest.approx(85)

@@ -59,9 +59,11 @@ def test_the_mean_rank_and_its_interval():
         assert row["mean_rank"] == pytest.approx(np.mean(ranks))
         assert row["low"] < row["mean_rank"] < row["high"]
         assert row["high"] - row["low"] == pytest.approx(2 * 1.96 * np.std(ranks) / np.sqrt(23), rel=0.2)
-    same = {"a": [50] * 4, "b": [40] * 4}
-    table = ranking(results(one=same, two={"a": [70] * 3, "b": [20] * 3})).table
+    same = {"a": [50] * 6, "b": [40] * 6}
+    table = ranking(results(one=same, two={"a": [70] * 5, "b": [20] * 5})).table
     assert table[["low", "mean_rank", "high"]].to_numpy().tolist() == [[1, 1, 1], [2, 2, 2]]
+    few = ranking(results(one=same, two={"a": [70] * 4, "b": [20] * 4})).table
+    assert few[["low", "high"]].isna().all(axis=None)
 
 
 def test_a_system_without_results_on_a_corpus_is_left_out():

@@ -41,7 +41,7 @@ def test_scores_equal_scikit_learns():
     proba = rng.dirichlet(np.ones(4), 200)
     table = pd.DataFrame(proba, columns=[f"p_{c}" for c in "abcd"])
     table = table.assign(fold="1", capture=np.arange(200), start=0, frames=10, true=rng.choice(list("abc"), 200))
-    table["subject"] = rng.choice(list("xyz"), 200)
+    table["subject"] = rng.choice(list("vwxyz"), 200)
     predicted = np.array(list("abcd"))[proba.argmax(axis=1)]
     found = scores.summary(table, rate_hz=50)
     each = {"labels": list("abcd"), "average": "macro", "zero_division": 0}
@@ -56,9 +56,10 @@ def test_scores_equal_scikit_learns():
 
 
 def test_interval_equals_a_loop_over_drawn_subjects():
-    table = scores.captures(PREDICTIONS.assign(capture=range(6), subject=list("112233")))
-    draws = np.random.default_rng(0).integers(0, 3, (2000, 3))
-    hit = (table["true"] == table["predicted"]).to_numpy().reshape(3, 2)
+    ten = pd.concat([PREDICTIONS, PREDICTIONS[:4]])
+    table = scores.captures(ten.assign(capture=range(10), subject=list("1122334455")))
+    draws = np.random.default_rng(0).integers(0, 5, (2000, 5))
+    hit = (table["true"] == table["predicted"]).to_numpy().reshape(5, 2)
     expected = np.quantile([hit[d].mean() for d in draws], [0.025, 0.975])
     assert scores.subject_interval(table) == pytest.approx(tuple(expected))
 

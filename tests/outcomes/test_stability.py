@@ -131,9 +131,9 @@ def test_drawn_sign_flips_agree_with_a_t_test_for_many_subjects():
 
 
 def test_small_slices_of_weak_methods_that_could_never_fail_are_not_tested():
-    """Ten captures of five subjects, each right one time in five: even with none right the binomial p is 0.8^10."""
+    """Twelve captures of six subjects, each right one time in five: even with none right the binomial p is 0.8^12."""
     rng = np.random.default_rng(0)
-    rows = [(str(s), 100 * s + c, "a" if c < 2 else "b", c % 5 == 0) for s in range(5) for c in range(40)]
+    rows = [(str(s), 100 * s + c, "a" if c < 2 else "b", c % 5 == 0) for s in range(6) for c in range(40)]
     table = pd.DataFrame(rows, columns=["subject", "capture", "true", "hit"])
     table = table.assign(
         predicted=np.where(table["hit"], table["true"], "c"),
@@ -146,7 +146,7 @@ def test_small_slices_of_weak_methods_that_could_never_fail_are_not_tested():
         length=rng.integers(5, 6, len(table)),
     )
     found = slices(table, WORDS, "gesture").set_index("slice")
-    assert found.loc["gesture a", "captures"] == 10 and found.loc["gesture a", "floor"] == pytest.approx(0.8**10)
+    assert found.loc["gesture a", "captures"] == 12 and found.loc["gesture a", "floor"] == pytest.approx(0.8**12)
     assert not found.loc["gesture a", "tested"] and found.loc["gesture b", "tested"]
 
 

@@ -12,14 +12,17 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
+from bench.commands import printing
 from bench.comparable import BATCH, CONDITIONS, MARK
 from bench.errors import InputError
+from bench.kinds.captures import Captures
 from bench.leaderboard.tasks import HAART
-from bench.outcomes.runs import grouped
+from bench.outcomes.runs import grouped, stored
 from bench.outcomes.store import connect
 from bench.result import PLAIN
 from reports import candidates, page, watching
 from reports.comparison import comparison, published, shown
+from reports.pair import compared
 from tests.reports.store import keep, tracked_run
 from tests.results import WATCHED, evaluated, made_up, result, streamed, stressed, watched, with_hits
 
@@ -185,8 +188,12 @@ def test_the_timeline_shows_touches_reports_and_what_was_missed():
 def test_batch_and_references_in_the_tables(folder):
     rows = pd.read_csv(folder / "statistics.csv")
     loso = rows[rows["group"].str.contains("LOSO")]
-    assert f"batchy {MARK}" not in set(loso["system"]) and "reflex (reference)" in set(loso["system"])
-    assert "svm · jung54 (reference)" not in set(loso["system"])  # the store has it itself
+    assert f"batchy {MARK}" not in set(loso["system"])
+    shipped = pd.read_csv(folder / "reference.csv")
+    assert "reflex (reference)" in set(shipped["system"]) and not {"p_holm", "difference"} & {*shipped}
+    assert "svm · jung54 (reference)" not in set(shipped["system"])  # the store has it itself
+    for name in ("statistics", "pairs", "comparison", "ranking", "budgets"):  # no test, choice or ranking has them
+        assert "(reference)" not in (folder / f"{name}.csv").read_text()
     table = pd.read_csv(folder / "comparison.csv")
     by_system = table[(table["unit"] == "capture") & (table["combined"] != "majority vote")].set_index("system")
     expected = loso.set_index("system")["p_holm"]
@@ -195,18 +202,50 @@ def test_batch_and_references_in_the_tables(folder):
     assert seeds == sorted(seeds) and set(table["folds"].dropna()) >= {"8/10", "10/10"}
 
 
+def test_p_values_compare_with_the_system_that_was_asked_for(quick, store):
+    for i, name in enumerate("abc"):
+        tracked_run(store, name, with_hits(range(12 - i, 18 - i)))
+    page.write_report(store, Path("report"), against="b")
+    rows = pd.read_csv("report/statistics.csv").set_index("system")
+    assert rows["difference"].tolist() == pytest.approx([5, 0, -5]) and np.isnan(rows.loc["b", "p"])
+    assert rows["p_holm"].dropna().tolist() == pytest.approx([4 / 2**6] * 2)  # six of one sign, two tests
+    assert set(pd.read_csv("report/comparison.csv")["against"]) == {"b"}
+    text = Path("report/index.html").read_text()
+    assert "every system against b" in text and "was selected by these results" not in text
+    with pytest.raises(InputError, match="against=d: no complete run of this system is stored"):
+        page.write_report(store, Path("report"), against="d")
+
+
+def test_the_footnote_of_reflex_stands_wherever_it_is_compared_on_haart(quick, store, capsys):
+    for name, hits in (("reflex", range(12, 18)), ("svm · jung54", range(11, 17))):
+        tracked_run(store, name, with_hits(hits), **LOSO, **typed(name))
+        keep(store, streamed(name, **LOSO))
+    words = "designed on seven of HAART's ten people"
+    assert main(["choose", "data=haart"]) == 0 and words in capsys.readouterr().out
+    page.write_report(store, Path("report"))
+    for name in ("comparison.tex", "comparison.md", "index.html"):
+        assert words in html.unescape(Path("report", name).read_text()).replace(r"\textquotesingle{}", "'"), name
+    for name in ("comparison", "statistics", "pairs", "budgets", "streaming"):
+        rows = pd.read_csv(f"report/{name}.csv").fillna("").astype(str)
+        about = rows.drop(columns=["note", "against"], errors="ignore").agg(" ".join, axis=1).str.contains("reflex")
+        assert rows["note"].str.contains(words).tolist() == about.tolist() and about.any(), name
+    runs = [evaluated("reflex", **LOSO)]
+    assert printing.show(runs, [(Captures, runs)]) == 0 and words in capsys.readouterr().out
+    assert words in repr(compared([(name, grouped(stored(store))) for name in ("reflex", "svm · jung54")]))
+
+
 def test_numbers_are_those_of_the_predictions():
     one = evaluated("a", table := made_up(5, windows=3, seed=4), cost=2.0)
     table_of_both = comparison({"g": [one]}, published())
     row = table_of_both.set_index("combined").loc["mean probability"]
     probabilities = table.groupby("capture")[["p_pat", "p_rub", "p_tap"]].mean()
     hit = probabilities.idxmax(axis=1).str[2:] == table.groupby("capture")["true"].first()
-    assert row["accuracy"] == pytest.approx(100 * hit.mean()) and row["low"] <= row["accuracy"] <= row["high"]
+    assert row["pooled_accuracy"] == pytest.approx(100 * hit.mean()) and row["low"] <= row["accuracy"] <= row["high"]
     people = hit.groupby(probabilities.index // 100).mean()
-    assert row[["subject_mean", "subject_sd"]].tolist() == pytest.approx([100 * people.mean(), 100 * people.std()])
+    assert row[["accuracy", "subject_sd"]].tolist() == pytest.approx([100 * people.mean(), 100 * people.std()])
     on_page = {each["windows combined by"]: each for each in shown(table_of_both, [], []).texts}["mean probability"]
     assert on_page["accuracy % [95 %]"] == f"{row['accuracy']:.1f} [{row['low']:.1f}, {row['high']:.1f}]"
-    assert on_page["subjects: mean ± SD"] == f"{100 * people.mean():.1f} ± {100 * people.std():.1f}"
+    assert on_page["SD"] == f"{100 * people.std():.1f}"
     assert (row["flash_bytes"], row["fit_seconds"], row["captures"], row["subjects"]) == (8000, 6, 60, 5)
 
 
