@@ -141,7 +141,7 @@ def read_scene(name: str) -> Scene:
 
 
 def _check_size(value: object, where: str = "", depth: int = 0) -> None:
-    """Refuse what TOML allows and no line of a scene needs: deep nesting, and numbers that no float or message holds."""
+    """Refuse deep nesting and very large numbers: TOML allows them, and no line of a scene needs them."""
     if depth > DEEPEST:
         raise InputError(NESTED)
     if isinstance(value, int) and not -(2**63) <= value < 2**63:  # as TOML bounds whole numbers
