@@ -8,6 +8,7 @@ from dataclasses import replace
 import pandas as pd
 
 from bench.comparable import MARK
+from bench.described import definitions
 from bench.errors import InputError
 from bench.measures import Interval, columns, framed, run_columns
 from bench.table import rows_of
@@ -118,6 +119,8 @@ def _caption(part: pd.DataFrame) -> str:
         )
     if "source" in part and (part["source"] == "reference").any():
         parts.append("Rows marked (reference) come with touchbench.")
+    if defined := definitions(part["system"].astype(str)):
+        parts += ["Classifiers, with these parameters unless the name states others:", *defined]
     notes = [note for system in part["system"] for note in notes_on(str(system), str(one["data"]))]
     parts += [note.rstrip(".") + "." for note in dict.fromkeys(notes)]
     return escaped(" ".join(parts)).replace(r"95 \%", r"95\,\%")

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from bench.comparable import MARKED
+from bench.described import definitions
 from bench.errors import InputError
 from bench.outcomes import statistics
 from bench.outcomes.ranking import COLUMNS as RANKED
@@ -183,6 +184,7 @@ def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
     return {
         "table": shown(kept, remarks, [*together[kept.index]]),
         "few": [*few.unique()],
+        "definitions": definitions(kept["system"]),
         "all": len(table),
         "each": each,
         "reference": (table["source"] == "reference").any(),
