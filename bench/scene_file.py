@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
@@ -125,6 +126,8 @@ def read_scene(name: str) -> Scene:
     shipped = {Path(f.name).stem: f for f in files("bench").joinpath("scenes").iterdir()}
     try:
         file = shipped[name] if name in shipped else Path(name)
+        if file.exists() and not (file.is_file() or file.is_dir()):  # a device may have no end
+            raise OSError(errno.EINVAL, "not a plain file")
         table = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeError) as e:
         why = getattr(e, "strerror", None) or "not UTF-8 text"

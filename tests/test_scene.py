@@ -114,6 +114,8 @@ def test_a_line_that_means_nothing_is_refused_in_one_line(text, fact, tmp_path):
 def test_a_file_that_is_not_there_names_the_shipped_scenes(tmp_path):
     with pytest.raises(InputError, match="companion, handle, toy"):
         read_scene(str(tmp_path / "none.toml"))
+    with pytest.raises(InputError, match="/dev/zero: not a plain file"):
+        read_scene("/dev/zero")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="not UTF-8"):
         read_scene(str(tmp_path / "binary.toml"))
