@@ -9,8 +9,8 @@ import os
 import sys
 
 from bench.errors import ClusterError, HiddenError, InputError, StoreError, nearest
-from bench.options import commands, help_of, makers, overview
-from bench.registry import check_rooms
+from bench.options import commands, help_of, makers, options, overview
+from bench.registry import KEYS, check_rooms
 from bench.scratch import scratch
 
 LONGEST = 300  # characters of a message
@@ -71,7 +71,7 @@ def _done(arguments: list[str]) -> int:
     if name not in (known := commands()):
         raise InputError(f"no command is called {name!r}; {nearest(name, known)}")
     if {"-h", "--help"} & set(rest):
-        print(help_of(name), end="")
+        print(_help(name, rest), end="")
         return 0
     _check(rest)
     if name in makers():
@@ -82,6 +82,19 @@ def _done(arguments: list[str]) -> int:
     module = importlib.import_module(f"bench.commands.{known[name].module or name}")
     with scratch():
         return getattr(module, name)(rest)
+
+
+def _help(name: str, arguments: list[str]) -> str:
+    """The help of a command; where its arguments name parts, the parameters of these.
+
+    Raises:
+        InputError: there is no such part.
+    """
+    if words := [a for a in arguments if (key := a.partition("=")[0]) in KEYS.values() and key in options(name)]:
+        from bench.described import help_of_parts
+
+        return help_of_parts(words)
+    return help_of(name)
 
 
 def _check(arguments: list[str]) -> None:

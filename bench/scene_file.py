@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
@@ -24,6 +25,9 @@ OTHER = {  # lines of each section that are no budgets: a key, and that of `benc
     "stream": {},
 }
 EVERY = tuple(FAULTS.split())
+DEEPEST = 3  # levels of a scene: section, line, list or table
+NESTED = "it is nested more deeply than any line of a scene; see docs/scenes.md"
+COSTLIEST = 1e6  # of one mistake, so that sums of costs and scores stay finite
 
 
 @dataclass(frozen=True)
@@ -122,16 +126,32 @@ def read_scene(name: str) -> Scene:
     shipped = {Path(f.name).stem: f for f in files("bench").joinpath("scenes").iterdir()}
     try:
         file = shipped[name] if name in shipped else Path(name)
+        if file.exists() and not (file.is_file() or file.is_dir()):  # a device may have no end
+            raise OSError(errno.EINVAL, "not a plain file")
         table = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeError) as e:
         why = getattr(e, "strerror", None) or "not UTF-8 text"
         raise InputError(f"scene={name}: {why}; give a TOML file, or {', '.join(sorted(shipped))}") from e
-    except tomllib.TOMLDecodeError as e:
-        raise InputError(f"scene={name} is not TOML: {e}") from e
+    except RecursionError as e:
+        raise InputError(f"scene={name}: {NESTED}") from e
+    except ValueError as e:  # also a number of thousands of digits
+        raise InputError(f"scene={name} is not TOML: {str(e).partition(';')[0]}") from e
     try:
+        _check_size(table)
         return scene_of(table)
     except InputError as e:
         raise InputError(f"scene={name}: {e}") from e
+
+
+def _check_size(value: object, where: str = "", depth: int = 0) -> None:
+    """Refuse deep nesting and very large numbers: TOML allows them, and no line of a scene needs them."""
+    if depth > DEEPEST:
+        raise InputError(NESTED)
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:  # as TOML bounds whole numbers
+        raise InputError(f"{where}: a whole number is too large; give one below 2^63")
+    inside = value.items() if isinstance(value, dict) else [("", v) for v in value] if isinstance(value, list) else ()
+    for key, v in inside:
+        _check_size(v, f"{where} {key}".strip(), depth + 1)
 
 
 def scene_of(table: Mapping[str, object]) -> Scene:
@@ -207,9 +227,9 @@ def _reactions(table: Mapping[str, object]) -> Reactions:
     silence = 1.0
     for name, row in _section(table, "costs").items():
         if name == "silence":
-            silence = _number("[costs] silence", row, 0)
+            silence = _number("[costs] silence", row, 0, COSTLIEST)
         elif isinstance(row, dict):
-            costs[name] = {k: _number(f"[costs] {name}: {k}", v, 0) for k, v in row.items()}
+            costs[name] = {k: _number(f"[costs] {name}: {k}", v, 0, COSTLIEST) for k, v in row.items()}
             if name in row:
                 raise InputError(f"[costs] {name}: {name} taken for itself is no mistake; leave it out")
         else:
@@ -247,11 +267,10 @@ def _check(where: str, given: Mapping[str, object], known: Collection[str]) -> N
             raise InputError(f"{where}{key}: there is no such line; {nearest(key, known)}")
 
 
-def _number(where: str, value: object, above: float, most: float = float("inf")) -> float:
-    good = isinstance(value, int | float) and not isinstance(value, bool)
-    if not good or not above <= float(value) <= most or float(value) == float("inf"):  # type: ignore[arg-type]
-        raise InputError(f"{where} = {value}: give a number from {above:g}" + f" to {most:g}" * (most < float("inf")))
-    return float(value)  # type: ignore[arg-type]
+def _number(where: str, value: object, least: float, most: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+        raise InputError(f"{where} = {value}: give a number from {least:.0f} to {most:.0f}")
+    return float(value)
 
 
 def _text(where: str, value: object) -> str:

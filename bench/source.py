@@ -28,6 +28,7 @@ INDIFFERENT = {
     "bench.corpora.duplicates",
     "bench.corpora.folder",
     "bench.corpora.library",
+    "bench.described",
     "bench.errors",
     "bench.memory",
     "bench.comparable",

@@ -9,6 +9,7 @@ import pandas as pd
 
 from bench import few
 from bench.comparable import MARK, notes_on
+from bench.described import definitions
 from bench.errors import InputError
 from bench.measures import Interval, columns, framed, run_columns
 from bench.table import rows_of
@@ -127,6 +128,8 @@ def _caption(part: pd.DataFrame) -> str:
         )
     if _shipped(part):
         parts.append("These reference results come with touchbench; no test compares them.")
+    if defined := definitions(part["system"].astype(str)):
+        parts += ["Classifiers, with these parameters unless the name states others:", *defined]
     notes = [note for system in part["system"] for note in notes_on(str(system), str(one["data"]))]
     parts += [note.rstrip(".") + "." for note in dict.fromkeys(notes)]
     return escaped(" ".join(parts)).replace(r"95 \%", r"95\,\%")

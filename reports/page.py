@@ -13,6 +13,7 @@ import pandas as pd
 
 from bench import few
 from bench.comparable import MARKED, notes_on
+from bench.described import definitions
 from bench.errors import InputError, nearest
 from bench.outcomes.ranking import COLUMNS as RANKED
 from bench.outcomes.runs import every_result, grouped, stored
@@ -198,6 +199,7 @@ def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
     return {
         "table": shown(kept, remarks, [*together[kept.index]]),
         "few": [f"{row.group}. {few.too_few(int(row.subjects))}" for row in scarce.itertuples()],
+        "definitions": definitions(kept["system"]),
         "all": len(table),
         "each": each,
     }

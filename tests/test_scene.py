@@ -93,6 +93,14 @@ def test_shipped_scenes_and_boards_can_be_read():
         ("[faults]\nseverity = true", "from 1 to 5"),
         ("[people]\nshots = 3\n[stream]\nlatency = '1s'", "shots"),
         ("by = ['flash']", "by: give one value"),
+        ("[costs]\nsilence = 1e308", "silence = 1e[+]308: give a number from 0 to 1000000"),
+        ("[costs]\nscratch = { calm = 1000001 }", "from 0 to 1000000"),
+        ("[costs]\nsilence = nan", "from 0 to 1000000"),
+        ("[costs]\nsilence = -" + "9" * 400, r"costs silence: a whole number is too large"),
+        ("[people]\nworst = " + "9" * 5000, "is not TOML: Exceeds the limit"),
+        ("[people]\nworst = 0x" + "F" * 9000, "people worst: a whole number is too large"),
+        ("by = " + "[" * 500 + "]" * 500, "nested more deeply"),
+        ("by." + "a." * 3000 + "a = 1", "nested more deeply"),
     ],
 )
 def test_a_line_that_means_nothing_is_refused_in_one_line(text, fact, tmp_path):
@@ -106,6 +114,8 @@ def test_a_line_that_means_nothing_is_refused_in_one_line(text, fact, tmp_path):
 def test_a_file_that_is_not_there_names_the_shipped_scenes(tmp_path):
     with pytest.raises(InputError, match="companion, handle, toy"):
         read_scene(str(tmp_path / "none.toml"))
+    with pytest.raises(InputError, match="/dev/zero: not a plain file"):
+        read_scene("/dev/zero")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="not UTF-8"):
         read_scene(str(tmp_path / "binary.toml"))

@@ -19,7 +19,8 @@ PACKAGES = ("bench", "features", "models", "protocols", "reports")
 # Rooms from the bottom to the top: modules, or packages with all below them, and the rooms that they may import.
 GROUND = "bench.amounts bench.errors bench.few bench.machine bench.memory bench.paired bench.pareto bench.progress "
 GROUND += "bench.registry bench.scratch bench.source bench.timing bench.usual"
-VALUES = "bench.arguments bench.candidate bench.comparable bench.measures bench.options bench.result bench.table"
+VALUES = "bench.arguments bench.candidate bench.comparable bench.described bench.measures bench.options bench.result "
+VALUES += "bench.table"
 ROOMS = {
     "ground": (GROUND, ""),
     "values": (VALUES, "ground"),

@@ -69,7 +69,7 @@ def ui(arguments: list[str]) -> int:
         raise InputError(f"port={port[:60]}: give a number from 1 to 65535")
     if _answers(port):
         raise InputError(f"port={port}: another server uses this port; give port={int(port) % 65535 + 1}")
-    store = connect()
+    store = connect(writes=True)
     shown = store.keep_view("touchbench", VIEW)
     # MLflow's front page is about language models; this one is the table of runs.
     page = f"http://{HERE}:{port}/#/experiments/{store.experiment_id}/runs?workflowType=machine_learning&{shown}"

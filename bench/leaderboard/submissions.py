@@ -13,7 +13,7 @@ import stat
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import date
+from datetime import UTC, date, datetime, timedelta
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -278,11 +278,13 @@ def _flaw(metadata: dict[str, Any]) -> str:
         value = metadata.get(key, 0)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e15:
             return f"{key} is not a number from 0 on"
+    day, latest = metadata["date"], datetime.now(UTC).date() + timedelta(days=1)  # it is tomorrow in the east
     try:
-        date.fromisoformat(metadata["date"])
+        if date.fromisoformat(day).isoformat() != day:  # dates are sorted as text
+            raise ValueError(day)
     except ValueError:
-        return f"date is {quoted(metadata['date'])}, not a day such as 2026-01-31"
-    return ""
+        return f"date is {quoted(day)}, not a day such as 2026-01-31"
+    return f"date is {day}, which is in the future; give the day of submission" if day > f"{latest}" else ""
 
 
 def _table(path: Path, task: Task) -> pd.DataFrame:

@@ -104,21 +104,21 @@ def _shared(tables: Iterable[pd.DataFrame]) -> set[str]:
 
 
 def _most_results(tables: dict[str, pd.DataFrame]) -> tuple[str, ...]:
-    """The corpora whose shared systems have the most results, in their order; none without two systems on two."""
+    """The corpora whose shared systems have the most results, in their order; none without two systems on two.
 
-    def results(names: tuple[str, ...]) -> int:
-        systems = len(_shared(tables[name] for name in names))
-        return systems * sum(tables[name].shape[1] for name in names) if systems > 1 else 0
+    Every set of corpora is considered: of those that share the same systems, the largest has the most results.
+    """
+    shared: dict[frozenset[str], None] = {}
+    for table in tables.values():
+        own = frozenset(map(str, table.index))
+        shared |= dict.fromkeys(systems for systems in (*(own & s for s in shared), own) if len(systems) > 1)
+    choices = [(s, tuple(name for name, table in tables.items() if s <= {*table.index})) for s in shared]
 
-    corpora: tuple[str, ...] = max(combinations(tables, 2), key=results, default=())
-    if not corpora or not results(corpora):
-        return ()
-    while rest := [name for name in tables if name not in corpora]:
-        more = max(((*corpora, name) for name in rest), key=results)
-        if results(more) < results(corpora):
-            break
-        corpora = more
-    return tuple(name for name in tables if name in corpora)
+    def results(choice: tuple[frozenset[str], tuple[str, ...]]) -> tuple[int, int]:
+        systems, names = choice
+        return len(systems) * sum(tables[name].shape[1] for name in names), len(names)
+
+    return max((c for c in choices if len(c[1]) > 1), key=results, default=(None, ()))[1]
 
 
 def distinct(groups: Mapping[str, Sequence[Result]]) -> list[tuple[dict[str, str], dict[str, str]]]:

@@ -14,7 +14,7 @@ import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
@@ -78,8 +78,8 @@ def reached() -> Iterator[None]:
 
 
 def _first_line(error: BaseException) -> str:
-    lines = str(error).strip().splitlines() or [type(error).__name__]
-    return lines[0][-150:]  # what MLflow cites ends with the cause
+    lines = [line for line in str(error).splitlines() if line.strip() and "Query-invoked autoflush" not in line]
+    return (lines or [type(error).__name__])[0].strip()[-150:]  # what MLflow cites ends with the cause
 
 
 def _shown(uri: str) -> str:
@@ -296,11 +296,14 @@ def exists() -> bool:
     return path is None or path.exists()
 
 
-def connect() -> Store:
-    """The store, which is created if it is not there.
+def connect(writes: bool = False) -> Store:
+    """The store, which is created if it is not there; one that cannot be written is opened for reading.
+
+    Args:
+        writes: True if it must be written.
 
     Raises:
-        InputError: it cannot be written or reached.
+        InputError: it cannot be reached, or cannot be written and must be.
     """
     uri = store_uri()
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
@@ -308,25 +311,30 @@ def connect() -> Store:
     retries = os.environ.get("MLFLOW_HTTP_REQUEST_MAX_RETRIES")
     os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or "2"  # a wrong address is no reason to wait long
     path = _file(uri)
-    if path is not None:
-        _check_writable(path)
+    if fixed := path is not None and not _is_writable(path, writes):
+        # SQLite leaves such a file and its folder alone; MLflow makes folders of a plain sqlite:///file:
+        uri = f"sqlite+pysqlite:///{path.absolute().as_uri()}?mode=ro&uri=true"
     import mlflow
     from mlflow.exceptions import MlflowException
     from sqlalchemy.exc import SQLAlchemyError
 
     # Several processes that create the tables at the same moment break the file for good.
-    with FileLock(path.with_name(path.name + ".lock") if path else lock_folder() / "tracking.lock"):
+    lock = path.with_name(path.name + ".lock") if path else lock_folder() / "tracking.lock"
+    with nullcontext() if fixed else FileLock(lock):
         logging.getLogger("mlflow.store.db").setLevel(logging.CRITICAL)  # what fails is said by `reached`
         try:
-            if path is not None:
+            if path is not None and not fixed:
                 sweep(path.parent, f".{path.name}.")
                 if not path.exists() or not path.stat().st_size:
                     create(path)
-            mlflow.set_tracking_uri(uri)
+            if not fixed:  # it becomes MLFLOW_TRACKING_URI
+                mlflow.set_tracking_uri(uri)
             client = mlflow.MlflowClient(uri)
             experiment_id = _experiment(client)
         except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:  # a driver, a name
-            raise InputError(f"MLflow store {_shown(uri)} cannot be used: {_first_line(e.__cause__ or e)}") from e
+            raise InputError(
+                f"MLflow store {_shown(store_uri())} cannot be used: {_first_line(e.__cause__ or e)}"
+            ) from e
         finally:
             os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or RETRIES
     return Store(client, experiment_id)
@@ -348,20 +356,31 @@ def create(path: Path) -> None:
         beside.replace(path)
 
 
-def _check_writable(path: Path) -> None:
-    """SQLite would be tried for minutes before it gave up."""
+def _is_writable(path: Path, must: bool) -> bool:
+    """Return True if SQLite can write a file and beside it; SQLite would try for minutes before it gave up.
+
+    Raises:
+        InputError: it must and cannot, there is no file to read, or the file is no store.
+    """
+    head, refused = b"", None
     try:
-        with tempfile.TemporaryFile(dir=path.parent):
-            head = b""
         if path.exists():
-            with path.open("r+b") as f:
+            with path.open("rb") as f:
                 head = f.read(16)
+            with path.open("r+b"):
+                pass
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
     except OSError as e:
-        raise InputError(
-            f"the MLflow store {path} cannot be written ({e}); change the folder or set MLFLOW_TRACKING_URI"
-        ) from e
+        refused = e
     if head and head != b"SQLite format 3\0":
         raise InputError(f"{path} is not an MLflow store; move it away or set MLFLOW_TRACKING_URI")
+    if refused and (must or not head):
+        raise InputError(
+            f"the MLflow store {path} cannot be {'written' if must else 'read'} ({refused.strerror}); change the "
+            "folder or set MLFLOW_TRACKING_URI"
+        ) from refused
+    return refused is None
 
 
 @contextmanager

@@ -96,7 +96,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: bool 
             "remove its conditions, or evaluate it with bench run"
         )
     contract.check_training(estimator, corpus, corpus.gestures)
-    store, threads = connect(), usable_cores()
+    store, threads = connect(writes=True), usable_cores()
     plan = Plan(cell, corpus, (), 1, threads)
     forget_peak()
     fill_cache(plan.cell, plan.corpus)

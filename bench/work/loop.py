@@ -79,7 +79,7 @@ def execute(todo: Todo, backend: Backend = HERE) -> list[Result]:
             with workers:
                 for line in dict.fromkeys(line for plan, _ in todo for line in warnings(plan)):
                     warn(line)
-                with Bar(folder) as bar, Queue(connect(), todo, workers, bar) as queue:
+                with Bar(folder) as bar, Queue(connect(writes=True), todo, workers, bar) as queue:
                     return queue.work()
     except KeyboardInterrupt as e:
         raise Interrupted(

@@ -71,15 +71,15 @@ class GaussianBayes(ClassifierMixin, BaseEstimator):
 
 
 def bayes(features: TransformerMixin, ridge: float = 1e-2) -> Pipeline:
-    """Standardised features, then `GaussianBayes`.
+    """Gaussian with a full covariance and prior for each class, on features standardised on the training captures.
 
-    Several of the 54 features are linear combinations of others, so a class covariance is singular; the papers do not
-    say what was done about it. Here a ridge is declared; its size was chosen on generated captures, so that no person
-    who is tested had a say in it (docs/notes/systems.md, bayes).
+    Several of the 54 features of Jung et al. 2017 are linear combinations of others, so a class covariance is singular.
+    The papers do not say how they dealt with this; a ridge is our reading.
 
     Args:
         features: transformer from captures to a table.
-        ridge: added to the diagonal of every class covariance.
+        ridge: number added to the diagonal of every class covariance. Default: chosen on generated captures, without
+            test subjects.
 
     Raises:
         InputError: the ridge is not above 0.

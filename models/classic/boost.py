@@ -12,13 +12,13 @@ from models.search.space import Range
 def boost(features: TransformerMixin, rounds: int = 300, depth: int = 8, seed: int = 0) -> Pipeline:
     """AdaBoost (SAMME) of decision trees on the raw features.
 
-    The paper used a multi-class boosting package whose trees and rounds it does not tell. Each split tries the square
-    root of the number of features, which makes 300 rounds on 1382 features affordable.
+    Gaus et al. 2015 used a multi-class boosting package and do not state its trees and rounds. Each split tries the
+    square root of the number of features, which makes 300 rounds on 1382 features affordable.
 
     Args:
         features: transformer from captures to a table.
-        rounds: number of trees.
-        depth: largest depth of a tree.
+        rounds: number of trees. Default: our reading.
+        depth: largest depth of a tree. Default: our reading.
         seed: random seed of the tried features.
 
     Raises:

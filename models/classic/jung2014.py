@@ -9,7 +9,11 @@ from models.search.tuning import Search
 
 
 def jung2014_bayes(ridge: float = 1e-2) -> Pipeline:
-    """Gaussian Bayes with full covariances; the ridge is ours (see `models.classic.bayes.bayes`)."""
+    """Gaussian Bayes with full covariances; the ridge is ours (see `models.classic.bayes.bayes`).
+
+    Args:
+        ridge: number added to the diagonal of every class covariance. Default: that of bayes.
+    """
     return bayes(Jung28(), ridge)
 
 

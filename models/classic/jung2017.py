@@ -18,22 +18,39 @@ WIDTHS = [2.0**k for k in range(-15, 4, 2)]
 
 
 def jung2017_bayes(ridge: float = 1e-2) -> Pipeline:
-    """Gaussian Bayes with full covariances; the ridge is ours (see `models.classic.bayes.bayes`)."""
+    """Gaussian Bayes with full covariances; the ridge is ours (see `models.classic.bayes.bayes`).
+
+    Args:
+        ridge: number added to the diagonal of every class covariance. Default: that of bayes.
+    """
     return bayes(Jung54(), ridge)
 
 
 def jung2017_tree(inner: str = "3", seed: int = 0) -> Search:
-    """Pruned decision tree, its pruning level searched; ``seed`` is of the order in which equal splits are tried."""
+    """Pruned decision tree, its pruning level searched.
+
+    Args:
+        inner: groups of training subjects that choose it, or ``loso``.
+        seed: random seed of the order in which equal splits are tried.
+    """
     return Search({"tree": tree}, {"tree": tree.space}, {"jung54": Jung54()}, inner, seed=seed)
 
 
 def jung2017_svm_linear(inner: str = "3") -> Search:
-    """Linear SVM on features scaled to 0..1, its penalty searched."""
+    """Linear SVM on features scaled to 0..1, its penalty searched.
+
+    Args:
+        inner: groups of training subjects that choose it, or ``loso``.
+    """
     return Search({"svm": svm}, {"svm": {"kernel": ["linear"], "C": PENALTIES}}, {"jung54": Jung54()}, inner)
 
 
 def jung2017_svm_rbf(inner: str = "3") -> Search:
-    """SVM with an RBF kernel on features scaled to 0..1, penalty and width searched."""
+    """SVM with an RBF kernel on features scaled to 0..1, penalty and width searched.
+
+    Args:
+        inner: groups of training subjects that choose them, or ``loso``.
+    """
     return Search({"svm": svm}, {"svm": {"C": PENALTIES, "gamma": WIDTHS}}, {"jung54": Jung54()}, inner)
 
 

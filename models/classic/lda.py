@@ -161,7 +161,17 @@ def _means(values: np.ndarray, codes: np.ndarray, weight: np.ndarray) -> tuple[n
 
 
 def lda(features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0) -> Pipeline:
-    """`Discriminants` on a feature set; the other parameters are those of the class.
+    """Linear discriminants: a Gaussian for each class with one covariance, shrunk towards a multiple of the identity.
+
+    Features are standardised on the training captures. All classes have the same prior.
+
+    Args:
+        features: transformer from captures to a table.
+        shrinkage: shrinkage of the covariance, 0 to 1. Default: ours, from the design of reflex on seven of HAART's
+            people.
+        windows: number of windows that decide on a label together; the covariance between captures counts so many
+            times more than that within them. Default: linear discriminants as usual.
+        damaged: weight of a damaged copy of a capture (model.faults=). Default: each copy counts as its capture.
 
     Raises:
         InputError: a shrinkage, a number of windows or a weight that cannot be.

@@ -144,7 +144,21 @@ def perceptron(
     damaged: float = 1.0,
     seed: int = 0,
 ) -> Pipeline:
-    """`Perceptron` on a feature set; the other parameters are those of the class.
+    """Network with one hidden layer of rectified units and a softmax, on standardised and clipped features.
+
+    It learns from a fixed number of batches of 256 rows (AdamW, learning rate up to 0.002, weight decay 0.1, dropout
+    0.5).
+
+    Args:
+        features: transformer from captures to a table.
+        units: number of units in the hidden layer. Default: ours, from the design of reflex on seven of HAART's people.
+        updates: number of batches. Default: ours, from the design of reflex on seven of HAART's people.
+        smoothing: share of a label that is spread over all classes, 0 to below 1. Default: ours, from the design of
+            reflex on seven of HAART's people.
+        clip: number of SDs at which features are clipped. Default: ours, from the design of reflex on seven of HAART's
+            people.
+        damaged: weight of a damaged copy of a capture (model.faults=). Default: each copy counts as its capture.
+        seed: random seed of weights, draws and dropped units.
 
     Raises:
         InputError: a parameter that cannot be.

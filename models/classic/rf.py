@@ -9,13 +9,14 @@ from models.search.space import Range
 
 
 def rf(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float = 0.0, seed: int = 0) -> Pipeline:
-    """A random forest on the raw features.
+    """Random forest on the raw features.
 
     Args:
         features: transformer from captures to a table.
-        trees: number of trees.
-        leaf: fewest captures in a leaf.
-        tried: share of the features that is tried at each split; 0 for the square root of their number.
+        trees: number of trees. Default: our reading of the systems of 2015, most of which do not state it.
+        leaf: fewest captures in a leaf. Default: that of scikit-learn.
+        tried: share of the features that is tried at each split; 0 for the square root of their number. Default: that
+            of scikit-learn.
         seed: random seed of the bootstrap and the tried features.
 
     Raises:
@@ -25,7 +26,21 @@ def rf(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float
 
 
 def et(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float = 0.0, seed: int = 0) -> Pipeline:
-    """Extremely randomised trees on the raw features; no paper's system. The parameters are those of `rf`."""
+    """Extremely randomised trees on the raw features.
+
+    They are no paper's system.
+
+    Args:
+        features: transformer from captures to a table.
+        trees: number of trees. Default: that of rf.
+        leaf: fewest captures in a leaf. Default: that of scikit-learn.
+        tried: share of the features that is tried at each split; 0 for the square root of their number. Default: that
+            of scikit-learn.
+        seed: random seed of the tried features and splits.
+
+    Raises:
+        InputError: a count below 1, or a share that is none.
+    """
     return _forest(ExtraTreesClassifier, features, trees, leaf, tried, seed)
 
 

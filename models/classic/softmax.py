@@ -10,11 +10,13 @@ from models.search.space import Range
 
 
 def softmax(features: TransformerMixin, C: float = 1.0) -> Pipeline:
-    """Standardised features, then one linear layer with a softmax, cross-entropy with an L2 penalty, L-BFGS.
+    """Softmax regression: one linear layer on standardised features, cross-entropy with an L2 penalty.
+
+    L-BFGS trains it, with at most 2000 iterations.
 
     Args:
         features: transformer from captures to a table.
-        C: inverse strength of the penalty.
+        C: inverse strength of the penalty. Default: that of scikit-learn.
 
     Raises:
         InputError: a strength that is not above 0.

@@ -31,17 +31,18 @@ class RankedSVC(SVC):
 def svm(
     features: TransformerMixin, C: float = 512.0, gamma: float = 0.125, kernel: str = "rbf", scaling: str = "range"
 ) -> Pipeline:
-    """Scaled features, then an SVM.
+    """Support vector machine on scaled features, LIBSVM, one against one.
 
-    The defaults are a point of the published grid that was chosen on generated captures, so that no person who is
-    tested had a say in it.
+    Probabilities are a softmax of the decision values: their order is right, their size is not calibrated.
 
     Args:
         features: transformer from captures to a table.
-        C: penalty; the papers search 2^-5, 2^-3, ..., 2^15.
-        gamma: width of the RBF kernel; Jung et al. 2017 search 2^-15, 2^-13, ..., 2^3. Unused by ``kernel=linear``.
-        kernel: ``rbf`` or ``linear``.
-        scaling: ``range`` to 0..1, or ``z`` to mean 0 and SD 1, of the training captures.
+        C: penalty. Default: a point of the grid 2^-5, 2^-3, ..., 2^15 of Jung et al. 2017, chosen on generated
+            captures, without test subjects.
+        gamma: width of the RBF kernel; unused by ``kernel=linear``. Default: a point of the grid 2^-15, 2^-13, ..., 2^3
+            of Jung et al. 2017, chosen on generated captures, without test subjects.
+        kernel: ``rbf`` or ``linear``. Default: one of the two of Jung et al. 2017.
+        scaling: ``range`` to 0..1, or ``z`` to mean 0 and SD 1, of the training captures. Default: Jung et al. 2017.
 
     Raises:
         InputError: another kernel or scaling, or a penalty or width that is not above 0.

@@ -49,7 +49,13 @@ class PrunedTree(MostProbable):
 
 
 def tree(features: TransformerMixin, level: int = 10, seed: int = 0) -> Pipeline:
-    """`PrunedTree` on the raw features.
+    """Decision tree (CART, Gini impurity) on the raw features, grown in full and pruned by cost-complexity.
+
+    Args:
+        features: transformer from captures to a table.
+        level: steps of the pruning sequence that are taken; 0 leaves the full tree. Pruning stops before there are
+            fewer leaves than gestures. Default: our reading; Jung et al. 2017 search the level.
+        seed: random seed of the order in which equal splits are tried.
 
     Raises:
         InputError: a level below 0.

@@ -41,6 +41,8 @@ FIELDS = [
     ({"system": "x" * 201}, "200"),
     ({"system": "r\u0435flex"}, "'r\\u0435flex'"),
     ({"date": "yesterday"}, "'yesterday'"),
+    ({"date": "2026-W05-6"}, "'2026-W05-6'"),
+    ({"date": "9999-12-31"}, "date is 9999-12-31, which is in the future"),
     ({"parameters": -1}, "parameters"),
     ({"accuracy": 99.9}, "'accuracy'"),
     ({"digest": "0" * 64}, "haart-challenge-v1"),

@@ -1,10 +1,13 @@
 """One ranking over corpora: by hand, by a naive loop, and what is not ranked."""
 
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bench.outcomes.ranking import distinct, ranking
 from bench.outcomes.runs import grouped
@@ -73,6 +76,22 @@ def test_a_system_without_results_on_a_corpus_is_left_out():
     assert found.table["system"].tolist() == ["b", "a"] and found.unranked == ["three"]
     assert found.lacking == {"d": ["two"], "c": ["two"]}
     assert ranking(results(one=ONE)) is None and ranking(results(one=ONE, two={"a": [1, 2]})) is None
+
+
+@given(st.lists(st.tuples(st.sets(st.sampled_from("abcdef"), min_size=1), st.integers(1, 4)), max_size=5))
+def test_no_other_set_of_corpora_has_more_results(stored):
+    """A loop over all sets of corpora; of those with the most results, the largest is taken."""
+    tables = {f"c{i}": {system: [1.0] * people for system in systems} for i, (systems, people) in enumerate(stored)}
+    most = (0, 0)
+    for n in range(2, len(stored) + 1):
+        for some in combinations(stored, n):
+            systems = set.intersection(*(systems for systems, _ in some))
+            if len(systems) > 1:
+                most = max(most, (len(systems) * sum(people for _, people in some), n))
+    found = ranking(results(**tables))
+    assert (
+        (0, 0) == most if found is None else (len(found.table) * sum(found.people.values()), len(found.people)) == most
+    )
 
 
 def corpora():

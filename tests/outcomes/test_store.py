@@ -1,9 +1,12 @@
 """The store when it is locked, of another version or gone; kills and full disks are in tests/nightly."""
 
+import errno
 import sqlite3
+from pathlib import Path
 
 import pytest
 
+import bench
 from bench.cli import main
 from bench.errors import StoreError
 from bench.outcomes import store
@@ -42,6 +45,39 @@ def test_a_store_of_another_version_or_a_broken_one_is_refused_in_one_line(harm,
     said = capsys.readouterr().err.strip()
     assert said.startswith("bench: MLflow store sqlite") and len(said) < 400, said
     assert dump() == before
+
+
+def test_a_store_that_can_only_be_read_is_read_and_left_alone(in_net, tmp_path, monkeypatch, capsys):
+    """As a folder without rights, which does not stop a superuser: nothing can be made beside the file."""
+    on = ["data=people", "where=all", "target=gesture", "protocol=loso"]
+
+    def read():
+        texts = []
+        for words in (["choose", *on], ["scene", *on, f"out={tmp_path}/scene"], ["report", f"out={tmp_path}/report"]):
+            texts.append((main(words), capsys.readouterr()))
+        table = bench.results(data="people", protocol="loso", where="all")
+        return (
+            texts,
+            table,
+            bench.compare(*table["system"].unique()[:2], data="people", protocol="loso", where="all").difference,
+        )
+
+    def refused(**_):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    texts, table, p = read()
+    Path("mlflow.db.lock").unlink()
+    files = lambda: {p: p.stat().st_mtime_ns for p in [*Path().glob("*.db*"), *Path("mlruns").rglob("*")]}  # noqa: E731
+    before = files()
+    monkeypatch.setattr(store.tempfile, "TemporaryFile", refused)
+    again = read()
+    assert again[0] == texts and again[1].equals(table) and again[2] == p
+    assert files() == before
+    with pytest.raises(StoreError, match="readonly"):
+        store.connect().create("x", {})
+    assert main(SMALL) == 2 and "mlflow.db cannot be written (Read-only" in capsys.readouterr().err
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/none.db")
+    assert main(["choose"]) == 2 and "none.db cannot be read (Read-only" in capsys.readouterr().err
 
 
 def dump():

@@ -95,7 +95,7 @@ CAPTURES = {"run", *LABELLED}
         ("models/search/tuning.py", comment, set()),
         ("models/search/tuning.py", code, set()),  # svm is not searched
         ("models/classic/svm.py", comment, set()),
-        ("models/classic/svm.py", lambda text: text.replace(b"Scaled features", b"Features, scaled"), set()),
+        ("models/classic/svm.py", lambda text: text.replace(b"on scaled features", b"on features, scaled"), set()),
         ("models/classic/svm.py", code, {*KINDS}),
         ("features/jung54.py", code, {*KINDS}),
         ("features/signals.py", code, {*KINDS}),

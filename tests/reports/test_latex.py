@@ -66,6 +66,13 @@ def test_each_comparison_is_a_table_with_its_numbers_its_best_and_its_p():
     assert "generated" in other and "generated" not in caption and "by window" in other
 
 
+def test_the_caption_defines_each_classifier_once_with_its_parameters():
+    rows = [row("svm · jung54", 60.0), row("svm[C=8] · touch", 70.0), row("reflex", 80.0)]
+    ((caption, _),) = tables_of(latex(pd.DataFrame(rows)))
+    assert caption.count("svm:") == 1 and "C=512, gamma=0.125, kernel=rbf, scaling=range" in caption
+    assert "bayes:" not in caption and "reflex:" not in caption
+
+
 def test_text_is_escaped_and_control_characters_are_gone():
     assert escaped("a_b & 50 % {x} #1 $2 ~ ^ \\") == (
         r"a\_b \& 50 \% \{x\} \#1 \$2 \textasciitilde{} \textasciicircum{} \textbackslash{}"

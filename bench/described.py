@@ -1,0 +1,150 @@
+"""Parts in words: what each is, and every parameter with its default, its meaning and where the default comes from.
+
+All of it is read from docstrings and signatures, so that ``--help``, docs/parts.md and captions cannot differ.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from bench.amounts import text_of
+from bench.arguments import PARTS, items
+from bench.options import WIDTH
+from bench.registry import load, names, parameters, required
+
+SECTION = re.compile(r"^(Args|Attributes|Raises|Returns):$", re.MULTILINE)
+ENTRY = re.compile(r"^ {4}(\w[\w, ]*):\s+(.*(?:\n {8}.*)*)", re.MULTILINE)
+SOURCE = " Default: "  # in the docstring of a parameter, before the origin of its default
+LISTED = re.compile(r"^(- | |=)", re.MULTILINE)  # a line of a list or a table
+SEED = "seed"  # a parameter without a source: any is as good
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a part.
+
+    Attributes:
+        name: name, as in ``model.NAME=``.
+        default: default value as it is typed; empty for an empty text.
+        meaning: meaning, with the unit.
+        source: origin of the default; empty if the docstring names none.
+    """
+
+    name: str
+    default: str
+    meaning: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Described:
+    """A part.
+
+    Attributes:
+        name: name of the part.
+        summary: first line of its docstring, without the full stop.
+        more: other paragraphs; lines of lists and tables stay.
+        parameters: parameters with a default, in their order.
+    """
+
+    name: str
+    summary: str
+    more: list[str]
+    parameters: list[Parameter]
+
+    @property
+    def definition(self) -> str:
+        """The part in a sentence with its default values."""
+        values = ", ".join(f"{p.name}={p.default or 'none'}" for p in self.parameters if p.name != SEED)
+        return f"{self.name}: {self.summary}{f' ({values})' if values else ''}."
+
+
+def described(room: str, name: str) -> Described:
+    """A part of a room, in words.
+
+    Raises:
+        InputError: no part has that name, or it cannot be imported.
+    """
+    part = load(room, name)
+    words = SECTION.split(_plain(inspect.getdoc(part) or ""))[0]
+    first, *more = words.strip().split("\n\n")
+    kept = []
+    meanings = _meanings(part)
+    for key, default in parameters(part).items():
+        meaning, _, source = meanings.get(key, "random seed" if key == SEED else "").partition(SOURCE)
+        text = f"{default:g}" if isinstance(default, float) else text_of(default)
+        kept.append(Parameter(key, text, meaning.rstrip("."), source.rstrip(".")))
+    return Described(name, _line(first).rstrip("."), [p if LISTED.search(p) else _line(p) for p in more], kept)
+
+
+def classifiers() -> list[str]:
+    """Names of the classifiers that go with any feature set: the harness passes them one."""
+    return [name for name in names("models") if required(load("models", name)) == ["features"]]
+
+
+def definitions(systems: Iterable[str]) -> list[str]:
+    """A sentence for each classifier on features among systems as tables name them, such as ``svm[C=8] · jung54``."""
+    first = {re.split(r"[\[ ]", system)[0] for system in systems if "·" in system}
+    return [described("models", name).definition for name in classifiers() if name in first]
+
+
+def help_of_parts(arguments: Sequence[str]) -> str:
+    """The parameters of the parts that arguments name (``model=svm,rf``), as ``--help`` prints them; else empty.
+
+    Raises:
+        InputError: no part has that name, or it cannot be imported.
+    """
+    given = dict(argument.partition("=")[::2] for argument in arguments)
+    sections = []
+    for key in sorted({*PARTS} & {*given}, key=list(given).index):
+        for name in items(key, given[key]):
+            one = described(PARTS[key], name)
+            rows = [_row(key, p) for p in one.parameters] or ["  no parameters"]
+            words = [f"{key}={name}: {one.summary}.", *one.more]
+            filled = [w if LISTED.search(w) else textwrap.fill(w, WIDTH, break_on_hyphens=False) for w in words]
+            sections.append("\n\n".join([*filled, "\n".join(rows)]))
+    return "\n\n".join(sections) + "\n" if sections else ""
+
+
+def markdown(room: str, name: str) -> str:
+    """A part as docs/parts.md has it: its definition and a table of its parameters."""
+    one = described(room, name)
+    lines = [f"### `{name}`", "", " ".join([f"{one.summary}.", *one.more]), ""]
+    if one.parameters:
+        lines += ["| parameter | default | meaning | origin of the default |", "|---|---|---|---|"]
+        cells = [(f"`model.{p.name}=`", f"`{p.default}`", p.meaning, p.source or "any seed") for p in one.parameters]
+        lines += [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in cells]
+    return "\n".join(lines) + "\n"
+
+
+def _row(key: str, p: Parameter) -> str:
+    """A parameter in the form of the other keys of help."""
+    text = f"{p.meaning}; default {p.default or 'empty'}"
+    text += f" ({p.source})" if p.source else ""
+    label = f"  {key}.{p.name}= "
+    indent = " " * 20
+    return textwrap.fill(text, WIDTH, break_on_hyphens=False, initial_indent=f"{label:20}", subsequent_indent=indent)
+
+
+def _meanings(part: object) -> dict[str, str]:
+    """Descriptions of parameters by name, from the docstrings of a function, or of a class and its bases."""
+    found: dict[str, str] = {}
+    for one in reversed(inspect.getmro(part)) if inspect.isclass(part) else [part]:
+        pieces = SECTION.split(_plain(inspect.getdoc(one) or ""))
+        for kind, text in zip(pieces[1::2], pieces[2::2], strict=True):
+            if kind == "Args":
+                found |= {n: _line(words) for ns, words in ENTRY.findall(text) for n in ns.split(", ")}
+    return found
+
+
+def _plain(text: str) -> str:
+    """A docstring without marks of code."""
+    return text.replace("``", "").replace("`", "")
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split())
