@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.composer import BACKGROUND, check_background, composed, is_recorded, pieces, recorded
-from bench.corpora.recordings import Recordings
+from bench.corpora.composer import check_background, composed, is_recorded, pieces, recorded
+from bench.corpora.recordings import GAP, Recordings
 from bench.errors import InputError
 from bench.outcomes.events import REPORT, intervals, last_confidence, matched, per_subject, summary, unknown_scores
 from bench.outcomes.results import FoldResult, costs, table_of
@@ -41,7 +41,7 @@ def usual(corpus: Corpus, background: str = "") -> str:
         background: class that was asked for; empty for ``notouch`` where it exists, and ends of captures elsewhere.
     """
     if is_recorded(corpus):
-        return BACKGROUND
+        return GAP
     return background or (NO_TOUCH if NO_TOUCH in corpus.gestures else QUIET)
 
 
