@@ -184,7 +184,7 @@ def test_other_columns_of_an_old_csv_file_are_numbers_only_if_written_as_numbers
         "nothing": (["", "", ""], [None] * 3),
     }
     (tmp_path / "old.csv").write_text(
-        "\n".join([",".join(columns), *map(",".join, zip(*(c for c, _ in columns.values())))])
+        "\n".join([",".join(columns), *map(",".join, zip(*(c for c, _ in columns.values()), strict=True))])
     )
     read = read_table(lambda name: path if (path := tmp_path / name).exists() else None, "old")
     assert {name: read[name].astype(object).where(read[name].notna(), None).tolist() for name in read} == {
