@@ -1,6 +1,7 @@
 """Gestures and subjects may be called anything: every command gives the same numbers under other names.
 
-The new names sort as the old ones do, as the order of classes decides ties and the order of subjects that of folds.
+The new names sort as the old ones do, also where whole numbers come first, as they do for folds: the order of classes
+decides ties. No word names a gesture and a subject, so that tables can be compared under the old names.
 Random numbers of a subject's sensor depend on the subject's name. So the fault here is one of single captures, and the
 broken sensors that a detector learns are the same for all.
 """
@@ -12,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
 import bench
@@ -25,50 +26,13 @@ from bench.outcomes.reactions import NOTHING
 from bench.outcomes.runs import every_result
 from bench.outcomes.store import connect
 from bench.outcomes.tables import TEXT
+from protocols.subjects import natural_order
 from tests.net.build import inside
 from tests.net.masks import MASKED
 
 GESTURES, PEOPLE = ("pat", "rub", "tap"), ("a", "b", "c")
-HARD = [
-    "1",
-    "10",
-    "2",
-    "03",
-    "1.0",
-    "-1",
-    "1e3",
-    "NA",
-    "N/A",
-    "null",
-    "nan",
-    "NaN",
-    "inf",
-    "True",
-    "false",
-    "none.",
-    "no one",
-]
-HARD += [
-    "a,b",
-    'a"b',
-    '"',
-    "'",
-    "=1+1",
-    "#",
-    "[x]",
-    "{y}",
-    "\\",
-    "100 %",
-    "ü",
-    "触る",
-    "🖐",
-    "unknown",
-    "notouch",
-    "quiet",
-    "true",
-    "fold",
-]
-HARD += ["capture", "subject", "p_true", "labels"]
+HARD = '1|10|2|03|1.0|-1|1e3|NA|N/A|null|nan|NaN|inf|True|false|true|none.|no one|a,b|a"b|"|\'|=1+1|#|[x]|{y}|\\|100 %'
+HARD = f"{HARD}|\u00fc|\u89e6\u308b|\U0001f590|unknown|notouch|quiet|fold|capture|subject|p_true|labels".split("|")
 NAMED = ("subject", "gesture", "label", "first", "fold", "true", "predicted", "value")  # columns of names
 RATE, GRID = 20, 16
 
@@ -160,7 +124,7 @@ def usable(word):
 
 
 words = st.sampled_from(HARD) | st.text("aé,\"' 0.", min_size=1, max_size=4).filter(usable)
-names = st.lists(words, min_size=3, max_size=3, unique=True).map(sorted)
+names = st.lists(words, min_size=6, max_size=6, unique=True).map(lambda six: (sorted(six[:3]), sorted(six[3:])))
 
 
 @pytest.fixture(scope="module")
@@ -170,11 +134,12 @@ def expected(tmp_path_factory, empty_store):
         return measured(GESTURES, PEOPLE)
 
 
-@settings(max_examples=max(2, settings().max_examples // 10))
-@given(gestures=names, people=names)
-@example(gestures=["03", "NA", "null"], people=["1.0", "True", "nan"])
-def test_numbers_are_the_same_under_other_names(expected, gestures, people, tmp_path_factory, empty_store):
+@settings(max_examples=max(1, settings().max_examples // 20), phases=[Phase.explicit, Phase.generate])
+@given(called=names.filter(lambda called: natural_order(called[1]) == called[1]))
+@example(called=(["03", "NA", "null"], ["1.0", "True", "nan"]))
+@example(called=(["fold", "subject", "true"], ["2", "a,b", "notouch"]))
+def test_numbers_are_the_same_under_other_names(expected, called, tmp_path_factory, empty_store):
     with inside(tmp_path_factory.mktemp("names"), empty_store):
-        renamed = measured(gestures, people)
+        renamed = measured(*called)
     assert renamed.keys() == expected.keys()
     assert {name: (renamed[name], value) for name, value in expected.items() if renamed[name] != value} == {}

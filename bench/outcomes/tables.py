@@ -20,6 +20,7 @@ TEXT = tuple(  # columns of text, whatever they hold
     "subject gesture label first fold true predicted factor value kind slice fault amount where system data subset "
     "protocol".split()
 )
+CLASSES = {"confusion": ("true",)}  # tables whose other columns are called as classes are: their columns of text
 AGAIN = "restore it, or delete the run in bench ui and run it again"  # what to do without a table
 WHOLE = re.compile("-?(0|[1-9][0-9]*)")
 NUMBER = re.compile("-?(0|[1-9][0-9]*|[0-9]+[.][0-9]+(e[+-][0-9]+)?|[0-9]e[+-][0-9]+|inf)")
@@ -46,24 +47,24 @@ def read_table(find: Callable[[str], Path | None], name: str, of: str = "this ru
     Raises:
         InputError: the file is damaged.
     """
+    text = CLASSES.get(name, TEXT)
     try:
         if path := find(f"{name}.parquet"):
             table = pd.read_parquet(path)
         elif path := find(f"{name}.csv"):
-            table = pd.read_csv(path, dtype=str, keep_default_na=False).apply(_typed)
+            cells = pd.read_csv(path, dtype=str, keep_default_na=False)
+            table = cells.apply(lambda column: column if column.name in text else _typed(column))
         else:
             return None
     except InputError:
         raise
     except Exception as e:  # pandas and pyarrow raise a dozen types for damaged files
         raise InputError(f"{name} of {of} cannot be read, {path} is damaged; {AGAIN}") from e
-    return table.astype({"subject": str}) if "subject" in table else table
+    return table.astype({"subject": str}) if "subject" in table and "subject" in text else table
 
 
 def _typed(cells: pd.Series) -> pd.Series:
-    """A column of a CSV file in its type; an empty cell is missing, but for columns of `TEXT`."""
-    if cells.name in TEXT:
-        return cells
+    """A column of a CSV file in its type; an empty cell is missing."""
     known = cells[cells != ""]
     filled = 0 < len(known) == len(cells)
     if filled and known.isin(["True", "False"]).all():
