@@ -136,7 +136,7 @@ def expected(tmp_path_factory, empty_store):
 
 @settings(max_examples=max(1, settings().max_examples // 20), phases=[Phase.explicit, Phase.generate])
 @given(called=names.filter(lambda called: natural_order(called[1]) == called[1]))
-@example(called=(["NA", "subject", "true"], ["03", "1.0", "null"]))
+@example(called=(["NA", "capture", "true"], ["03", "1.0", "null"]))
 def test_numbers_are_the_same_under_other_names(expected, called, tmp_path_factory, empty_store):
     with inside(tmp_path_factory.mktemp("names"), empty_store):
         renamed = measured(*called)
