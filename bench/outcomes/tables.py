@@ -16,16 +16,9 @@ import pandas as pd
 from bench.errors import InputError
 
 FOR_PEOPLE = ("confusion", "per_class", "chosen", "trials")  # as CSV, too
-TEXT: tuple[str, ...] = (
-    "subject",
-    "gesture",
-    "label",
-    "first",
-    "fold",
-    "true",
-    "predicted",
-)  # columns of text, whatever they hold
-TEXT += ("factor", "value", "kind", "slice", "fault", "amount", "where", "system", "data", "subset", "protocol")
+LABELS = ("subject", "gesture", "label", "first", "fold", "true", "predicted")
+WORDS = ("factor", "value", "kind", "slice", "fault", "amount", "where", "system", "data", "subset", "protocol")
+TEXT = (*LABELS, *WORDS)  # columns of text, whatever they hold
 CLASSES = {"confusion": ("true",)}  # tables whose other columns are called as classes are: their columns of text
 AGAIN = "restore it, or delete the run in bench ui and run it again"  # what to do without a table
 WHOLE = re.compile("-?(0|[1-9][0-9]*)")
