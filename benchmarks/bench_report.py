@@ -20,10 +20,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
-import pandas as pd
 
 from bench.outcomes.store import connect
-from bench.outcomes.tables import write_table
+from bench.outcomes.tables import read_table, write_table
 from tests.reports.store import made_up, tracked_run
 
 GROUPS = [("cost", 31, 14), ("haart", 10, 7), ("synth", 31, 14), ("synth", 10, 7)]
@@ -81,7 +80,7 @@ def fill(runs: int) -> None:
                 name = copy(db, source, {"system": f"system{i // 5}", "seed": str(i % 5)}, level, cost)
                 target = folder.parents[1] / name / "artifacts"
                 shutil.copytree(folder, target, copy_function=os.link)
-                people = pd.read_parquet(folder / "per_subject.parquet")
+                people = read_table(lambda file, folder=folder: folder / file, "per_subject")
                 moved = (people["accuracy"] * level * rng.uniform(0.9, 1.1, len(people))).clip(upper=1.0)
                 (target / "per_subject.parquet").unlink()
                 write_table(people.assign(accuracy=moved), target / "per_subject.parquet")

@@ -47,6 +47,23 @@ LIGHT = ["bench.measures", "bench.table", "bench.result", "bench.options", "benc
 EVERY = "import bench.registry as r; r.classes('kinds'), r.classes('circumstances'); "
 
 
+TABULAR = {"read_parquet", "to_parquet", "read_csv", "to_csv"}  # pandas' readers and writers
+TABLES = {  # modules that call one, beside bench.outcomes.tables, and their files, none of which is a table of a run
+    "bench.commands.extract": "features for the user",
+    "bench.commands.fit": "the user's captures with labels, printed",
+    "bench.corpora.folder": "captures and events",
+    "bench.corpora.read.csv_text": "files to import",
+    "bench.corpora.read.cuddlebot": "files to import",
+    "bench.leaderboard.submissions": "files of anybody, in the columns of a task",
+    "bench.leaderboard.tasks": "captures of frozen tasks",
+    "bench.table": "what is shown, for the user",
+    "bench.work.tracking": "a copy of some tables for people, which is not read",
+    "features.cache": "features",
+    "reports.comparison": "published numbers",
+    "reports.reproduction": "published numbers",
+}
+
+
 def modules():
     """The file of each module, by name."""
     named = {}
@@ -67,6 +84,15 @@ def imported(source, named):
             full = {alias.name: f"{node.module}.{alias.name}" for alias in node.names}
             found |= {name if name in named else node.module for name in full.values()}
     return found & {*named}
+
+
+def test_one_module_reads_and_writes_tables_of_runs():
+    """Others would lose the types of labels."""
+    found = set()
+    for name, path in modules().items():
+        called = {node.attr for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Attribute)}
+        found |= {name} if called & TABULAR else set()
+    assert found - {"bench.outcomes.tables"} == {*TABLES}
 
 
 def circle(graph):

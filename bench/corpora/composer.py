@@ -7,7 +7,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.faults import seeded
-from bench.corpora.recordings import Recordings, event_table
+from bench.corpora.recordings import GAP, Recordings, event_table
 from bench.errors import InputError
 from bench.memory import ensure
 
@@ -15,7 +15,6 @@ TOUCH_S = (2.0, 6.0)  # excerpts of captures; a shorter capture is used whole
 GAP_S = (3.0, 10.0)
 QUIET_S = 0.25  # of a piece of background, at least
 QUIET = 0.1  # of the highest summed pressure of a capture: frames below, at its ends, are quiet
-BACKGROUND = "background"  # class of the captures between the events of a recording
 COPIES = 2  # of the readings in memory at once: as they are and repaired, in single precision
 RECORDED = "cut from recordings"  # in the corpus's info
 BESIDES = ("subject", "gesture", "split")  # columns that are no condition of the sensor
@@ -161,7 +160,11 @@ def captures_in(recordings: Recordings) -> Corpus:
 
     The class of a gap is ``background``. The table has the position of the recording as ``recording``, and the
     conditions of the recordings.
+
+    Raises:
+        InputError: as of `Recordings.check`: an earlier version may have imported them.
     """
+    recordings.check()
     lengths = recordings.corpus.lengths
     labels = pd.Series(recordings.frame_labels())
     firsts = np.cumsum(lengths) - lengths
@@ -172,7 +175,7 @@ def captures_in(recordings: Recordings) -> Corpus:
     edges[ends[ends < len(edges)]] = True
     starts = np.flatnonzero(edges)
     table = recordings.corpus.captures.iloc[recording[starts]].reset_index(drop=True)
-    table = table.assign(gesture=labels[starts].replace("", BACKGROUND).to_numpy(), recording=recording[starts])
+    table = table.assign(gesture=labels[starts].replace("", GAP).to_numpy(), recording=recording[starts])
     return recordings.corpus.changed(
         starts=storage(recordings.corpus)[1][recording[starts]] + starts - firsts[recording[starts]],
         lengths=np.append(starts[1:], len(edges))[: len(starts)] - starts,
@@ -198,7 +201,7 @@ def recorded(captures: Corpus) -> Recordings:
         raise ValueError("captures of a recording are missing")
     number = table["recording"].map({name: i for i, name in enumerate(first.index)}).to_numpy()
     start = (table["start"] - table["recording"].map(first)).to_numpy()
-    touched = (table["gesture"] != BACKGROUND).to_numpy()
+    touched = (table["gesture"] != GAP).to_numpy()
     events = zip(number, start, start + table["length"], table["gesture"], strict=True)
     subjects = pd.DataFrame({"subject": groups["subject"].first().to_numpy(), "gesture": ""})
     corpus = captures.changed(

@@ -13,6 +13,7 @@ from bench.errors import InputError
 
 COLUMNS = ("recording", "start", "end", "gesture")
 BACKGROUND = ("", "None", "none")  # labels of frames outside of events
+GAP = "background"  # class of the captures between the events of a recording, so no gesture
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +81,7 @@ class Recordings:
             (end <= start, "has no frames; end must be above start"),
             (end > lengths, "ends after its recording"),
             (self.events["gesture"].isin(BACKGROUND) | self.events["gesture"].isna(), "has no gesture"),
+            (self.events["gesture"] == GAP, f"is called {GAP}, but time between touches has an empty label"),
             (np.append(False, ~sorted_)[: len(start)], "comes too late; sort events by recording and start"),
             (np.append(False, same & (start[1:] < end[:-1]))[: len(start)], "overlaps the event before it"),
         ):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bench.outcomes.results import FoldResult
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
+    from bench.table import Table
     from reports.part import Section
 
 
@@ -147,6 +148,12 @@ class Continuous(Kind):
             last=0,
         ),
     )
+
+    @classmethod
+    def printed(cls, results: Sequence[Result]) -> Iterator[str | Table]:
+        """A line where there are no false alarms to count."""
+        if any(r.scored and not r.get("background_minutes") for r in results):
+            yield "alarms/h is unknown: the recordings have no background"
 
     @classmethod
     def then(cls, results: Sequence[Result]) -> str:

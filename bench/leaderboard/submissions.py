@@ -211,6 +211,7 @@ def write(folder: Path, metadata: dict[str, Any], table: pd.DataFrame) -> Submis
         same = rounded.argmax(axis=1) == exact.argmax(axis=1)
         table[columns] = np.where(same[:, None], rounded, exact)
         table = table.drop(columns="predicted")
+    # No table of a run: the task names its columns and their types, and strangers read and write it, too (`_cells`).
     table.to_parquet(folder / TABLES[0], index=False, compression="zstd")
     return read(folder)
 

@@ -135,8 +135,9 @@ def candidates(
     lost = np.empty((len(table), 0, subjects.shape[1]))
     if losses is not None:
         lost = _losses(results, chosen[0], table, [*subjects], losses, wish.reactions)
-    counts = [[part.reindex(subjects.columns) for part in each] for each in alarms]
-    shape = (len(table), 2, subjects.shape[1]) if recordings else (0, 2, 0)
+    untouched = sorted({name for each in alarms for part in each for name in part.index} - {*subjects})
+    counts = [[part.reindex([*subjects, *untouched]) for part in each] for each in alarms]
+    shape = (len(table), 2, len(untouched) + subjects.shape[1]) if recordings else (0, 2, 0)
     alarmed = np.reshape(counts, shape).transpose(1, 0, 2)
     people = People(subjects.to_numpy(float), lost, alarmed, {k: table[k].to_numpy(float) for k in fixed})
     everyone = np.arange(subjects.shape[1])[None]

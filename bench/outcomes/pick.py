@@ -22,7 +22,8 @@ class People:
         scores: float [candidates, subjects], in percent.
         losses: points lost under each fault at each severity, float [candidates, circumstances, subjects]; NaN where
             not stored.
-        alarms: false alarms and hours of background, float [2, candidates, subjects]; NaN where not measured.
+        alarms: false alarms and hours of background, float [2, candidates, subjects and people without touches]; NaN
+            where not measured. The last have no score: they are in every drawing.
         fixed: other costs by name, float [candidates].
     """
 
@@ -58,7 +59,8 @@ class People:
 
     def alarm_rate(self, drawn: np.ndarray) -> np.ndarray:
         """False alarms per hour of background, float [drawings, candidates]."""
-        weights = counted(drawn, self.scores.shape[1])
+        others = np.ones((len(drawn), self.alarms.shape[2] - self.scores.shape[1]))
+        weights = np.concatenate([counted(drawn, self.scores.shape[1]), others], axis=1)
         alarms, hours = weights @ self.alarms[0].T, weights @ self.alarms[1].T
         return np.divide(alarms, hours, out=np.full(alarms.shape, np.nan), where=hours > 0)
 

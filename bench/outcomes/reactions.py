@@ -55,7 +55,7 @@ class Reactions:
         for gesture, name in meant.items():
             if gesture not in gestures:
                 raise InputError(f"[reactions] {name}: there is no gesture {gesture}; {nearest(gesture, gestures)}")
-        for name in self.groups:
+        for name in () if self.plain else (*self.groups, NOTHING):
             if name in gestures and name not in meant and not self.ignored:
                 raise InputError(
                     f"[reactions] {name}: this is also a gesture that is not listed; list it or rename {name}"

@@ -11,6 +11,7 @@ import pandas as pd
 
 from bench import measures
 from bench.outcomes import scores
+from bench.outcomes.tables import uniform
 
 
 @dataclass
@@ -80,9 +81,10 @@ def measured(folds: list[FoldResult], rate_hz: float) -> tuple[dict[str, float],
     """Scores and costs of a run; its predictions, confusions, subjects and classes; the unit of its decisions."""
     predictions = table_of(folds)
     labelled, classes = scores.captures(predictions), scores.classes_of(predictions)
+    counts = scores.confusion(labelled, classes)
     tables = {
         "predictions": predictions,
-        "confusion": scores.confusion(labelled, classes).rename_axis("true").reset_index(),
+        "confusion": uniform(counts.rename_axis("true").reset_index(allow_duplicates=True)),  # a class may be "true"
         "per_subject": scores.per_subject(labelled),
         "per_class": scores.per_class(labelled, classes),
     }

@@ -12,7 +12,7 @@ from bench.comparable import COMPARABLE, SAME_SYSTEM, context_of
 from bench.errors import InputError
 from bench.outcomes.earlier import TAGS, adopted
 from bench.outcomes.store import Store
-from bench.outcomes.tables import read_table
+from bench.outcomes.tables import AGAIN, read_table
 from bench.registry import KEYS as PARTS
 from bench.registry import classes, names
 from bench.result import Result, Tables
@@ -36,18 +36,16 @@ def result_of(store: Store, run: Run) -> Result:
     about = data.params | data.tags | {"run_id": info.run_id, "status": info.status, "started": info.start_time}
     about |= {f"{part}_name": data.params.get(part, "") for part in ROOMS} | {"artifacts": info.artifact_uri}
 
+    this = f"{about.get('system', 'this system')} (run {info.run_id})"
+
     def read(name: str) -> pd.DataFrame | None:
-        return read_table(lambda file: store.path(info.run_id, info.artifact_uri, file), name)
+        return read_table(lambda file: store.path(info.run_id, info.artifact_uri, file), name, this)
 
     def names() -> list[str]:
         files = map(PurePosixPath, store.names(info.run_id, info.artifact_uri))
         return [*dict.fromkeys(file.stem for file in files if file.suffix in (".csv", ".parquet"))]
 
-    missing = (
-        f"{about.get('system', 'this system')} (run {info.run_id}) is missing in the store; restore it, or delete "
-    )
-    missing += "the run in bench ui and run it again"
-    return Result(about, data.metrics, Tables({}, read, missing, names))
+    return Result(about, data.metrics, Tables({}, read, f"{this} is missing in the store; {AGAIN}", names))
 
 
 def every_result(store: Store) -> list[Result]:

@@ -103,7 +103,7 @@ class Detector:
 
     Attributes:
         classifier_: fitted to windows of each gesture and of background.
-        quiet_: number of its classes that are no gesture; they are the first.
+        quiet_: number of its classes that are no gesture; they are the first. Without any, all is touch.
         limit_: share of features beyond 3 SDs above which a window is refused.
     """
 
@@ -120,7 +120,7 @@ class Detector:
         rows = pd.DataFrame(table, index=row_labels(events, np.zeros(len(events), np.int64)))
         self.classifier_ = Discriminants(windows=REPEATED).fit(rows, labels)
         real = ~np.char.startswith(labels, BROKEN)
-        self.quiet_ = len(set(labels[~real]) | {BACKGROUND})
+        self.quiet_ = sum(name == BACKGROUND or name.startswith(BROKEN) for name in self.classifier_.classes_)
         self.limit_ = MARGIN * float(self.unusual(table[real]).max())
         return self
 
@@ -132,7 +132,8 @@ class Detector:
             still: True if no taxel changes in a window, bool [windows].
         """
         scores = self.classifier_.decision_function(table)
-        odds = logsumexp(scores[:, self.quiet_ :], axis=1) - logsumexp(scores[:, : self.quiet_], axis=1)
+        quiet = logsumexp(scores[:, : self.quiet_], axis=1) if self.quiet_ else -np.inf
+        odds = logsumexp(scores[:, self.quiet_ :], axis=1) - quiet
         return np.where(still | (self.unusual(table) > self.limit_), REFUSED, odds).astype(np.float32)
 
     @property

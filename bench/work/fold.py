@@ -156,7 +156,7 @@ def batch_effects(
     effects = []
     for place, position in enumerate(chosen):
         capture = corpus.index[position]
-        rows = expected.get_group(capture)[["start", "frames", *names]].set_axis(together.columns[1:], axis=1)
+        rows = expected.get_group(capture)[["start", "frames", *names]]
         one = corpus[[position]].detached()
         alone = _decided(estimator, one)
         ordered = together[together["capture"] == place]
@@ -187,9 +187,10 @@ def some_of(test: np.ndarray, most: int) -> np.ndarray:
 
 
 def _decided(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:
-    """Decisions on some captures: capture, start, frames and a column for each class."""
+    """Decisions on some captures: capture, start, frames and a column ``p_<class>`` for each class."""
     table, proba = contract.decide(estimator, corpus)
-    values = pd.DataFrame(np.asarray(proba, dtype=np.float64), columns=np.asarray(estimator.classes_).astype(str))
+    names = [f"p_{name}" for name in np.asarray(estimator.classes_).astype(str)]  # a class may be called capture
+    values = pd.DataFrame(np.asarray(proba, dtype=np.float64), columns=names)
     places = table[["capture", "start", "frames"]].reset_index(drop=True)
     return pd.concat([places, values], axis=1)
 
@@ -208,11 +209,11 @@ def _difference(before: pd.DataFrame, now: pd.DataFrame) -> tuple[str, str] | No
         return f"label {other}", f"label {one}"
     if np.abs(old.to_numpy() - new.to_numpy()).max() <= TOLERANCE:
         return None
-    return f"label {one} with {old[one].mean():.3f}", f"label {one} with {new[one].mean():.3f}"
+    return f"label {one} with {old[f'p_{one}'].mean():.3f}", f"label {one} with {new[f'p_{one}'].mean():.3f}"
 
 
 def _label(proba: pd.DataFrame) -> str:
-    return str(proba.columns[int(np.float32(proba.to_numpy()).mean(axis=0).argmax())])
+    return str(proba.columns[int(np.float32(proba.to_numpy()).mean(axis=0).argmax())]).removeprefix("p_")
 
 
 def latency(

@@ -19,10 +19,10 @@ from bench.machine import Machine
 from bench.outcomes.results import FoldResult
 from bench.outcomes.runs import ROOMS
 from bench.outcomes.store import Store
-from bench.outcomes.tables import FOR_PEOPLE, file_of, read_table, uniform, write_table
+from bench.outcomes.tables import AGAIN, FOR_PEOPLE, file_of, read_table, uniform, write_table
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
-from bench.result import Failure, Result
+from bench.result import Failure, Result, Tables
 from bench.source import git_revision, source_digest, versions
 from bench.work.experiment import Experiment
 
@@ -162,18 +162,20 @@ class TrackedRun:
     def _load(self, child: Run) -> FoldResult:
         folder = self.store.fetched(child.info.run_id, "fold")
         timing = json.loads((folder / "timing.json").read_text())
-        trials = read_table(lambda name: folder / name if (folder / name).exists() else None, "trials")
-        tables = {name: pd.read_parquet(folder / f"{name}.parquet") for name in timing["tables"]}
+        fold = child.data.tags["touchbench.fold"]
+        this = f"{self.tags['system']} (run {self.run_id}, fold {fold})"
+        find = lambda name: folder / name if (folder / name).exists() else None  # noqa: E731
+        tables = Tables({}, lambda name: read_table(find, name, this), f"{this} is missing in the store; {AGAIN}")
         return FoldResult(
-            child.data.tags["touchbench.fold"],
-            pd.read_parquet(folder / "predictions.parquet"),
+            fold,
+            tables["predictions"],
             {k: v for k, v in child.data.metrics.items() if k in timing["metrics"]},
             timing["predict_ms"],
             timing["decide_ms"],
             chosen=timing["chosen"],
-            trials=trials,
+            trials=tables.get("trials"),
             batch_effects=timing["batch_effects"],
-            tables=tables,
+            tables={name: tables[name] for name in timing["tables"]},
             times=timing["times"],
         )
 
@@ -209,7 +211,7 @@ class TrackedRun:
             if result.error:
                 (folder / "traceback.txt").write_text(result.error)
             else:
-                write_table(result.table, folder / "predictions.parquet")
+                write_table(result.table, folder / file_of("predictions"))
                 for name, table in result.tables.items():
                     write_table(table, folder / file_of(name))
                 names = ("predict_ms", "decide_ms", "chosen", "batch_effects", "times")
@@ -219,7 +221,7 @@ class TrackedRun:
                 chosen = {f"chosen.{k}": v for k, v in result.chosen.items()}
                 self.store.log(child, result.scored, chosen, result.history)
             if result.trials is not None:  # a system may tell what it chose and not among what
-                write_table(result.trials, folder / "trials.parquet")
+                write_table(result.trials, folder / file_of("trials"))
             self.store.keep(child, folder, "fold")
         self.store.end(child, "FAILED" if result.error else "FINISHED")
         if result.error:

@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.composer import BACKGROUND, check_background, composed, is_recorded, pieces, recorded
-from bench.corpora.recordings import Recordings
+from bench.comparable import several
+from bench.corpora.composer import check_background, composed, is_recorded, pieces, recorded
+from bench.corpora.recordings import GAP, Recordings
 from bench.errors import InputError
 from bench.outcomes.events import REPORT, last_confidence, matched, over_people, per_subject, summary, unknown_scores
 from bench.outcomes.results import FoldResult, costs, table_of
@@ -53,7 +54,7 @@ def usual(corpus: Corpus, background: str = "") -> str:
         background: class that was asked for; empty for ``notouch`` where it exists, and ends of captures elsewhere.
     """
     if is_recorded(corpus):
-        return BACKGROUND
+        return GAP
     return background or (NO_TOUCH if NO_TOUCH in corpus.gestures else QUIET)
 
 
@@ -90,23 +91,33 @@ def refuse(plan: Plan, background: str, unknown: str) -> None:
         )
     if is_recorded(corpus) and background:
         raise InputError(f"background={background}: {plan.cell.data} holds recordings with their own background")
+    if background == QUIET and QUIET in corpus.gestures:
+        raise InputError(f"background={QUIET}: {plan.cell.data} also has a class {QUIET}; rename it")
+    if unknown and unknown != UNKNOWN and UNKNOWN in corpus.gestures:
+        raise InputError(
+            f"unknown={unknown}: rejected touches are labelled {UNKNOWN}, but {plan.cell.data} has a gesture of this "
+            "name; rename it"
+        )
     if unknown and unknown not in {*corpus.gestures} - {usual(corpus, background)}:
         raise InputError(f"unknown={unknown}: {plan.cell.data} has no such gesture beside the background")
     if plan.cell.target != "gesture":
         raise InputError(f"target={plan.cell.target}: bench watch names gestures; leave it out")
+    touches = ~np.isin(corpus.gestures, [usual(corpus, background), unknown])
+    if not is_recorded(corpus):
+        check_background(*pieces(corpus, usual(corpus, background)))
+    elif not touches.any():
+        raise InputError(f"data={plan.cell.data}: its recordings have no touch; label the frames of touches")
     for fold in plan.folds:
-        if len(set(corpus.subjects[fold.train])) < 2:
+        if len(touching := set(corpus.subjects[fold.train[touches[fold.train]]])) < 2:
             raise InputError(
-                f"protocol={name}: fold {fold.name} trains on one subject; bench watch learns its post-processing "
-                "by leaving training subjects out and needs two"
+                f"protocol={name}: fold {fold.name} trains on touches of {several(len(touching), 'subject')}; bench "
+                "watch learns its post-processing by leaving training subjects out and needs two"
             )
     if conditions := contract.conditions(plan.cell.untrained):
         raise InputError(
             f"model={plan.cell.model}: it predicts with {', '.join(conditions)}, which a recording does not have; "
             "remove its conditions, or evaluate it with bench run"
         )
-    if not is_recorded(corpus):
-        check_background(*pieces(corpus, usual(corpus, background)))
 
 
 def fold_of(

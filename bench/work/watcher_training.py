@@ -81,8 +81,10 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
 
 def best(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
     """The first row of `bias_table` that is nearly the best; see `learned`."""
-    excess = (settings["alarms"] + 1) / settings["hours"] - false_alarms
-    worth = settings["found"] - PRICE * excess.clip(lower=0)
+    excess = (settings["alarms"] + 1) / settings["hours"].replace(
+        0, np.nan
+    ) - false_alarms  # unknown without background
+    worth = settings["found"] - PRICE * excess.fillna(0).clip(lower=0)
     return settings[worth >= worth.max() - NEARLY].iloc[0]
 
 
@@ -173,10 +175,11 @@ def bias_table(
     for (bias, level), each in times.items():
         reports = pd.DataFrame(np.concatenate(each), columns=["recording", "reported", "end"])
         touch = touches_of(recordings.events, reports, rate_hz)
-        late = (reports["end"].to_numpy() - recordings.events["end"].to_numpy()[touch])[touch != FALSE_ALARM]
+        hit = touch != FALSE_ALARM
+        late = reports["end"].to_numpy()[hit] - recordings.events["end"].to_numpy()[touch[hit]]
         tail = max(int(np.median(late)), 0) if len(late) else 0
-        found = len(np.setdiff1d(touch, [FALSE_ALARM])) / max(len(recordings.events), 1)
-        rows.append((bias, level, tail, int((touch == FALSE_ALARM).sum()), hours, found))
+        found = len(np.unique(touch[hit])) / max(len(recordings.events), 1)
+        rows.append((bias, level, tail, int((~hit).sum()), hours, found))
     return pd.DataFrame(rows, columns=["bias", "strong", "tail", "alarms", "hours", "found"])
 
 

@@ -87,6 +87,39 @@ def test_one_label_for_all_or_none(tmp_path):
     quiet.check()
 
 
+@pytest.mark.parametrize("kind", [pa.int8(), pa.uint64()])
+def test_whole_numbers_are_gestures_and_gaps_between_them_background(kind, tmp_path):
+    columns = {"label": pa.array([None, 1, 1, 10, None], kind), "a": range(5), "b": range(5)}
+    pq.write_table(pa.table({k: v if k == "label" else list(v) for k, v in columns.items()}), tmp_path / "day.parquet")
+    assert listed(read(tmp_path / "day.parquet", 50.0, "1x2").events) == [(0, 1, 3, "1"), (0, 3, 4, "10")]
+
+
+def test_labels_that_look_the_same_are_refused(tmp_path):
+    unseen = [
+        "\u200b",
+        "pat\u200b",
+        "pa\xadt",
+        "\u2060pat",
+        "\u202epat",
+        "\u3164",
+        "\u2800",
+        "pat\u200d",
+        "p\u200cat",
+        "\u200d",
+    ]
+    for label in [*unseen, "\u0645\u06cc\u200c", "pat\U000e0061"]:
+        refused(
+            tmp_path, "line 3: label is", "cannot be seen; correct it", lines=["r1,ann,,1,2", f"r1,ann,{label},1,2"]
+        )
+    for label in (
+        "\u0645\u06cc\u200c\u062e",
+        "\N{HEAVY BLACK HEART}\ufe0f",
+        "\u00fc",
+        "\u0915\u094d\u200d\u0937",
+    ):  # joiners that join
+        assert listed(read(csv(tmp_path, [f"r1,ann,{label},1,2"]), 50.0, "1x2").events) == [(0, 0, 1, label)]
+
+
 def test_files_that_are_refused(tmp_path):
     refused(tmp_path, "no column label", header=HEADER.replace("label", "gesture"))
     cut = rows()[:-1] + [rows()[-1].rpartition(",")[0]]
@@ -117,6 +150,7 @@ def test_files_that_are_refused(tmp_path):
         ([(2, 0, 1, "pat")], "2 recordings"),
         ([(-1, 0, 1, "pat")], "2 recordings"),
         ([(0, 0, 1, "")], "no gesture"),
+        ([(0, 0, 1, "background")], "called background.* empty label; correct it"),  # the class of gaps
     ],
 )
 def test_events_that_cannot_be(events, reason):

@@ -39,6 +39,15 @@ def test_without_groups_and_costs_the_score_is_the_accuracy_of_captures():
     )
 
 
+def test_a_gesture_called_nothing_is_not_silence():
+    """A missed touch (an empty label) would be right."""
+    labelled = pd.DataFrame({"subject": "a", "true": ["nothing", "pat"], "predicted": ["", "pat"]})
+    with pytest.raises(InputError, match="nothing: this is also a gesture that is not listed; list it"):
+        Reactions(silence=0.5).scores(labelled)
+    assert Reactions({"still": ("nothing",)}, silence=0.5).scores(labelled)["a"] == 75
+    assert Reactions({"nothing": ("nothing",)}).scores(labelled)["a"] == 100
+
+
 @given(st.integers(0, 10**6), st.sampled_from([Reactions(), ROBOT, Reactions({"x": ("rub", "tap")}, ignored=True)]))
 def test_decisions_equal_a_loop_over_all_reactions(seed, robot):
     table = made_up(subjects=2, per_class=1, seed=seed)

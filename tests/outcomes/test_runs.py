@@ -121,6 +121,22 @@ def test_a_table_that_is_gone_is_named(store):
         one.tables["predictions"]
 
 
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+def test_a_table_that_is_damaged_is_named(ending, store):
+    """Cut off; in the form of earlier versions with bytes that are no text."""
+    run_id = keep(store, evaluated("lda", made_up(3)))
+    (one,) = stored(store)
+    path = artifact(one, "predictions")
+    content = path.read_bytes()
+    path.unlink()
+    path.with_suffix(f".{ending}").write_bytes(content[: len(content) // 2])
+    with pytest.raises(
+        InputError, match=f"predictions of lda .run {run_id}. .*{ending} is damaged; restore it"
+    ) as error:
+        one.tables["predictions"]
+    assert "\n" not in str(error.value)
+
+
 def test_accuracy_by_subject_is_of_complete_results_of_all_subjects():
     results = [
         evaluated("worse", with_hits([10, 12])),

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
+from bench.errors import InputError
 from bench.outcomes.store import connect
 from bench.outcomes.tables import read_table
 from bench.plan.cells import cells
@@ -70,6 +71,15 @@ def test_trials_of_a_finished_fold_are_read_back_to_the_last_bit(store, monkeypa
     (run,) = store.parents("echo")
     table = pd.read_csv(store.fetched(run.info.run_id, "trials.csv"), float_precision="round_trip")
     assert table["accuracy"].tolist() == among["accuracy"].tolist() * 3
+
+
+def test_a_damaged_table_of_a_fold_is_named(store, monkeypatch):
+    killed_in(monkeypatch, TrackedRun, "close", command)
+    fold = store.folds(store.parents("echo")[0].info.run_id)[0]
+    path = store.fetched(fold.info.run_id, "fold") / "predictions.parquet"
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(InputError, match=f"predictions of .*fold {fold.data.tags['touchbench.fold']}. .*is damaged"):
+        command()
 
 
 def test_trials_and_choices_of_any_type_are_the_same_in_memory_and_after_a_resume(store, monkeypatch):

@@ -1,5 +1,7 @@
 """`bench watch`: what is learned, how events are told from probabilities, one frame at a time or all at once."""
 
+from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import mlflow
@@ -12,22 +14,25 @@ from hypothesis import strategies as st
 from bench.cli import main
 from bench.corpora.composer import captures_in
 from bench.corpora.corpus import Corpus
+from bench.corpora.recordings import Recordings, event_table
 from bench.corpora.synth_recordings import generate
 from bench.errors import InputError
 from bench.kinds.recordings import Continuous
+from bench.outcomes.candidates import candidates
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import Fold
 from bench.work.detector import Clock, touched
 from bench.work.fit import save_adapted
 from bench.work.saved import Recogniser, load
-from bench.work.watch import _rejection, recordings_of
+from bench.work.watch import _rejection, recordings_of, run_numbers
 from bench.work.watcher import LiveStream, Rules, Tracker, events_of
 from bench.work.watcher_training import learned
 from features.touch import TouchFeatures
 from models.classic.lda import lda
 from models.recipe import Recipe
-from tests.conftest import SMALL, runs
+from tests.conftest import SMALL, random_corpus, runs
+from tests.results import watched as seen
 
 CLOCK = Clock(hop=5, detect=25, name=40, wait=10, hold=15)
 
@@ -184,6 +189,77 @@ def test_what_cannot_be_watched_is_one_line(words, fact, capsys):
     assert main(["watch", *SMALL, "model=lda", "features=touch", *words]) == 2
     error = capsys.readouterr().err
     assert fact in error and error.count("\n") == 1
+
+
+def relabelled(recordings, names=None, untouched=()):
+    """The same with other names of gestures, and people whose touches are not labelled."""
+    events = recordings.events.replace({"gesture": names or {}})
+    kept = ~np.isin(recordings.subjects[events["recording"]], untouched)
+    return replace(recordings, events=events[kept].reset_index(drop=True))
+
+
+def test_false_alarms_of_a_person_without_touches_count(recordings):
+    """Subject 4 touches as before, but without labels, so each report is a false alarm."""
+    (cell,) = cells({"data": "synth", "model": "lda", "features": "touch", "model.window": "0.75"})
+    corpus = captures_in(relabelled(recordings, untouched="4"))
+    fold = Fold("4", *(np.flatnonzero((corpus.subjects == "4") == tested) for tested in (False, True)))
+    result = Continuous().fold(cell, corpus, fold, 1)
+    reports = (result.table["kind"] == "report").sum()
+    numbers, tables = run_numbers([result], 50.0, "")
+    rate = reports / (recordings.corpus.lengths[3] / 50 / 3600)
+    assert reports >= 5 and numbers["false_alarms_per_hour"] == pytest.approx(rate) and numbers["touches"] == 0
+    assert tables["per_subject"]["false_alarms_per_hour"].tolist() == pytest.approx([rate])
+    other = {"subject": "5", "end_correct": 0.5, "false_alarms_per_hour": 0.0, "background_s": 1800.0}
+    watched = pd.concat([tables["per_subject"], pd.DataFrame([other])], ignore_index=True)
+    among = candidates([seen("lda", [0.5], 0.0, 1.0, tables={"per_subject": watched})], {}, recordings=True)
+    hours = recordings.corpus.lengths[3] / 50 / 3600 + 0.5
+    assert among.table["accuracy"][0] == 50 and among.table["false_alarms"][0] == pytest.approx(reports / hours)
+
+
+@pytest.mark.parametrize(
+    ("names", "untouched", "options", "fact"),
+    [
+        ({}, "1234", {}, "no touch; label"),
+        ({}, "34", {}, "fold 1 trains on touches of 1 subject;"),
+        ({"rub": "unknown"}, "", {"unknown": "pat"}, "unknown=pat: .* has a gesture of this name; rename it"),
+        ({"rub": "unknown"}, "", {"unknown": "unknown"}, ""),
+        ({"rub": "background"}, "", {}, "called background"),  # stored by an earlier version
+        ({"rub": "notouch"}, "", {}, ""),
+        ({"rub": "quiet"}, "", {}, ""),
+    ],
+)
+def test_recordings_that_cannot_be_watched_are_refused_before_training(names, untouched, options, fact, recordings):
+    (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
+    with pytest.raises(InputError, match=fact) if fact else nullcontext():
+        corpus = captures_in(relabelled(recordings, names, [*untouched]))
+        sides = [[np.flatnonzero((corpus.subjects == one) == tested) for tested in (False, True)] for one in "12"]
+        plan = SimpleNamespace(corpus=corpus, cell=cell, mixes_subjects=False)
+        plan.folds = [Fold(name, *parts) for name, parts in zip("12", sides, strict=True)]
+        Continuous(**options).refuse(plan)
+
+
+def test_a_class_called_quiet_is_not_the_quiet_ends_of_captures(recordings):
+    (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
+    corpus = random_corpus(gestures=("pat", "quiet"))
+    with pytest.raises(InputError, match="background=quiet: .* class quiet; rename it"):
+        Continuous(background="quiet").refuse(SimpleNamespace(corpus=corpus, cell=cell, folds=[], mixes_subjects=False))
+
+
+def test_without_background_all_is_touch_and_false_alarms_are_unknown(recordings):
+    """Each recording is cut to its longest touch."""
+    longest = recordings.events.assign(length=lambda e: e["end"] - e["start"]).sort_values("length")
+    longest = longest.drop_duplicates("recording", keep="last").sort_values("recording")
+    frames = [recordings.corpus[r][s:e] for r, s, e in longest[["recording", "start", "end"]].itertuples(index=False)]
+    table = recordings.corpus.captures
+    events = event_table((i, 0, len(f), "pat") for i, f in enumerate(frames))
+    whole = Recordings(Corpus.from_captures(frames, table, 50.0), events)
+    captures = captures_in(whole)
+    watcher, _ = learned(Recipe(lda(TouchFeatures()), 0.75).fit(captures, captures.gestures), whole, 5.0)
+    assert watcher.reports(whole.corpus)["recording"].tolist() == [0, 1, 2, 3]  # one event of each, until its end
+    quiet, loud = (seen("lda", [0.5], 0.0, 1.0) for _ in range(2))
+    del quiet.metrics["background_minutes"]
+    assert [*Continuous.printed([loud, quiet])] == ["alarms/h is unknown: the recordings have no background"]
+    assert not [*Continuous.printed([loud])]
 
 
 def test_background_without_touches_is_refused(recordings):

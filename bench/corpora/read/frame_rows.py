@@ -62,11 +62,15 @@ def labels_and_values(
     return pd.DataFrame(table), np.concatenate(blocks)
 
 
-def _joined(parts: list) -> pd.Categorical | np.ndarray:
-    """A column of labels from those of its batches."""
+def _joined(parts: list) -> pd.Categorical | np.ndarray | pd.api.extensions.ExtensionArray:
+    """A column of labels from those of its batches; whole numbers stay whole where some are missing."""
     if isinstance(parts[0], pd.Categorical):
         return pd.api.types.union_categoricals(parts)
-    return pa.chunked_array(parts).to_pandas().to_numpy()
+    column = pa.chunked_array(parts)
+    if kinds.is_integer(column.type) and column.null_count:
+        whole = pd.UInt64Dtype() if kinds.is_unsigned_integer(column.type) else pd.Int64Dtype()
+        return column.to_pandas(types_mapper={column.type: whole}.get).array
+    return column.to_pandas().to_numpy()
 
 
 def is_text(kind: pa.DataType) -> bool:

@@ -18,8 +18,13 @@ MOST_CONDITIONS = 256  # columns beside the channels
 MOST_TIMES = 100  # what a packed file may unpack to, in its own size; sensor values seldom reach 20
 ALWAYS = 16 << 20  # bytes that every packed file may unpack to
 
-# Characters that end a line, move a cursor or cannot be written as UTF-8: files, tables and terminals take them ill.
-_UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff]")
+# Characters that end a line, move a cursor, cannot be written as UTF-8 or show nothing: two labels that look the same
+# would be two gestures. Joiners (U+200C, U+200D) show nothing beside ASCII and at the ends; Persian words need them.
+_UNSEEN = re.compile(
+    "[\x00-\x1f\x7f-\x9f\xad\u034f\u061c\u115f\u1160\u17b4\u17b5\u180b-\u180f\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f"
+    "\u2800\u3164\ufeff\uffa0\ud800-\udfff\U000e0000-\U000e007f]"
+    "|(?<![^\x00-\x7f])[\u200c\u200d]|[\u200c\u200d](?![^\x00-\x7f])|^[\ufe00-\ufe0f]"
+)
 
 
 def short(text: str, most: int = 60) -> str:

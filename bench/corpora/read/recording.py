@@ -74,7 +74,7 @@ def _gestures(column: pd.Series, where: str) -> np.ndarray:
     if not isinstance(column.dtype, pd.CategoricalDtype) and column.dtype.kind not in "iu":
         kind = plain(column.dtype, 40)
         raise InputError(f"{where.partition(',')[0]}: label is of type {kind}; save it as text or whole numbers")
-    return column.astype(str).to_numpy(dtype=object)
+    return column.astype("string").fillna("").to_numpy(dtype=object)
 
 
 def _starts(labels: pd.DataFrame, frame: np.ndarray | None, where: str, first: int) -> np.ndarray:
