@@ -112,9 +112,9 @@ def disagreement(estimator: contract.System, tested: Corpus) -> str:
     found = []
     for place, label in enumerate(contract.labels(estimator, tested)):
         every = pd.concat([table[table["capture"] == place].drop(columns="capture"), mean.loc[[place]]])
-        given = every[label] if label in every else -1.0
+        given = every.get(f"p_{label}", -1.0)
         if not (every.max(axis=1) - given <= TOLERANCE).any() and every.to_numpy().any():
-            found.append((tested.index[place], str(label), mean.loc[place].idxmax()))
+            found.append((tested.index[place], str(label), str(mean.loc[place].idxmax()).removeprefix("p_")))
     if not found:
         return ""
     capture, label, probable = found[0]
