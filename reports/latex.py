@@ -120,7 +120,7 @@ def _caption(part: pd.DataFrame) -> str:
             "ms: median time of one capture, from raw frames to label, on one thread; fit s: training in a fold. Both "
             "are processor time on this machine when quiet."
         )
-        parts += [f"{row['system']}: {note}" for row in rows_of(part) for note in busy(row)]
+        parts += dict.fromkeys(note for row in rows_of(part) for note in busy(row))
     against = [name for name in dict.fromkeys(part.get("against", [])) if name]
     if against and part["p_holm"].notna().any():
         parts.append(

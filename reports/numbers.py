@@ -37,10 +37,9 @@ def noted(
 
 def busy(row: Row) -> list[str]:
     """The footnote of a run that was made on a busy machine."""
-    slower = known(row.get("slowdown"))
-    if slower is None or slower <= BUSY:
+    if (known(row.get("slowdown")) or 1) <= BUSY:
         return []
-    return [f"measured while other programs made this machine {slower:.1f} times slower; its times are converted."]
+    return ["Times were measured beside other programs and are converted to those of the quiet machine."]
 
 
 def listed(names: Sequence[str], most: int = 4) -> str:

@@ -101,8 +101,15 @@ def folds_here(request, monkeypatch):
 @pytest.fixture(autouse=True)
 def brief_measurements(request, monkeypatch):
     """Folds time and repeat few predictions, and no run is drawn, except in tests marked ``measured`` or ``pool``."""
+    never_busy(monkeypatch)
     if not any(map(request.node.get_closest_marker, ("measured", "pool"))):
         shorten_measurements(monkeypatch)
+
+
+def never_busy(patch):
+    """No output says that this machine was busy."""
+    for printed in ("bench.commands.printing", "reports.numbers"):
+        patch.setattr(f"{printed}.BUSY", float("inf"))
 
 
 def shorten_measurements(patch):
@@ -210,6 +217,7 @@ def net_store(tmp_path_factory, empty_store):
         if not (folder / "done").exists():
             with pytest.MonkeyPatch.context() as patch:
                 shorten_measurements(patch)
+                never_busy(patch)
                 build(folder, RUNS, empty_store)
             (folder / "done").touch()
     return folder
