@@ -268,6 +268,6 @@ class Instants(Circumstance):
     @classmethod
     def candidates(cls, result: Result, wish: Wish) -> Iterator[Candidate]:
         """The system after each time that is soon enough."""
-        from bench.outcomes.stopping import early_candidates
+        from bench.outcomes.scored import early_candidates
 
         return early_candidates(result, wish)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,6 @@ from bench.export.tables import check
 from bench.export.write import files_of
 from bench.outcomes import scores
 from bench.outcomes.results import FoldResult
-from bench.plan.plan import Plan
 from bench.progress import warn
 from bench.usual import FALSE_ALARMS
 from bench.work.fitted import Fitted
@@ -25,6 +25,9 @@ from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from bench.work.saved import Recogniser
 from bench.work.watch import recordings_of, usual
 from bench.work.watcher_training import learned
+
+if TYPE_CHECKING:
+    from bench.plan.plan import Plan
 
 # As large as what `bench fit` teaches, which takes three more fits; it changes no probability.
 UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), 1.0)
