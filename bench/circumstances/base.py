@@ -148,7 +148,8 @@ class Circumstance(Options, Shown):
 
         table = curve(tables[LABELS], self.key)
         numbers = {f"accuracy.{r.case}.{r.level:g}": r.accuracy for r in table.itertuples()}
-        return numbers | {f"loss.{case}": lost for case, lost in loss(table).items()}, {self.key: table}
+        numbers |= {f"loss.{case}": lost for case, lost in loss(table).items()}
+        return numbers | {f"loss.{self.key}": float(table["loss"].mean())}, {self.key: table}
 
     @staticmethod
     def in_turn(
@@ -225,10 +226,20 @@ class Circumstance(Options, Shown):
         """Accuracy in each case, and the mean loss; its own columns alone where it counts nothing."""
         if not cls.noun:
             return cls.shown
-        names = dict.fromkeys(k for r in results for k in r.metrics if k.startswith(f"accuracy.{cls.key}."))
-        levels = sorted((name.rpartition(".")[2] for name in names), key=float)
-        columns = [percent(f"at_{n}", f"{n} {cls.noun}", f"accuracy.{cls.key}.{n}", spare=1) for n in levels]
+        curves = [table for r in results if (table := r.tables.get(cls.key)) is not None]
+        cases = dict.fromkeys(case for table in curves for case in table["case"])
+        levels = {case: {*(n for t in curves for n in t["level"][t["case"] == case])} for case in cases}
+        columns = [
+            percent(f"{case}_at_{n:g}", cls.words_of(case, n), f"accuracy.{case}.{n:g}", spare=1)
+            for case in cases
+            for n in sorted(levels[case])
+        ]
         return [*columns, percent("loss", "mean loss", f"loss.{cls.key}"), *cls.shown]
+
+    @classmethod
+    def words_of(cls, case: str, level: float) -> str:
+        """A case in words: its name if it has one, and its level."""
+        return f"{case}, " * (case != cls.key) + f"{level:g} {cls.noun or cls.key}"
 
     @classmethod
     def figure(cls, result: Result, folder: Path) -> None:
@@ -257,8 +268,8 @@ class Circumstance(Options, Shown):
     def candidates(cls, result: Result, wish: Wish) -> Iterable[Candidate]:
         """The system in each case, scored by whole captures."""
         table = result.tables[LABELS]
-        for (_, level), rows in table[table["circumstance"] == cls.key].groupby(["case", "level"], sort=False):
-            yield Candidate(f"{level:g} {cls.noun or cls.key}", wish.reactions.scores(rows))
+        for (case, level), rows in table[table["circumstance"] == cls.key].groupby(["case", "level"], sort=False):
+            yield Candidate(cls.words_of(case, level), wish.reactions.scores(rows))
 
     @classmethod
     def lends(cls, result: Result) -> dict[str, float]:

@@ -169,19 +169,15 @@ class Instants(Circumstance):
             ),
         )
     }
-    heading: ClassVar[str] = "Accuracy in percent against touch seen; stopping learned on training subjects"
+    heading: ClassVar[str] = "Accuracy in percent against touch seen"
     ranked: ClassVar[bool] = True
     score: ClassVar[str] = "replay_accuracy"
     shown: ClassVar[tuple[Measure, ...]] = (
         Measure("start", read="stream.start", spare=10),
-        *(
-            percent(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare={2000: 6, 250: 5}.get(ms, 0))
-            for ms in SHOWN_MS
-        ),
         percent("accuracy", "whole", "replay_accuracy", ends="replay_accuracy"),
         Measure("mean_ms", "mean ms", form=".0f", spare=16),
-        percent("adaptive_accuracy", "early stop %", spare=1),
-        Measure("adaptive_ms", "at mean ms", form=".0f", spare=1),
+        percent("adaptive_accuracy", "early stop %"),
+        Measure("adaptive_ms", "at mean ms", form=".0f"),
         Measure("decide_ms", "decision ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14),
         Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
         Measure("system_hop_ms", "system hop ms", form=".0f", spare=17),
@@ -203,11 +199,28 @@ class Instants(Circumstance):
 
     @classmethod
     def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
-        """Columns of times that were asked for, or of round ones."""
-        names = dict.fromkeys(k for r in results for k in r.metrics if k.startswith("accuracy_at_"))
-        others = [k for k in names if k not in {f"accuracy_at_{ms}_ms" for ms in SHOWN_MS}]
-        own = [percent(k.removeprefix("accuracy_"), k.split("_")[2] + " ms", k, spare=7) for k in others]
-        return [cls.shown[0], *own, *cls.shown[1:]]
+        """Columns of the times that results have, and of early stopping where it was learned."""
+        start, *others = (m for m in cls.shown if cls._learned(results) or not m.key.startswith("adaptive"))
+        return [start, *cls.seen(results), *others]
+
+    @classmethod
+    def seen(cls, results: Sequence[Result]) -> list[Measure]:
+        """Accuracy after each time that was asked for, or after round ones."""
+        times = {k.split("_")[2] for r in results for k in r.metrics if k.startswith("accuracy_at_")}
+        spare = {"500": 0, "1000": 0, "250": 5, "2000": 6}
+        return [
+            percent(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare=spare.get(ms, 7))
+            for ms in sorted(times, key=float)
+        ]
+
+    @classmethod
+    def title(cls, results: Sequence[Result]) -> str:
+        """Heading of the table, which says whether stopping was learned."""
+        return cls.heading + "; stopping learned on training subjects" * cls._learned(results)
+
+    @classmethod
+    def _learned(cls, results: Sequence[Result]) -> bool:
+        return any("adaptive_accuracy" in r for r in results)
 
     @classmethod
     def write(cls, results: Sequence[Result], folder: Path) -> list[str]:

@@ -155,7 +155,7 @@ def runs_table(results: Sequence[Result], view: type[Shown]) -> Table:
     system = text("system", read=lambda r: r.system + " (best)" * (r in marked))
     folds = Measure("folds", read=lambda r: r.folds)
     measures = view.shows(results)
-    title = view.heading
+    title = view.title(results)
     if not differing:
         data, captures_of, protocol = results[0].context
         title = f"{data}, {'all captures' if captures_of == 'all' else captures_of}, {protocol}\n{title}"

@@ -38,6 +38,8 @@ CONSUMERS = frozenset(
         "shown",
         "costs",
         "sheets",
+        "seen",
+        "_learned",
         "alike",
         "noun",
         "shows",
@@ -50,6 +52,8 @@ CONSUMERS = frozenset(
         "lends",
         "lost",
         "then",
+        "title",
+        "words_of",
         "holds",
         "score",
         "unit",
@@ -139,6 +143,11 @@ class Shown:
     def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
         """Columns of the table of some results, after system, data, subset and protocol."""
         return cls.shown
+
+    @classmethod
+    def title(cls, results: Sequence[Result]) -> str:
+        """Heading of the table of some results."""
+        return cls.heading
 
     @classmethod
     def printed(cls, results: Sequence[Result]) -> Iterator[str | Table]:

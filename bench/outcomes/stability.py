@@ -66,7 +66,7 @@ def fault_tables(labels: pd.DataFrame, key: str) -> dict[str, pd.DataFrame]:
         labels: table of the run.
         key: circumstance of the faults.
     """
-    table = curve(labels, key).rename(columns={"case": "fault", "level": "severity"})
+    table = curve(labels, key).rename(columns={"case": "fault", "level": "severity"}).astype({"severity": int})
     units = unharmed(labels)
     names = ["fault", "severity", "amount", "captures", "accuracy", "low", "high", "loss", "broken", "mended"]
     return {"faults": table[names], "margins": half_margins(table, clean_of(units), chance_of(units))}

@@ -1,13 +1,17 @@
 """Circumstances: what is fitted on what, what is predicted in which case, and what is measured of it."""
 
 import pickle
+from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import bench
+from bench.candidate import Wish
+from bench.circumstances.base import Case, Circumstance
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects
@@ -17,6 +21,7 @@ from bench.errors import InputError
 from bench.kinds.captures import Captures
 from bench.outcomes import scores
 from bench.outcomes.curves import COLUMNS, unharmed
+from bench.outcomes.reactions import Reactions
 from bench.outcomes.runs import every_result, plain
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
@@ -177,8 +182,55 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
         numbers = Captures((one,)).result(PLAN, ABOUT, [alone]).metrics
         same = [n for n in numbers if n.startswith(("accuracy", "loss", "replay_accuracy")) or n == "chance"]
         assert len(same) > 3 and {n: measured.metrics[n] for n in same} == {n: numbers[n] for n in same}
+    names = [m.name for m in Instants.shows([measured])]
+    assert names[1:3] == ["250 ms", "whole"] and "early stop %" not in names  # no capture lasts 1000 ms
+    assert "stopping" not in Instants.title([measured])
+    learned = Result(measured.about, measured.metrics | {"adaptive_accuracy": 0.5, "adaptive_ms": 300.0}, {})
+    spare = {m.name: m.spare for m in Instants.shows([learned])}
+    assert spare["early stop %"] == spare["at mean ms"] == 0 and "stopping" in Instants.title([learned])
     assert "stopping" not in measured.tables and {"labels", "replay", "learning", "slices"} < {*measured.tables}
     assert {"fault", "time"} <= {*measured.tables["slices"]["circumstance"]}
+
+
+@dataclass(frozen=True)
+class Pressed(Circumstance):
+    """Readings times a factor, in cases with names."""
+
+    key: ClassVar[str] = "pressed"
+    noun: ClassVar[str] = "times"
+
+    def cases(self, at):
+        for case in ("up", "down"):
+            for factor in (0.5, 2):
+                frames = at.corpus.frames * (factor if case == "up" else 1 / factor)
+                yield Case(case, factor, corpus=at.corpus.changed(frames=frames.astype(np.float32)))
+
+
+def test_each_named_case_and_fractional_level_is_a_column_and_a_candidate():
+    every = Captures((Faults(("noise",)), Pressed()))
+    result = every.fold(cell_of(Level), CORPUS, FOLD, 1)
+    run = every.result(PLAN, ABOUT, [result])
+    names = {f"accuracy.{case}.{level}" for case in ("up", "down") for level in ("0.5", "2")}
+    names |= {f"accuracy.noise.{severity}" for severity in range(1, 6)}
+    of = [{n for n in numbers if n.startswith("accuracy.")} for numbers in (run.metrics, every.fold_metrics(result, 1))]
+    assert of == [names, names]
+    table = run.tables["labels"].assign(hit=lambda rows: rows["true"] == rows["predicted"])
+    right = table.groupby(["case", "level"])["hit"].mean()
+    shown = {m.name: m.cell(run) for m in Pressed.shows([run])}
+    cases = [(case, level) for case in ("up", "down") for level in (0.5, 2)]
+    assert [*shown][:-1] == [f"{case}, {level:g} times" for case, level in cases]
+    assert shown == pytest.approx(
+        {f"{case}, {level:g} times": 100 * right[case, level] for case, level in cases}
+        | {"mean loss": 100 * (right["none", 0] - np.mean([right[one] for one in cases]))}
+    )
+    ways = [way.unit for way in Pressed.candidates(run, Wish(Reactions()))]
+    assert ways == [f"{case}, {level:g} times" for case, level in cases]
+
+
+def test_numbers_of_training_subjects_that_differ_between_folds_are_a_column():
+    """Of three folds of five subjects, one trains on four and two on three: 3.3 subjects on average."""
+    run = Result(ABOUT, {"accuracy.train_subjects.2": 0.5, "accuracy.train_subjects.3.3": 0.75}, {})
+    assert {m.name: m.of(run) for m in Subjects.shows([run])} == {"2 subjects": "50.0", "3.3 subjects": "75.0"}
 
 
 @pytest.mark.parametrize(
