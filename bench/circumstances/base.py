@@ -94,6 +94,10 @@ class Circumstance(Options, Shown):
             InputError: it cannot be.
         """
 
+    def warnings(self, plan: Plan) -> list[str]:
+        """Warnings before the run; equal ones of several runs are printed once."""
+        return []
+
     def cases(self, at: Fitted) -> Iterator[Case]:
         """What is changed, a case at a time.
 

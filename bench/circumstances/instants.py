@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 from bench.arguments import Values, items
 from bench.circumstances.base import Circumstance, option
 from bench.errors import InputError
-from bench.kinds.base import Spelling
+from bench.kinds.base import Spelling, typed_as
 from bench.measures import Cost, Measure, percent
 from bench.options import Command, Option
 
@@ -50,6 +50,10 @@ class Instants(Circumstance):
     start: str = option("onset", "start of the replay; middle skips half a capture", ("onset", "middle"))
     stopping: bool = option(False, "yes: learn on training subjects when to stop, with fits of its own", type="yes")
 
+    def __post_init__(self) -> None:
+        """Put the times in order."""
+        object.__setattr__(self, "after", tuple(sorted({*self.after})))
+
     @classmethod
     def of(cls, values: Values) -> list[Self]:
         """Every combination of the typed values.
@@ -62,6 +66,8 @@ class Instants(Circumstance):
             if "hop_ms" in values:
                 raise InputError(f"hop_ms={values['hop_ms']}: after= names the times; leave one of them out")
             return super().of(values)
+        if len(times) > 1:
+            raise InputError(f"after={','.join(map(str, times))}: each stands alone; give each, or times")
         return super().of({k: v for k, v in values.items() if k != "after"})
 
     @property
@@ -73,7 +79,7 @@ class Instants(Circumstance):
 
     def options(self) -> dict[str, object]:
         """Times, hop, start, and whether stopping is learned."""
-        times = ", ".join(f"{ms:g}" for ms in self.after) or EACH
+        times = ", ".join(map(typed_as, self.after)) or EACH
         return {
             "stream.start": self.start,
             "stream.hop_ms": self.hop_ms,
@@ -83,7 +89,7 @@ class Instants(Circumstance):
 
     def changed(self) -> dict[str, str]:
         """The options as typed."""
-        times = ",".join(f"{ms:g}ms" for ms in self.after) or EACH
+        times = ",".join(f"{typed_as(ms)}ms" for ms in self.after) or EACH
         return {"after": times} | {k: v for k, v in super().changed().items() if k != "after"}
 
     def refuse(self, plan: Plan) -> None:
@@ -92,7 +98,6 @@ class Instants(Circumstance):
         Raises:
             InputError: a training part of one subject, or of subjects one of whom has all but one class.
         """
-        from bench.progress import warn
         from bench.work.replay import unlearnable
 
         self.replay.check(plan.corpus.rate_hz)
@@ -102,11 +107,21 @@ class Instants(Circumstance):
                     f"protocol={plan.cell.protocol}: fold {fold.name} learns when to stop by leaving training subjects "
                     f"out, and {why}; choose another protocol or more captures"
                 )
+
+    def warnings(self, plan: Plan) -> list[str]:
+        """Warn of times at which no capture goes on, and of captures of equal length."""
+        lines, longest = [], 1000 * max(plan.corpus.lengths) / plan.corpus.rate_hz
+        if late := [typed_as(ms) + "ms" for ms in self.after if ms > longest]:
+            lines.append(
+                f"warning: {plan.cell.data}: after={','.join(late)}: no capture lasts so long; the longest takes "
+                f"{longest:.0f} ms"
+            )
         if len(set(plan.corpus.lengths)) == 1:
-            warn(
+            lines.append(
                 f"warning: {plan.cell.data}: all captures have the same length, so features that grow with time are "
                 "trained on one duration only; early labels of these features may be wrong"
             )
+        return lines
 
     def depends(self) -> list[Code]:
         """The code of the replay."""

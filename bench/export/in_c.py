@@ -17,7 +17,6 @@ from bench.export.tables import check
 from bench.export.write import files_of
 from bench.outcomes import scores
 from bench.outcomes.results import FoldResult
-from bench.progress import warn
 from bench.usual import FALSE_ALARMS
 from bench.work.fitted import Fitted
 from bench.work.fold import computing
@@ -34,19 +33,23 @@ UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)
 
 
 def refuse(plan: Plan) -> None:
-    """Refuse a system that has no C, and a machine without the programs; warn where no watcher can be learned.
+    """Refuse a system that has no C, and a machine without the programs.
 
     Raises:
         InputError: either.
     """
-    watches = check(plan.cell.untrained)
+    check(plan.cell.untrained)
     if missing := lacking():
         raise InputError(
             f"bench chip needs {', '.join(missing)}, which are not installed; on Debian, install gcc make "
             "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
         )
-    if watches and (why := _unwatched(plan)):
-        warn(f"warning: costs of watching an endless stream are not measured: {why}")
+
+
+def warnings(plan: Plan) -> list[str]:
+    """Warn where the folds cannot teach a watcher."""
+    why = _unwatched(plan) if check(plan.cell.untrained) else ""
+    return [f"warning: costs of watching an endless stream are not measured: {why}"] if why else []
 
 
 def fold(at: Fitted, bits: int) -> FoldResult:

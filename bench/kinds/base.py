@@ -1,7 +1,7 @@
 """A kind of run, producer and consumer in one: its options, its fold, and how its results are shown and chosen by.
 
-Members that are named in ``consumers`` read what is stored. They are no part of a run's identity, so a changed caption
-keeps all stored runs. Nothing heavy is imported at the top of this file or of a kind's.
+Members that are named in ``consumers`` read what is stored, or warn. They are no part of a run's identity, so a changed
+caption keeps all stored runs. Nothing heavy is imported at the top of this file or of a kind's.
 """
 
 from __future__ import annotations
@@ -60,6 +60,7 @@ CONSUMERS = frozenset(
         "recordings",
         "made_by",
         "views",
+        "warnings",
         "unseen",
         "held",
         "tracked",
@@ -265,7 +266,7 @@ def read(one: Option, value: object) -> Any:
             raise InputError(f"{one.key}={number}: give whole numbers of at least 1")
         return number
     if isinstance(one.default, tuple):
-        return str(value)
+        one = dataclasses.replace(one, default=next(iter(one.default), False if one.type == "yes" else ""))
     return value_of(one, value)
 
 
@@ -273,7 +274,7 @@ def typed_as(value: object) -> str:
     """A value as it is typed."""
     if isinstance(value, tuple):
         return ",".join(map(typed_as, value))
-    return f"{value:g}" if isinstance(value, float) else text_of(value)
+    return text_of(value).removesuffix(".0") if isinstance(value, float) else text_of(value)
 
 
 @dataclass(frozen=True)

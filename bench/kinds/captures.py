@@ -109,6 +109,10 @@ class Captures(Kind):
                 )
             c.refuse(plan)
 
+    def warnings(self, plan: Plan) -> list[str]:
+        """Those of its circumstances."""
+        return [line for c in self.circumstances for line in c.warnings(plan)]
+
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Predictions of the test captures and their costs; labels in each circumstance."""
         from bench.work.evaluation import evaluated

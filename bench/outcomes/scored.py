@@ -44,8 +44,8 @@ def early_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
         decided = [one for one in decided if one[0] <= wish.most * (1 + TOLERANCE)][-1:] or decided[:1]
     for ms, frames in decided:
         scores = wish.reactions.scores(by_decision(standing(table, frames), wish.reactions))
-        apart = (str(result["stream.hop_ms"]), str(result["stream.after"]))
-        yield Candidate(f"first {ms:.0f} ms", scores, {"predict": "replay_ms_p50"}, {"decision": ms}, apart, mark=EARLY)
+        apart, stored = (str(result["stream.hop_ms"]),), {"predict": "replay_ms_p50"}
+        yield Candidate(f"first {ms:.0f} ms", scores, stored, {"decision": ms}, apart, mark=EARLY)
 
 
 def watched_candidates(result: Result, wish: Wish, unit: str) -> Iterator[Candidate]:

@@ -77,7 +77,8 @@ def execute(todo: Todo, backend: Backend = HERE) -> list[Result]:
                 workers = cluster = Cluster(backend.cluster, todo, warn, folder)
                 todo = [(replace(plan, threads=cluster.threads), experiment) for plan, experiment in todo]
             with workers:
-                for line in dict.fromkeys(line for plan, _ in todo for line in warnings(plan)):
+                every = ([*warnings(plan), *experiment.warnings(plan)] for plan, experiment in todo)
+                for line in dict.fromkeys(line for lines in every for line in lines):
                     warn(line)
                 with Bar(folder) as bar, Queue(connect(), todo, workers, bar) as queue:
                     return queue.work()

@@ -11,7 +11,7 @@ import pytest
 
 import bench
 from bench.candidate import Wish
-from bench.circumstances.base import Case, Circumstance
+from bench.circumstances.base import Case, Circumstance, option
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects
@@ -233,6 +233,52 @@ def test_numbers_of_training_subjects_that_differ_between_folds_are_a_column():
     assert {m.name: m.of(run) for m in Subjects.shows([run])} == {"2 subjects": "50.0", "3.3 subjects": "75.0"}
 
 
+def test_times_in_another_order_are_the_same_run_and_the_same_candidates():
+    (one,), (other,) = (Instants.of({"after": text}) for text in ("200ms,1234.5678ms,100ms", "100ms,200ms,1234.5678ms"))
+    assert one == other and one.options() == other.options()
+    assert Instants.of(one.changed()) == [one]
+    (hop,) = Instants.of({"after": "each", "hop_ms": "33.3333333"})
+    assert Instants.of(hop.changed()) == [hop] and Captures((hop,)).arguments()["hop_ms"] == "33.3333333"
+    ways = []
+    for times in ((100.0, 200.0), (200.0, 300.0)):
+        kind = Captures((Instants(times),))
+        about = ABOUT | {name: str(value) for name, value in kind.options().items()}
+        run = kind.result(PLAN, about, [kind.fold(cell_of(Level), CORPUS, FOLD, 1)])
+        ways.append({(c.apart, c.unit): c.scores for c in Instants.candidates(run, Wish(Reactions(), np.inf))})
+    both = {*ways[0]} & {*ways[1]}
+    assert {unit for _, unit in both} >= {"first 200 ms"} and len(both) == 2  # and the whole capture
+    assert all(ways[0][key].equals(ways[1][key]) for key in both)
+
+
+def test_times_beyond_the_longest_capture_and_equal_lengths_are_told_once(capsys):
+    words = [*SMALL, "model=bayes,tree", "features=jung28", "after=250ms,1000s"]
+    (kind,) = Captures.of({"after": "250ms,1000s"})
+    todo = prepared(cells({"model": "bayes", "features": "jung28"}), [kind], 1)
+    assert "all captures have the same length" not in str(kind.warnings(todo[0][0]))
+    assert main(["run", *words]) == 0
+    said = capsys.readouterr().err
+    assert said.count("warning: synth: after=1000000ms: no capture lasts so long; the longest") == 1
+
+
+@dataclass(frozen=True)
+class Typed(Circumstance):
+    """Options with several values of a type."""
+
+    key: ClassVar[str] = "shares"
+
+    shares: tuple[float, ...] = option((), "shares", type="number")
+    sides: tuple[str, ...] = option(("left",), "sides", ("left", "right"))
+    ends: tuple[bool, ...] = option((), "ends", type="yes")
+
+
+def test_each_of_several_values_of_an_option_is_of_its_type():
+    (made,) = Typed.of({"shares": "0.5,0.25", "sides": "right,left", "ends": "no,yes"})
+    assert made == Typed((0.5, 0.25), ("right", "left"), (False, True)) and Typed.of(made.changed()) == [made]
+    for key, value in (("shares", "zebra"), ("shares", "0.5,-1"), ("sides", "left,up"), ("ends", "maybe")):
+        with pytest.raises(InputError, match=f"{key}={value.split(',')[-1]}: give"):
+            Typed.of({key: value})
+
+
 @pytest.mark.parametrize(
     ("words", "fact"),
     [
@@ -240,6 +286,7 @@ def test_numbers_of_training_subjects_that_differ_between_folds_are_a_column():
         (["bits=8"], "bits= needs form="),
         (["after=0ms"], "after=0ms"),
         (["after=250ms", "hop_ms=200"], "leave one of them out"),
+        (["after=each,250ms"], "after=each,250ms: each stands alone"),
         (["under=nois"], "did you mean noise"),
         (["train_subjects=0"], "at least 1"),
         (["form=rust"], "form=rust: give c"),
