@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,7 +24,6 @@ FAILING = (  # columns of the table of systems under faults
     text("system", read=lambda r: r.method),
     percent("accuracy", "clean %"),
     text("halves", "half of the margin is lost at", read=lambda r: _halves(r)),
-    Measure("failing", "failing of tested groups", lambda r: f"{r['failing_slices']:.0f} of {r['tested_slices']:.0f}"),
 )
 CAPTION = (
     "{}: faults and groups of captures on which each system fails. The number after each fault is the severity "
@@ -34,12 +34,13 @@ CAPTION = (
 )
 
 
-def fault_section(results: Sequence[Result], folder: Path) -> Section | None:
+def fault_section(results: Sequence[Result], folder: Path, failing: Callable[[Row], Any]) -> Section | None:
     """The loss under each fault, and where each system fails first.
 
     Args:
         results: results of runs under faults.
         folder: destination folder of figures.
+        failing: number of failing groups of a result, in words.
     """
     parts = []
     for i, (context, members) in enumerate(contexts(results, more="loss.").items(), 1):
@@ -49,7 +50,8 @@ def fault_section(results: Sequence[Result], folder: Path) -> Section | None:
             caption = "Points of accuracy lost under each fault, mean over five severities, worst fault first."
             picture = save(figure, folder, f"0-stress-{i}", context, f"{context}: {caption}")
         worst = dict.fromkeys(f"worst.{name}" for r in members for name in under(r, "worst."))
-        columns = [*FAILING, *(percent(name, name.replace(".", " ")) for name in worst)]
+        groups = Measure("failing", "failing of tested groups", failing)
+        columns = [*FAILING, groups, *(percent(name, name.replace(".", " ")) for name in worst)]
         parts.append(Part(picture, Table(columns, members), CAPTION.format(context)))
     return Section(FAULTS, parts) if parts else None
 

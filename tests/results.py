@@ -148,7 +148,12 @@ HAART = {"data": "haart", "synthetic": "false", "corpus_digest": "d", "protocol_
 
 def stressed(system, accuracy, losses, more=(), tables=None, **about):
     """A result of ``bench stress`` with losses by fault."""
-    metrics = {"accuracy": accuracy, "failing_slices": 3, "tested_slices": 40, "worst.subject": accuracy / 2}
+    metrics = {
+        "accuracy": accuracy,
+        "failing_slices.under": 3,
+        "tested_slices.under": 40,
+        "worst.subject": accuracy / 2,
+    }
     metrics |= {f"loss.{fault}": loss for fault, loss in losses.items()} | dict(more)
     return evaluated(system, metrics=metrics, tables=tables, **HAART | {"faults": ", ".join(losses)} | about)
 

@@ -151,6 +151,7 @@ def test_metrics_are_those_of_the_table(stressed):
     assert {"fault_seconds", "fault_cpu_seconds", "refit_seconds"} <= set(measured)
     worst = max((measured["loss.noise"], "noise"), (measured["loss.early_end"], "early end"))
     said = {m.name: m.of(Result(run.about | {"faults": "noise, early_end"}, measured, {})) for m in Faults.shows([run])}
+    assert said["failing groups"] == f"{measured['failing_slices.under']} of {measured['tested_slices.under']}"
     assert said["worst fault"] == f"{worst[1]} {100 * worst[0]:.1f}"
     alone = stress((), (1,)).fold(cell_of(Level), CORPUS, FOLD, 1).tables["labels"]  # the learning curve alone
     assert not alone["circumstance"].eq("under").any() and set(alone["train_subjects"]) == {1, 3}
@@ -180,7 +181,11 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
             else:
                 pd.testing.assert_frame_equal(together.tables[name], table)
         numbers = Captures((one,)).result(PLAN, ABOUT, [alone]).metrics
-        same = [n for n in numbers if n.startswith(("accuracy", "loss", "replay_accuracy")) or n == "chance"]
+        same = [
+            n
+            for n in numbers
+            if n.startswith(("accuracy", "loss", "replay_accuracy", "failing_slices.")) or n == "chance"
+        ]
         assert len(same) > 3 and {n: measured.metrics[n] for n in same} == {n: numbers[n] for n in same}
     names = [m.name for m in Instants.shows([measured])]
     assert names[1:3] == ["250 ms", "whole"] and "early stop %" not in names  # no capture lasts 1000 ms
