@@ -8,6 +8,7 @@ figure, candidates and budgets come from here; it may replace each of them.
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -165,7 +166,7 @@ class Circumstance(Options, Shown):
         result: FoldResult,
         threads: int,
     ) -> None:
-        """Add what circumstances make of a fold to its result, one after the other."""
+        """Add what circumstances make of a fold to its result, one after the other; one that fails leaves the rest."""
         import pandas as pd
 
         from bench.work.fitted import Fitted
@@ -173,7 +174,11 @@ class Circumstance(Options, Shown):
         at = Fitted(cell, corpus, fold, system, result.table, threads)
         result.tables = {LABELS: at.clean()}
         for circumstance in circumstances:
-            done = circumstance.fold(at)
+            try:
+                done = circumstance.fold(at)
+            except (Exception, SystemExit):  # a system may raise anything
+                result.failed[circumstance.key] = traceback.format_exc()
+                continue
             result.metrics |= done.metrics
             result.times |= done.times
             result.batch_effects += done.batch_effects
@@ -222,7 +227,9 @@ class Circumstance(Options, Shown):
 
     @classmethod
     def holds(cls, result: Result) -> bool:
-        """Whether a run has the circumstance."""
+        """Whether a run has the circumstance, in all folds."""
+        if cls.key in result.failed:
+            return False
         return result.about.get(cls.tracked[0] if cls.tracked else cls.key, cls.absent) != cls.absent
 
     @classmethod

@@ -72,7 +72,7 @@ def printed(name: str, results: list[Result], folder: Path | None = None) -> int
     maker = makers()[name]
     views = maker.kind.views(results) if maker.view is maker.kind else [(maker.view, results)]
     code = show(results, views)
-    scored = [r for r in results if r.scored]
+    scored = [r for r in results if r.scored and maker.view.holds(r)]
     if folder is not None:
         say(*maker.view.write(scored, folder))
     for view, members in views:

@@ -87,7 +87,7 @@ def contexts(results: Sequence[Result], view: type[Shown]) -> list[list[Result]]
     """The results of runs that were measured, by captures and protocol: only these may be compared."""
     groups: dict[tuple, list[Result]] = {}
     for result in results:
-        if result.scored:
+        if result.scored and view.score in result:
             groups.setdefault(alike(result, view.alike), []).append(result)
     return [*groups.values()]
 

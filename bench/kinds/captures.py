@@ -127,7 +127,7 @@ class Captures(Kind):
         from bench.outcomes import scores
         from bench.outcomes.results import costs
 
-        more = (c.fold_metrics(result, rate_hz) for c in self.circumstances)
+        more = (c.fold_metrics(result, rate_hz) for c in self.circumstances if c.key not in result.failed)
         return (
             {k: v for numbers in more for k, v in numbers.items()} | scores.accuracies(result.table) | costs([result])
         )
@@ -139,9 +139,10 @@ class Captures(Kind):
         rate_hz = plan.corpus.rate_hz
         numbers, tables, unit = measured(folds, rate_hz)
         stored, more = tables_of(folds), {}
-        for c in self.circumstances[:1]:
+        whole = [c for c in self.circumstances if not any(c.key in fold.failed for fold in folds)]
+        for c in whole[:1]:
             every = {"predictions": tables["predictions"], **stored}
-            more, made = c.all_measured(self.circumstances, every, folds, rate_hz, about["target"])
+            more, made = c.all_measured(whole, every, folds, rate_hz, about["target"])
             tables |= made
         return Result({**about, "unit": unit}, more | numbers, tables | stored)
 
@@ -218,7 +219,7 @@ class Captures(Kind):
         from reports.details import draw
 
         draw(result, folder)
-        for c in self.circumstances:
+        for c in (c for c in self.circumstances if c.holds(result)):
             c.figure(result, folder)
 
     @classmethod

@@ -28,6 +28,7 @@ class FoldResult:
         trials: compared trials, a row each.
         batch_effects: sentences on captures whose prediction depends on those predicted together with them.
         error: error of a fold that failed.
+        failed: traceback of each circumstance that failed, by its key; the fold has the rest.
         tables: further tables by name, such as the labels in circumstances.
         times: further milliseconds by name, one per timed decision.
         scored: tracked values of the fold, as its kind of run measures them.
@@ -44,6 +45,7 @@ class FoldResult:
     trials: pd.DataFrame | None = None
     batch_effects: list[str] = field(default_factory=list)
     error: str = ""
+    failed: dict[str, str] = field(default_factory=dict)
     tables: dict[str, pd.DataFrame] = field(default_factory=dict)
     times: dict[str, list[float]] = field(default_factory=dict)
     scored: dict[str, float] = field(default_factory=dict)

@@ -58,6 +58,9 @@ class Bar(Progress):
             self.console.print(f"{named(result.name)} failed: {last_line(result.error)}", style="red", markup=False)
         else:  # what failed at once says nothing of the others
             run.fields["seconds"].append(result.seconds)
+        for name, error in result.failed.items():
+            words = f"{named(result.name)}, {name}= failed: {last_line(error)}"
+            self.console.print(words, style="red", markup=False, soft_wrap=True)
         if not self.console.is_terminal:
             self._estimate(messages(self.folder))
             how = "failed" if result.error else "done"

@@ -197,6 +197,33 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
     assert {"fault", "time"} <= {*measured.tables["slices"]["circumstance"]}
 
 
+def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_again(monkeypatch, capsys):
+    words = ["run", *SMALL, "model=bayes", "features=jung28", "under=noise", "after=250ms"]
+    replayed, once = Instants.fold, []
+
+    def fold(self, at):
+        once.append(at.fold.name)
+        if at.fold.name == "2":
+            raise ValueError("no replay")
+        return replayed(self, at)
+
+    monkeypatch.setattr(Instants, "fold", fold)
+    assert main(words) == 1
+    said = capsys.readouterr()
+    assert said.err.count("fold 2, after= failed: ValueError: no replay") == 1 and "traceback of the first" in said.err
+    (run,) = every_result(connect())
+    assert run.complete and run["folds"] == 3 and Faults.holds(run) and not Instants.holds(run)
+    assert {"accuracy", "loss.noise"} <= {*run.metrics} and "replay_accuracy" not in run
+    assert bench.choose(data="synth").choice.table["unit"].tolist() == ["capture"]
+    assert main([*words[:-2], "after=250ms"]) == 1  # alone: another run, whose captures are labelled
+    assert capsys.readouterr().out.count("3/3") == 1
+    monkeypatch.setattr(Instants, "fold", replayed)
+    once.clear()
+    assert main(words) == 0 and "fold 2 done" in (said := capsys.readouterr().err) and "fold 1 done" not in said
+    run = next(r for r in every_result(connect()) if Faults.holds(r))
+    assert Instants.holds(run) and run["replay_accuracy"] > 0 and not run.failed
+
+
 @dataclass(frozen=True)
 class Pressed(Circumstance):
     """Readings times a factor, in cases with names."""
