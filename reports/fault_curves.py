@@ -43,7 +43,7 @@ def fault_section(results: Sequence[Result], folder: Path, failing: Callable[[Ro
         failing: number of failing groups of a result, in words.
     """
     parts = []
-    for i, (context, members) in enumerate(contexts(results, more="loss.").items(), 1):
+    for i, (context, members) in enumerate(contexts(results, more="loss."), 1):
         losses, picture = pd.DataFrame({r.method: losses_of(r) for r in members}).T, None
         if losses.size:  # else learning curves alone
             figure = heat_map(losses, [r["accuracy"] for r in members], context)
@@ -58,7 +58,7 @@ def fault_section(results: Sequence[Result], folder: Path, failing: Callable[[Ro
 
 def robust(results: Sequence[Result]) -> tuple[str, str] | None:
     """A sentence on the most robust system under faults, on the first of all comparable captures."""
-    for runs in contexts(results, more="loss.").values():
+    for _, runs in contexts(results, more="loss."):
         losses = {r.method: losses_of(r) for r in runs if r.alone}
         sets = Counter(frozenset(loss) for loss in losses.values() if loss)
         if not sets:

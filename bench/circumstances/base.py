@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from bench.candidate import Candidate, Losses, Wish
+from bench.comparable import shared
 from bench.kinds.base import Options, Shown
 from bench.kinds.base import option as option
 from bench.measures import Measure, percent
@@ -278,9 +279,10 @@ class Circumstance(Options, Shown):
     @classmethod
     def candidates(cls, result: Result, wish: Wish) -> Iterable[Candidate]:
         """The system in each case, scored by whole captures."""
+        told = shared(result, cls.alike)
         table = result.tables[LABELS]
         for (case, level), rows in table[table["circumstance"] == cls.key].groupby(["case", "level"], sort=False):
-            yield Candidate(cls.words_of(case, level), wish.reactions.scores(rows))
+            yield Candidate(", ".join([cls.words_of(case, level), *told]), wish.reactions.scores(rows))
 
     @classmethod
     def lends(cls, result: Result) -> dict[str, float]:

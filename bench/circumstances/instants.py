@@ -39,7 +39,11 @@ class Instants(Circumstance):
     tracked: ClassVar[tuple[str, ...]] = ("stream.start", "stream.hop_ms", "stream.after", "stream.stopping")
     word: ClassVar[str] = "time"
     columns: ClassVar[frozenset[str]] = frozenset({"instant", "confidence", "settled"})
-    alike: ClassVar[tuple[str, ...]] = ("stream.start", "stream.hop_ms", "stream.after")
+    alike: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "stream.start": ("from the {} of the capture", "onset"),
+        "stream.hop_ms": ("a decision every {} ms", "None"),
+        "stream.after": ("after {} ms", EACH),
+    }
 
     after: tuple[float, ...] = option(
         (), "touch seen before a label, such as 250ms,1s, or each for a series", type="ms"
@@ -242,7 +246,7 @@ class Instants(Circumstance):
         """Write the curves and their figure."""
         from reports.streaming import write_streaming
 
-        paths = write_streaming(results, folder)
+        paths = write_streaming(results, folder, cls.alike)
         return [f"figure and tables: {', '.join(map(str, paths))}"] if paths else []
 
     @classmethod
@@ -255,21 +259,21 @@ class Instants(Circumstance):
         """Draw accuracy against touch seen."""
         from reports.streaming import figure
 
-        figure([result], folder)
+        figure([result], folder, cls.alike)
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
         """Accuracy against touch seen, and the result of stopping at the learned threshold."""
         from reports.streaming import stream_section
 
-        return stream_section(results, folder)
+        return stream_section(results, folder, cls.alike, cls.seen)
 
     @classmethod
     def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:
         """The best system with early decisions."""
         from reports.streaming import early
 
-        return early(results)
+        return early(results, cls.alike)
 
     @classmethod
     def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:

@@ -127,7 +127,8 @@ class Shown:
         searches: True if what a search has chosen in each fold is printed.
         score: number by which results are ranked.
         costs: costs by which systems are chosen, besides those of every run.
-        alike: parameters that two results share if they may be compared.
+        alike: parameters that two results share if they may be compared: words with ``{}`` for the value, and the
+            usual value, which needs no words.
     """
 
     consumers: ClassVar[frozenset[str]] = CONSUMERS
@@ -138,7 +139,7 @@ class Shown:
     searches: ClassVar[bool] = False
     score: ClassVar[str] = "accuracy"
     costs: ClassVar[tuple[Cost, ...]] = ()
-    alike: ClassVar[tuple[str, ...]] = ()
+    alike: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
     @classmethod
     def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:

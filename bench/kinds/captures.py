@@ -271,7 +271,9 @@ class Captures(Kind):
     ) -> Iterator[Candidate]:
         """Candidates without the costs of other circumstances of the run, unless these lend them."""
         others = [c for c in cls.held([result]) if c is not mine]
-        costs = [cost for c in others for cost in c.costs if cost.command and cost.read not in c.lends(result)]
+        costs = [
+            cost for c in others for cost in c.costs if cost.command and (cost.read or cost.key) not in c.lends(result)
+        ]
         for way in ways:
             yield replace(way, stored={cost.key: "" for cost in costs} | dict(way.stored))
 

@@ -9,7 +9,6 @@ from bench import measures
 from bench.amounts import quantity
 from bench.candidate import Wish
 from bench.errors import InputError
-from bench.kinds.captures import Captures
 from bench.measures import Cost, budgets
 from bench.outcomes.candidates import PLAIN, candidates, eligible
 from bench.outcomes.choice import decide, sentences
@@ -151,7 +150,7 @@ def run(system, predictions=None, tables=None, **about):
 
 
 def systems(results, asked=None, **how):
-    return sorted(systems_of(eligible(results, asked or {}, Captures, **how)[0]))
+    return sorted(systems_of(eligible(results, asked or {}, **how)[0]))
 
 
 def percents(labelled):
@@ -233,7 +232,7 @@ def test_c_is_a_candidate_with_its_own_size_and_cycles():
 
 def test_runs_on_the_newest_corpus_of_a_name_win():
     results = [run(system, corpus_digest=digest * 64) for system, digest in (("svm", "a"), ("rf", "a"), ("lda", "b"))]
-    kept, (note,) = eligible(results, {}, Captures)
+    kept, (note,) = eligible(results, {})
     assert systems_of(kept) == ["lda"] and "2 older runs" in note and "aaaaaaaa" in note
     asked = {name: [results[0][name]] for name in ("corpus_digest", "protocol_label")}  # as the page asks
     assert systems(results, asked) == ["rf", "svm"]
@@ -267,7 +266,7 @@ def test_arguments_tell_protocols_apart():
 def test_a_run_with_a_failed_fold_is_named():
     results = [run("svm"), run("lda"), run("svm", status="FAILED"), run("rf", status="FAILED")]
     results.append(run("xgb", status="FAILED", corpus_digest="e" * 64))  # elsewhere
-    kept, (note,) = eligible(results, {}, Captures)
+    kept, (note,) = eligible(results, {})
     assert sorted(systems_of(kept)) == ["lda", "svm"] and "folds failed: rf." in note
     with pytest.raises(NothingTracked, match="folds failed: rf"):
         systems(results, {"system": ["rf"]})
@@ -275,9 +274,9 @@ def test_a_run_with_a_failed_fold_is_named():
 
 def test_a_system_whose_labels_depend_on_the_batch_is_a_candidate_only_if_asked_for():
     results = [run("svm"), run("centred", **{"touchbench.depends_on_batch": "true"})]
-    kept, (note,) = eligible(results, {}, Captures)
+    kept, (note,) = eligible(results, {})
     assert systems_of(kept) == ["svm"] and "centred" in note and "batch=yes" in note
-    kept, notes = eligible(results, {}, Captures, batch=True)
+    kept, notes = eligible(results, {}, batch=True)
     assert sorted(systems_of(kept)) == ["centred", "svm"] and not notes
     assert set(candidates(kept, {}, batch=True).table["system"]) == {"centred †", "svm"}
 

@@ -230,6 +230,7 @@ class Pressed(Circumstance):
 
     key: ClassVar[str] = "pressed"
     noun: ClassVar[str] = "times"
+    alike: ClassVar = {"pressed.hand": ("{} hand", "right")}
 
     def cases(self, at):
         for case in ("up", "down"):
@@ -257,6 +258,9 @@ def test_each_named_case_and_fractional_level_is_a_column_and_a_candidate():
     )
     ways = [way.unit for way in Pressed.candidates(run, Wish(Reactions()))]
     assert ways == [f"{case}, {level:g} times" for case, level in cases]
+    left = Result(run.about | {"pressed.hand": "left"}, run.metrics, run.tables)
+    apart = [way.unit for way in Pressed.candidates(left, Wish(Reactions()))]
+    assert apart == [f"{way}, left hand" for way in ways]
 
 
 def test_numbers_of_training_subjects_that_differ_between_folds_are_a_column():
