@@ -258,6 +258,11 @@ def test_a_wrong_kind_or_circumstance_is_refused_in_one_line(plug, capsys, group
     assert main(["run", *SMALL, "model=tree", "features=jung28"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and f"touchbench.{group}" in error and "gone" in error
+    assert (
+        main(["gone"]) == 2 and f"touchbench.{group}" in capsys.readouterr().err
+    )  # it may be a command of that package
+    assert [main(words) for words in (["--help"], ["run", "--help"], ["systems"])] == [0, 0, 0]  # which make no runs
+    assert capsys.readouterr().err.count(f"warning: the entry point gone in touchbench.{group}") == 1  # not in help
 
 
 def own_names():

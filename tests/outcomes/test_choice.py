@@ -1,5 +1,7 @@
 """The choice among candidates against hand-made ones, and which results become candidates."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -236,6 +238,16 @@ def test_runs_on_the_newest_corpus_of_a_name_win():
     assert systems_of(kept) == ["lda"] and "2 older runs" in note and "aaaaaaaa" in note
     asked = {name: [results[0][name]] for name in ("corpus_digest", "protocol_label")}  # as the page asks
     assert systems(results, asked) == ["rf", "svm"]
+
+
+def test_what_results_share_depends_on_their_kind(monkeypatch):
+    late = SimpleNamespace(tag="late", alike={"late.share": ("the last {}", "")}, other="of another share")
+    kinds = {"run": SimpleNamespace(tag="cell", alike={}, other=""), "late": late}
+    monkeypatch.setattr("bench.outcomes.candidates.classes", lambda room: kinds)
+    of = [("svm", "cell", ""), ("rf", "late", "0.5"), ("lda", "late", "0.25"), ("xgb", "cell", "")]
+    results = [run(system, **{"touchbench.kind": kind, "late.share": share}) for system, kind, share in of]
+    kept, (note,) = eligible(results, {})
+    assert sorted(systems_of(kept)) == ["lda", "svm", "xgb"] and "1 older run" in note and "of another share" in note
 
 
 def test_arguments_tell_protocols_apart():
